@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.harness import Entrant, Outcome, Skip
 from trackbench.core.arrays import Array
 from trackbench.evaluation.block import BlockResult, BlockTask, simulate
-from trackbench.evaluation.block_metrics import run_block
+from trackbench.evaluation.run_block import run_block
 from trackbench.evaluation.run_filter import run_filter_cached
 from trackbench.execution.plan import block_width
 from trackbench.registry import kinds

@@ -16,7 +16,7 @@ from benchmarks.ours import data, make, shipped
 from trackbench.core import particles, resampling
 from trackbench.core.kernel_smoothing import jitter
 from trackbench.core.random_streams import block_stream
-from trackbench.evaluation.block_metrics import keep_freed_memory
+from trackbench.evaluation.run_block import keep_freed_memory
 from trackbench.models.base import log_likelihood
 
 CASES = (

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.intervals import spread
+from trackbench.evaluation.inference import spread
+from trackbench.evaluation.precision_check import checkpoints, exact_after
 from trackbench.evaluation.statistics import OVER_RUNS, influence, interval, mean
-from trackbench.evaluation.stopping_rule import checkpoints, exact_after
 from trackbench.report.estimates import RunEstimate
 from trackbench.report.verdicts.rules import DECIDED, SURE, Verdict, claim_verdict
 

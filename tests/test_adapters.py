@@ -21,8 +21,8 @@ from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.run_filter import FilterOutput, run_filter
 from trackbench.execution.plan import block_width
 from trackbench.filters.ekf import EKF
-from trackbench.filters.gaussian_base import KF
 from trackbench.filters.imm import IMM
+from trackbench.filters.kf import KF
 from trackbench.filters.ukf import CKF, UKF
 from trackbench.models.assumed_sensor import Assume
 from trackbench.models.base import Model

@@ -10,7 +10,7 @@ import yaml
 from trackbench.config.load import load
 from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockTask, Kind
-from trackbench.evaluation.block_metrics import run_block
+from trackbench.evaluation.run_block import run_block
 from trackbench.registry import kinds
 
 CV, CA = {"kind": "cv", "q": 0.1}, {"kind": "ca", "q": 1e-3}

@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 import numpy as np
 from trackbench.adapters import FilterPy, PerRun
 from trackbench.core.distributions import Gaussian
-from trackbench.filters.gaussian_base import KF
+from trackbench.filters.kf import KF
 from trackbench.registry import register
 
 

@@ -9,8 +9,8 @@ from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.memoize import clear_caches, once
 from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.block_metrics import run_block
-from trackbench.filters.gaussian_base import KF
+from trackbench.evaluation.run_block import run_block
+from trackbench.filters.kf import KF
 from trackbench.models.motions.kinematic import WhiteAcceleration
 
 

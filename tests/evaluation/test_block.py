@@ -7,8 +7,8 @@ from tests.conftest import make_filter
 from tests.papers import maneuver, merwe
 from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.block_metrics import run_block
 from trackbench.evaluation.error_series import FOUND
+from trackbench.evaluation.run_block import run_block
 from trackbench.evaluation.statistics import median
 
 

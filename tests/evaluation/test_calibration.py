@@ -13,8 +13,8 @@ from tests.papers import merwe
 from trackbench.contract import LINEAR
 from trackbench.core.arrays import Array
 from trackbench.evaluation.block import BlockTask, Kind
-from trackbench.evaluation.block_metrics import run_block
 from trackbench.evaluation.calibration import LEVELS, bars, likelihood_ratio, noncredibility
+from trackbench.evaluation.run_block import run_block
 from trackbench.evaluation.statistics import mean
 from trackbench.evaluation.uniformity_tests import at_step, over_steps
 from trackbench.filters.base import AnyFilter

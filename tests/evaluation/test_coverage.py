@@ -5,7 +5,7 @@ import pytest
 
 from tests.simulated import tail_index
 from trackbench.evaluation import statistics as st
-from trackbench.evaluation.intervals import (
+from trackbench.evaluation.inference import (
     Sides,
     interval_of,
     interval_of_difference,

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from trackbench.evaluation.intervals import (
+from trackbench.evaluation.inference import (
     Events,
     Sides,
     correlation,
-    interval,
     interval_of_difference,
+    share_interval,
     studentised_difference,
 )
 
@@ -65,10 +65,10 @@ def test_intervals_miss_as_rarely_as_they_say(runs: int, p: tuple[float, float, 
 def test_the_limits_are_those_of_clopper_and_pearson() -> None:
     events = Events(3, 20)
     z = 1.959963984540054
-    low, high = interval(3, 20)
+    low, high = share_interval(3, 20)
     assert (0.15 - events.below(z), 0.15 + events.above(z)) == pytest.approx((low, high))
     # Table 1 of Newcombe 1998, Statist. Med. 17, 857: 81 of 263.
-    assert interval(81, 263) == pytest.approx((0.2527, 0.3676), abs=5e-5)
+    assert share_interval(81, 263) == pytest.approx((0.2527, 0.3676), abs=5e-5)
 
 
 @pytest.mark.parametrize("runs", [3, 6, 20, 3000])

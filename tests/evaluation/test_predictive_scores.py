@@ -12,11 +12,11 @@ from trackbench.contract import LINEAR
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.evaluation.block import BlockTask, simulate
-from trackbench.evaluation.block_metrics import run_block
 from trackbench.evaluation.predictive_scores import LAGS, held_out
+from trackbench.evaluation.run_block import run_block
 from trackbench.evaluation.run_filter import run_filter
 from trackbench.filters.base import Filter
-from trackbench.filters.gaussian_base import KF
+from trackbench.filters.kf import KF
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.sensors.position import PositionSensor
 

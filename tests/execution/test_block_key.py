@@ -16,9 +16,9 @@ from trackbench.execution import fingerprints
 from trackbench.execution.cache import block_key
 from trackbench.execution.plan import make_plan
 from trackbench.filters.adaptive_kf import AdaptiveKF
-from trackbench.filters.adaptive_kf.decisions import Detector, SecondDecision
-from trackbench.filters.gaussian_base import KF
+from trackbench.filters.adaptive_kf.decision_keys import Detector, SecondDecision
 from trackbench.filters.imm import IMM
+from trackbench.filters.kf import KF
 from trackbench.filters.particle_filters import PF
 from trackbench.models.assumed_sensor import Assume
 from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity

@@ -16,7 +16,7 @@ from trackbench import api
 from trackbench.config.load import load
 from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.block_metrics import run_whole_block
+from trackbench.evaluation.run_block import run_whole_block
 from trackbench.execution import plan
 from trackbench.execution.plan import _STEP_ROW, _block_bytes, block_width, check_memory, make_plan
 from trackbench.os_specific import memory

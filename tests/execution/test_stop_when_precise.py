@@ -15,7 +15,7 @@ from tests.papers import merwe_text
 from tests.simulated import ended
 from trackbench.commands.run_experiment import Report
 from trackbench.errors import UserError
-from trackbench.evaluation.stopping_rule import (
+from trackbench.evaluation.precision_check import (
     PrecisionCheck,
     PrecisionTarget,
     checkpoints,

@@ -11,14 +11,14 @@ from tests.papers import maneuver
 from trackbench.core.fading_memory import tail
 from trackbench.core.random_streams import RunStreams, block_stream
 from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.block_metrics import run_block
+from trackbench.evaluation.run_block import run_block
 from trackbench.filters.adaptive_kf import VDF, AdaptiveKF
-from trackbench.filters.adaptive_kf.decisions import Detector, Exit, SecondDecision
+from trackbench.filters.adaptive_kf.decision_keys import Detector, Exit, SecondDecision
 from trackbench.filters.adaptive_kf.filter import BOTH, Mode, _second_decision
 from trackbench.filters.adaptive_kf.per_axis import axis_step
-from trackbench.filters.gaussian_base import KF
 from trackbench.filters.imm import IMM
 from trackbench.filters.input_estimation import InputEstimation
+from trackbench.filters.kf import KF
 from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
 from trackbench.scenarios.targets.legs import Leg
 
@@ -131,7 +131,7 @@ def test_cautions_speak_of_the_smallest_turn_only_where_it_is_insignificant() ->
 
 def test_steady_acceleration_variance_is_where_the_filter_goes() -> None:
     from trackbench.core.distributions import Gaussian
-    from trackbench.filters.adaptive_kf.decisions import steady_acceleration_variance
+    from trackbench.filters.adaptive_kf.decision_keys import steady_acceleration_variance
 
     R = np.array([[1e4]])
     state = Gaussian(np.zeros((3, 2, 1)), np.broadcast_to(np.eye(3)[..., None, None], (3, 3, 1, 1)))

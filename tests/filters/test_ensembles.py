@@ -13,7 +13,7 @@ from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.run_filter import run_filter
 from trackbench.filters.ensemble import _step_lengths
-from trackbench.filters.gaussian_base import KF
+from trackbench.filters.kf import KF
 from trackbench.filters.ukf import CKF
 from trackbench.models.base import Model
 from trackbench.models.motions.kinematic import WhiteAcceleration

@@ -9,7 +9,7 @@ import pytest
 from tests.conftest import track
 from trackbench.evaluation.block import simulate
 from trackbench.filters.ekf import EKF
-from trackbench.filters.gaussian_base import KF
+from trackbench.filters.kf import KF
 from trackbench.filters.ukf import CKF
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.sensors.base import Outliers

@@ -12,8 +12,8 @@ from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.run_filter import run_filter
 from trackbench.filters.alpha_beta import AlphaBeta
-from trackbench.filters.gaussian_base import KF
 from trackbench.filters.imm import IMM
+from trackbench.filters.kf import KF
 from trackbench.models.motions.kinematic import (
     ConstantAcceleration,
     ConstantVelocity,

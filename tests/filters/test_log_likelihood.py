@@ -15,13 +15,13 @@ from trackbench.core.arrays import Array
 from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.block import simulate
 from trackbench.filters.adaptive_kf import VDF, AdaptiveKF
-from trackbench.filters.adaptive_kf.decisions import Detector
+from trackbench.filters.adaptive_kf.decision_keys import Detector
 from trackbench.filters.alpha_beta import AlphaBeta
 from trackbench.filters.cmkf import CMKF
 from trackbench.filters.ekf import EKF, IEKF, IPLF
-from trackbench.filters.gaussian_base import KF
 from trackbench.filters.imm import IMM
 from trackbench.filters.input_estimation import InputEstimation
+from trackbench.filters.kf import KF
 from trackbench.filters.ukf import CKF, GHKF, UKF
 from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
 from trackbench.models.motions.turn import CoordinatedTurn

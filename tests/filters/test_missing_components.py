@@ -7,7 +7,7 @@ import pytest
 
 from trackbench.core.distributions import Gaussian
 from trackbench.filters.ekf import EKF, IEKF
-from trackbench.filters.gaussian_base import KF
+from trackbench.filters.kf import KF
 from trackbench.filters.ukf import CKF, GHKF, UKF
 from trackbench.models.base import Model
 from trackbench.models.motions.kinematic import WhiteAcceleration

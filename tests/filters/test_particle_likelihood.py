@@ -13,7 +13,7 @@ from tests.papers import banana, merwe
 from trackbench.contract import LINEAR
 from trackbench.core.arrays import Array
 from trackbench.filters.baselines import Grid
-from trackbench.filters.gaussian_base import KF
+from trackbench.filters.kf import KF
 from trackbench.models.motions.kinematic import WhiteAcceleration
 
 SCALAR = merwe(T=4, R=0.1)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from trackbench.evaluation.intervals import anees_band
+from trackbench.evaluation.inference import anees_band
 from trackbench.report.tables.innovations import anis_band, components
 
 DRAWN = 4000

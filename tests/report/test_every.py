@@ -8,7 +8,7 @@ from tests.papers import merwe_text
 from trackbench import api
 from trackbench.config.published import Claim
 from trackbench.errors import UserError
-from trackbench.evaluation import intervals
+from trackbench.evaluation import inference
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
 from trackbench.report.results import Results
@@ -37,17 +37,17 @@ def test_z_of_a_share_is_the_exact_tail(events, runs, share):
     side = "greater" if events > runs * share else "less"
     tail = binomtest(events, runs, share, alternative=side).pvalue
     expected = max(norm.isf(tail), 0.0) if side == "greater" else min(norm.ppf(tail), 0.0)
-    assert intervals.z(events, runs, share) == pytest.approx(expected, rel=1e-6, abs=1e-9)
-    low, high = intervals.interval(events, runs)
+    assert inference.share_z(events, runs, share) == pytest.approx(expected, rel=1e-6, abs=1e-9)
+    low, high = inference.share_interval(events, runs)
     exact = binomtest(events, runs).proportion_ci(0.95, method="exact")
     assert (low, high) == pytest.approx((exact.low, exact.high))
 
 
 def test_every_run_is_refuted_by_one_and_shown_by_none():
-    assert intervals.z(799, 800, 1.0) == -np.inf
-    assert intervals.z(800, 800, 1.0) == 0.0
-    assert intervals.z(0, 800, 0.0) == 0.0
-    assert intervals.z(1, 800, 0.0) == np.inf
+    assert inference.share_z(799, 800, 1.0) == -np.inf
+    assert inference.share_z(800, 800, 1.0) == 0.0
+    assert inference.share_z(0, 800, 0.0) == 0.0
+    assert inference.share_z(1, 800, 0.0) == np.inf
 
 
 def test_an_exact_claim_is_shown_by_all_runs_and_contradicted_by_no_batch():
@@ -135,15 +135,15 @@ def test_a_share_of_runs(results):
     term = Evaluator(results, {}).term(measure("win_rate(rmse, None)").of("Exact"))
     lower = int((runs["Exact", "rmse"] < runs["None", "rmse"]).sum())
     assert (term.value, term.runs, term.splits) == (lower / 80, 80, True)
-    assert term.z(0.9) == intervals.z(lower, 80, 0.9)
-    assert term.interval() == intervals.interval(lower, 80)
+    assert term.z(0.9) == inference.share_z(lower, 80, 0.9)
+    assert term.interval() == inference.share_interval(lower, 80)
     judged = judge(results.published.claims[1], Evaluator(results, {}))
-    assert judged.verdict.z == intervals.z(lower, 80, 0.97)
+    assert judged.verdict.z == inference.share_z(lower, 80, 0.97)
     rest = term.parts(4)[0]
     lower = int((runs["Exact", "rmse"] < runs["None", "rmse"])[20:].sum())
     assert (rest.value, rest.runs) == (pytest.approx(lower / 60), 60)
-    assert rest.z(0.9) == intervals.z(lower, 60, 0.9)
-    assert judged.verdict.parts[0] == intervals.z(lower, 60, 0.97)
+    assert rest.z(0.9) == inference.share_z(lower, 60, 0.9)
+    assert judged.verdict.parts[0] == inference.share_z(lower, 60, 0.97)
 
 
 def test_what_is_the_same_at_every_step_is_not_decided(results):

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from trackbench.config.published import Claim
-from trackbench.evaluation import intervals
+from trackbench.evaluation import inference
 from trackbench.evaluation import statistics as st
-from trackbench.evaluation.intervals import (
+from trackbench.evaluation.inference import (
     interval_of_difference,
     of_variances,
     studentised,
@@ -138,9 +138,9 @@ def test_an_event_is_a_share_whose_error_is_exact(folder):
     never, lost = (
         e.term(measure(name).of("A")) for name in ("mean(beyond_10_sigma)", "mean(lost)")
     )
-    assert never.interval() == intervals.interval(0, RUNS)
-    assert never.stderr == intervals.stderr(0, RUNS) > 0.007
-    assert never.z(0.02) == intervals.z(0, RUNS, 0.02) > -2
+    assert never.interval() == inference.share_interval(0, RUNS)
+    assert never.stderr == inference.share_stderr(0, RUNS) > 0.007
+    assert never.z(0.02) == inference.share_z(0, RUNS, 0.02) > -2
     assert (lost.value, lost.runs, lost.lost) == (20 / RUNS, RUNS, 0)  # of codes the mean is none
     strayed = measure("mean(beyond_10_sigma)")
     claim = Claim(paper="p", claim="c", left="A", expression=strayed, factor=0.01)

@@ -6,7 +6,7 @@ import pytest
 from tests.conftest import EXPERIMENTS, shipped, track
 from trackbench import api
 from trackbench.evaluation.block import simulate
-from trackbench.filters.gaussian_base import KF
+from trackbench.filters.kf import KF
 from trackbench.report.plotting import style
 from trackbench.report.results import Results
 from trackbench.scenarios.base import Scenario

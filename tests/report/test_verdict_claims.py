@@ -9,9 +9,9 @@ import pytest
 
 from tests.report.test_expressions import RUNS, Folder, table
 from trackbench.config.published import Claim
-from trackbench.evaluation import intervals
+from trackbench.evaluation import inference
 from trackbench.evaluation import statistics as st
-from trackbench.evaluation.intervals import studentised
+from trackbench.evaluation.inference import studentised
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.estimates import RunEstimate, Share
 from trackbench.report.expressions import Evaluator
@@ -65,7 +65,7 @@ def test_a_better_filter_may_not_lose_more_than_any_of_the_others(of_b, of_c, wo
 def test_a_share_is_exact_so_that_three_standard_errors_show_it(events, word):
     """28 of 120 against 12 %: z is 3.39; 23 of 120: 2.15."""
     expressions = measured({("A", "beyond_10_sigma"): codes(events)})
-    z = intervals.z(events, RUNS, 0.12)
+    z = inference.share_z(events, RUNS, 0.12)
     assert (3.0 < z < 5.0) == (word == "holds")
     found = judge(claimed("mean(beyond_10_sigma)", relation=">", factor=0.12), expressions)
     assert (found.verdict.word, found.verdict.z) == (word, z)
@@ -93,7 +93,7 @@ def test_a_share_beside_an_error_or_of_no_run_is_normal():
     for other in (0.01, 0.9):
         assert share.z(0.2, other) == plain.z(0.2, other)
         assert share.interval(other=other) == plain.interval(other=other)
-    assert share.z(0.2) == intervals.z(10, 100, 0.2)
+    assert share.z(0.2) == inference.share_z(10, 100, 0.2)
     nothing = Share(np.nan, np.nan, None, 0)
     assert np.isnan(nothing.z(0.2))
     assert np.isnan(nothing.interval()).all()

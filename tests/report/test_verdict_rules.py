@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.report.test_verdicts import number
-from trackbench.evaluation.intervals import interval_of
+from trackbench.evaluation.inference import interval_of
 from trackbench.report import estimates
 from trackbench.report.estimates import RunEstimate
 from trackbench.report.verdicts import rules

@@ -4,7 +4,7 @@ import numpy as np
 
 from tests.conftest import track
 from trackbench.evaluation.block import simulate
-from trackbench.filters.gaussian_base import KF
+from trackbench.filters.kf import KF
 from trackbench.models.motions.scalar import Autoregressive
 from trackbench.models.sensors.position import ScalarSensor
 from trackbench.scenarios.starts.without_scans import GaussianStart

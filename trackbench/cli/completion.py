@@ -67,7 +67,7 @@ def all_kinds(ctx: typer.Context, incomplete: str) -> Iterator[str]:
 
 @_completing
 def labels(ctx: typer.Context, incomplete: str) -> list[str]:
-    """Return the filters of the config on the command line."""
+    """Return the filter labels of the config that is named on the command line."""
     return list(_config(ctx)["filters"])
 
 
@@ -90,9 +90,7 @@ def assignments(ctx: typer.Context, incomplete: str) -> Iterator[str]:
 
 
 def _keys(part: Any, group: str | None, path: str) -> Iterator[str]:
-    """Yield paths to the keys of a component: those of its kind, those in the config, nested
-    ones.
-    """
+    """Yield paths to the keys of a component: its kind's, those in the config, nested ones."""
     from trackbench.config.build import dataclasses_in, hints_of
     from trackbench.field_types import part_group
     from trackbench.models.assumed_sensor import Assume

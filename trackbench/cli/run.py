@@ -56,9 +56,7 @@ def sweep(
     save_tracks: SaveTracks = False,
     **given: Any,
 ) -> None:
-    """Run all values of a grid; also writes sweep.csv, figures over them and each filter's best
-    values.
-    """
+    """Run all values of a grid; also write sweep.csv, figures and each filter's best values."""
     _begin(given)
     given |= {"grid": grid, "product": product, "out": out}
     execute("sweep", [config], given | {"quick": quick, "save_tracks": save_tracks})
@@ -77,9 +75,7 @@ def tune(
     ] = False,
     **given: Any,
 ) -> None:
-    """Tune the filters that the config's `tune` names, and run the tuned filters beside the
-    originals.
-    """
+    """Tune the filters that the config's `tune` names, and run them beside the originals."""
     also = {"tuning.metric": metric, "tuning.evaluations": evaluations}
     words = [f"{key}={value}" for key, value in also.items() if value is not None]
     execute("tune", [config], given | {"fresh": fresh, "set_": [*(given["set_"] or ()), *words]})
@@ -137,9 +133,7 @@ def _run(command: str, configs: list[Path], options: "Options", json: bool) -> b
 
 
 def _watch(configs: list[Path], options: "Options", json: bool) -> None:
-    """Run one config after each change, whatever is wrong with it; Ctrl-C between runs exits
-    with 0.
-    """
+    """Run one config after each change, mistaken or not; Ctrl-C between runs exits with 0."""
     from trackbench.commands.prepare import say
     from trackbench.config.shipped_experiments import located
     from trackbench.errors import Mark, Problem, UserError

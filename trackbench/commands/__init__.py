@@ -1,3 +1,1 @@
-"""Steps that the command line and the Python functions share: prepare, run, work on stored
-results.
-"""
+"""Steps that command line and Python share: prepare, run, work on stored results."""

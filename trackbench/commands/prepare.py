@@ -16,7 +16,7 @@ from trackbench.config.experiment import Experiment
 from trackbench.config.shipped_experiments import located
 from trackbench.config.tuned_entries import Chosen
 from trackbench.errors import Mark, Problem, UserError, reason
-from trackbench.evaluation.stopping_rule import checkpoints
+from trackbench.evaluation.precision_check import checkpoints
 from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.engines import Engine, cpu_count, engine
 from trackbench.execution.plan import Plan, announced, check_memory, make_plan
@@ -67,9 +67,7 @@ class Options:
 
 
 def file_of(config: Config, options: Options) -> Path | Mapping[str, Any]:
-    """Return the path of a config file or of the shipped experiment of this name, or the mapping
-    itself.
-    """
+    """Return the path of a config or shipped experiment of this name, or the mapping itself."""
     if isinstance(config, Mapping):
         return config
     return located(Path(config), lambda line: say(line, options))

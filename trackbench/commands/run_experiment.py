@@ -109,11 +109,9 @@ class Report:
 def run_all(
     configs: Sequence[Config], options: Options | None = None, **changes: Any
 ) -> Generator[Report]:
-    """Run experiments one after the other on the same workers; yield each report when it is
-    written.
+    """Run experiments one after the other on the same workers; yield each written report.
 
-    With several experiments, ``out`` is the folder of their folders. Raises UserError, before
-    anything
+    With several experiments, ``out`` is the folder of their folders. Raises UserError, before anything
     runs, with the mistakes of all configs.
     """
     yield from run_each(configs, replace(options or Options(), **changes))
@@ -173,9 +171,7 @@ def preview(configs: Sequence[Config], options: Options) -> list[str]:
 
 
 def _reported(job: Job, outcome: Outcome, options: Options, sweep: bool) -> Report:
-    """Write tables, figures, the report and at last the manifest of an experiment with finished
-    blocks.
-    """
+    """Write tables, figures, report and last the manifest of an experiment with all blocks."""
     for line in [*_what_happened(outcome), *stop_reason(job.experiment, job.most, outcome)]:
         say(line, options)
     times = times_of(job.experiment, outcome, options.fresh) if options.times else Times({}, {})

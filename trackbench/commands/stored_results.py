@@ -57,8 +57,7 @@ def plot(
     """Draw the figures of a results folder again; return the files written.
 
     ``style="paper"`` writes NAME-column and NAME-page in a journal's widths, without titles. Figures of
-    plugins are drawn only if plugins are allowed. If one of them fails, the others are written
-    first and
+    plugins are drawn only if plugins are allowed. If one of them fails, the others are written first and
     then PartialReportError is raised.
     """
     with _written_again(folder, allow_plugins) as (results, _):
@@ -89,9 +88,7 @@ def report(folder: Path | str, allow_plugins: bool = False) -> list[Path]:
 
 
 def _whole(results: Results, written: list[Path]) -> list[Path]:
-    """Return the written files; raises PartialReportError if tables or figures of plugins are
-    missing.
-    """
+    """Return the written files; raises PartialReportError if a plugin's are missing."""
     if results.unmade:
         raise PartialReportError(results.unmade_lines, written)
     return written
@@ -112,9 +109,8 @@ def _written_again(
 ) -> Iterator[tuple[Results, list[Path]]]:
     """Open results for rewriting some of their files; update the manifest afterwards.
 
-    Waits for a run that writes into the folder. Other files that changed since the run are noted
-    and stay
-    in the manifest as they were.
+    Waits for a run that writes into the folder. Other files that changed since the run are noted and
+    stay in the manifest as they were.
     """
     folder = Path(folder)
     check_folder(folder)

@@ -172,7 +172,7 @@ class Published:
 
     @property
     def expressions(self) -> list[Measure]:
-        """Return every expression of every row."""
+        """Return the metric expressions of all published numbers and claims."""
         rows: list[PublishedNumber | Claim] = [*self.numbers, *self.claims]
         return [e for row in rows for e in row.expressions]
 

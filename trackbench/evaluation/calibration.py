@@ -21,7 +21,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import exp, log
-from trackbench.core.posteriors import NormalPosterior
+from trackbench.core.posterior_scores import NormalPosterior
 from trackbench.filters.base import AnyFilter
 
 Kind = Literal["calibration", "ranks", "crps", "likelihood_ratio"]

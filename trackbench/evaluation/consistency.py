@@ -6,7 +6,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Gaussian
-from trackbench.core.posteriors import distance
+from trackbench.core.posterior_scores import distance
 from trackbench.evaluation.validate_output import checked_numbers
 from trackbench.filters.base import Filter, State, has_expectations
 from trackbench.scenarios.base import Scenario

@@ -11,7 +11,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.core.sums import total
-from trackbench.evaluation.intervals import interval_of
+from trackbench.evaluation.inference import interval_of
 
 # A collapsed cloud has an infinite NEES: its mean says so, its standard error is NaN.
 _quietly = np.errstate(all="ignore")

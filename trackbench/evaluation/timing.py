@@ -20,7 +20,7 @@ from trackbench.core.arrays import Array, freeze
 from trackbench.core.counting import counting
 from trackbench.core.random_streams import block_stream
 from trackbench.evaluation.block import BlockTask, simulate
-from trackbench.evaluation.block_metrics import keep_freed_memory
+from trackbench.evaluation.run_block import keep_freed_memory
 from trackbench.evaluation.run_filter import prior_of
 
 REPEATS = 30

@@ -1,4 +1,4 @@
-"""Validation of returned arrays: shapes and names, before numpy broadcasts them."""
+"""Validation of returned arrays: shapes and names, before numpy broadcasts them. NaN is a lost run."""
 
 import re
 from collections.abc import Iterable, Iterator

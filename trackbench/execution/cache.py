@@ -51,9 +51,7 @@ def block_key(task: BlockTask, used: int) -> str:
 
 @lru_cache(maxsize=1000)
 def _part(part: Any) -> list[Any]:
-    """Return the config keys of a filter or scenario, digests of its data files and of plugin
-    code.
-    """
+    """Return the keys of a filter or scenario, digests of its data files and plugin code."""
     parts = [inner for inner in walk_parts(part) if not isinstance(inner, type)]
     code = [digest for inner in parts for digest in _foreign_code(type(inner))]
     read: dict[str, str] = {}
@@ -116,9 +114,7 @@ def encode(result: BlockResult, key: str) -> bytes:
 
 
 def decode(content: bytes, key: str) -> BlockResult | None:
-    """Return the block, or None if it is damaged, truncated, of another format or of another
-    key.
-    """
+    """Return the block; None if it is damaged, truncated, or of another format or key."""
     start = len(_MAGIC) + _HASH
     body = content[start:]
     if content[: len(_MAGIC)] != _MAGIC:
@@ -239,9 +235,7 @@ class FolderSize(NamedTuple):
 
 
 class CacheSize(NamedTuple):
-    """Size of a cache folder: blocks of this version of the code, of other versions, and
-    figures.
-    """
+    """Size of a cache folder: blocks of this code version, of other versions, and figures."""
 
     blocks: FolderSize
     old_blocks: FolderSize

@@ -57,9 +57,7 @@ def pool(
 
 
 class _Pool(ProcessPoolExecutor):
-    """Process pool that knows all its processes: Ctrl-C waits until a starting one is
-    registered.
-    """
+    """Process pool that knows all its processes: Ctrl-C waits for a starting one."""
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
         """Submit a call; raises BrokenProcessPool also if a process is killed while it starts."""
@@ -159,9 +157,7 @@ def engine(name: Engine, workers: int, scheduler: str | None = None) -> OpenEngi
 
 @contextmanager
 def _dask(workers: int, scheduler: str | None) -> Iterator[Executor]:
-    """Connect to the Dask scheduler at an address, or start a local cluster of ``workers``
-    processes.
-    """
+    """Connect to a Dask scheduler's address, or start a local cluster of ``workers`` processes."""
     try:
         from distributed import Client
     except ImportError:

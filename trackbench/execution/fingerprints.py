@@ -36,11 +36,11 @@ _ERRORS = "decides how a failure is reported; a failed block is not stored"
 _KEYS = "its result is part of the key"
 NO_PART_OF_BLOCKS = {
     "__init__.py": "names the version and the functions of the API",
-    "evaluation/intervals.py": _AFTER_BLOCKS,
+    "evaluation/inference.py": _AFTER_BLOCKS,
     "evaluation/efficiency.py": _AFTER_BLOCKS,
     "evaluation/metric_expression.py": _AFTER_BLOCKS,
     "evaluation/merge.py": _AFTER_BLOCKS,
-    "evaluation/stopping_rule.py": _AFTER_BLOCKS,
+    "evaluation/precision_check.py": _AFTER_BLOCKS,
     "evaluation/run_contributions.py": _AFTER_BLOCKS,
     "evaluation/statistics.py": _AFTER_BLOCKS,
     "evaluation/summary.py": _AFTER_BLOCKS,
@@ -55,9 +55,7 @@ NO_PART_OF_BLOCKS = {
 
 @cache
 def code_digest() -> str:
-    """Return the digest of the source files that make a block's numbers, Python and library
-    versions.
-    """
+    """Return the digest of the sources that make a block's numbers, and of library versions."""
     home = Path(trackbench.__file__).parent
     platform_ = (platform.machine(), sys.version_info[:2], version("numpy"), version("scipy"))
     digest = hashlib.sha256(repr(platform_).encode())

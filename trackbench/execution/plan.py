@@ -46,9 +46,7 @@ class Plan:
 
     @cached_property
     def unique(self) -> list[BlockTask]:
-        """Return every distinct task; filters of the same block stand together and share its
-        data.
-        """
+        """Return every distinct task; filters of one block stand together and share its data."""
         return sorted(
             dict.fromkeys(t for tasks in self.tasks.values() for t in tasks),
             key=lambda task: task.index,
@@ -102,9 +100,7 @@ def make_plan(experiment: Experiment, save_tracks: bool = False, looks: Sequence
 
 
 def _kept_series(experiment: Experiment) -> tuple[str, ...]:
-    """Return the series stored per run and step: for medians and for runs' shares of time
-    averages.
-    """
+    """Return the series stored per run and step, for medians and shares of time averages."""
     return tuple(
         dict.fromkeys([*experiment.settings.medians, *requested_contributions(experiment).series])
     )
@@ -122,10 +118,8 @@ def _width(settings: Settings, tracker: AnyFilter, scenario: Scenario) -> int:
 def block_width(tracker: AnyFilter, scenario: Scenario) -> int:
     """Return the number of runs per block.
 
-    About 32 000 particles, so that the cost of numpy's calls is small, at most 500 runs. Filters
-    that
-    loop over runs get ten. Long tracks and filters with boosted particle counts get fewer, because
-    a
+    About 32 000 particles, so that the cost of numpy's calls is small, at most 500 runs. Filters that
+    loop over runs get ten. Long tracks and filters with boosted particle counts get fewer, because a
     block is in memory as a whole.
     """
     N, boosted = tracker.particle_count, tracker.max_particle_count
@@ -135,8 +129,7 @@ def block_width(tracker: AnyFilter, scenario: Scenario) -> int:
 
 
 def check_memory(experiment: Experiment, workers: int, save_tracks: bool = False) -> int:
-    """Return an upper estimate of the bytes that the workers' largest blocks and their results
-    take.
+    """Return an upper estimate of the bytes of the workers' largest blocks and results.
 
     Raises UserError at the responsible filter if the machine has less memory.
     """

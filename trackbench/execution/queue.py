@@ -56,9 +56,7 @@ class Queue:
                 yield from self._after_death()
 
     def give_up(self, task: BlockTask, error: Exception) -> list[BlockTask]:
-        """Record why the task's filter failed; return the task and the filter's other blocks,
-        now dropped.
-        """
+        """Record why a task's filter failed; return the filter's blocks that are dropped."""
         lost = algorithm(task)
         last = task.first_run + (task.runs_used - 1) * (1 if task.index >= 0 else -1)
         runs = f"runs {task.first_run} to {last}"

@@ -11,15 +11,15 @@ from typing import Any, TypeAlias
 
 from trackbench.config.experiment import Experiment
 from trackbench.evaluation.block import BlockResult, BlockTask
-from trackbench.evaluation.block_metrics import run_whole_block
 from trackbench.evaluation.consistency import sizes
 from trackbench.evaluation.merge import FilterResult, merge
-from trackbench.evaluation.stopping_rule import (
+from trackbench.evaluation.precision_check import (
     PrecisionCheck,
     PrecisionTarget,
     check_precision,
     checkpoints,
 )
+from trackbench.evaluation.run_block import run_whole_block
 from trackbench.execution.cache import BlockStore, decode, encode
 from trackbench.execution.engines import OpenEngine
 from trackbench.execution.plan import Key, Plan
@@ -101,8 +101,7 @@ def execute(
 ) -> Generator[Outcome]:
     """Compute and store every missing block of the plans; ``fresh`` computes all blocks.
 
-    Yields an outcome per plan, in their order, as soon as its blocks are complete; meanwhile the
-    workers
+    Yields an outcome per plan, in their order, as soon as its blocks are complete; meanwhile the workers
     compute the next plan. If a filter raises, its other blocks are dropped and the other filters
     continue. Close the iterator to stop the workers.
     """
@@ -202,8 +201,7 @@ def first_batch(experiment: Experiment) -> Experiment:
 def next_batch(experiment: Experiment, most: int, outcome: Outcome) -> Experiment | None:
     """Return the experiment with the runs of the next checkpoint.
 
-    Returns None after two good checkpoints in a row, or after the last. Writes the least precise
-    number
+    Returns None after two good checkpoints in a row, or after the last. Writes the least precise number
     into the outcome, for the progress bar.
     """
     settings = experiment.settings

@@ -5,7 +5,7 @@ from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
 from trackbench.evaluation.block import BlockResult, BlockTask
-from trackbench.evaluation.block_metrics import run_whole_block
+from trackbench.evaluation.run_block import run_whole_block
 from trackbench.execution import fingerprints
 from trackbench.execution.fingerprints import code_digest
 from trackbench.plugins.errors import FilterError, guarded, located_message

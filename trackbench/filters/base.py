@@ -10,7 +10,7 @@ from numpy.random import Generator
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kalman import Innovation
-from trackbench.core.posteriors import Posterior
+from trackbench.core.posterior_scores import Posterior
 from trackbench.extension_points import Part
 from trackbench.models.base import Model, Scene
 

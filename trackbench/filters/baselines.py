@@ -10,7 +10,7 @@ from numpy.random import Generator
 from trackbench.core import elementary, quadrature
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
-from trackbench.core.posteriors import LinePosterior, Posterior
+from trackbench.core.posterior_scores import LinePosterior, Posterior
 from trackbench.filters.base import Filter, WrongReturnError
 from trackbench.models.base import GammaMotion, Model, Scene, log_likelihood
 from trackbench.models.gaussian_steps import MODEL_NOISE, extended_prediction

@@ -13,7 +13,7 @@ from trackbench.core.counting import note
 from trackbench.core.distributions import Distribution, Gaussian, draw_covering
 from trackbench.core.kalman import Innovation
 from trackbench.core.particles import Evidence, Particles, equal_weights
-from trackbench.core.posteriors import ParticlePosterior, Posterior
+from trackbench.core.posterior_scores import ParticlePosterior, Posterior
 from trackbench.core.sums import dot, mean
 from trackbench.filters.base import InnovationFilter
 from trackbench.filters.particle_base import PFState, WeightedParticlesFilter

@@ -1,4 +1,4 @@
-"""Bases of the filters with one Gaussian as their state, and the Kalman filter."""
+"""Bases of the filters with one Gaussian as their state."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -18,12 +18,10 @@ from trackbench.models.base import Model, Scene
 from trackbench.models.gaussian_steps import (
     MODEL_NOISE,
     AssumedNoise,
-    extended_step,
     extended_transition,
     idle_noise_mean,
 )
 from trackbench.models.priors import Convertible
-from trackbench.registry import register
 
 MAX_ORDER = 32
 """Largest order of a Gauss-Hermite rule."""
@@ -169,18 +167,3 @@ class NonlinearFilter(GaussianFilter):
     def transition(self, model: Model, state: Gaussian, k: int) -> Transition:
         """Return the prediction to step k by the motion's Jacobian, and its covariance with x_{k-1}."""
         return extended_transition(model, state, k, self.assumed)
-
-
-@register("filters", "kf")
-@dataclass(frozen=True, kw_only=True)
-class KF(GaussianFilter):
-    """Kalman filter for a linear motion and a linear sensor (adaptive-kf paper, eqs. 8-12).
-
-    The covariance does not depend on the data: it and the gain are computed once for all runs.
-    """
-
-    requires: ClassVar[tuple[str, ...]] = ("motion.F|linear", "sensor.H")
-
-    def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
-        """Predict and update: for a linear model the extended step is the Kalman filter's."""
-        return extended_step(model, state, z, k, MODEL_NOISE)

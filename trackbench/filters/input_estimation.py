@@ -11,7 +11,7 @@ from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.input_estimation import Hypotheses, empty_hypotheses
 from trackbench.core.kalman import Innovation
 from trackbench.field_types import NonNegative, Positive
-from trackbench.filters.adaptive_kf.decisions import Detector
+from trackbench.filters.adaptive_kf.decision_keys import Detector
 from trackbench.filters.adaptive_kf.per_axis import (
     axis_step,
     both_axes,

@@ -12,7 +12,7 @@ from trackbench.core import particles
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution, Gaussian, draw_covering
 from trackbench.core.particles import Evidence, Particles, WeightReading, read_likelihood
-from trackbench.core.posteriors import ParticlePosterior, Posterior
+from trackbench.core.posterior_scores import ParticlePosterior, Posterior
 from trackbench.core.random_streams import Streams
 from trackbench.core.resampling import Scheme, ancestors, select
 from trackbench.field_types import Count, Natural

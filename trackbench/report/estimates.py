@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array, Mask
-from trackbench.evaluation import intervals
-from trackbench.evaluation.intervals import (
+from trackbench.evaluation import inference
+from trackbench.evaluation.inference import (
     Events,
     Sides,
     correlation,
@@ -27,7 +27,7 @@ _BY_CHANCE = 0.01
 def in_words(lost: int, runs: int, what: str = " runs lost") -> str:
     """Return ``3 of 800 runs lost (0.077 to 1.1 %)``."""
     low, high = (
-        f"{100 * end:.{3 if end > 0.995 else 2}g}" for end in intervals.interval(lost, runs)
+        f"{100 * end:.{3 if end > 0.995 else 2}g}" for end in inference.share_interval(lost, runs)
     )
     return f"{lost} of {runs}{what} ({low} to {high} %)"
 
@@ -174,13 +174,13 @@ class Share(RunEstimate):
         """Return z of the hypothesis that the event has this probability."""
         if other > 0.0 or not self.runs:
             return super().z(target, other)
-        return intervals.z(self.events, self.runs, target)
+        return inference.share_z(self.events, self.runs, target)
 
     def interval(self, level: float = 0.95, other: float = 0.0) -> tuple[float, float]:
         """Return the interval of Clopper and Pearson; normal beside another error."""
         if other > 0.0 or not self.runs:
             return super().interval(level, other)
-        return intervals.interval(self.events, self.runs, level)
+        return inference.share_interval(self.events, self.runs, level)
 
 
 MISSING = RunEstimate(np.nan, np.nan, None, 0)

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array, Mask
-from trackbench.evaluation import intervals
+from trackbench.evaluation import inference
 from trackbench.evaluation.efficiency import efficiency
 from trackbench.evaluation.metric_expression import Measure, measured
 from trackbench.evaluation.run_contributions import statistic_of
@@ -178,7 +178,7 @@ class Evaluator:
         share = Share(*self._statistic(label, "mean", events, common))
         if share.stderr != 0.0:
             return share
-        return share._replace(stderr=intervals.stderr(share.events, share.runs))
+        return share._replace(stderr=inference.share_stderr(share.events, share.runs))
 
     def _statistic(
         self, label: str, name: str, values: Array, common: Mask | bool = True

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.intervals import holm, studentised, two_sided
+from trackbench.evaluation.inference import holm, studentised, two_sided
 from trackbench.evaluation.metric_expression import measured
 from trackbench.evaluation.statistics import influence, mean, without_rounding
 

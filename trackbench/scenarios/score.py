@@ -1,4 +1,4 @@
-"""Scoring: errors of a track, scored steps, and the criterion of a lost run."""
+"""Scoring: errors of a track, scored steps, the limit of a lost run, and divergence."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -156,11 +156,12 @@ class Score:
 
 
 def diverged(values: Mapping[str, Array], settled: bool) -> Array:
-    """Return whether a run's last ten estimates are outside their own 1e-6 regions (M,).
+    """Return 1 if the truth is outside the 1 - 1e-6 regions of a run's last ten estimates, else 0 (M,).
 
-    Such a track need not be far from the target to mislead: it will not come back by what it believes.
-    It is no lost run, whose error would leave the averages: an overconfident filter is not to be better
-    for it. ``settled``: of recorded runs, the last estimates that there are of each.
+    It is NaN without such a series. Such a track can be near the target and yet mislead, since its own
+    covariance keeps it from coming back. The run stays in the averages, so that an overconfident filter
+    gains nothing. ``settled`` takes each run's last existing estimates, since recorded runs differ in
+    length.
     """
     outside = values.get("outside_region", np.full((1, 1), np.nan))
     if settled:

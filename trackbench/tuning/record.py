@@ -22,9 +22,7 @@ _FAILED = 1 << 30  # as if so many runs were lost: more than any filter loses
 
 
 class Trial(NamedTuple):
-    """Values by key, the objective with its standard error, and lost runs; NaN if the filter
-    failed.
-    """
+    """Values by key, objective with standard error, lost runs; NaN if the filter failed."""
 
     values: Mapping[str, Any]
     objective: float
@@ -68,8 +66,7 @@ class Record:
         return min(self.trials, key=lambda trial: (trial.rank, trial.values != self.taken))
 
     def within(self, axis: Axis) -> list[Any]:
-        """Return the ends of a key's range, or the choices, that are at most one standard error
-        worse.
+        """Return the range of a key, or the choices, at most one standard error worse.
 
         The rule of one standard error (Breiman et al. 1984, section 3.4.3). With the other keys at
         their best, the objective is interpolated linearly between trials; any other trial as good
@@ -100,9 +97,7 @@ class Record:
         return [t for t in same if t.lost == best.lost]
 
     def remarks(self, runs: int) -> Iterator[str]:
-        """Yield remarks on the result: lost runs, keys at an end of their range, keys without
-        effect.
-        """
+        """Yield remarks on lost runs, keys at an end of their range, keys without effect."""
         best = self.best
         if not isfinite(best.objective):
             yield "no value that was tried keeps a single training run"

@@ -1,5 +1,4 @@
-"""Search of a filter's keys: evenly spread points, a Nelder-Mead simplex from the best, then
-neighbors.
+"""Search of a filter's keys: spread points, a Nelder-Mead simplex, then neighbors.
 
 The search depends on the ranks of trials only, so its result is the same for any number of
 workers. Nelder and Mead's simplex compares ranks without computing with them: lost runs and
@@ -61,9 +60,7 @@ class Search:
         return min(self.ranks, key=lambda values: self.ranks[values])
 
     def run(self) -> Asking:
-        """Try choices at the start's numbers, numbers at the best choice, neighbors, then
-        choices again.
-        """
+        """Try choices at the start's numbers, numbers at the best choice, neighbors, choices."""
         yield from self._ask([self._start, *self._with_each_choice(self._start)])
         if self._numbers:
             yield from self._ask(self._all_over(self._places[self.best]))
@@ -98,9 +95,7 @@ class Search:
         return [tuple(c.get(i, s) for i, s in enumerate(place)) for c in each]
 
     def _all_over(self, place: Shares) -> list[Shares]:
-        """Return evenly spread points: multiples of powers of the generalized golden ratio,
-        modulo one.
-        """
+        """Return spread points: multiples of powers of the generalized golden ratio, modulo one."""
         d = len(self._numbers)
         steps = np.cumprod(np.full(d, 1.0 / _RATIOS[d - 1]))
         return [self._at(place, (0.5 + n * steps) % 1.0) for n in range(1, _ALL_OVER * d + 1)]
@@ -145,9 +140,7 @@ class Search:
         return tuple(changed.get(i, share) for i, share in enumerate(place))
 
     def _look_around(self) -> Asking:
-        """Vary each key alone around the best, near then far, so that its good range becomes
-        known.
-        """
+        """Vary each key alone around the best, near then far, to find its good range."""
         near = sorted(_AROUND, key=abs)
         for pair in zip(near[::2], near[1::2], strict=True):
             place, places = self._places[self.best], []

@@ -1,5 +1,4 @@
-"""Tune the filters of an experiment: trials of all searches are blocks of training runs in one
-queue.
+"""Tune the filters of an experiment: all trials are blocks of training runs in one queue.
 
 Searches run independently, and a trial is scored when its last block is complete, from the
 blocks in their order. So the result does not depend on workers, interruptions or other filters.
@@ -165,9 +164,7 @@ class Training:
         return tuple(0.5 if share is None else share for share in shares)
 
     def tasks(self, values: Values) -> list[BlockTask]:
-        """Return the blocks of a trial, as few as its particles allow; none if the filter is
-        invalid.
-        """
+        """Return the blocks of a trial, as few as its particles allow; none of an invalid filter."""
         keys = [axis.key for axis in self.axes]
         chosen = dict(zip(keys, values, strict=True))
         trial = tuned_entries.make_trial(self._experiment.source, self._point, self._label, chosen)
@@ -176,8 +173,9 @@ class Training:
         return [self._block(trial, i) for i in range(self._blocks(trial))]
 
     def score(self, per_run: Mapping[str, Array]) -> Score:
-        """Return the score of a trial's values per run; raises UserError if the metric is
-        missing.
+        """Return the score that a trial's values per run give it.
+
+        Raises UserError if a metric of the objective is missing.
         """
         for name in self.objective.metrics:
             if name not in per_run:  # of recorded data it is not known beforehand what there is

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.intervals import p_value
+from trackbench.evaluation.inference import p_value
 from trackbench.evaluation.statistics import mean, z_score
 from trackbench.report.render import write_tables
 from trackbench.report.results import Results

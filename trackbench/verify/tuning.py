@@ -13,8 +13,8 @@ import numpy as np
 
 from trackbench.config.experiment import Experiment
 from trackbench.config.tuning import tuned_label
-from trackbench.evaluation.block_metrics import run_whole_block
 from trackbench.evaluation.merge import merge
+from trackbench.evaluation.run_block import run_whole_block
 from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.engines import cpu_count, engine
 from trackbench.report.results import Results

@@ -26,7 +26,7 @@ import numpy as np
 from trackbench import api
 from trackbench.config.experiment import Experiment
 from trackbench.core.arrays import Array
-from trackbench.evaluation.intervals import holm
+from trackbench.evaluation.inference import holm
 from trackbench.evaluation.metric_expression import TIME_MEAN, measured
 from trackbench.evaluation.statistics import mean
 from trackbench.execution.cache import BlockStore, cache_folder

@@ -7,7 +7,7 @@ import numpy as np
 
 from trackbench.core.fading_memory import tail
 from trackbench.field_types import Count, OpenShare, Positive
-from trackbench.filters.adaptive_kf.decisions import (
+from trackbench.filters.adaptive_kf.decision_keys import (
     CONFIRM_EVERY_ALARM,
     PAPER_EXIT,
     Detector,

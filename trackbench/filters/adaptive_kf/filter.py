@@ -18,7 +18,12 @@ from trackbench.core.fading_memory import significance_threshold
 from trackbench.core.input_estimation import Hypotheses, empty_hypotheses
 from trackbench.core.kalman import Innovation
 from trackbench.core.sums import total
-from trackbench.filters.adaptive_kf.decisions import Detector, Exit, SecondDecision, exit_cautions
+from trackbench.filters.adaptive_kf.decision_keys import (
+    Detector,
+    Exit,
+    SecondDecision,
+    exit_cautions,
+)
 from trackbench.filters.adaptive_kf.per_axis import (
     Sampling,
     axis_step,

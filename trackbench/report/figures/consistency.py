@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trackbench.evaluation.intervals import anees_band
+from trackbench.evaluation.inference import anees_band
 from trackbench.evaluation.metric_expression import OfStep, OfSummary, measure
 from trackbench.field_types import Count, OpenShare, Positive
 from trackbench.registry import register

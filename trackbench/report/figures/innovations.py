@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.intervals import anees_band
+from trackbench.evaluation.inference import anees_band
 from trackbench.evaluation.metric_expression import measured
 from trackbench.evaluation.predictive_scores import LAGS
 from trackbench.field_types import Count

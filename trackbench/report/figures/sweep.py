@@ -204,7 +204,7 @@ def _heat_maps(
 
 
 def _field(held: _Held, label: str, metric: Measure, across: list[Any], down: list[Any]) -> Array:
-    """Return the metric (values of the second path, values of the first), NaN where there is none."""
+    """Return the metric by grid values, an array (len(down), len(across)) with NaN in empty cells."""
     found = np.full((len(down), len(across)), np.nan)
     for a, b, value, _ in held.of(label, metric):
         found[down.index(b), across.index(a)] = value

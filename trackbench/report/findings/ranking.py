@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.intervals import holm
+from trackbench.evaluation.inference import holm
 from trackbench.evaluation.metric_expression import Measure, measured
 from trackbench.evaluation.statistics import Estimate, mean
 from trackbench.report.estimates import chance_of_losing_more

@@ -7,7 +7,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.errors import counted
-from trackbench.evaluation.intervals import anees_band
+from trackbench.evaluation.inference import anees_band
 from trackbench.evaluation.statistics import Estimate
 from trackbench.field_types import Digits
 from trackbench.registry import register

@@ -15,7 +15,7 @@ from trackbench.evaluation.efficiency import (
     plain_efficiency,
     runs_saved,
 )
-from trackbench.evaluation.intervals import normal_of_t
+from trackbench.evaluation.inference import normal_of_t
 from trackbench.evaluation.metric_expression import Expression, measure
 from trackbench.evaluation.statistics import Estimate, z_score
 from trackbench.field_types import Digits

@@ -7,7 +7,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.core.sums import total
-from trackbench.evaluation.intervals import anees_band
+from trackbench.evaluation.inference import anees_band
 from trackbench.field_types import Digits
 from trackbench.registry import register
 from trackbench.report.estimates import MISSING

@@ -5,14 +5,14 @@ from typing import Any
 
 from trackbench.core.arrays import Array
 from trackbench.evaluation.merge import FilterResult
-from trackbench.evaluation.statistics import Estimate
-from trackbench.evaluation.stopping_rule import (
+from trackbench.evaluation.precision_check import (
     PrecisionCheck,
     PrecisionTarget,
     check_precision,
     checkpoints,
     exact_after,
 )
+from trackbench.evaluation.statistics import Estimate
 from trackbench.field_types import Digits
 from trackbench.registry import register
 from trackbench.report.kinds import TableKind

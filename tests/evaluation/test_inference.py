@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from trackbench.evaluation import statistics as st
-from trackbench.evaluation.intervals import (
+from trackbench.evaluation.inference import (
     anees_band,
     holm,
     interval_of,

@@ -13,7 +13,12 @@ from trackbench.core import quadrature
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.particles import Particles
-from trackbench.core.posteriors import LinePosterior, NormalPosterior, ParticlePosterior, distance
+from trackbench.core.posterior_scores import (
+    LinePosterior,
+    NormalPosterior,
+    ParticlePosterior,
+    distance,
+)
 
 RNG = np.random.default_rng(7)
 

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from trackbench.core.arrays import Array, Mask
-from trackbench.evaluation import intervals
+from trackbench.evaluation import inference
 from trackbench.evaluation.merge import FilterResult
 from trackbench.evaluation.metric_expression import measured
 from trackbench.evaluation.summary import SummaryRow, summary_rows
@@ -39,7 +39,7 @@ class PrecisionTarget(NamedTuple):
         if (
             stderr == 0.0 and measured(row.metric).is_share
         ):  # of an event, that of its exact interval
-            stderr = intervals.stderr(round(row.value * row.runs), row.runs)
+            stderr = inference.share_stderr(round(row.value * row.runs), row.runs)
         return stderr / most if most > 0.0 else float("nan")
 
 

@@ -126,7 +126,7 @@ class Events(NamedTuple):
         return _limits(self.events, self.runs, float(ndtr(-z)))
 
 
-def interval(events: int, runs: int, level: float = 0.95) -> tuple[float, float]:
+def share_interval(events: int, runs: int, level: float = 0.95) -> tuple[float, float]:
     """Return the confidence interval (Clopper and Pearson 1934, Biometrika 26, 404)."""
     return _limits(events, runs, 0.5 * (1.0 - level))
 
@@ -140,9 +140,9 @@ def _limits(events: int, runs: int, tail: float) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def stderr(events: int, runs: int) -> float:
-    """Return the standard error with which a normal interval is as wide as `interval`."""
-    return stderr_of(*interval(events, runs))
+def share_stderr(events: int, runs: int) -> float:
+    """Return the standard error with which a normal interval is as wide as `share_interval`."""
+    return stderr_of(*share_interval(events, runs))
 
 
 def stderr_of(low: float, high: float) -> float:
@@ -152,11 +152,11 @@ def stderr_of(low: float, high: float) -> float:
     return (high - low) / (2.0 * float(ndtri(0.975)))
 
 
-def z(events: int, runs: int, probability: float) -> float:
+def share_z(events: int, runs: int, probability: float) -> float:
     """Return the normal deviate of the exact tail of so many events; zero without evidence.
 
-    It is beyond the normal quantile of a level where `interval` excludes the probability. Infinite for
-    an impossible outcome: an event in all runs is refuted by one without it.
+    It is beyond the normal quantile of a level where `share_interval` excludes the probability. It is
+    infinite for an impossible outcome: an event in all runs is refuted by one without it.
     """
     from scipy.special import bdtr, bdtrc, ndtri
 
