@@ -1,11 +1,9 @@
 """Run plans: compute missing blocks, store each, and continue if one filter fails."""
 
-import sys
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
-from importlib.util import find_spec
 from math import inf, isfinite
 from typing import Any, TypeAlias
 
@@ -23,32 +21,8 @@ from trackbench.evaluation.run_block import run_whole_block
 from trackbench.execution.cache import BlockStore, decode, encode
 from trackbench.execution.engines import OpenEngine
 from trackbench.execution.plan import Key, Plan
+from trackbench.execution.progress import progress_bar
 from trackbench.execution.queue import Found, Queue, algorithm
-
-
-def progress_bar(total: int, unit: str, wanted: bool, **keys: Any) -> Any:
-    """Return a progress bar of ``total`` units; ``keys`` are tqdm's."""
-    if not wanted:
-        hidden: bool | None = True
-    else:  # None: silent when stderr is no terminal
-        hidden = False if _in_notebook() else None
-    return _kind()(total=total, unit=unit, disable=hidden, **keys)
-
-
-def _kind() -> Any:
-    """Return the bar's class: the notebook's where it can be shown."""
-    import tqdm
-
-    if not (_in_notebook() and find_spec("ipywidgets")):
-        return tqdm.tqdm
-    import tqdm.notebook
-
-    return tqdm.notebook.tqdm
-
-
-def _in_notebook() -> bool:
-    """Return whether an IPython kernel runs this process."""
-    return "ipykernel" in sys.modules and sys.modules["IPython"].get_ipython() is not None
 
 
 @dataclass
