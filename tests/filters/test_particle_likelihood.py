@@ -12,7 +12,7 @@ from tests.filters.test_log_likelihood import told
 from tests.papers import banana, merwe
 from trackbench.contract import LINEAR
 from trackbench.core.arrays import Array
-from trackbench.filters.baselines import Grid
+from trackbench.filters.grid import Grid
 from trackbench.filters.kf import KF
 from trackbench.models.motions.kinematic import WhiteAcceleration
 

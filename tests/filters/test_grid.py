@@ -1,0 +1,104 @@
+"""The exact posterior of scalar models against the Kalman filter and a brute-force program."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trackbench.config.load import load
+from trackbench.errors import UserError
+from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.run_filter import FilterOutput, run_filter
+from trackbench.scenarios.base import Simulation
+
+CONFIG = """name: c
+runs: 6
+scenario:
+  kind: tracking
+  last: 30
+  target: {{kind: driven, motion: {motion}}}
+  sensor: {sensor}
+  start: {{kind: gaussian, sigma: [{sigma}]}}
+filters:
+  Exact: {{kind: grid, nodes: {nodes}}}
+  KF: {{kind: {other}}}
+metrics: [rmse, log_score]
+"""
+GROWTH = "{kind: map, components: [x], next: {x: x/2 + 25*x/(1 + x**2) + 8*cos(1.2*k)}, Q: 10}"
+SQUARE = "{kind: function, h: {z: x**2/20}, R: 1}"
+
+
+def outputs(folder: Path, nodes: int = 128, **keys: str) -> tuple[Simulation, list[FilterOutput]]:
+    """Return the data of six runs, and what each filter makes of them, log scores included."""
+    whole = {"sigma": "2", "other": "ekf", **keys}
+    (folder / "c.yaml").write_text(CONFIG.format(nodes=nodes, **whole))
+    point = load(folder / "c.yaml").points[0]
+    tasks = [
+        BlockTask(point.scenario, f, 3, 0, 6, 6, predictive_metrics=("score",))
+        for f in point.filters.values()
+    ]
+    with np.errstate(all="ignore"):
+        return tasks[0].data, [run_filter(task, task.data) for task in tasks]
+
+
+@pytest.mark.parametrize(
+    ("motion", "sensor"),
+    [
+        ("{kind: ar1, phi: 0.9, q: 0.5}", "{kind: scalar, sigma: 0.7}"),
+        (
+            "{kind: map, components: [x], next: {x: 0.9*x}, Q: 0.5}",
+            "{kind: function, h: {z: x}, R: 0.49}",
+        ),
+        ("{kind: ar1, q: 0.02}", "{kind: scalar, sigma: 0.1, period: 3}"),
+    ],
+)
+def test_of_a_linear_model_it_is_the_kalman_filter(
+    motion: str, sensor: str, tmp_path: Path
+) -> None:
+    _, (exact, kf) = outputs(
+        tmp_path, motion=motion, sensor=sensor, other="kf", nodes=256, sigma="1"
+    )
+    np.testing.assert_allclose(exact.mean, kf.mean, atol=1e-7)
+    scores = [o.diagnostics["log_likelihood"] for o in (exact, kf)]
+    np.testing.assert_allclose(*scores, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("sensor", "h", "R"),
+    [(SQUARE, lambda x: x**2 / 20, 1.0), ("{kind: function, h: {z: \"3*atan2(x, 2)\"}, R: 0.01}",
+      lambda x: 3 * np.arctan2(x, 2), 0.01)],
+)  # fmt: skip
+def test_of_the_growth_model_it_is_a_sum_over_many_states(
+    sensor: str, h: object, R: float, tmp_path: Path
+) -> None:
+    """Point masses from -60 to 60, run by run: mean, and the density of each measurement."""
+    data, (exact, _) = outputs(tmp_path, motion=GROWTH, sensor=sensor, nodes=256, sigma="1")
+    x = np.linspace(-60.0, 60.0, 6001)
+    f = x / 2 + 25 * x / (1 + x**2)
+    for run in range(2):
+        p = np.exp(-0.5 * x**2)
+        p /= p.sum()
+        for k in range(1, 31):
+            kernel = np.exp(-0.05 * (x[:, None] - f - 8 * np.cos(1.2 * k)) ** 2)
+            p = kernel @ p / np.sqrt(2 * np.pi * 10.0) * (x[1] - x[0])
+            z = data.measurements[0, k - 1, run]
+            p *= np.exp(-0.5 * (z - h(x)) ** 2 / R) / np.sqrt(2 * np.pi * R)  # type: ignore[operator]
+            found = exact.diagnostics["log_likelihood"][k, run]
+            assert found == pytest.approx(np.log(p.sum()), abs=2e-4)
+            p /= p.sum()
+            assert exact.mean[0, k, run] == pytest.approx((p * x).sum(), abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("motion", "what"),
+    [
+        ("{kind: map, components: [x], next: {x: x}, Q: 0}", "needs process noise"),
+        ("{kind: map, components: [x, y], next: {x: y, y: x}, Q: 1}", "a state of one component"),
+    ],
+)
+def test_what_it_cannot_do_is_a_line(motion: str, what: str, tmp_path: Path) -> None:
+    sigma = "1, 1" if "[x, y]" in motion else "1"
+    text = CONFIG.format(motion=motion, sensor=SQUARE, sigma=sigma, nodes=64, other="ekf")
+    (tmp_path / "c.yaml").write_text(text)
+    with pytest.raises(UserError, match=what):
+        load(tmp_path / "c.yaml")

@@ -1,0 +1,257 @@
+"""Exact posterior of a scalar state by quadrature."""
+
+from dataclasses import dataclass
+from typing import Annotated, NamedTuple, Protocol, cast, runtime_checkable
+
+import numpy as np
+from annotated_types import Ge
+from numpy.random import Generator
+
+from trackbench.core import elementary, quadrature
+from trackbench.core.arrays import Array, Mask
+from trackbench.core.distributions import Distribution, Gaussian, Shifted
+from trackbench.core.posterior_scores import LinePosterior, Posterior
+from trackbench.filters.base import Filter, WrongReturnError
+from trackbench.models.base import (
+    GammaMotion,
+    Model,
+    SampledMotion,
+    Scene,
+    Sensor,
+    log_likelihood,
+)
+from trackbench.registry import register
+
+_MAX_GAMMA_SHAPE = 20
+_MEAN_TOLERANCE = 0.05  # difference of the means by these and by more nodes, in standard deviations
+_VARIANCE_TOLERANCE = 0.1  # relative difference of the variances
+_PRIOR_REACH = 8.0  # standard deviations of a Gaussian prior beyond which its mass is below 1e-14
+_NOISE_REACH = 8.0  # the same of Gaussian process noise
+_SEARCHED = 1025  # states at which the likely ones are looked for
+_MOST_INTERVALS = 8
+
+
+@runtime_checkable
+class BoundedMotion(Protocol):
+    """A motion whose noise has an edge, beyond which the density is zero."""
+
+    def support(self, low: Array, high: Array, k: int) -> quadrature.Interval:
+        """Return the interval of x_k for x_{k-1} between low and high (M,)."""
+
+    def origins(self, x: Array, k: int) -> quadrature.Interval:
+        """Return the interval of x_{k-1} from which x_k = x can be reached."""
+
+
+@runtime_checkable
+class SensorWithPreimage(Protocol):
+    """A sensor of a scalar state that knows the states of a measurement."""
+
+    def preimage(self, z: Array, deviations: float, k: int) -> list[quadrature.Interval]:
+        """Return the intervals of x whose h(x) is within so many standard deviations of z (1, M)."""
+
+
+class Resolved(NamedTuple):
+    """Posterior, and the posterior by more nodes that it is checked against."""
+
+    posterior: quadrature.Posterior
+    check: quadrature.Posterior
+
+
+@register("filters", "grid")
+@dataclass(frozen=True, kw_only=True)
+class Grid(Filter[Resolved]):
+    """Exact posterior of a scalar state by quadrature (hdepf paper, eqs. 3-5): no RMSE is smaller.
+
+    Gauss-Legendre nodes lie where the measurement has a likelihood, around each root of the measurement
+    equation. The filter fails if the nodes do not resolve the posterior: an eighth more nodes change a
+    mean by a twentieth of a standard deviation or a variance by a tenth, or two neighbors are farther
+    apart than the motion's noise reaches.
+    """
+
+    nodes: Annotated[int, Ge(8)] = 128
+    """nodes per root of the measurement equation"""
+    deviations: Annotated[float, Ge(4)] = 6.5
+    """half the span of the nodes, in standard deviations of the measurement noise"""
+
+    def conflicts(self, scenario: Scene) -> dict[str, str]:
+        """Return several components, a gamma noise of too large a shape, a motion without a density.
+
+        The density is continued by its formula below its edge, where a large shape is too steep:
+        from 30 on the estimate is wrong if R is large, and no check shows it.
+        """
+        motion = scenario.model.motion
+        if len(motion.components) > 1:
+            return {
+                "": f"grid needs a state of one component; this one has {len(motion.components)}"
+            }
+        if isinstance(motion, GammaMotion) and motion.noise.shape > _MAX_GAMMA_SHAPE:
+            return {"": f"grid is exact for gamma noise of a shape up to {_MAX_GAMMA_SHAPE} only"}
+        transition = motion.transition(np.zeros((1, 1)), int(scenario.steps[0]) + 1)
+        if isinstance(transition, Gaussian):
+            no_noise = not np.all(transition.cov > 0.0)
+            return {"": "grid needs process noise, and this motion has none"} if no_noise else {}
+        if not (hasattr(transition, "prob") and isinstance(motion, BoundedMotion)):
+            what = "the transition's `prob` and the motion's `support` and `origins`"
+            return {"": f"grid needs {what}, or a Gaussian transition"}
+        return {}
+
+    def extra_memory(self, model: Model) -> int:
+        """Return the numbers of the kernels of nodes by nodes."""
+        return 7 * self.nodes * self.nodes
+
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> Resolved:
+        """Put all mass on a known first state, or nodes over a Gaussian prior."""
+        if not np.any(prior.cov):
+            point = quadrature.point_mass(prior.mean)
+            return Resolved(point, point)
+        assert isinstance(prior, Gaussian)
+        mean, reach = prior.mean[0], _PRIOR_REACH * np.sqrt(prior.cov[0, 0])
+        span = mean - reach, mean + reach
+        both = (quadrature.nodes_between([span], span, n)[0] for n in self._node_counts)
+        return Resolved(
+            *((p._replace(density=elementary.exp(prior.log_prob(p.x[None]))),) for p in both)
+        )
+
+    @property
+    def _node_counts(self) -> tuple[int, int]:
+        return self.nodes, self.nodes + self.nodes // 8
+
+    def step(self, model: Model, state: Resolved, z: Array, k: int, rng: Generator) -> Resolved:
+        """Place nodes where z and the prediction allow mass, and condition on z.
+
+        Raises WrongReturnError if there are too few nodes.
+        """
+        both = zip(state, self._node_counts, strict=True)
+        new = Resolved(*(self._condition(model, old, z, k, n) for old, n in both))
+        ours, check = map(quadrature.moments, new)
+        variance, other = ours.cov[0, 0], check.cov[0, 0]
+        resolved = np.abs(check.mean - ours.mean)[0] <= _MEAN_TOLERANCE * np.sqrt(variance)
+        resolved &= np.abs(other - variance) <= _VARIANCE_TOLERANCE * variance
+        resolved |= np.isnan(variance) & np.isnan(other)
+        if not (resolved.all() and self._has_dense_nodes(model, state.posterior, k)):
+            what = f"grid does not resolve the posterior at step {k} with `nodes: {self.nodes}`"
+            raise WrongReturnError("step", f"{what}; raise `nodes`, or narrow the start")
+        return new
+
+    def _has_dense_nodes(self, model: Model, old: quadrature.Posterior, k: int) -> bool:
+        """Return whether the transitions from neighboring nodes overlap."""
+        for panel in old:
+            transition = model.motion.transition(panel.x[None], k)
+            gaps = np.abs(np.diff(transition.mean[0], axis=0))
+            if (gaps > np.sqrt(transition.cov[0, 0])).any():
+                return False
+        return True
+
+    def _condition(
+        self, model: Model, old: quadrature.Posterior, z: Array, k: int, n: int
+    ) -> quadrature.Posterior:
+        motion, sensor = model
+        # Intervals of x that z allows, within the support of the prediction.
+        support = _support(motion, old, k)
+        if isinstance(sensor, SensorWithPreimage):
+            intervals = sensor.preimage(z, self.deviations, k)
+        else:
+            intervals = _likely_intervals(sensor, z, self.deviations, k, support)
+        reach = _support_if_missing(z, intervals, support)
+
+        def transition(x: Array, x_new: Array) -> Array:
+            distribution = motion.transition(x[None], k)
+            if isinstance(distribution, Gaussian):
+                return elementary.exp(distribution.log_prob(x_new[None]))
+            return cast(Shifted, distribution).prob(x_new[None])
+
+        def origins(x_new: Array) -> quadrature.Interval:
+            if isinstance(motion, BoundedMotion):
+                return motion.origins(x_new, k)
+            return np.full_like(x_new, -np.inf), np.full_like(x_new, np.inf)
+
+        def likelihood(x_new: Array) -> Array:
+            # (J, M) nodes as (1, M, J): the sensor takes them for particles.
+            return elementary.exp(log_likelihood(sensor, z, x_new.T[None], k).T)
+
+        return quadrature.condition(
+            old,
+            quadrature.nodes_between(reach, support, n),
+            transition,
+            origins,
+            likelihood,
+        )
+
+    def estimate(self, state: Resolved) -> Gaussian:
+        """Return the posterior mean and variance."""
+        return quadrature.moments(state.posterior)
+
+    def posterior(self, state: Resolved) -> Posterior:
+        """Return the density itself."""
+        return LinePosterior(state.posterior)
+
+    def log_likelihood(self, state: Resolved) -> Array:
+        """Return log p(z_k | z_1..k-1) (M,), exact."""
+        first = state.posterior[0]
+        unknown = np.full(first.low.shape, np.nan)
+        return unknown if first.evidence is None else elementary.log(first.evidence)
+
+
+def _support_if_missing(
+    z: Array, reach: list[quadrature.Interval], support: quadrature.Interval
+) -> list[quadrature.Interval]:
+    """Return the intervals; without a measurement the first is the support, the others are empty."""
+    missing = np.isnan(z).any(axis=0)
+    if not missing.any():
+        return reach
+    low, high = support
+    (first_low, first_high), *others = reach
+    first = np.where(missing, low, first_low), np.where(missing, high, first_high)
+    return [first, *((np.where(missing, low, a), np.where(missing, low, b)) for a, b in others)]
+
+
+def _support(motion: SampledMotion, old: quadrature.Posterior, k: int) -> quadrature.Interval:
+    """Return the interval (M,), (M,) that the prediction from a posterior reaches."""
+    low, high = quadrature.hull(old)
+    if isinstance(motion, BoundedMotion):
+        return motion.support(low, high, k)
+    # Where the motion takes states from end to end, with the gap between neighbors as a margin.
+    states = low + (high - low) * np.linspace(0.0, 1.0, _SEARCHED)[:, None]
+    moved = motion.transition(states.T[None], k)
+    mean = moved.mean[0].T
+    margin = np.abs(np.diff(mean, axis=0)).max(axis=0)
+    reach = margin + _NOISE_REACH * np.sqrt(np.max(moved.cov))
+    return mean.min(axis=0) - reach, mean.max(axis=0) + reach
+
+
+def _likely_intervals(
+    sensor: Sensor, z: Array, deviations: float, k: int, support: quadrature.Interval
+) -> list[quadrature.Interval]:
+    """Return intervals of the support with all states within so many deviations of z (n_z, M).
+
+    Between two neighbors of the searched states a likely one may lie unseen only where the distance
+    from z has a local minimum there; these are included.
+    """
+    # Step 1: log-likelihood at states from end to end, relative to its largest value there.
+    low, high = support
+    states = low + (high - low) * np.linspace(0.0, 1.0, _SEARCHED)[:, None]
+    level = log_likelihood(sensor, z, states.T[None], k).T
+    likely = level >= level.max(axis=0) - 0.5 * deviations * deviations
+    # Step 2: add local maxima, and the neighbors of what is likely.
+    likely[1:-1] |= (level[1:-1] >= level[:-2]) & (level[1:-1] >= level[2:])
+    wide = likely.copy()
+    wide[1:] |= likely[:-1]
+    wide[:-1] |= likely[1:]
+    # Step 3: the stretches of each run, the last of them up to the end of all.
+    edges = np.diff(np.pad(wide, [(1, 1), (0, 0)]).astype(int), axis=0)
+    intervals = []
+    number = np.cumsum(edges[:-1] > 0, axis=0)  # of the stretch that a state is in or after
+    for i in range(1, min(int(number.max()), _MOST_INTERVALS) + 1):
+        inside = wide & ((number == i) if i < _MOST_INTERVALS else (number >= i))
+        intervals.append(_ends(states, inside))
+    return intervals
+
+
+def _ends(states: Array, inside: Mask) -> quadrature.Interval:
+    """Return the first and last state (M,) of a stretch; an empty interval where it is empty."""
+    there = inside.any(axis=0)
+    first = np.argmax(inside, axis=0)
+    last = len(inside) - 1 - np.argmax(inside[::-1], axis=0)
+    runs = np.arange(inside.shape[1])
+    low, high = states[first, runs], states[last, runs]
+    return low, np.where(there, high, low)
