@@ -67,6 +67,7 @@ class Calibration:
         # A filter without a posterior of its own is judged by the Gaussian of its estimate.
         posterior = self._tracker.posterior(state) or NormalPosterior(found)
         if "calibration" in self._wanted:
+            # PIT of each component and of the whole state, coverage, log excess for the NCI.
             within = posterior.within(truth)
             self._places.append(posterior.places)
             self._excess.append(posterior.log_excess(truth))

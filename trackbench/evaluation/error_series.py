@@ -54,6 +54,7 @@ def series(
         out["nees"] = nees
         out["outside_region"] = np.where(np.isnan(nees), np.nan, nees > _gate(len(truth)))
     if exact is not None:
+        # Squared distance to the reference's estimate.
         for quantity, error in scenario.errors(mean, exact).items():
             out[joined("rmsd", quantity)] = total(np.square(error), axis=0)
     return out

@@ -153,6 +153,7 @@ class PredictionScorer:
         if has_likelihood(self._tracker):
             scores = {_SCORE: np.full(len(measured), np.nan)}
             if measured.any():
+                # Log-likelihood by a step aside that is given the measurement.
                 scores = self._scores(self._aside(told, freeze(z))[0], measured)
             self._note({f"held_{_SCORE}": scores[_SCORE]})
 

@@ -61,6 +61,7 @@ def measure(tasks: Sequence[BlockTask], guard: Guard = nullcontext) -> list[Meas
     keep_freed_memory()
     found = [_tried(guard, _Sample, task) for task in tasks]
     for repeat in range(REPEATS):
+        # A B C, then C B A
         for i in range(len(tasks))[:: -1 if repeat % 2 else 1]:
             if isinstance(sample := found[i], _Sample):
                 found[i] = _tried(guard, sample.repeated)

@@ -108,6 +108,7 @@ class Score:
             what = f"training sees steps up to {last}, and none is scored before {first}"
             raise InvalidKeyError(what, "score", "steps")
         end = last if end is None else min(end, last)
+        # Drop windows without a step of the training.
         windows = tuple(w for w in self.windows if w.overlaps(first or 0, end))
         return replace(self, train=None, steps=(first, end), windows=windows)
 

@@ -105,6 +105,7 @@ def over_points(results: Results, candidates: Sequence[Candidate]) -> list[str]:
         ends = dict.fromkeys(f"{two_digits(t.value * 1e3)}" for t in (times[0], times[-1]))
         name = f"{named(times[0].candidate.label)}{times[0].looped}"
         lines = [f"A run of {name} takes {' to '.join(ends)} ms of CPU time."]
+    # Count the points at which the filter is calibrated, overconfident or underconfident.
     words: dict[Credibility, int] = {}
     for candidate in candidates:
         found = consistency(results, candidate)

@@ -76,6 +76,7 @@ class EfficiencyTable(TableKind):
                     cells = self._cells(Evaluator(results, point), label)
                     keys = [*map(phrases.number, scene.values()), name]
                     table.add(keys, cells)
+                    # A cross term beyond chance shows that the reference is not the exact mean.
                     if _is_not_zero(cells[-1]):
                         table.notes.append(f"{' '.join(keys)}: {_NOT_EXACT}.")
         return table

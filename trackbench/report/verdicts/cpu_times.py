@@ -96,7 +96,7 @@ def _verdict(results: Results, row: PublishedNumber | Claim, left: str, right: s
     value, low, high, word = nan, nan, nan, NOT_MEASURED
     lengths = {len(s) for s in seconds}
     if wanted and len(seconds) == len(labels) > 0 and len(lengths) == 1 and lengths.pop() > 1:
-        # One ratio for each repeat: their median and its rank interval, widened by SCATTER.
+        # Ratio (or seconds) of each repeat: median and rank interval, widened by SCATTER.
         ratios = seconds[0] / (seconds[1] if right else 1.0)
         value, (low, high) = median(ratios).value, interval("median", ratios)
         word = _word(row, low / SCATTER, high * SCATTER, *wanted)

@@ -75,6 +75,7 @@ class Comparison:
     def numbers(self) -> list[Reproduced]:
         """Return a verdict for each published number, however many readings of it were tried."""
         found: dict[tuple[str, ...], list[Compared]] = defaultdict(list)
+        # Rows that are printed at one place are readings of one number.
         for row in self.rows:
             found[row.published.printed_at].append(row)
         return [Reproduced(rows) for rows in found.values()]

@@ -207,6 +207,7 @@ def truth_at(
     out = np.full((len(rows.values), len(clock.steps), len(runs)), np.nan)
     steps = clock.steps.astype(float) if found.stepped else clock.times
     number = {name: i for i, name in enumerate(found.runs)}
+    # One file without names of runs is the run "0".
     shared = found.runs == ["0"]
     for m, name in enumerate(runs):
         i = 0 if shared else number.get(name)

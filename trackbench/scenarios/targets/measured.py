@@ -162,10 +162,12 @@ class Measured(FromFiles, Naming, Target):
         if start.of_truth:
             what = "recorded data start from their scans, or as `given`: what is true is not known"
             raise InvalidKeyError(what, "start")
+        # Errors and gaps that only a simulation adds.
         for one in every:
             if one.bias or one.outliers is not None or one.detection != 1 or one.period != 1:
                 what = "bias, outliers, detection and period are of simulated measurements"
                 raise InvalidKeyError(what, "sensor")
+        # Columns and units must be of known quantities.
         plain = (name.rpartition(".")[2] for name in sensor.components)
         names = tuple(dict.fromkeys((*sensor.components, *plain, *self.components)))
         self.check_names(names, "target")
