@@ -64,8 +64,10 @@ class Calibration:
         """Add a step's state, estimate of the truth's components, and truth (n_x, M)."""
         if not self._wanted:
             return
+        # A filter without a posterior of its own is judged by the Gaussian of its estimate.
         posterior = self._tracker.posterior(state) or NormalPosterior(found)
         if "calibration" in self._wanted:
+            # PIT of each component and of the whole state, coverage, log excess for the NCI.
             within = posterior.within(truth)
             self._places.append(posterior.places)
             self._excess.append(posterior.log_excess(truth))
@@ -80,10 +82,12 @@ class Calibration:
         rows = {name: np.stack(values) for name, values in self._rows.items()}
         pits = [(name, row) for name, row in rows.items() if name.startswith("pit_")]
         if "calibration" in self._wanted:
+            # NCI by the posterior's own log excess, or by the NEES of a Gaussian.
             gaussian = noncredibility(nees, len(self._components))
             steps = zip(self._excess, gaussian, strict=True)
             rows["nci"] = np.stack([row if own is None else _decibels(own) for own, row in steps])
         for name, row in pits if "ranks" in self._wanted else ():
+            # Shares (T + 1, TENTHS, M) of each transform in the tenths: a series per bar.
             shares = np.stack([in_tenths(*each) for each in zip(row, self._places, strict=True)])
             rows |= zip(bars(name.removeprefix("pit_")), shares.swapaxes(0, 1), strict=True)
         return rows
@@ -102,6 +106,7 @@ def likelihood_ratio(own: Mapping[str, Array], exact: Mapping[str, Array]) -> di
     if _SCORE not in own or _SCORE not in exact:
         return {}
     a, b = own[_SCORE], exact[_SCORE]
+    # prod p_a(z_k) / p_b(z_k); a step at which neither has a likelihood counts as 1.
     ratio = exp(np.add.accumulate(np.where(np.isnan(a) & np.isnan(b), 0.0, a - b), axis=0))
     ratio[0] = np.nan
     return {"likelihood_ratio": ratio}
@@ -109,9 +114,11 @@ def likelihood_ratio(own: Mapping[str, Array], exact: Mapping[str, Array]) -> di
 
 def noncredibility(nees: Array, n: int) -> Array:
     """Return ``10 log10 NEES`` minus its Gaussian mean; positive means overconfident."""
+    # psi(n / 2) by psi(1) = -gamma, psi(1 / 2) = -gamma - 2 log 2, psi(x + 1) = psi(x) + 1 / x
     digamma = -_EULER - (2.0 * float(log(2.0)) if n % 2 else 0.0)
     for i in range(n % 2 or 2, n, 2):
         digamma += 2.0 / i
+    # E log NEES = log 2 + psi(n / 2) for chi-square of n degrees of freedom
     return _decibels(log(nees) - float(log(2.0)) - digamma)
 
 
@@ -130,6 +137,7 @@ def in_tenths(pit: Array, places: int = 0) -> Array:
     in the mean where their number is no multiple of ten.
     """
     if places:
+        # A rank fills its place: its share in a tenth is the part of the place between both edges.
         edges = np.arange(TENTHS + 1)[:, None] * (places / TENTHS)
         below = np.clip(edges - (pit * places - 0.5), 0.0, 1.0)
         return np.round(below[1:] - below[:-1], 9)

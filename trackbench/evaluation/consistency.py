@@ -36,10 +36,12 @@ class ConsistencySeries:
         return {name: np.concatenate(rows) for name, rows in self._series.items()}
 
     def _reduce(self) -> None:
+        # Stack the waiting steps, (n, S, M), and score them in one call.
         means, covs, truths = zip(*self._waiting, strict=True)
         self._waiting.clear()
         found, truth = _side_by_side(means, covs), np.stack(truths, axis=1)
         self._series["nees"].append(normalised_error(found, truth))
+        # Marginals: the part's rows of the mean, its rows and columns of the covariance.
         for name, part in self._parts.items():
             of_part = Gaussian(found.mean[part], found.cov[np.ix_(part, part)])
             self._series[name].append(normalised_error(of_part, truth[part]))
@@ -51,6 +53,7 @@ def _side_by_side(means: Sequence[Array], covs: Sequence[Array]) -> Gaussian:
     if len(covs) == 1 and covs[0].ndim == 2:
         return Gaussian(mean, covs[0])
     covs = [with_trailing(cov, 1, leading=2) for cov in covs]
+    # A covariance that the runs of a step share is repeated if another step has one per run.
     widest = max((cov.shape for cov in covs), key=lambda shape: shape[-1])
     return Gaussian(mean, np.stack([np.broadcast_to(cov, widest) for cov in covs], axis=2))
 

@@ -50,6 +50,7 @@ def plain_efficiency(floor: Array, error: Array) -> Jackknifed:
 
 def cross_share(floor: Array, error: Array, distance: Array) -> Jackknifed:
     """Return the cross term over the mean square error: zero but for noise if the reference is exact."""
+    # E^2 = F^2 + D^2 + cross term
     squares = np.square(error)
     return _ratio(squares - np.square(floor) - np.square(distance), squares)
 
@@ -67,6 +68,7 @@ def runs_saved(plain: Jackknifed, controlled: Jackknifed) -> Jackknifed:
 
 def _root(part: Array, whole: Array) -> Jackknifed:
     share, influences = _ratio(part, whole)
+    # d sqrt(s) = ds / (2 sqrt(s))
     root = float(np.sqrt(share))
     return Jackknifed(root, influences / (2.0 * root))
 

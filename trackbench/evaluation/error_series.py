@@ -46,6 +46,7 @@ def series(
     """
     out: dict[str, Array] = {}
     if scenario.has_truth:
+        # Squared norm of each error vector; a scalar error keeps its sign, too.
         for quantity, error in scenario.errors(mean, truth).items():
             out[joined("squared", quantity)] = total(np.square(error), axis=0)
             if len(error) == 1:
@@ -53,6 +54,7 @@ def series(
         out["nees"] = nees
         out["outside_region"] = np.where(np.isnan(nees), np.nan, nees > _gate(len(truth)))
     if exact is not None:
+        # Squared distance to the reference's estimate.
         for quantity, error in scenario.errors(mean, exact).items():
             out[joined("rmsd", quantity)] = total(np.square(error), axis=0)
     return out
@@ -66,11 +68,13 @@ def per_run_metrics(
     ``rmse`` is eq. 14 of the hdepf paper. A name carries its window: ``rmse[k<=30]``. ``finite`` (M,)
     says whose estimates stayed within the numbers. Raises ValueError if a name would be given twice.
     """
+    # Step 1: reduce every series over the steps of each window.
     lost = lost_runs(scenario, values, finite)
     out: dict[str, Array] = {"lost": lost}
     for window, mask in scenario.windows.items():
         for name, numbers in over_steps(values, mask, counts):
             out[in_window(name, window)] = numbers
+    # Step 2: add the scenario's own metrics, whose names must be new.
     for name, numbers in checked_metrics(scenario.run_metrics(values), len(lost)).items():
         if name in out and (name == "lost" or is_reserved(name)):
             raise WrongReturnError(
@@ -79,6 +83,7 @@ def per_run_metrics(
         if name in out:
             raise ValueError(f"{name!r} is a metric of the scenario: rename the diagnostic")
         out[name] = numbers
+    # Step 3: a lost run keeps the reason; its other numbers are NaN.
     return {n: v if n == "lost" else np.where(lost > 0, np.nan, v) for n, v in out.items()}
 
 
@@ -97,8 +102,10 @@ def _of_innovations(values: dict[str, Array], mask: Mask) -> Iterator[tuple[str,
     """Yield sums over steps and components, over their number and over those of lag 0."""
     if "innovations" not in values:
         return
+    # ANIS = sum of NIS over the number of measured components.
     nis = _sum((values["anis"] * values["innovations"])[mask])
     yield "anis", nis / _sum(values["innovations"][mask])
+    # Autocorrelation = sum of lagged products over sum of squares (lag 0).
     for name, rows in values.items():
         if name.startswith("autocovariance_"):
             paired = ~np.isnan(rows[mask]).all(axis=0)
@@ -109,8 +116,10 @@ def _of_innovations(values: dict[str, Array], mask: Mask) -> Iterator[tuple[str,
 def lost_runs(scenario: Scenario, values: dict[str, Array], finite: Mask) -> Array:
     """Return why each run (M,) is lost: 0 not lost, 1 not finite, 2 error beyond ``lost_beyond``."""
     errors = [rows for name, rows in values.items() if _OF_TRUTH.match(name)]
+    # Without a truth only estimates that are not finite count as lost.
     if not errors:
         return np.where(finite, FOUND, NOT_FINITE)
+    # The first error of the scenario decides.
     first = errors[0]
     lost = np.where(finite & ~np.isinf(first).any(axis=0), FOUND, NOT_FINITE)
     limit = scenario.lost_beyond

@@ -60,6 +60,7 @@ class Sides(NamedTuple):
     def _together(self, a: float, b: float, other: float) -> float:
         if not a + b < inf:
             return inf
+        # d^2 = a^2 + b^2 - 2 rho a b, plus the hypothesis' own variance
         square = a * a + b * b - 2.0 * self.correlation * a * b
         return sqrt(max(square, 0.0) + other * other)
 
@@ -75,6 +76,7 @@ def correlation(a: Array, b: Array) -> float:
     """Return the correlation of two numbers from their influences (M,); zero without spread."""
     there = ~np.isnan(a - b)
     a, b = a[there], b[there]
+    # rho = sum a b / sqrt(sum a^2 sum b^2) over the common runs
     scale = sqrt(float(total(a * a)) * float(total(b * b)))
     return float(total(a * b)) / scale if scale > 0.0 else 0.0
 
@@ -85,11 +87,13 @@ def studentised_difference(value: float, sides: Sides, other: float = 0.0) -> fl
     if value == 0.0 or not abs(value) < inf:
         return value
     reach, distance = sides.below if value > 0.0 else sides.above, abs(value)
+    # Step 1: double z until the limit reaches zero.
     low, high = 0.0, 1.0
     while reach(high, other) < distance:
         if high > _FARTHEST:
             return copysign(inf, value)
         low, high = high, 2.0 * high
+    # Step 2: bisect between the last two z.
     while high - low > _CLOSE * high:
         z = 0.5 * (low + high)
         low, high = (z, high) if reach(z, other) < distance else (low, z)
@@ -135,6 +139,7 @@ def _limits(events: int, runs: int, tail: float) -> tuple[float, float]:
     """Return the probabilities at which the tails of so many events have this probability."""
     from scipy.special import betaincinv
 
+    # P(X >= events) = tail at the low end, P(X <= events) = tail at the high end
     low = betaincinv(events, runs - events + 1, tail) if events else 0.0
     high = 1.0 - betaincinv(runs - events, events + 1, tail) if events < runs else 1.0
     return float(low), float(high)
@@ -162,6 +167,7 @@ def share_z(events: int, runs: int, probability: float) -> float:
 
     if not 0.0 <= probability <= 1.0:
         return float("inf") if probability < 0.0 else -float("inf")
+    # Upper tail P(X >= events) of more events than expected, lower tail P(X <= events) of fewer.
     if events > runs * probability:
         return max(0.0, -float(ndtri(bdtrc(events - 1, runs, probability) if events else 1.0)))
     return min(0.0, float(ndtri(bdtr(events, runs, probability))))
@@ -192,6 +198,7 @@ def studentised(value: float, influences: Array, other: float = 0.0) -> float:
     """
     found = spread(influences, other)
     T, a = float(np.divide(value, found.stderr)), found.skewness
+    # g(T) = T + a T^2 / 3 + a^2 T^3 / 27 + a / 6
     if a != 0.0:
         T += a * (1.0 / 6.0 + T * T / 3.0 + a * T * T * T / 27.0)
     return normal_of_t(T, found.freedom)
@@ -214,6 +221,7 @@ def p_value(z: float, runs: int) -> float:
 def holm(p: Array) -> Array:
     """Return p-values (n,) adjusted for n tests (Holm 1979), in the given order; NaN is no test."""
     adjusted = np.full(len(p), np.nan)
+    # The smallest p counts n times, the next n - 1 times, ...; none is less than the one before.
     order = np.argsort(p)[: int((~np.isnan(p)).sum())]
     stepped = p[order] * np.arange(len(order), 0, -1)
     adjusted[order] = np.minimum(np.maximum.accumulate(stepped), 1.0)
@@ -248,6 +256,7 @@ def anees_band(n_x: int, runs: float, level: float = 0.95) -> tuple[float, float
     """
     from scipy.special import gammaincinv
 
+    # The chi-square quantile of n M degrees of freedom is 2 P^-1(n M / 2, p), P incomplete gamma.
     shares = [0.5 - level / 2.0, 0.5 + level / 2.0]
     low, high = 2.0 * gammaincinv(n_x * runs / 2.0, shares) / (n_x * runs)
     return float(low), float(high)
@@ -261,6 +270,7 @@ def normal_of_t(t: float, freedom: float) -> float:
     """
     if not freedom < np.inf or not abs(t) < np.inf:
         return t
+    # z = (8 f + 1) / (8 f + 3) sqrt(f log(1 + t^2 / f))
     z = np.sqrt(freedom * log(1.0 + t * t / freedom)) * (8.0 * freedom + 1.0)
     return float(np.copysign(z / (8.0 * freedom + 3.0), t))
 
@@ -270,6 +280,7 @@ def t_of_normal(z: float, freedom: float) -> float:
     """Return the inverse of `normal_of_t`."""
     if not freedom < np.inf or not abs(z) < np.inf:
         return z
+    # t = sqrt(f (exp(s^2 / f) - 1)) with s = z (8 f + 3) / (8 f + 1)
     scaled = z * (8.0 * freedom + 3.0) / (8.0 * freedom + 1.0)
     return float(np.copysign(np.sqrt(freedom * (exp(scaled * scaled / freedom) - 1.0)), z))
 
@@ -280,6 +291,7 @@ def spread(influences: Array, other: float = 0.0) -> Spread:
     M = len(x)
     if M < 2:
         return Spread(np.nan, np.nan, np.nan)
+    # Standard error sqrt(sum x^2 / (M (M - 1))); the other's variance is added.
     stderr = float(np.sqrt(total(np.square(x)) / (M * (M - 1.0))))
     whole = float(np.sqrt(stderr * stderr + other * other))
     if not stderr > 0.0:
@@ -288,6 +300,7 @@ def spread(influences: Array, other: float = 0.0) -> Spread:
     squares, share = np.square(unit), stderr / whole
     if not share**4 > 0.0:  # all of the error is the other's, which is normal
         return Spread(whole, 0.0, np.inf)
+    # Hall's a and Satterthwaite's degrees of freedom, from the third and fourth moment.
     kurtosis = float(total(np.square(squares))) / M
     a = float(total(squares * unit)) / M / np.sqrt(M) * share**3
     freedom = min(M - 1.0, 2.0 * M / max(kurtosis - 1.0, 1e-9))
@@ -298,5 +311,6 @@ def _inverse(y: float, a: float) -> float:
     """Return the T of which Hall's g is y: ``(1 + a T / 3)^3 = 1 + a (y - a / 6)``."""
     if abs(a) < 1e-6:
         return y
+    # T = 3 / a ((1 + a (y - a / 6))^(1/3) - 1)
     cube = 1.0 + a * (y - a / 6.0)
     return 3.0 / a * (float(np.copysign(power(abs(cube), 1.0 / 3.0), cube)) - 1.0)

@@ -32,6 +32,7 @@ class FilterResult(NamedTuple):
 
 def merge(blocks: Iterable[BlockResult]) -> FilterResult:
     """Concatenate per-run values and add up per-step sums, block by block in the given order."""
+    # Collect the parts of each metric and series, and add up the sums per step.
     per_run: dict[str, list[Array]] = {}
     steps: dict[str, StepSums] = {}
     kept: dict[str, list[Array]] = {}
@@ -47,6 +48,7 @@ def merge(blocks: Iterable[BlockResult]) -> FilterResult:
         if block.tracks is not None:
             tracks.append(block.tracks)
         timing.append(Timing(block.cpu_s, block.width))
+    # Join the parts along the runs.
     return FilterResult(
         per_run={name: np.concatenate(parts) for name, parts in per_run.items()},
         steps=steps,

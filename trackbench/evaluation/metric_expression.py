@@ -174,12 +174,14 @@ def measure(text: str) -> Measure:
         raise ValueError(
             f"{text!r} is no expression such as mean(rmse), rmse@20, gain(rms(rmse), PF)"
         )
+    # A statistic must be one of the known ones.
     if found["statistic"] and found["statistic"] not in (*STATISTICS, TIME_MEAN):
         known = ", ".join((*STATISTICS, TIME_MEAN))
         raise ValueError(f"{found['statistic']!r} is no statistic; known: {known}")
     words = {
         key: found[key] or "" for key in ("metric", "window", "statistic", "relation", "other")
     }
+    # The step stands inside the statistic's parentheses or after them.
     at = found["at"] or found["step"]
     steps = Steps(*at.split("..")) if at else None
     return Measure(**words, steps=steps)  # type: ignore[arg-type]

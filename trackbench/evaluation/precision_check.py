@@ -34,6 +34,7 @@ class PrecisionTarget(NamedTuple):
 
     def share(self, row: SummaryRow) -> float:
         """Return the standard error as a share of what is wanted; NaN where there is none."""
+        # The requested error: a share of the value, or a number in its unit.
         most = self.error * abs(row.value) if self.relative else self.error
         stderr = row.stderr
         if (
@@ -59,6 +60,7 @@ class PrecisionCheck(NamedTuple):
 def checkpoints(least: int, most: int) -> Iterator[int]:
     """Yield numbers of runs at which the errors are looked at: half as many again each time."""
     runs = min(least, most)
+    # n, 1.5 n, 2.25 n, ..., and the largest number last.
     while runs < most:
         yield runs
         runs = min(most, max(runs + 1, int(runs * _GROWTH)))
@@ -80,6 +82,7 @@ def check_precision(
     runs: int | None = None,
 ) -> list[PrecisionCheck]:
     """Return the numbers of one filter that are wanted, after its first ``runs`` runs."""
+    # Only the metrics behind the requested numbers, and only the first ``runs`` runs.
     names = {w.metric for w in wanted}
     parts = {_values(name) for name in names} | {_values("lost")}
     per_run: dict[str, Array] = {
@@ -87,6 +90,7 @@ def check_precision(
         for metric, values in result.per_run.items()
         if _values(metric) in parts
     }
+    # Summarize them as summary.csv does.
     rows = summary_rows(result._replace(per_run=per_run, steps={}), sizes, windows)
     found = {row.metric: row for row in rows if row.metric in names}
     return [

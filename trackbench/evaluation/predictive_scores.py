@@ -78,6 +78,7 @@ class PredictionScorer:
         self._tracker, self._model, self._rng = tracker, model, rng
         self._wanted = {"score", "prediction"}.intersection(wanted)
         self._all = measurements
+        # The filter gets NaN in place of measurements that are held out.
         self._held = held_out(measurements, hold_out) if hold_out else None
         self.visible = measurements
         if self._held is not None:
@@ -102,6 +103,7 @@ class PredictionScorer:
         if "score" in self._wanted:
             self._note(self._scores(told.after, _measured(z)))
         if "prediction" in self._wanted:
+            # The prediction is the estimate after a step without a measurement.
             nothing = freeze(np.full_like(z, np.nan))
             _, found = self._aside(told, nothing)
             self._predicted(predicted_innovation(self._model, found, z, told.k))
@@ -126,14 +128,18 @@ class PredictionScorer:
 
     def _predicted(self, seen: Innovation) -> None:
         self._note(self._errors("predicted", seen.nu))
+        # Step 1: whiten, e = L^-1 nu with S = L L'; missing components have no e.
         missing = np.isnan(seen.nu)
         number = (~missing).sum(axis=0)
         rows = linalg.whiten(linalg.cholesky(seen.S), np.where(missing, 0.0, seen.nu))
         white = np.where(missing, np.nan, np.stack(list(rows)))
+        # Step 2: NIS = e' e, over the number of measured components.
         nis = _sum_of_known(np.square(white))
         self._note({"anis": nis / number, "innovations": np.where(number, number, np.nan)})
+        # Step 3: products with the whitened innovations of the last LAGS measurements.
         for lag, earlier in enumerate(self._past, 1):
             self._note({f"autocovariance_{lag}": _sum_of_known(white * earlier)})
+        # Step 4: shift the memory by one, component by component, where there was a measurement.
         moved = np.concatenate([white[None], self._past[:-1]])
         self._past = np.where(missing, self._past, moved)
 
@@ -147,6 +153,7 @@ class PredictionScorer:
         if has_likelihood(self._tracker):
             scores = {_SCORE: np.full(len(measured), np.nan)}
             if measured.any():
+                # Log-likelihood by a step aside that is given the measurement.
                 scores = self._scores(self._aside(told, freeze(z))[0], measured)
             self._note({f"held_{_SCORE}": scores[_SCORE]})
 

@@ -25,6 +25,7 @@ def run_whole_block(task: BlockTask) -> dict[int, BlockResult]:
     """
     keep_freed_memory()
     with np.errstate(all="ignore"):  # a run that leaves the numbers is counted, not warned about
+        # Step 1: data and estimates of the whole block, of the filter and the reference.
         data = task.data
         result = run_filter_cached(
             task.filtering_key,
@@ -32,6 +33,7 @@ def run_whole_block(task: BlockTask) -> dict[int, BlockResult]:
         )
         exact = None if task.reference is None else run_filter_cached(task.reference_task, 0)
         exact_mean = None if exact is None else exact.mean
+        # Step 2: error series (T + 1, M), then the filter's diagnostics and the likelihood ratio.
         values = series(task.scenario, data.truth, result.mean, result.nees, exact_mean)
         values |= result.diagnostics
         if exact is not None and "likelihood_ratio" in task.predictive_metrics:
@@ -61,9 +63,11 @@ def _trimmed(
     per_run: dict[str, Array],
     used: int,
 ) -> BlockResult:
+    # Keep the first ``used`` runs of every series and metric.
     values = {name: rows[:, :used] for name, rows in values.items()}
     per_run = {name: numbers[:used] for name, numbers in per_run.items()}
     kept = [name for name in task.keep_steps if name in values]
+    # Whole tracks of the first runs, for figures.
     tracks, shown = None, task.runs_with_tracks_among(used)
     if shown:
         cov = None if result.cov is None else result.cov[..., :shown]
@@ -71,6 +75,7 @@ def _trimmed(
         tracks = Tracks(data.truth[..., :shown], seen, result.mean[..., :shown], cov)
     return BlockResult(
         per_run=per_run,
+        # Training runs (index < 0) have no sums per step.
         steps={
             name: step_sums(rows, per_run["lost"])
             for name, rows in values.items()

@@ -66,9 +66,11 @@ def _share(
     sizes: Mapping[str, int],
 ) -> Array | None:
     if m.steps is None:
+        # A time mean: each run's share of it, over the window's steps.
         mask = windows.get(m.window)
         found = result.per_run["lost"] == FOUND
         return None if mask is None else time_mean_shares(rows[mask], found)
+    # At a step: each run's error there; a squared one is rooted.
     number = steps[-1] if m.steps.first == "last" else int(m.steps.first)
     if number not in steps:
         return None
@@ -87,11 +89,14 @@ def time_mean_shares(squared: Array, found: Mask) -> Array:
     """
     there = ~np.isnan(squared) & found
     number = there.sum(axis=1)
+    # Leave out the steps at which no run has an error.
     kept = number > 0
     there, number = there[kept], number[kept]
     squares = np.where(there, squared[kept], 0.0)
+    # MSE_k and RMSE_k over the runs with an error at step k
     mse = total(squares) / number
     rmse = np.sqrt(mse)
+    # d mean_k RMSE_k: sum_k (e_km^2 - MSE_k) M / (2 N_k RMSE_k K) for run m
     weight = np.where(rmse > 0.0, found.sum() / (2.0 * number * rmse), 0.0) / len(number)
     influences = np.where(there, squares - mse[:, None], 0.0) * weight[:, None]
     return np.where(found & bool(len(number)), mean(rmse) + total(influences, axis=0), np.nan)

@@ -57,6 +57,7 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
     filter writes to what it is given, or gives back what is no estimate.
     """
     tracker, model = task.filter, freeze(task.assumed_scenario.model)
+    # The scores' own stream leaves the filter's random numbers as they are without scores.
     rng, aside = block_stream(task.seed, task.index), aside_stream(task.seed, task.index)
     telling = PredictionScorer(
         tracker, model, data.measurements, task.predictive_metrics, task.hold_out, aside
@@ -64,12 +65,14 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
     prior, kept, clock = prior_of(data, model), _Recorder(task, data, model, covariances), _Clock()
     with _sealed(task, data, telling.visible, prior, model):
         with clock:
+            # Step 1: initialize from the prior.
             state = tracker.init(model, prior, rng)
             found = tracker.estimate(state)
         states = [state]
         if not tracker.smooths:
             kept.add(state, found)
         check_axes(found, prior.mean)
+        # Step 2: one timed step per measurement; recording and scoring are not timed.
         for i, k in enumerate(task.scenario.steps[1:].tolist()):
             before = state if telling.disabled else telling.snapshot(state)
             with clock:
@@ -80,10 +83,12 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
                 states.append(state)
             else:
                 kept.add(state, found)
+            # Score with the state before the step, from which the measurement is predicted.
             if not telling.disabled:
                 telling.add(Step(before, state, found, k), i)
         if tracker.smooths:
             with clock:
+                # Step 3: a smoother goes back through all states; these estimates are recorded.
                 smoothed = tracker.smoothed(model, states, int(task.scenario.steps[0]))
             for state, found in zip(states, smoothed, strict=True):
                 kept.add(state, found)
@@ -137,6 +142,7 @@ class _Recorder:
     def add(self, state: Any, found: Gaussian) -> None:
         """Record a step's state and estimate; score the truth's components of the estimate."""
         check_estimate(found, self._sizes, self._task.width)
+        # Drop the components that only the filter's motion has: the truth has none of them.
         (n, _), truth = self._sizes, self._data.truth[:, len(self._means)]
         if len(found.mean) > n:
             found = Gaussian(found.mean[:n], found.cov[:n, :n])
@@ -158,9 +164,11 @@ class _Recorder:
         nees = errors.pop("nees")
         names = self._noted[0] if self._noted else {}
         check_names(names)
+        # Diagnostics start at the first measurement: NaN at the first state.
         series = {name: after_first(np.stack([n[name] for n in self._noted])) for name in names}
         series |= errors
         series |= {n: np.stack([o[n] for o in self._observed]) for n in self._observed[0]}
+        # Covariances of the shown runs (n, n, T + 1, r).
         cov = np.stack(self._covs, axis=2) if self._covs else None
         return FilterOutput(np.stack(self._means, axis=1), nees, cov, series | told, cpu_s)
 

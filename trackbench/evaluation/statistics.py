@@ -64,6 +64,7 @@ def median(x: Array) -> Estimate:
     if M < 2:
         return Estimate(_mean(x), np.nan)
     deviations = min(1.96, np.sqrt(M))  # ranks cannot leave the sample
+    # Quantiles at 1/2 -+ 1.96 / (2 sqrt(M)) are 2 * 1.96 standard errors apart.
     share = 0.5 * deviations / np.sqrt(M)
     low, middle, high = _quantiles(x, [0.5 - share, 0.5, 0.5 + share])
     return Estimate(middle, (high - low) / (2.0 * deviations))
@@ -88,11 +89,13 @@ def _of_mean(x: Array) -> Array:
 
 def _of_rms(x: Array) -> Array:
     squares, M = np.square(x), len(x)
+    # Mean square of the other runs, from which the jackknife takes the root.
     others = np.maximum(total(squares) - squares, 0.0) / max(M - 1, 1)
     return _left_out(float(np.sqrt(_mean(squares))), np.sqrt(others))
 
 
 def _of_deviation(x: Array) -> Array:
+    # ds = ((x - m)^2 - s^2) / (2 s)
     squares = np.square(x - _mean(x))
     return (squares - _mean(squares)) / (2.0 * np.sqrt(_mean(squares)))
 
@@ -139,6 +142,7 @@ OVER_RUNS = STATISTICS | {
 def mean_from_sums(total: Array, squares: Array, count: Array) -> Estimates:
     """Return the mean and standard error from sums, sums of squares and numbers of values, each (n,)."""
     value = total / count
+    # s^2 = (sum x^2 - M m^2) / (M - 1), and the mean's variance s^2 / M
     spread = np.maximum(squares - count * np.square(value), 0.0) / (count - 1)
     return Estimates(value, np.where(count < 2, np.nan, np.sqrt(spread / count)))
 
@@ -171,12 +175,14 @@ def influence_of_ratio(a: float, b: float, of_a: Array, of_b: Array) -> Array:
     """
     others = max(int((~np.isnan(of_a + of_b)).sum()) - 1, 1)
     whole = float(np.divide(a, b))  # of floats: Python's own refuses a zero
+    # Without run m, a is a - of_a / (M - 1), and b likewise.
     return _left_out(whole, (a - of_a / others) / (b - of_b / others))
 
 
 def _left_out(value: float, without: Array) -> Array:
     """Return centered influences from a number and its values without each run (jackknife)."""
     there = ~np.isnan(without)
+    # (M - 1) (value - value without run m)
     moved = (int(there.sum()) - 1.0) * (value - without)
     return np.asarray(moved - _mean(moved[there]))
 
@@ -220,6 +226,7 @@ def _rank_interval(x: Array, level: float) -> tuple[float, float]:
 
     n, tail = len(x), 0.5 - level / 2.0
     first = max(0, int(n / 2.0 - 20.0 * np.sqrt(n)))  # forty standard deviations below the middle
+    # k - 1 is the largest j with P(X <= j) below the tail, X binomial (n, 1/2).
     below = bdtr(np.arange(first, n // 2 + 1), n, 0.5)
     k = first + int(np.searchsorted(below, tail))
     if k == 0:

@@ -60,8 +60,10 @@ def summary_rows(
             yield SummaryRow(metric, *mean(found), len(found), lost)
         if share or of.metric == "lost":
             continue
+        # Every statistic of the runs' values, lost runs left out.
         for name, statistic in STATISTICS.items():
             yield SummaryRow(f"{name}({metric})", *statistic(found), len(found), lost)
+        # Means per component, such as ANEES = NEES / n.
         for row, n in per_component(of, sizes):
             value, stderr = mean(found)
             yield SummaryRow(row, value / n, stderr / n, len(found), lost)
@@ -86,8 +88,10 @@ def _time_means(
                 there = mask & (number > 0)
                 if there.any():
                     row = f"{TIME_MEAN}({in_window(name, window)})"
+                    # RMSE over the runs at each step, then its mean over the steps.
                     steps = rooted(mean_from_sums(total[there], squares[there], number[there]))
                     value, stderr = average(np.stack(steps)).tolist()
+                    # The runs' shares give the standard error; without shares it is an upper bound.
                     shares = result.per_run.get(row)
                     if shares is not None:
                         stderr = mean(shares[~np.isnan(shares)]).stderr
@@ -97,6 +101,7 @@ def _time_means(
 def step_rows(result: FilterResult, sizes: Mapping[str, int]) -> Iterator[StepRow]:
     """Yield ``rmse`` (hdepf eq. 16), ``bias``, ``std`` (adaptive-kf eqs. 13, 14), other means."""
     for name, sums in result.steps.items():
+        # From the sums: metrics at the steps where any run has a value.
         there = np.flatnonzero(sums.number)
         columns = [
             (metric, found.value[there].tolist(), found.stderr[there].tolist())
@@ -106,6 +111,7 @@ def step_rows(result: FilterResult, sizes: Mapping[str, int]) -> Iterator[StepRo
         for j, i in enumerate(there.tolist()):
             for metric, value, stderr in columns:
                 yield StepRow(i, metric, value[j], stderr[j], int(numbers[j]))
+    # From the stored series of all runs: medians.
     for name, rows in result.run_series.items():
         for i, row in enumerate(_found(rows)):
             if len(row):
@@ -117,6 +123,7 @@ def bound_summary(bounds: Mapping[str, Array], windows: Mapping[str, Mask]) -> I
     for window, mask in windows.items():
         for quantity, bound in bounds.items():
             metric = in_window(joined("rmse", quantity), window)
+            # A bound has no runs: no standard error, and both counts are zero.
             rms = float(np.sqrt(average(np.square(bound[mask]))))
             yield SummaryRow(f"rms({metric})", rms, float("nan"), 0, 0)
             yield SummaryRow(
@@ -135,6 +142,7 @@ def _step_metrics(
     name: str, sums: StepSums, sizes: Mapping[str, int]
 ) -> Iterator[tuple[str, Estimates]]:
     """Yield the metrics of one series at every step (T + 1,), NaN where no run has a value."""
+    # The metric's definition decides: root of a mean square, spread, or mean per component.
     average = mean_from_sums(*sums)
     for metric, full in metrics_of(name):
         n = sizes[metric_of(name)[1]] if metric.per_component else 1
@@ -149,6 +157,7 @@ def _step_metrics(
 def _spread(total: Array, squares: Array, number: Array) -> Estimates:
     """Return standard deviations over runs; their standard errors as of normal values."""
     with np.errstate(all="ignore"):
+        # s = sqrt(E x^2 - (E x)^2), and its standard error s / sqrt(2 M)
         std = np.sqrt(np.maximum(squares / number - np.square(total / number), 0.0))
         return Estimates(std, std / np.sqrt(2.0 * number))
 

@@ -61,6 +61,7 @@ def measure(tasks: Sequence[BlockTask], guard: Guard = nullcontext) -> list[Meas
     keep_freed_memory()
     found = [_tried(guard, _Sample, task) for task in tasks]
     for repeat in range(REPEATS):
+        # A B C, then C B A
         for i in range(len(tasks))[:: -1 if repeat % 2 else 1]:
             if isinstance(sample := found[i], _Sample):
                 found[i] = _tried(guard, sample.repeated)
@@ -92,6 +93,7 @@ class _Sample:
         self._data, self._steps = task.data, task.scenario.steps[1:].tolist()
         self._operations = operations(task)
         kept, each = self._passed()
+        # A repeat takes about _REPEAT_S: a group of kept steps, stepped in as many rounds as fit.
         at_once = min(len(kept), max(1, int(_REPEAT_S / each)))
         self._groups = [kept[i : i + at_once] for i in range(0, len(kept), at_once)]
         self._rounds = max(1, int(_REPEAT_S / (each * at_once)))
@@ -100,11 +102,13 @@ class _Sample:
     def _passed(self) -> tuple[list[_Step], float]:
         """Run the block, twice if quick; return the recorded steps and CPU seconds per step."""
         T, spent = len(self._steps), np.empty(0)
+        # The least of several times of a step is the one that was disturbed least.
         for _ in range(_AGAIN):
             kept, seconds = self._through_block()
             spent = np.minimum(seconds, spent) if len(spent) == len(seconds) else seconds
             if spent.sum() > _PASS_S / 10.0:
                 break
+        # Each step's share of a run: as measured in a whole pass, else by its operations.
         whole = len(spent) == T and spent.all()
         shares = spent / spent.sum() if whole else _shares(self._operations, T)
         steps = [_Step(state, i, float(shares[i])) for i, state in kept.items()]
@@ -114,7 +118,9 @@ class _Sample:
         """Step through the block, or its beginning; the kept states, and each step's CPU seconds."""
         task, T = self._task, len(self._steps)
         rng, kept, spent = block_stream(task.seed, 0), {}, np.zeros(T)
+        # Keep an early step and the middles of _KEPT equal parts of the block.
         wanted = {min(_EARLY, T - 1), *((2 * j + 1) * T // (2 * _KEPT) for j in range(_KEPT))}
+        # Time each step, the kept ones several times; stop once the pass takes too long.
         state = task.filter.init(self._model, prior_of(self._data, self._model), rng)
         for i in range(T):
             again = []
@@ -150,6 +156,7 @@ class _Sample:
             block_stream(self._task.seed, 0),
             self._groups[len(self._seconds) % len(self._groups)],
         )
+        # Copies of the states come first, so that only the steps are timed.
         steps = [(self._copy(step.state), step.i) for _ in range(self._rounds) for step in group]
         started = _clock()
         for state, i in steps:
@@ -163,10 +170,13 @@ class _Sample:
         A repeat stands for all groups by how far it is from the median of its own: one group may
         resample and another not.
         """
+        # Repeats go round the groups: own (groups,) is each group's median.
         turns = np.arange(len(self._seconds)) % len(self._groups)
         own = np.array([np.median(np.array(self._seconds)[turns == g]) for g in set(turns)])
+        # Seconds of a run = seconds of all groups over the groups' share in a run.
         of_run = own.sum() / sum(step.share for group in self._groups for step in group)
         seconds = of_run * np.array(self._seconds) / np.maximum(own, _LEAST**2)[turns]
+        # Mean operations of a step; a filter that notes none has none.
         likelihoods, covariances = self._operations.mean(axis=1).tolist()
         hidden = not self._operations.any()
         noted = (None, None) if hidden else (likelihoods, covariances)
@@ -187,6 +197,7 @@ def operations(task: BlockTask) -> Array:
     data = simulate(task.scenario.without_scoring, task.seed, 0, 1)
     rng, found = block_stream(task.seed, 0), []
     state = tracker.init(model, prior_of(data, model), rng)
+    # Count the operations of the first steps of one run.
     for i, k in enumerate(task.scenario.steps[1 : _COUNTED + 1].tolist()):
         with counting() as counts:
             state = tracker.step(model, state, data.measurements[:, i], k, rng)

@@ -40,18 +40,21 @@ def at_step(pit: Array) -> Histogram:
     """
     from scipy.special import chdtrc
 
+    # Step 1: shares of the tenths, with binomial standard errors sqrt(p (1 - p) / M).
     pit = pit[~np.isnan(pit)]
     M, places = len(pit), places_of(pit)
     shares = total(in_tenths(pit, places)) / max(M, 1)
     stderr = np.sqrt(shares * (1.0 - shares) / max(M, 1))
     if M < TENTHS:
         return Histogram(shares, stderr, M)
+    # Step 2: Pearson's test; a group of ranks expects runs in proportion to its places.
     cells = places or TENTHS
     groups = min(cells, TENTHS)
     group_of = np.arange(cells) * groups // cells
     counts = np.bincount(group_of[_cells(pit, cells)], minlength=groups)
     expected = np.bincount(group_of) * (M / cells)
     p = float(chdtrc(groups - 1, float(total(np.square(counts - expected) / expected))))
+    # Step 3: Kolmogorov's test of the whole distribution.
     distance = kolmogorov(pit, places)
     return Histogram(shares, stderr, M, distance, kolmogorov_p(distance, M), p)
 
@@ -64,6 +67,7 @@ def over_steps(shares: Array) -> Histogram:
     """
     from scipy.special import fdtrc
 
+    # Step 1: mean share of each tenth and the runs' covariance of the shares.
     shares = shares[:, ~np.isnan(shares).any(axis=0)]
     M = shares.shape[1]
     if M <= TENTHS:
@@ -72,12 +76,15 @@ def over_steps(shares: Array) -> Histogram:
     off = shares - centre[:, None]
     covariance = np.array([[float(total(a * b)) for b in off] for a in off]) / (M - 1.0)
     variance = linalg.diagonal(covariance)
+    # Step 2: Kolmogorov's distance, at the edges of the tenths.
     edges = np.add.accumulate(centre) - np.arange(1, TENTHS + 1) / TENTHS
     distance = float(np.abs(edges).max())
+    # Step 3: Hotelling's test of all tenths but the last.
     n, p = TENTHS - 1, 0.0  # the last share is what is left of one
     if (variance > 0.0).all():  # each tenth has some truth
         p = np.nan  # fewer than ten places: their shares in tenths depend on each other
         if not linalg.is_singular(covariance[:n, :n]):
+            # T^2 = M (c - 1/10)' S^-1 (c - 1/10); (M - n) T^2 / (n (M - 1)) is F(n, M - n).
             T2 = M * float(linalg.mahalanobis(centre[:n] - 1.0 / TENTHS, covariance[:n, :n]))
             p = float(fdtrc(n, M - n, T2 * (M - n) / (n * (M - 1.0))))
     return Histogram(centre, np.sqrt(variance / M), M, distance, p=p)
@@ -88,11 +95,13 @@ def places_of(pit: Array) -> int:
     if len(pit) < TENTHS:
         return 0
     sizes = np.arange(3, _MOST_PLACES)
+    # Try all sizes on ten values, and those that remain on all values.
     few = _are_middles(pit[:TENTHS, None], sizes).all(axis=0)  # leaves few sizes
     return next((int(size) for size in sizes[few] if _are_middles(pit, size).all()), 0)
 
 
 def _are_middles(pit: Array, sizes: Index) -> Mask:
+    # u = (i + 0.5) / N is the middle of place i, so that u N - 0.5 is whole.
     at = pit * sizes - 0.5
     return np.abs(at - np.rint(at)) < _OFF_A_PLACE
 
@@ -104,9 +113,11 @@ def kolmogorov(pit: Array, places: int = 0) -> float:
     """
     M = len(pit)
     if places:
+        # Of ranks: compare at the end of each place.
         shares = np.bincount(_cells(pit, places), minlength=places) / M
         ends = np.arange(1, places + 1) / places
         return float(np.abs(np.add.accumulate(shares) - ends).max())
+    # Otherwise sup |F_M - u| is reached just before or at one of the sorted values.
     ordered, steps = np.sort(pit), np.arange(M + 1) / M
     return float(np.maximum(steps[1:] - ordered, ordered - steps[:-1]).max())
 

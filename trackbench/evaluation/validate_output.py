@@ -44,6 +44,7 @@ def check_estimate(found: Gaussian, sizes: tuple[int, int], runs: int) -> None:
     except AttributeError:
         what = f"an estimate is a Gaussian, and this is a {type(found).__name__}"
         raise WrongReturnError("estimate", what) from None
+    # The truth's number of components, or that of the assumed motion.
     n = sizes[0] if _is_real(mean, (sizes[0], runs)) else sizes[1]
     if not _is_real(mean, (n, runs)):
         raise _refused("estimate", "the mean of the estimate", mean, (n, runs))

@@ -74,6 +74,7 @@ def extended_prediction(model: Model, state: Gaussian, k: int, assumed: AssumedN
 def extended_transition(model: Model, state: Gaussian, k: int, assumed: AssumedNoise) -> Transition:
     """Return the prediction of x_k and its covariance with x_{k-1}, P F', linearized at the mean."""
     F = cast(DifferentiableMotion, model.motion).jacobian(state.mean, k)
+    # cov(x_{k-1}, x_k) = P F'
     cross = linalg.matmul(state.cov, linalg.transpose(F))
     return Transition(extended_prediction(model, state, k, assumed), cross)
 
@@ -149,12 +150,14 @@ def point_transition(
     Q = assumed.transition(model, state.mean, k).cov
     if augmented:
         R = assumed.measurement(model, state.mean, k).cov
+        # Points of state and noises (x, v, n): the process noise moves the points.
         joint = _augment(state, Q, R)
         points = rule.points(joint.mean, joint.cov)
         x = points.x[:n_x]
         moved = assumed.transition(model, x, k).mean + points.x[n_x : 2 * n_x]
         predicted = points.moments(moved)
     else:
+        # Points of the state alone: Q is added to their covariance.
         points = rule.points(state.mean, state.cov)
         x = points.x
         moved = assumed.transition(model, x, k).mean
@@ -180,6 +183,7 @@ def additive_step(
 def _additive_update(
     model: Model, predicted: Gaussian, z: Array, k: int, assumed: AssumedNoise, rule: PointRule
 ) -> Updated:
+    # New points of the prediction; R is added to the covariance of their measurements.
     points = rule.points(predicted.mean, predicted.cov)
     R = assumed.measurement(model, predicted.mean, k).cov
     R = with_trailing(R, predicted.mean.ndim - 1, leading=2)

@@ -22,6 +22,7 @@ class Schedule(NamedTuple):
     def check(self, own: Timeline | None) -> None:
         """Raise InvalidKeyError if there is no step, or are too many, of these or the target's own."""
         if own is not None:
+            # Recorded data number the steps: only the last one can be chosen.
             if self.first:
                 raise InvalidKeyError("the recorded data say it", "first")
             steps = own.steps[self.skipped + 1 :]
@@ -29,6 +30,7 @@ class Schedule(NamedTuple):
                 what = f"what is recorded is measured in steps {steps[0]} to {steps[-1]}"
                 raise InvalidKeyError(what, "last")
             return
+        # Otherwise the keys must give a step after the start's scans, and not too many.
         if self.last is None:
             raise InvalidKeyError("`last` is required: the target has no steps of its own")
         if self.last - self.first > MOST_STEPS:
@@ -49,5 +51,6 @@ class Schedule(NamedTuple):
         if self.last is not None:
             end = int(np.searchsorted(own.steps, self.last, side="right"))
             own = own._replace(steps=own.steps[:end], times=own.times[:end])
+        # Shift all times so that the first one is `begin`.
         shift = 0.0 if self.begin is None else self.begin - own.times[0]
         return own._replace(times=own.times + shift) if shift else own

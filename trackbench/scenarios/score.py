@@ -72,6 +72,7 @@ class Score:
 
     def check(self, components: tuple[str, ...], steps: Index) -> None:
         """Raise InvalidKeyError for steps outside the run, and for parts of a scalar."""
+        # The ends of the run stand for steps that the config leaves out.
         first, last = (
             there if asked is None else asked
             for asked, there in zip(self.steps, (steps[0], steps[-1]), strict=True)
@@ -81,6 +82,7 @@ class Score:
             raise InvalidKeyError(what, "score", "steps")
         if self.marginals and not _is_moving(components):
             raise InvalidKeyError("the state has no such parts", "score", "marginals")
+        # Further errors: a usable name, and known components.
         for name, group in self.errors.items():
             if not name.isidentifier():
                 what = f"{name!r} cannot be the name of an error: letters, digits and _"
@@ -106,6 +108,7 @@ class Score:
             what = f"training sees steps up to {last}, and none is scored before {first}"
             raise InvalidKeyError(what, "score", "steps")
         end = last if end is None else min(end, last)
+        # Drop windows without a step of the training.
         windows = tuple(w for w in self.windows if w.overlaps(first or 0, end))
         return replace(self, train=None, steps=(first, end), windows=windows)
 
@@ -146,6 +149,7 @@ class Score:
         self, sensor: Sensors, components: tuple[str, ...], P: Array, x: Array
     ) -> dict[str, Array]:
         """Return mean squared errors (K,) of the same, of covariances P (n, n, K) at states x (n, K)."""
+        # Mean squared error = trace of P over the quantity's components.
         out = {
             name: np.add.reduce([P[i, i] for i in rows])
             for name, rows in self._rows(components).items()
@@ -165,8 +169,10 @@ def diverged(values: Mapping[str, Array], settled: bool) -> Array:
     """
     outside = values.get("outside_region", np.full((1, 1), np.nan))
     if settled:
+        # Move the estimates that exist to the end: recorded runs may end early.
         order = np.argsort(~np.isnan(outside), axis=0, kind="stable")
         outside = np.take_along_axis(outside, order, axis=0)
+    # The minimum of the last ten flags is 1 if all of them are outside.
     return np.asarray(outside[-_IN_A_ROW:].min(axis=0))
 
 

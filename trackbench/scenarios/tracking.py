@@ -59,6 +59,7 @@ class Tracking(Scenario):
     """what errors are measured, and over which steps"""
 
     def __post_init__(self) -> None:
+        # The timeline needs a valid start, and the scoring needs the timeline.
         self._start.check(self.components, self.true_sensor)
         self._schedule.check(self._own_timeline)
         self.target.check(self._timeline)
@@ -147,10 +148,12 @@ class Tracking(Scenario):
         if motion is None:
             what = "name the motion that filters assume: the target has none of its own"
             raise InvalidKeyError(what, "assume")
+        # The motion's first components are the target's; more may follow.
         sampled = self._sampled(motion)
         if sampled.components[: len(self.components)] != self.components:
             what = f"a motion of {', '.join(sampled.components)} for {', '.join(self.components)}"
             raise InvalidKeyError(what, "assume")
+        # The assumed sensor has the true sensor's components.
         sensor = (
             self.true_sensor
             if self.assume.sensor is None
@@ -233,6 +236,7 @@ class Tracking(Scenario):
         if not self.target.is_moving:
             return None
         state = self.target.start(self._timeline)
+        # Covariance of the position: inverse of its block of H' R^-1 H.
         information = self.true_sensor.information(state, self.first, certain=True)
         position = information[0::2, 0::2]
         if len(information) < 2 or np.isnan(position).any() or linalg.is_singular(position):
@@ -255,12 +259,15 @@ class Tracking(Scenario):
 
     def simulate(self, rng: Streams, runs: int) -> Simulation:
         """Return the truth, the measurements that filters are given, and their prior."""
+        # Step 1: the true first state, drawn by some starts for a driven target.
         nominal = start = repeated(self.target.start(self._timeline), runs)
         driven = self.target.own_motion is not None
         if driven:
             start = self._start.truth(nominal, rng)
+        # Step 2: the truth and its measurements; the start uses up the first scans.
         flight = self.target.fly(start, self._timeline, self.true_sensor, rng, self._start.scans)
         scans, seen = np.split(flight.seen, [self._start.scans], axis=1)
+        # Step 3: the prior from these scans, or from knowledge of the first state.
         line = self._timeline
         T = line.T if line.apart is None else line.apart
         if isinstance(T, np.ndarray):
@@ -305,10 +312,12 @@ class Tracking(Scenario):
         initial = self._start.bound(
             path, self.first, self.true_sensor, self.T, self.target.diffusion
         )
+        # Information H' R^-1 H of each measurement after the first state.
         gained = (
             self.true_sensor.information(x, k)
             for k, x in list(zip(steps, path.T, strict=True))[self._skipped + 1 :]
         )
+        # J' = (Q + F J^-1 F')^-1 + H' R^-1 H from the covariance of the start, J_0^-1.
         P = posterior_cramer_rao(initial, motion.F[:n, :n], motion.Q[:n, :n], gained)
         x = path[:, self._skipped :]
         squares = self.score.squares(self.true_sensor, self.components, P, x)

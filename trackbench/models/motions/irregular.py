@@ -68,5 +68,6 @@ def sample_alike(motion: Motion, other: SampledMotion) -> SampledMotion:
     """Return the motion over the intervals, and along the axes, of another."""
     if isinstance(other, Irregular):
         return Irregular(motion, other.axes, other.first, other.intervals)
+    # Each axis has two components; further ones come after them.
     axes = (len(other.components) - len(extra_std(other))) // 2
     return motion.sampled(other.T, axes)  # type: ignore[attr-defined]

@@ -106,6 +106,7 @@ class RungeKuttaStep(Step):
         """Return the states at step k for states x (n, *batch) at step k - 1."""
         h = self.T / self.substeps
         for i in range(self.substeps):
+            # x + h/6 (k1 + 2 k2 + 2 k3 + k4)
             x = x + h / 6.0 * sum_of_slopes(*(slope for slope, _ in self._stages(x, k, i)))
         return x
 
@@ -136,6 +137,7 @@ class RungeKuttaStep(Step):
                 J = with_trailing(self.J(at, k, t), x.ndim - 1, leading=2)
                 inner = identity + (ahead * h) * slopes[-1] if slopes else identity
                 slopes.append(linalg.matmul(J, inner))
+            # Chain rule: F = (I + h/6 (K1 + 2 K2 + 2 K3 + K4)) F
             F = linalg.matmul(identity + h / 6.0 * sum_of_slopes(*slopes), F)
             x = x + h / 6.0 * sum_of_slopes(*(slope for slope, _ in stages))
         return F
@@ -202,6 +204,7 @@ class MapMotion(EquationMotion):
     def sampled(self, T: float, axes: int = 1) -> SampledMotion:
         """Return the motion from step to step; of linear equations with constant noise a `Linear`."""
         f, jacobian, Q = self._compiled(T)
+        # Linear: the Jacobian and Q are constant, and f(0) = 0.
         F = jacobian.constant
         if F is not None and Q.constant is not None and f.is_zero_at_zero():
             return Linear(T, F, Q.constant, self.components)

@@ -143,6 +143,7 @@ def _sinc(u: Array) -> Array:
 def _sinc_slope(u: Array) -> Array:
     """Return the derivative of ``sin(u) / u``: its series near zero, else (cos u - sin(u) / u) / u."""
     near_zero, square = np.abs(u) < 0.1, u * u
+    # -u / 3 + u^3 / 30 - u^5 / 840 + u^7 / 45360
     series = u * (-1 / 3 + square * (1 / 30 + square * (-1 / 840 + square / 45360)))
     large = np.where(near_zero, 1.0, u)
     return np.where(near_zero, series, (cos_sin(large)[0] - _sinc(large)) / large)

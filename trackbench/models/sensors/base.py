@@ -103,6 +103,7 @@ class SensorBase(Part):
         state = x[:, None]
         H, R = self.jacobian(state, k), self.measurement(state, k).cov
         H, R = (A[..., 0] if A.ndim > 2 else A for A in (H, R))
+        # H' R^-1 H, weighted by the probability of a measurement at step k
         information = linalg.sandwich(linalg.transpose(H), linalg.inverse(R))
         due = not (k - self.offset) % self.period
         return information if certain else information * (float(self.detection) if due else 0.0)

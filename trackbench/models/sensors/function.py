@@ -68,6 +68,7 @@ class FunctionSensor(SensorBase):
     def measurement(self, x: Array, k: int) -> Gaussian:
         """Return N(h(x, k), R) for x (n_x, *batch), of which the first components are the state's."""
         h, _, R = self._programs
+        # Further components of a filter's state do not enter h.
         x = x[: len(self.state)]
         mean = with_trailing(h(x, k), x.ndim - 1)
         return Gaussian(np.broadcast_to(mean, (len(mean), *x.shape[1:])), R(x, k))
@@ -83,6 +84,7 @@ class FunctionSensor(SensorBase):
     def jacobian(self, x: Array, k: int) -> Array:
         """Return dh/dx (n_z, n_x[, *batch]); zero for components of a filter's own."""
         H = self._programs[1](x[: len(self.state)], k)
+        # Columns of zeros for the further components of a filter's state.
         padding = [(0, 0), (0, len(x) - len(self.state)), *[(0, 0)] * (H.ndim - 2)]
         return np.pad(H, padding)
 

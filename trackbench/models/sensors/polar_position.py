@@ -37,6 +37,7 @@ class PolarPosition(Radar):
     def draw(self, x: Array, k: int, noise: Array) -> Array:
         """Draw range and azimuth (2, M) with their errors, and convert them to a position."""
         r, a = self.polar(x, k)
+        # z = (r + w_r) (cos, sin)(a + w_a)
         relative = position(r + self.sigma_range * noise[0], a + self.sigma_azimuth * noise[1])
         return self.absolute_position(relative, k)
 

@@ -96,6 +96,7 @@ class Radar(AngularSensor):
         return {
             "range": polar[0, 0],
             "mean_range": polar[0, 0],
+            # A variance in degrees squared: converted twice.
             "azimuth_deg": np.rad2deg(np.rad2deg(polar[1, 1])),
             "radial": along_across[0, 0],
             "cross": along_across[1, 1],

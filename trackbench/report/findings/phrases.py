@@ -28,6 +28,7 @@ def ranking(values: Mapping[str, float], better: Better, what: str) -> str:
         return ""
     if len(alike := {three_digits(value) for value in there.values()}) == 1:
         return f"{what}, all have {alike.pop()}."
+    # Best first: the first three and the last are named.
     order = sorted(there, key=lambda label: _far(there[label], better))
     first, last = _BEST[better]
     told = [f"{named(label)} ({three_digits(there[label])})" for label in order]

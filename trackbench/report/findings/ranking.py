@@ -116,6 +116,7 @@ def best_settings(results: Results) -> list[Ranking]:
     for where in scenes(results) if metric else []:
         settings = list(_settings(results, points_of(results, where), metric))
         for label in dict.fromkeys(c.label for c in settings if c.own):
+            # One ranking for each filter with several values.
             mine = [c for c in settings if c.label == label]
             if len(mine) > 1:
                 found.append(mine)
@@ -156,13 +157,16 @@ def ranking_of(
     """
     measure = measured(metric)
     sign = -1.0 if measure.family[0].more_is_better else 1.0
+    # Step 1: set the reference apart; sort the filters, each at its best values, by their means.
     floor = next((c for c in settings if c.label == reference), None)
     tried = [c for c in settings if c.label != reference]
     ranked = sorted(tried if apart else _best_of_each(tried, sign), key=lambda c: _rank(c, sign))
+    # Step 2: take out filters that lose more runs, and those without a mean.
     losing = _losing(ranked)
     rivals = [c for c in ranked if c not in losing and isfinite(c.mean.value)]
     losing += [c for c in ranked if c not in rivals and c not in losing and c.losses]
     chosen, runs = len(tried) > len(ranked), max((len(c.lost) for c in ranked), default=0)
+    # Step 3: compare the first of the others with all the rest on common runs.
     found = Ranking({}, measure, None, [], [], losing, floor, chosen, runs)
     if not rivals or not isfinite(rivals[0].mean.stderr):
         return found
@@ -198,6 +202,7 @@ def _settings(
         seen = set()
         for point in points:
             runs, own = results.runs(point), own_values(results, point, label)
+            # Each set of values counts once, at the first point that has it.
             if str(own) not in seen and (label, "lost") in runs:
                 seen.add(str(own))
                 lost = runs[label, "lost"]
@@ -215,6 +220,7 @@ def _best_of_each(settings: Sequence[Candidate], sign: float) -> list[Candidate]
     best = []
     for label in dict.fromkeys(c.label for c in settings):
         mine = [c for c in settings if c.label == label]
+        # Values with which a filter loses more runs are out, unless no others are left.
         losing = _losing(mine)
         best.append(min([c for c in mine if c not in losing] or mine, key=lambda c: _rank(c, sign)))
     return best
@@ -225,6 +231,7 @@ def _losing(found: Sequence[Candidate]) -> list[Candidate]:
     tests = [(a, b) for a in found for b in found if a is not b and len(a.lost) == len(b.lost)]
     if not any(c.losses for c in found):
         return []
+    # Test every ordered pair; a filter that loses no run cannot lose more than another.
     p = [chance_of_losing_more(a.lost, b.lost) if a.losses else 1.0 for a, b in tests]
     losing = {a for (a, _), chance in zip(tests, holm(np.array(p)), strict=True) if chance < LEVEL}
     return [c for c in found if c in losing]

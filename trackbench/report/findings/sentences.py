@@ -64,6 +64,7 @@ def cost(results: Results, standing: Ranking) -> str:
     if not as_good:
         return ""
     cheapest, most = as_good[0], as_good[-1]
+    # One best filter; several of which one is clearly cheapest; or several, as a range.
     if len(as_good) == 1:
         text = f"A run of {cheapest.name} takes {cheapest} of CPU time"
     elif all(time.above(cheapest) for time in as_good[1:]):
@@ -104,6 +105,7 @@ def over_points(results: Results, candidates: Sequence[Candidate]) -> list[str]:
         ends = dict.fromkeys(f"{two_digits(t.value * 1e3)}" for t in (times[0], times[-1]))
         name = f"{named(times[0].candidate.label)}{times[0].looped}"
         lines = [f"A run of {name} takes {' to '.join(ends)} ms of CPU time."]
+    # Count the points at which the filter is calibrated, overconfident or underconfident.
     words: dict[Credibility, int] = {}
     for candidate in candidates:
         found = consistency(results, candidate)
@@ -123,6 +125,7 @@ def consistency(results: Results, candidate: Candidate) -> tuple[Credibility, st
     name = next((n for n in ("nees", "anis") if (candidate.label, n) in runs), None)
     if name is None:
         return None
+    # NEES over the number of components, or ANIS: 1 if consistent.
     n = results.facts(candidate.point).sizes[""] if name == "nees" else 1
     values = runs[candidate.label, name]
     values = values[~np.isnan(values)] / n
@@ -130,6 +133,7 @@ def consistency(results: Results, candidate: Candidate) -> tuple[Credibility, st
     found = mean(values)
     if found.value == inf:
         return "overconfident", f"{word} infinite"
+    # Judge by the 95 % interval of the mean over the runs.
     low, high = interval("mean", values)
     return _judged(low, high, f"{word} {rounded(*Estimate(*found), 3)}")
 
@@ -164,6 +168,7 @@ HOW_DECIDED = (
 def answer(results: Results) -> list[str]:
     """Return sentences on the filters of a results folder, a line each; none if nothing is decided."""
     found = rankings(results)
+    # One ranking: sentences on its best filter. Several: at how many points each is best.
     if len(found) == 1:
         lines = [
             _best_sentence(found[0]),
@@ -221,6 +226,7 @@ def _value(standing: Ranking) -> str:
     text = f"{with_unit(rounded(*best.mean, 4), standing.metric)} over {left} runs{kept}"
     if reference is None or standing.metric.family[0].is_score:
         return text
+    # The reference is named only if the best is significantly above it on common runs.
     own, least = best.common_runs(reference)
     if not interval("mean", without_rounding(own, least))[0] > 0.0:
         return text
@@ -231,6 +237,7 @@ def _value(standing: Ranking) -> str:
 def _tie_margin(standing: Ranking) -> str:
     """Return how much worse the filters without a significant difference may be: upper 95 % limit."""
     assert standing.best is not None
+    # Differences per run, positive where the other filter is worse.
     sign = -1.0 if standing.more_is_better else 1.0
     apart = [
         sign * without_rounding(*other.common_runs(standing.best)) for other, _ in standing.ties
@@ -238,6 +245,7 @@ def _tie_margin(standing: Ranking) -> str:
     apart = [differences for differences in apart if np.any(differences)]
     if not apart:
         return "equal in every run"
+    # The largest upper limit of the mean differences.
     most = max(interval("mean", differences)[1] for differences in apart)
     if standing.metric.family[0].is_score:
         return f"at most {most:.2g} nats smaller, 95 %"
@@ -270,6 +278,7 @@ def _other_metrics(results: Results, standing: Ranking) -> str:
     better: dict[str, list[str]] = {}
     for metric in ranking_metrics(results)[1:] if standing.best is not None else []:
         for other in rankings(results, metric):
+            # Another filter leads by this metric, and the best by the first metric is worse.
             worse = [c.name for c, _ in other.worse]
             if other.best and standing.best and standing.best.name in worse:
                 better.setdefault(other.best.name, []).append(metric_words(other.metric))
@@ -280,6 +289,7 @@ def _other_metrics(results: Results, standing: Ranking) -> str:
 def _over_points(found: Sequence[Ranking]) -> str:
     """Return at how many points each filter is among the best."""
     counts = Counter(c.label for standing in found for c in standing.among_the_best)
+    # Filters by the number of points at which they are among the best.
     by_count: dict[int, list[str]] = {}
     for label, n in counts.most_common():
         by_count.setdefault(n, []).append(named(label))
@@ -298,6 +308,7 @@ def _leader_sentence(results: Results, found: Sequence[Ranking]) -> list[str]:
     leaders: dict[str, list[Candidate]] = {}
     for candidate in (c for standing in found for c in standing.among_the_best):
         leaders.setdefault(candidate.label, []).append(candidate)
+    # A single filter must lead: two with as many points have no leader.
     ranked = sorted(leaders.values(), key=len, reverse=True)
     if not ranked or (ranked[1:] and len(ranked[1]) == len(ranked[0])):
         return []
@@ -307,6 +318,7 @@ def _leader_sentence(results: Results, found: Sequence[Ranking]) -> list[str]:
 def _losing(found: Sequence[Ranking]) -> str:
     """Return the filters that lose more runs than another, at the point where each loses most."""
     most: dict[str, Candidate] = {}
+    # Each filter at the point where it loses most runs.
     for candidate in sorted((c for s in found for c in s.losing), key=lambda c: -c.losses):
         most.setdefault(candidate.label, candidate)
     if not most:

@@ -48,11 +48,13 @@ class ClaimReadings(TableKind):
 
     def table(self, results: Results) -> Table:
         """Return the table from a results folder."""
+        # Step 1: judge every claim at every point.
         heads, points = readings(results, list(results.filters))
         claims, verdicts = _judged(results, self._claims(results), [point for _, point in points])
         if not claims:
             note = f"Nothing is claimed in {self.of} that these filters measure."
             return Table(self.title, ["Rank"], [], digits=1, notes=[note])
+        # Step 2: the most claims that hold come first, then the fewest that fail.
         found = [_Reading(shown, at) for (shown, _), at in zip(points, verdicts, strict=True)]
         found.sort(key=lambda r: (-r.count("holds"), r.count("fails")))
         table = Table(self.title, ["Rank", *heads], [w.capitalize() for w in _WORDS], digits=1)

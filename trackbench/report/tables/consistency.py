@@ -55,9 +55,11 @@ class Consistency(TableKind):
                 cells = []
                 for metric, n in sizes.items():
                     chosen = rows.where(metric=metric)
+                    # ANEES is stored per component, NIS is not.
                     value = chosen["value"] if metric == "anees" else chosen["value"] / n
                     cells += _cells(value, n, chosen["runs"])
                 table.add([*(str(v) for v in point.values()), label], cells)
+        # Notes: the band for each number of components.
         runs = int(results.config["runs"])
         for name, n in ((name, n) for name, found in every.items() for n in found):
             low, high = anees_band(n, runs)
@@ -71,6 +73,7 @@ def _cells(value: Array, n: int, runs: Array) -> list[Cell]:
     """Return the median over the steps, and the share of steps inside their bands."""
     if not len(value):
         return [Cell.missing(), Cell.missing()]
+    # A band for each number of runs that are left at a step.
     bands = {m: anees_band(n, m) for m in set(runs.tolist())}
     low, high = np.array([bands[m] for m in runs.tolist()]).T
     inside = float(((value >= low) & (value <= high)).mean())

@@ -98,6 +98,7 @@ def _compared(evidence: Evaluator, claim: ClaimRow) -> tuple[RunEstimate, str]:
     """Return the difference of the two filters on common runs, and what it says of the claim."""
     mean = claim.metric._replace(statistic="mean")
     less, than = mean.of(claim.less), mean.of(claim.than)
+    # mean(less - than) on common runs, negative where the claim holds
     off = evidence.difference(less, than)
     return off, rules.claim_verdict(
         -off.z(), [-part.z() for part in off.parts(evidence.batches)]

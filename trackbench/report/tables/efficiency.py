@@ -76,6 +76,7 @@ class EfficiencyTable(TableKind):
                     cells = self._cells(Evaluator(results, point), label)
                     keys = [*map(phrases.number, scene.values()), name]
                     table.add(keys, cells)
+                    # A cross term beyond chance shows that the reference is not the exact mean.
                     if _is_not_zero(cells[-1]):
                         table.notes.append(f"{' '.join(keys)}: {_NOT_EXACT}.")
         return table
@@ -86,6 +87,7 @@ class EfficiencyTable(TableKind):
         error = expressions.runs.get((label, str(m.made_of()[0])))
         if floor is None or distance is None or error is None:
             return [Cell.missing()] * 4
+        # Only runs in which all three numbers exist.
         runs = np.stack([floor, distance, error])
         floor, distance, error = runs[:, ~np.isnan(runs).any(axis=0)]
         lost = runs.shape[1] - len(floor)
@@ -162,6 +164,7 @@ class EqualCost(TableKind):
         labels = shown(results, self.filters)
         for scene in every:
             wanted = dict.fromkeys([*labels, self.of])
+            # Curves of error over CPU time; each size of the filter `of` gives a budget.
             there = curves(results, scene, list(wanted), self.metric, self.along)
             rivals = [curve for curve in there if curve.label in labels]
             for curve in there:
@@ -174,6 +177,7 @@ class EqualCost(TableKind):
     def _add(self, table: Table, keys: list[str], rivals: Sequence[Curve], budget: Spot) -> None:
         """Add the rows at one CPU time, and the conclusion."""
         own = AtCost(budget.size, logged(budget.error), lost=budget.lost)
+        # Every filter's error at this CPU time; None where its own times do not reach.
         found = {curve.name: curve.at(budget.cost) for curve in rivals}
         for name, at in found.items():
             cells = [Cell.missing()] * 4 if at is None else _cells(at, own)
@@ -193,6 +197,7 @@ def _cells(at: AtCost, own: AtCost) -> list[Cell]:
     value, (difference, other) = float(exp(at.error.value)), beside(at, own)
     ratio = float(exp(difference.value))
     lost = int((at.lost > 0).sum())
+    # Of logarithms: relative errors from the runs and from the times add in squares.
     stderr = value * float(np.hypot(at.error.stderr, at.of_times))
     numbers = [
         Estimate(at.size, np.nan),
@@ -212,6 +217,7 @@ def _best(found: dict[str, AtCost], higher: bool) -> str:
         difference, other = beside(at, found[first])
         if name == first:
             continue
+        # Inconclusive within _CLEAR standard errors; a worse filter may still lose fewer runs.
         if not abs(difference.z(0.0, other)) > _CLEAR:
             open_.append(name)
         elif loses_more(found[first].lost, at.lost):

@@ -29,6 +29,7 @@ def components(numbers: Array) -> float:
     if not len(there):
         return 0.0
     least = there.min()  # so that of equal numbers nothing is rounded
+    # N = M^2 / sum(1 / n_i)
     return float(len(there) * least * (len(there) / total(least / there)))
 
 
@@ -107,6 +108,7 @@ def _errors(results: Results) -> dict[str, str]:
 def _bands(results: Results, labels: list[str]) -> list[str]:
     """Return the bands of a consistent filter, and where filters leave them."""
     said: dict[str, list[str]] = {}
+    # Filters with equal bands share a sentence, and so do points.
     for point in results.points():
         alike: dict[str, list[str]] = {}
         for label in labels:
@@ -132,6 +134,7 @@ def _notes(runs: dict[tuple[str, str], Array], label: str) -> list[str]:
         return ["Nothing was measured after the start: nothing can be said of a filter."]
     low, high = anis_band(numbers[there])
     bands = [f"ANIS {low:.3f} to {high:.3f}"]
+    # The band of the autocorrelation is that of the runs that have one.
     paired = ~np.isnan(runs.get((label, "autocorrelation_1"), np.full(len(numbers), np.nan)))
     if paired.any():
         bands.append(f"autocorrelation within {autocorrelation_band(numbers[paired]):.3f}")

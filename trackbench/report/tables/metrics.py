@@ -68,10 +68,12 @@ class Metrics(TableKind):
             if self.gain is not None:
                 head = f"{self.gain.of} below {self.gain.over} (%)"
                 table.apart.add(head)
+                # Last row: the gain over another filter in each column.
                 beside = [m.beside("gain", self.gain.over) for m in self.columns.values()]
                 gains = [expressions.term(m.of(self.gain.of)) for m in beside]
                 table.add([*keys, head], [Cell.of(term) for term in gains])
             table.notes += _lost_notes(results, point, labels)
+        # Notes on filters that loop over runs, and on filters that failed.
         slow = [label for label in labels if label in results.loops_over_runs]
         if slow and any("cpu_s" in str(m) for m in self.columns.values()):
             table.notes.append(f"Time of {', '.join(slow)}: one run after the other, in Python.")

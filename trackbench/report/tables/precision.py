@@ -44,6 +44,7 @@ class Precision(TableKind):
             for label in results.filters:
                 result = _result(results.runs(point), label)
                 for w in wanted:
+                    # The number at every look; the last look gives the cell.
                     at = [found for n in stops for found in _look(results, point, result, w, n)]
                     if at:
                         row = at[-1].row

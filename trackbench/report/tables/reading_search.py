@@ -82,12 +82,14 @@ class Readings(TableKind):
 
     def table(self, results: Results) -> Table:
         """Return the table from a results folder."""
+        # Step 1: printed numbers, distinct points of the grid, ways to measure the numbers.
         numbers = self._numbers(results)
         labels = [b for b in results.filters if any(b in n.labels for n in numbers)]
         heads, points = readings(results, labels)
         more, ways = ways_to_measure(numbers, self.statistics)
         heads += more
         printed = len(ways[0][1]) if numbers else 0
+        # Step 2: distance of each point measured in each way, the nearest first.
         found = []
         for shown, point in points:
             expressions = Evaluator(results, point)
@@ -96,6 +98,7 @@ class Readings(TableKind):
                 parts = [distance([n for n in there if n.label == label]) for label in labels]
                 found.append(([*shown, *way], distance(there), parts))
         found.sort(key=lambda reading: reading[1].value)
+        # Step 3: a row per reading; of several filters also the distance of each.
         columns = ["Distance", *labels] if len(labels) > 1 else ["Distance"]
         table = Table(self.title, ["Rank", *heads], columns, self.digits)
         for rank, (shown, whole, parts) in enumerate(found[: self.rows], start=1):
@@ -132,9 +135,11 @@ def distance(numbers: list[Number]) -> Distance:
         term, printed = number.measured, number.printed
         if not (isfinite(term.value) and term.value > 0.0 < printed) or term.lost > term.runs:
             return Distance(inf, np.full(runs, np.nan), 0, lost)
+        # log(measured / printed), half of it for a variance
         off = number.power * float(elementary.log(term.value / printed))
         squares += off * off
         near += abs(term.value - printed) <= NEAR * printed
+        # d distance = sum off power dx / x / (n distance), x the measured value
         if term.influences is not None:
             share = runs / term.runs  # of survivors, each counts for more
             influences += off * number.power / term.value * share * np.nan_to_num(term.influences)
@@ -154,8 +159,10 @@ def ways_to_measure(
     for n in numbers:
         assert n.expression is not None
         rows.setdefault((n.paper, n.table, n.row, n.filter, n.metric), []).append(n.expression)
+    # Printed metrics that are measured by several expressions.
     several = {at[-1]: dict.fromkeys(found) for at, found in rows.items() if len(set(found)) > 1}
     ways = []
+    # Every combination of a statistic and one expression for each of these metrics.
     for statistic, *taken in itertools.product(statistics or ("",), *several.values()):
         chosen = dict(zip(several, taken, strict=True))
         kept = [n for n in numbers if n.expression == chosen.get(n.metric, n.expression)]
@@ -194,9 +201,11 @@ def readings(
     """Return paths that concern these filters, and one point for each combination of their values."""
     paths = [path for path in results.grid if _concerns(results, path, labels)]
     points: dict[tuple[str, ...], dict[str, Any]] = {}
+    # Points that differ in other paths only are one reading: the first stands for it.
     for point in results.points():
         points.setdefault(tuple(phrases.number(point[path]) for path in paths), point)
     keys = [split_path(results.source, single_paths(path)[0]) for path in paths]
+    # A column is called by the last word of its key, by two words if that is ambiguous.
     last = [where[-1] for where in keys]
     heads = [".".join(map(str, k[-1 if last.count(k[-1]) == 1 else -2 :])) for k in keys]
     return heads, [(list(shown), p) for shown, p in points.items()]
@@ -226,6 +235,7 @@ def _notes(heads: list[str], found: list[tuple[list[str], Distance]], numbers: i
 def _not_farther(d: Distance, nearest: Distance) -> bool:
     if not isfinite(d.value):
         return False
+    # Paired on common runs; as independent if the numbers of runs differ.
     if len(d.influences) != len(nearest.influences):
         stderr = hypot(mean(d.influences).stderr, mean(nearest.influences).stderr)
     else:

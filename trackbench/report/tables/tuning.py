@@ -47,6 +47,7 @@ class TuningTable(TableKind):
         by = f"Tuned by {words_of(tuning['metric'])}, {_trained_on(results)}"
         table = Table(self.title or by, ["Filter", "Values found", "Trials"], _HEADS, self.digits)
         for label, record in results.tuning.items():
+            # The tuned filter and the one as configured, on the runs of the results.
             found, given = (_score(objective, runs, of) for of in (tuned_label(label), label))
             keys = [label, _found(record), str(len(record.trials))]
             table.add(keys, _cells(record, found, given))
@@ -84,6 +85,7 @@ def _score(
 def _found(record: Record) -> str:
     parts = []
     for axis in record.axes:
+        # The values within one standard error of the best: choices, or the ends of a range.
         near = [phrases.number(value) for value in record.within(axis)]
         value = phrases.number(record.best.values[axis.key])
         if axis.choices:
@@ -99,6 +101,7 @@ def _cells(record: Record, found: Score | None, given: Score | None) -> list[Cel
     best = record.best
     training = Cell(Estimate(best.objective, best.stderr), 1, best.lost)
     result, untuned = _cell(found), _cell(given)
+    # Gap = results - training; the standard errors add in squares.
     gap, stderr = result.estimate.value - best.objective, result.estimate.stderr
     difference = Cell(Estimate(gap, float(np.hypot(stderr, best.stderr))), result.runs, 0)
     return [training, result, difference, untuned, _gained(found, given)]
@@ -115,6 +118,7 @@ def _gained(found: Score | None, given: Score | None) -> Cell:
     """Return the untuned less tuned, on common runs."""
     if found is None or given is None:
         return Cell.missing()
+    # Each run's influence on untuned - tuned.
     moved = given.influences - found.influences
     both = ~np.isnan(moved)
     difference = Estimate(given.value - found.value, mean(moved[both]).stderr)
@@ -128,6 +132,7 @@ def _said(record: Record, found: Score | None, given: Score | None, runs: int) -
     if found.lost > given.lost:
         lost = counted(found.lost, "run")
         yield f"tuned, it loses {lost} of the results, and {given.lost} as it was"
+    # A gain of less than _SEEN standard errors is none, unless fewer runs are lost.
     gained, stderr = _gained(found, given).estimate
     if given.lost <= found.lost and not gained > _SEEN * stderr:
         worse = "worse" if gained < -_SEEN * stderr else "no better"

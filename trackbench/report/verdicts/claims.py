@@ -28,10 +28,12 @@ def judge(claim: Claim, evidence: Evaluator | None) -> ClaimVerdict:
     """Return the verdict on a claim: it holds if it does against every filter that it names."""
     if evidence is None or not claim.left or not claim.expression:
         return _unjudged(claim, no_results(claim, evidence))
+    # Step 1: one comparison for each step and each filter on the right side.
     single = _at_each_step(claim, evidence)
     found = [_score(evidence, one, right) for one in single for right in claim.rights or [""]]
     if not found:
         return _unjudged(claim, f"nothing is known of {claim.left}'s {claim.expression}")
+    # Step 2: z of the weakest comparison, of all runs, of the parts and under stress.
     weakest = min(found, key=lambda score: -inf if isnan(score.z) else score.z)
     z = rules.weakest([score.z for score in found], len(single))
     parts, stressed = (
@@ -40,6 +42,7 @@ def judge(claim: Claim, evidence: Evaluator | None) -> ClaimVerdict:
     )
     exact = isinstance(weakest.off.term, Share)  # and so are all that are measured
     verdict = rules.claim_verdict(z, parts, stressed, claim.relation == "~", exact)
+    # Step 3: a filter that loses more runs is no better, whatever its error.
     losing = [_loses_more(evidence, claim, right) for right in claim.rights]
     if isnan(weakest.off.term.value):
         verdict = verdict._replace(word=NOT_MEASURED, fragile=False)
@@ -60,6 +63,7 @@ def _at_each_step(claim: Claim, whole: Evaluator) -> list[Claim]:
         whole.at_each_step(m.of(claim.left)) if m else [None]
         for m in (claim.expression, claim.right_expression)
     )
+    # A right side without steps is repeated at every step of the left side.
     return [
         replace(claim, expression=a, right_expression=b)
         for a, b in zip(left, right if len(right) == len(left) else right * len(left), strict=True)
@@ -76,6 +80,7 @@ class _Margin(NamedTuple):
     def margin(self, claim: Claim) -> float:
         """Return the number's distance to the claim's edge, positive on the claim's side."""
         off = self.term.value - self.edge
+        # left ~ right: tolerance |target| - |difference|
         if claim.relation == "~":
             return claim.tolerance * abs(self.target) - abs(off)
         return -off if claim.relation == "<" else off
@@ -140,6 +145,7 @@ def _in_words(label: str, term: RunEstimate) -> str:
 def _loses_more(expressions: Evaluator, claim: Claim, right: str) -> str:
     """Return why a filter with a smaller error is no better: it loses more of the same runs."""
     a, b = (expressions.runs.get((label, "lost")) for label in (claim.left, right))
+    # Only a claim that the left side is better is affected.
     better = ">" if claim.expression and claim.expression.family[0].more_is_better else "<"
     if claim.relation != better or a is None or b is None or not estimates.loses_more(a, b):
         return ""

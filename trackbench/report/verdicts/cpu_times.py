@@ -82,6 +82,7 @@ def _verdicts(results: Results, row: PublishedNumber | Claim) -> Iterator[TimeVe
         yield from (_verdict(results, row, left, other) for left in row.labels or [""])
         return
     found = [_verdict(results, row, row.left, right) for right in row.rights or [other]]
+    # A claim has the worst verdict of its comparisons.
     order = ("fails", NOT_MEASURED, UNDECIDED, "holds")
     yield min(found, key=lambda verdict: order.index(verdict.word))
 
@@ -95,6 +96,7 @@ def _verdict(results: Results, row: PublishedNumber | Claim, left: str, right: s
     value, low, high, word = nan, nan, nan, NOT_MEASURED
     lengths = {len(s) for s in seconds}
     if wanted and len(seconds) == len(labels) > 0 and len(lengths) == 1 and lengths.pop() > 1:
+        # Ratio (or seconds) of each repeat: median and rank interval, widened by SCATTER.
         ratios = seconds[0] / (seconds[1] if right else 1.0)
         value, (low, high) = median(ratios).value, interval("median", ratios)
         word = _word(row, low / SCATTER, high * SCATTER, *wanted)
@@ -110,6 +112,7 @@ def _wanted(row: PublishedNumber | Claim) -> tuple[float, float] | None:
     if not isinstance(row, Claim):
         if isinstance(row.value, str) or relation not in ("", "ratio", "gain"):
             return None
+        # A gain of p percent is a ratio of 1 - p / 100.
         ratio = 1.0 - row.value / 100.0 if relation == "gain" else row.value
         return ratio, ratio
     if relation not in ("", "ratio") or (relation and row.rights):

@@ -61,6 +61,7 @@ def parts(found: Iterable[Compared | ClaimVerdict]) -> list[Tally]:
 def bars(comparison: Comparison) -> list[Bar]:
     """Return a bar of the numbers, one of the words on a bias, one of the claims, without empty ones."""
     best, claims = [number.best for number in comparison.numbers], comparison.claims
+    # Words on a bias are counted apart from numbers.
     words = [row for row in best if isinstance(row.published.value, str)]
     numbers = [row for row in best if not isinstance(row.published.value, str)]
     found = (
@@ -109,6 +110,7 @@ def write_paired(results: Results) -> None:
 def number_rows(comparison: Comparison) -> list[dict[str, object]]:
     """Return rows of comparison.csv: every reading of every number, the best ones marked."""
     rows: list[dict[str, object]] = []
+    # A number counts by its best reading; every reading is a row.
     best = {id(number.best) for number in comparison.numbers}
     for compared in comparison.rows:
         p, m, verdict = compared.published, compared.measured, compared.verdict

@@ -75,6 +75,7 @@ class Comparison:
     def numbers(self) -> list[Reproduced]:
         """Return a verdict for each published number, however many readings of it were tried."""
         found: dict[tuple[str, ...], list[Compared]] = defaultdict(list)
+        # Rows that are printed at one place are readings of one number.
         for row in self.rows:
             found[row.published.printed_at].append(row)
         return [Reproduced(rows) for rows in found.values()]
@@ -98,11 +99,13 @@ def compare(results: Results) -> Comparison:
 def rank_agreement(rows: list[Compared]) -> Iterator[Ranked]:
     """Yield Kendall's tau of published and measured order, per column of three or more filters."""
     columns: dict[tuple[str, str, str, str], list[Compared]] = defaultdict(list)
+    # Collect the columns of the published tables.
     for row in rows:
         if isfinite(row.measured.value) and not isinstance(row.published.value, str):
             p = row.published
             columns[p.paper, p.table, p.row, p.metric].append(row)
     for (paper, table, part, metric), found in columns.items():
+        # Skip columns of one or two filters, and those in which a filter has several readings.
         if len(found) < 3 or len({r.published.filter for r in found}) < len(found):
             continue
         order = kendall([r.published.value for r in found], [r.measured.value for r in found])
@@ -116,6 +119,7 @@ def kendall(a: Sequence[Any], b: Sequence[Any]) -> float:
     untied = [np.count_nonzero(signs) / 2 for signs in (x, y)]
     if not all(untied):
         return nan
+    # tau_b = sum over pairs of sign(da) sign(db) / sqrt(untied pairs of a, times those of b)
     tau = np.sum(x * y) / 2 / np.sqrt(untied[0]) / np.sqrt(untied[1])
     return float(np.clip(tau, -1.0, 1.0))
 

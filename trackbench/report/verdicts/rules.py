@@ -67,7 +67,9 @@ def number_verdict(
     judge = _bias if isinstance(number.value, str) else _difference
     word, z = judge(number, whole, DECIDED)
     found = [judge(number, part, SURE) for part in parts]
+    # Fragile: what other runs could well have measured changes the word.
     turns = any(judge(number, other, DECIDED)[0] != word for other in _others(whole))
+    # Batches that do not show the word, or contradict it, make it inconclusive.
     word = combine_batches(word, [w for w, _ in found])
     if word in ("biased", "unbiased"):
         word = "agrees" if word == number.value else "differs"
@@ -102,8 +104,10 @@ def claim_verdict(
         return _claimed(z, SURE if equal or exact else DECIDED, SURE if exact else DECIDED)
 
     word, found = claimed(z), [_claimed(part, SURE, SURE) for part in parts]
+    # What another seed, or runs under stress, could well have shown.
     others = (z - ANOTHER_SEED, z + ANOTHER_SEED, *stressed)
     turns = any(claimed(other) != word for other in others)
+    # Such a word stands unless a batch says the opposite; any other word needs every batch.
     if exact or (equal and word == "holds"):
         word = UNDECIDED if {word, *found} >= {"holds", "fails"} else word
     else:
@@ -122,6 +126,7 @@ def weakest(zs: Sequence[float], steps: int = 1) -> float:
     least = min(zs, key=lambda z: -inf if isnan(z) else z)
     if steps == 1 or not least < 0.0:
         return least
+    # Bonferroni: n times the least tail probability, 1/2 at most, back to z.
     return float(ndtri_exp(min(log_ndtr(least) + log(len(zs)), log(0.5))))
 
 
@@ -146,10 +151,12 @@ def _difference(number: PublishedNumber, measured: RunEstimate, least: float) ->
     assert not isinstance(printed, str)
     theirs = _of_the_paper(number, measured)
     z = measured.z(printed, theirs)
+    # Agreement: within the printed digits; or no difference, and within 10 %.
     reach = max(abs(end - printed) for end in measured.interval(other=theirs))
     room, digits = NEAR * abs(printed), 0.5 * 10.0**-number.digits
     if reach <= digits or (abs(z) <= SURE and reach <= room):
         return "agrees", z
+    # Otherwise z decides whether it differs, and the difference by how much.
     if abs(z) <= SURE:
         return "compatible", z
     if not abs(z) >= least:  # too little, or without an error
@@ -170,6 +177,7 @@ def _of_the_paper(number: PublishedNumber, measured: RunEstimate) -> float:
         return 0.0
     if number.variance is not None:
         return sqrt(number.variance / number.runs)
+    # Our standard error, scaled to the paper's number of runs.
     return measured.stderr * sqrt(measured.runs / number.runs)
 
 

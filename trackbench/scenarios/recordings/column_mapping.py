@@ -163,6 +163,7 @@ class Columns:
         self.contents: dict[str, Content] = {}
         self.unavailable: Counter[str] = Counter()
         self._used: dict[str, str] = {}
+        # Sources of each quantity: its column, or other columns that determine it.
         self._of = {name: self._sources(name) for name in wanted}
         missing = [name for name, sources in self._of.items() if not sources]
         if len(wanted) - len(missing) < least:
@@ -201,6 +202,7 @@ class Columns:
         for column, quantity in self._used.items():
             if self.contents[column] == "number":
                 values = table.columns[column]
+                # Blank the codes of "not available" first: most are impossible values.
                 self.unavailable += blank_codes(quantity, values, of_ais)
                 found = impossible(quantity, values * self.naming.scale(quantity))
                 if found is not None:
@@ -230,6 +232,7 @@ class Columns:
         """Return the quantities (R,) by name, in SI; NaN where they are missing, or all of them are."""
         plane: Mapping[str, Array] = {}
         if origin is not None and self.is_geodetic:
+            # Step 1: east, north and up of the origin, from latitude, longitude and altitude.
             latitude, longitude, *height = origin
             at = (latitude * pi / 180.0, longitude * pi / 180.0, *height, 0.0)[:3]
             places = np.stack(self._geodetic(table))
@@ -238,6 +241,7 @@ class Columns:
             enu = east_north_up(known, Geodetic(*map(np.asarray, at)))
             plane = dict(zip(_PLANE, np.where(there, enu, np.nan), strict=True))
         out = {}
+        # Step 2: each quantity from its column, from speed and course, or from Step 1.
         for name, sources in self._of.items():
             if sources == (name,):
                 out[name] = self._value(table, name)
@@ -279,6 +283,7 @@ class Columns:
         """Return the velocity east (vx) or north of a speed and a course clockwise from north."""
         speed, course = (self._value(table, part) for part in COURSE)
         c, s = cos_sin(np.where(np.isnan(course), 0.0, course))
+        # vx = v sin(course), vy = v cos(course)
         velocity = speed * (s if _plain(name) == "vx" else c)
         return np.where(np.isnan(course), np.nan, velocity)
 

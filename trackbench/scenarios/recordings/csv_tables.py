@@ -87,10 +87,12 @@ def is_instant(cell: str) -> bool:
 def parsed(parse: Parse, cells: Sequence[str]) -> tuple[Array, list[tuple[int, str]]]:
     """Return the values (R,) of a column's cells, and which are none and why."""
     if parse in (number, seconds):
+        # Mostly all cells are plain numbers: one pass.
         values = _quickly(cells)
         if values is not None:
             return values, []
     out, mistakes = np.full(len(cells), np.nan), []
+    # Otherwise cell by cell, to name each mistake.
     for i, cell in enumerate(cells):
         try:
             out[i] = parse(cell.strip())
@@ -146,6 +148,7 @@ def read_table(path: str, contents: Mapping[str, Content]) -> Table:
     """Read columns of a table; raises DataError with up to twenty mistakes and their lines."""
     reading = _Reading(path, contents)
     if _is_parquet(path):
+        # Parquet: the cells become text, so that both formats have the same parsers.
         frame = _parquet(path, list(contents))
         shown = {name: [_shown(v) for v in frame[name].tolist()] for name in contents}
         reading.add(np.arange(2, len(frame) + 2), shown)
@@ -156,6 +159,7 @@ def read_table(path: str, contents: Mapping[str, Content]) -> Table:
     for name in contents:
         if names.count(name) > 1:
             raise DataError(Place(path, line, 1, f"two columns {name}"))
+    # CSV: read piece by piece, until there are too many mistakes.
     while rows := list(islice(lines, _ROWS_AT_A_TIME)):
         kept = reading.of_full_width(rows, len(names))
         if kept:

@@ -32,6 +32,7 @@ class FromFiles:
         """Note what the files hold that are read within. Raises DataError if they change meanwhile."""
         before = self._stamps()
         yield
+        # Digest the files, then check that none has changed since before the reading.
         digest = hashlib.sha256()
         for path in before:
             with require_regular_file(path).open("rb") as file:
@@ -77,6 +78,7 @@ def recorded_columns(values: Array, rng: Streams) -> Array:
     """
     assert isinstance(rng, RunStreams)
     out = np.full((*values.shape[:-1], len(rng.runs)), np.nan)
+    # Recordings with these numbers; a negative number counts from the last.
     there = [m for m in rng.runs if -values.shape[-1] <= m < values.shape[-1]]
     out[..., : len(there)] = values[..., there]
     return out

@@ -83,6 +83,7 @@ def places_of(columns: dict[str, Found]) -> tuple[str, str]:
 
 def recognised(path: str) -> Guess:
     """Return the guess. Raises DataError if no time or no position can be made out."""
+    # Step 1: find time and position by the columns' names.
     names = header(path)
     columns, there = dict(_recognised(names)), ", ".join(names)[:200]
     if "time" not in columns and "step" not in columns:
@@ -95,10 +96,12 @@ def recognised(path: str) -> Guess:
             f"no columns look like x and y, latitude and longitude, or range and azimuth: {there}"
         )
         raise DataError(Place(path, 1, 1, what)) from None
+    # Step 2: take the units from the columns' names.
     units = {name: found.unit for name, found in columns.items() if found.unit is not None}
     why = dict.fromkeys(units, "as the column's name says")
     if "speed" in columns and columns["speed"].column.lower() == "sog" and "speed" not in units:
         units["speed"], why["speed"] = "kn", "guess: speed over ground mostly is in knots"
+    # Step 3: read the run that has most rows.
     naming = Naming(columns={name: f.column for name, f in columns.items()}, units=units)
     found, wanted = Gathered(naming), pair if pair == ("range", "azimuth") else ("x", "y")
     (rows,) = chosen_runs(found, read_rows(found, [path], [wanted]), ())
@@ -106,12 +109,14 @@ def recognised(path: str) -> Guess:
     own = in_order(found, rows.at(np.flatnonzero(rows.run == sizes.argmax())))
     whole = np.flatnonzero(np.isfinite(own.values).all(axis=0))
     time, (one, two) = own.time[whole], own.values[:, whole]
+    # Step 4: guess further units from the values.
     if "time" in columns and not found.dated and np.abs(time).max(initial=0.0) > _MILLISECONDS:
         units["time"], why["time"] = "ms", "guess: seconds would be thousands of years"
         time = time / 1000.0
     if "azimuth" in wanted and "azimuth" not in units and np.abs(two).max(initial=0.0) > _TURN:
         units["azimuth"], why["azimuth"] = "deg", "guess: there are angles beyond 2 pi"
         two = two * UNITS["deg"]
+    # Step 5: sort the runs by length; noise and speed are those of the longest.
     runs = sorted(zip(found.runs, sizes.tolist(), strict=True), key=lambda run: -run[1])
     sigma = _scatter(time, one), _scatter(time, np.unwrap(two) if "azimuth" in wanted else two)
     place = (one * np.cos(two), one * np.sin(two)) if "azimuth" in wanted else (one, two)
@@ -122,6 +127,7 @@ def _recognised(names: list[str]) -> Iterator[tuple[str, Found]]:
     """Yield each quantity with the first column that may be it."""
     for quantity, words in _CALLED.items():
         for name in names:
+            # posX_km: words pos, x and km; unit km, name posx
             parts = re.findall(r"[a-z0-9/]+", re.sub(r"([a-z])([A-Z])", r"\1 \2", name).lower())
             unit = next((_WRITTEN[p] for p in reversed(parts[1:]) if p in _WRITTEN), None)
             bare = "".join(p for i, p in enumerate(parts) if i == 0 or p not in _WRITTEN)
@@ -136,8 +142,10 @@ def _scatter(time: Array, value: Array) -> float:
     if len(value) < 3 or not (wide > 0.0).any():
         return 1.0
     share = (time[1:-1] - time[:-2]) / np.where(wide > 0.0, wide, np.nan)
+    # e = z_1 - (1 - s) z_0 - s z_2 has the variance sigma^2 (1 + s^2 + (1 - s)^2).
     off = value[1:-1] - (1.0 - share) * value[:-2] - share * value[2:]
     size = np.abs(off) / np.sqrt(1.0 + np.square(share) + np.square(1.0 - share))
+    # 68.3 % of the scaled |e| are below sigma.
     return float(f"{np.nanquantile(size, _ONE_SIGMA):.1g}") or 1.0
 
 
@@ -155,6 +163,7 @@ def config_parts(guess: Guess) -> dict[str, str]:
     polar, speed = guess.places == ("range", "azimuth"), guess.speed
     each = ["ekf", "ukf"] if polar else ["kf"]
     lines = [f"  {kind.upper()}: {{kind: {kind}}}" for kind in each]
+    # Process noise from the usual speed; the IMM's motions have a tenth of it and ten times it.
     q = float(f"{max(0.0025 * speed * speed, 1e-3):.1g}")
     motions = f"[{{kind: cwna, q: {q / 10:g}}}, {{kind: cwna, q: {q * 10:g}}}]"
     chances = "[[0.95, 0.05], [0.05, 0.95]]"

@@ -77,6 +77,7 @@ class Gathered:
     def timed(self, columns: Columns, table: Table, clock: str) -> Array:
         """Return times of a table's rows; all tables have clocks of one kind."""
         stepped = columns.contents[clock] == "step"
+        # The first file decides which clock all files have.
         if self.since is None:
             self.stepped, self.dated, self.clock_of = stepped, table.dated, columns.path
             self.since = float(table.columns[clock].min()) if table.dated else 0.0
@@ -90,6 +91,7 @@ class Gathered:
             has, unit = _clock(stepped, table.dated), self.naming.units["time"]
             what = f"{clock} has {has}, which have no unit: leave `time: {unit}` out of `units`"
             raise columns.mistake(what)
+        # Seconds: dates after the first one, times by their unit; steps stay numbers.
         time = table.columns[clock]
         if self.dated:
             return (time - self.since) / 1e6
@@ -135,6 +137,7 @@ def read_rows(
     A pattern may match a file per run. ``least`` quantities must be there, by default all. Raises
     DataError with the line of every mistake.
     """
+    # Step 1: read one file for all sensors, or the files of each sensor's pattern.
     shared = len(patterns) == 1
     pieces: list[list[Rows]] = [[] for _ in sensors]
     for n, pattern in enumerate(patterns):
@@ -148,6 +151,7 @@ def read_rows(
         what = 'cells hold a code for "not available" and count as missing'
         found.told.append(f"{found.unavailable.total()} {what}: {codes}")
     out = []
+    # Step 2: join the files of one sensor after the other.
     while pieces:
         parts = pieces.pop(0)
         joined = (np.concatenate(column, axis=-1) for column in zip(*parts, strict=True))
@@ -159,6 +163,7 @@ def _rows_of_file(
     found: Gathered, path: str, sensors: Sequence[Sequence[str]], least: int | None, name: str
 ) -> list[Rows]:
     """Return the rows by sensor of one file, which is the run of this name if it does not name runs."""
+    # Step 1: find the columns of the quantities, of time, run and sensor.
     wanted = [quantity for components in sensors for quantity in components]
     columns = Columns(path, found.naming, wanted, len(wanted) if least is None else least)
     clock = columns.take("time", "time") or columns.take("step", "step")
@@ -167,12 +172,14 @@ def _rows_of_file(
         raise columns.mistake(f"no column time or step; there are {there} (see `columns`)")
     run = columns.take("run", "label")
     which = columns.take("sensor", "label") if len(sensors) > 1 else None
+    # Step 2: read them; times become seconds, quantities SI.
     table = columns.read()
     found.unavailable += columns.unavailable
     time = found.timed(columns, table, clock)
     found.is_geodetic |= columns.is_geodetic
     found.origin = found.origin or columns.first_place(table)
     given = columns.quantities(table, found.origin)
+    # Step 3: number the runs; a file without their names is one run.
     if run is None:
         runs = np.full(len(time), found.numbers_of([name])[0])
     else:
@@ -180,6 +187,7 @@ def _rows_of_file(
     files = np.full(len(time), len(found.files), dtype=np.int32)
     found.files.append(path)
     out = []
+    # Step 4: choose the rows of each sensor.
     for m, components in enumerate(sensors):
         rows = Rows(runs, time, np.stack([given[c] for c in components]), files, table.lines)
         if which is not None:
@@ -216,6 +224,7 @@ def chosen_runs(
             what = f"there is no run {name!r}; there are {', '.join(found.runs[:20])}"
             raise InvalidKeyError(what, *within, i)
     wanted = {name: i for i, name in enumerate(names)}
+    # place[number in the files] = number among the chosen runs, -1 if not chosen
     place = np.array([wanted.get(name, -1) for name in found.runs], dtype=np.int32)
     found.runs = names
     out = []
@@ -231,14 +240,17 @@ def in_order(found: Gathered, rows: Rows) -> Rows:
 
     Raises DataError where two rows of a run and time differ.
     """
+    # Step 1: bring the rows of each run together.
     order = np.argsort(rows.run, kind="stable")
     if (np.diff(order) != 1).any():
         rows = rows.at(order)
+    # Step 2: sort by time within the runs if any row is late.
     same = rows.run[1:] == rows.run[:-1]
     late = int(((rows.time[1:] < rows.time[:-1]) & same).sum())
     if late:
         found.told.append(f"{late} rows that came after later ones were put in order")
         rows = rows.at(np.lexsort((rows.time, rows.run)))
+    # Step 3: find rows of one run at one time.
     ticks = rows.ticks
     again = np.flatnonzero((np.diff(ticks) == 0) & (rows.run[1:] == rows.run[:-1])) + 1
     return _without_twins(found, rows, again) if len(again) else rows
@@ -246,6 +258,7 @@ def in_order(found: Gathered, rows: Rows) -> Rows:
 
 def _without_twins(found: Gathered, rows: Rows, again: Numbers) -> Rows:
     """Return the rows without those that say again what the one before says."""
+    # Repeated rows agree if every value is equal or missing in both.
     now, before = rows.values[:, again], rows.values[:, again - 1]
     differ = ~((now == before) | (np.isnan(now) & np.isnan(before))).all(axis=0)
     if differ.any():

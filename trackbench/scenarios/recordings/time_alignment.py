@@ -36,12 +36,14 @@ class Opened(NamedTuple):
 def initial_scans(found: Gathered, rows: Rows, scans: int) -> Opened:
     """Return the first scans of each run that are whole, from rows in order."""
     runs = len(found.runs)
+    # Rows with all components; where each run begins among them, and how many it has.
     whole = np.flatnonzero(np.isfinite(rows.values).all(axis=0))
     first = np.searchsorted(rows.run[whole], np.arange(runs))
     there = np.searchsorted(rows.run[whole], np.arange(runs), side="right") - first
     for m in np.flatnonzero(there < scans).tolist():
         what = f"run {found.runs[m]} has {there[m]} positions, and its start takes {scans}"
         raise DataError(Place(found.files[0], 1, 1, what))
+    # The first scans of each run; the first state is that of the last of them.
     places = np.stack([whole[first + i] for i in range(scans)])
     times = rows.time[places]
     apart = times[-1] - times[-2] if scans > 1 else np.full(runs, np.nan)
@@ -57,12 +59,14 @@ def common_clock(
     which any run measured; or, if they are resampled, so many seconds apart. Without scans the first
     state is one step, or an interval of the usual length, before the first row.
     """
+    # Step 1: time of the first state; scans shift the runs so that their first states coincide.
     if start is None:
         shift = np.zeros(len(found.runs))
         begin = min(float(rows.time.min()) for rows in sensors) - _before(found, sensors, resample)
     else:
         shift, begin = start.time[0] - start.time, float(start.time[0])
     last = max(float((rows.time + shift[rows.run]).max()) for rows in sensors)
+    # Step 2: equal steps, the file's own or resampled ones.
     spacing = 1.0 if found.stepped else resample
     if spacing is not None:
         steps = np.arange(_counted(found, np.floor((last - begin) / spacing + 0.5) + 1.0))
@@ -70,6 +74,7 @@ def common_clock(
         if found.stepped:
             return _checked(found, Clock(steps + int(begin), times, shift, T))
         return _checked(found, Clock(steps, times + begin, shift, spacing))
+    # Step 3: otherwise a step at every time at which any run measured.
     times = _union(sensors, shift, begin)
     return _checked(found, Clock(np.arange(len(times)), times, shift, _distance(times)))
 
@@ -90,6 +95,7 @@ def _before(found: Gathered, sensors: Sequence[Rows], resample: float | None) ->
         return 1.0
     if resample is not None:
         return resample
+    # Median interval of the first run.
     times = np.unique(sensors[0].time[sensors[0].run == sensors[0].run[0]])
     return float(np.sort(np.diff(times))[(len(times) - 1) // 2]) if len(times) > 1 else 1.0
 
@@ -97,6 +103,7 @@ def _before(found: Gathered, sensors: Sequence[Rows], resample: float | None) ->
 def _union(sensors: Sequence[Rows], shift: Array, begin: float) -> Array:
     """Return times at which any run measured, from the first state's on."""
     parts = [np.array([begin])]
+    # One time for each tick, first of every sensor and then of all.
     for rows in sensors:
         times = rows.time + shift[rows.run]
         parts.append(times[np.unique(np.rint(times / TICK), return_index=True)[1]])
@@ -110,6 +117,7 @@ def _distance(times: Array) -> float | None:
     apart = np.diff(times)
     if not len(apart):
         return None
+    # Equal if each interval is the mean one within a share of _EQUAL.
     T = float((times[-1] - times[0]) / len(apart))
     return float(f"{T:.12g}") if np.abs(apart - T).max() <= _EQUAL * T else None
 
@@ -133,12 +141,15 @@ def measurement_array(
     out = np.full((sum(sizes), steps - 1, runs), np.nan)
     moved, crowded, above = 0.0, 0, 0
     for rows, size in zip(sensors, sizes, strict=True):
+        # Place the rows among the steps; only those after the first state are measurements.
         place, away = _placed(found, rows, clock)
         later = np.flatnonzero(place > 0)
         if resampled:
+            # Of several rows of a step the nearest in time counts.
             kept = _nearest(rows.run, place, away, later)
             crowded += len(later) - len(kept)
             moved, later = max(moved, float(away[kept].max(initial=0.0))), kept
+        # Rows of `out` from `above` on belong to this sensor.
         for c in range(size):
             out[above + c, place[later] - 1, rows.run[later]] = rows.values[c, later]
         above += size
@@ -153,14 +164,17 @@ def _placed(found: Gathered, rows: Rows, clock: Clock) -> tuple[Index, Array]:
     times = rows.time + clock.shift[rows.run]
     if found.stepped:
         return np.rint(times).astype(np.intp) - int(clock.steps[0]), np.zeros_like(times)
+    # The nearest step: as many middles between steps lie before the time.
     middles = 0.5 * (clock.times[1:] + clock.times[:-1])
     place = np.searchsorted(middles, times, side="right")
+    # Rows before the first state have no step.
     place[times < clock.times[0] - TICK] = -1
     return place, np.abs(clock.times[np.maximum(place, 0)] - times)
 
 
 def _nearest(run: Numbers, place: Index, away: Array, among: Index) -> Index:
     """Return the row nearest to the step's time, among rows of a run in the same step."""
+    # Sort by run, step and distance; take the first of each run and step.
     order = among[np.lexsort((away[among], place[among], run[among]))]
     first = np.ones(len(order), dtype=np.bool_)
     first[1:] = (np.diff(place[order]) != 0) | (np.diff(run[order]) != 0)
@@ -177,6 +191,7 @@ def with_scans(clock: Clock, found: Gathered, scans: int, apart: Array) -> Clock
         assert clock.T is not None
         steps = np.concatenate([clock.steps[0] + before, clock.steps])
         return clock._replace(steps=steps, times=(steps - steps[0]) * clock.T)
+    # Scans before the first state are as far apart as those of the first run.
     times = np.concatenate([clock.times[0] + before * apart[0], clock.times])
     return clock._replace(steps=np.arange(len(times)), times=times)
 
@@ -192,10 +207,12 @@ def truth_at(
     out = np.full((len(rows.values), len(clock.steps), len(runs)), np.nan)
     steps = clock.steps.astype(float) if found.stepped else clock.times
     number = {name: i for i, name in enumerate(found.runs)}
+    # One file without names of runs is the run "0".
     shared = found.runs == ["0"]
     for m, name in enumerate(runs):
         i = 0 if shared else number.get(name)
         if i is not None:
+            # The run's rows, shifted in time as its measurements are.
             own = slice(*np.searchsorted(rows.run, [i, i + 1]))
             at, values = rows.time[own] + clock.shift[m], rows.values[:, own]
             out[:, :, m] = _between(at, values, steps, gap)
@@ -210,11 +227,13 @@ def _between(at: Array, values: Array, times: Array, gap: float | None) -> Array
     after = np.clip(np.searchsorted(at, times), 1, max(len(at) - 1, 1))
     out = np.full((len(values), len(times)), np.nan)
     if len(at) > 1 and gap is not None:
+        # Interpolate between rows that are near enough: v = v_0 + s (v_1 - v_0).
         wide = at[after] - at[after - 1]
         share = (times - at[after - 1]) / np.where(wide > 0.0, wide, 1.0)
         inside = (wide <= gap + TICK) & (share >= 0.0) & (share <= 1.0)
         line = values[:, after - 1] + share * (values[:, after] - values[:, after - 1])
         out[:, inside] = line[:, inside]
+    # At a row's own time its values count.
     for near in (np.minimum(after, len(at) - 1), after - 1):
         same = np.abs(at[near] - times) < TICK
         out[:, same] = values[:, near[same]]

@@ -41,6 +41,7 @@ class _FromScans(Start):
 
 def _position_information(sensor: Sensors, x: Array, k: int) -> Gaussian:
     """Return the true position (axes, 1) and the covariance of what one scan tells of it."""
+    # Covariance of the position: inverse of its block of H' R^-1 H.
     information = sensor.information(x, k, certain=True)[0::2, 0::2]
     return Gaussian(x[0::2, None], linalg.inverse(information))
 
@@ -69,6 +70,7 @@ class TwoScan(_FromScans):
             first, second = opening.scans[:, 0], opening.scans[:, 1]
             assert isinstance(opening.T, float | int)
             return TwoPoint(sensor, first, second, opening.T, opening.diffusion)
+        # Position of each scan; their difference over T is the velocity.
         one, two = (self.located(opening, sensor, scan) for scan in range(2))
         return two_point_difference(one, two, opening.T, opening.diffusion)
 
@@ -97,6 +99,7 @@ class OneScan(_FromScans):
         """Return the state at the first scan."""
         seen = self.located(opening, sensor, 0)
         n = 2 * len(seen.mean)
+        # Position by the scan; velocity zero, with sigma_velocity along each axis.
         mean, cov = np.zeros((n, seen.mean.shape[1])), np.zeros((n, n, *seen.cov.shape[2:]))
         mean[0::2], cov[0::2, 0::2] = seen.mean, seen.cov
         for i in range(1, n, 2):

@@ -64,6 +64,7 @@ class NormalStart(Start):
         if P.shape != (n, n):
             what = f"needs {n} rows of {n} numbers, for {', '.join(components)}"
             raise InvalidKeyError(what, "start", "cov")
+        # Symmetric, and no eigenvalue below zero but for rounding.
         if (P != P.T).any() or np.linalg.eigvalsh(P)[0] < -1e-12 * np.abs(P).max():
             raise InvalidKeyError("not symmetric and non-negative definite", "start", "cov")
         return self

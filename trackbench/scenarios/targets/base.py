@@ -174,6 +174,7 @@ class Scored(NamedTuple):
     def of_peaks(self, peaks: Mapping[str, Array]) -> dict[str, Array]:
         """Return ``peak_position``, m, (M,) in each window, and ``beyond_10_sigma`` (M,)."""
         out = {in_window("peak_position", name): peak for name, peak in peaks.items()}
+        # 1 beyond the limit, 0 within; NaN if the peak is NaN.
         strayed = (peaks[""] > STRAY * self.sigma).astype(float)
         return out | {"beyond_10_sigma": np.where(np.isnan(peaks[""]), np.nan, strayed)}
 
@@ -182,6 +183,7 @@ def measured_along(
     truth: Array, timeline: Timeline, sensor: Sensors, rng: Streams, scans: int, runs: int
 ) -> Flight:
     """Return a path (n, K, M), or (n, K, 1) for all runs, and its noisy measurements."""
+    # The first step is measured only if the start needs its scan.
     first = 0 if scans else 1
     steps = timeline.steps.tolist()[first:]
     noise = rng.standard_normal((len(sensor.components), len(steps), runs))

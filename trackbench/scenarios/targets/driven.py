@@ -43,6 +43,7 @@ class PolarLaunch:
     def state(self) -> Array:
         """Return (px, vx, py, vy)."""
         a = np.array(np.deg2rad(self.azimuth_deg))
+        # Unit vectors along and across the line of sight.
         u, w = position(np.array(1.0), a), position(np.array(1.0), a + 0.5 * np.pi)
         out = np.empty(4)
         out[0::2] = 1e3 * self.range_km * u
@@ -125,6 +126,7 @@ class Driven(Target):
         n, noise_of_one = len(start), (len(sensor.components), start.shape[1])
         truth = [append_noise(start, extra_std(motion), rng)]
         seen = []
+        # x_k given x_{k-1}, then z_k; the first state is measured only if scans are needed.
         for i, k in enumerate(timeline.steps.tolist()):
             if i > 0:
                 truth.append(motion.transition(truth[-1], k).sample(rng))

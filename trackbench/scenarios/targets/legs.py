@@ -41,14 +41,17 @@ class Onsets:
         for n, (start, during) in enumerate(zip(self.starts, self.inside, strict=True), 1):
             if not during.any():
                 continue  # shorter than the sampling time
+            # Mode just before the leg, and whether it comes on during the leg.
             first = int(np.argmax(during))
             before = on[first - 1] if first else np.zeros(on.shape[1], dtype=np.bool_)
             found = on[during].any(axis=0)
             # The sample at the onset itself carries none of the turn; `during` starts after it.
             met = first + np.argmax(on[during], axis=0)
+            # Delay from the onset to that sample, if the mode was off before.
             delay = np.where(found & ~before, self.times[met] - start, np.nan)
             out[f"detection_delay_s[leg {n}]"] = delay
             if begun is not None:
+                # Estimated onset (time less the alarm's age) minus the true one.
                 error = begun[met, np.arange(len(met))] - start
                 out[f"onset_error_s[leg {n}]"] = np.where(np.isnan(delay), np.nan, error)
                 out[f"onset_abs_error_s[leg {n}]"] = np.abs(out[f"onset_error_s[leg {n}]"])
@@ -61,6 +64,7 @@ class Onsets:
     def _false_alarms(self, on: Mask, alarm: Array | None) -> Array:
         was_off = np.vstack([np.ones_like(on[:1]), ~on[:-1]])
         raised = on & was_off if alarm is None else alarm > 0.0
+        # Count alarms at quiet samples whose predecessor is off, per 1000 such samples.
         quiet = self.quiet[:, None] & was_off
         return np.asarray(1000.0 * (raised & quiet).sum(axis=0) / quiet.sum(axis=0))
 
@@ -150,10 +154,12 @@ class Legs(Flown):
         accelerated: list[Leg] = []
         for leg in self.legs:
             if not leg.turn_rate_deg_s:
+                # Accelerations are summed up to the next turn at a constant rate.
                 accelerated.append(leg)
                 continue
             start, end = np.array([leg.start]), np.array([leg.end])
             _fill(out, times, since, _accelerated(state, accelerated, times, since))
+            # A turn starts from the state at its beginning; what follows starts from its end.
             at_start = _accelerated(state, accelerated, start, since)[:, 0]
             _fill(out, times, leg.start, _turned(at_start, leg, times))
             state, since, accelerated = _turned(at_start, leg, end)[:, 0], leg.end, []
@@ -167,6 +173,7 @@ class Legs(Flown):
         """
         inside, out = self._inside(times), {}
         late = [times > leg.start + self.edge for leg in self.legs]
+        # Start of a turn: its first `edge` seconds.
         starts = inside & ~np.array(late, dtype=np.bool_).reshape(inside.shape)
         if self.legs:
             out["before"] = scored & (times <= self.legs[0].start)
@@ -219,6 +226,7 @@ class Legs(Flown):
             after = (t > leg.end) & (t <= leg.end + self.edge) & straight
             size = np.sqrt(leg.ax * leg.ax + leg.ay * leg.ay)
             if after.any() and size > 0.0:
+                # Error along the turn's acceleration, a . e / |a|
                 ahead = (leg.ax * x[after] + leg.ay * y[after]) / size
                 out[f"overshoot_m[leg {n + 1}]"] = mean(ahead, axis=0)
         return out
@@ -234,6 +242,7 @@ def _accelerated(start: Array, legs: list[Leg], times: Array, begun: float) -> A
         position, velocity = p + v * t, np.full_like(t, v)
         for leg in legs:
             since, after = np.maximum(times - leg.start, 0.0), np.maximum(times - leg.end, 0.0)
+            # v += a (s - e), p += a (s^2 - e^2) / 2; s since the leg's start, e since its end
             speed, distance = since - after, (since * since - after * after) / 2
             position = position + leg.acceleration[axis] * distance
             velocity = velocity + leg.acceleration[axis] * speed
@@ -244,6 +253,7 @@ def _accelerated(start: Array, legs: list[Leg], times: Array, begun: float) -> A
 def _turned(start: Array, leg: Leg, times: Array) -> Array:
     """Return states (n, K) from ``start`` (n,) at the leg's start on, turning at its rate."""
     t = times - leg.start
+    # The turn is in the plane; the height goes on at constant speed.
     planar = turn_state(start[:4], np.full_like(t, np.deg2rad(leg.turn_rate_deg_s)), t)
     rest = [start[4] + start[5] * t, np.full_like(t, start[5])] if len(start) > 4 else []
     return np.stack(planar + rest)

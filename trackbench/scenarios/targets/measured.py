@@ -119,11 +119,13 @@ class Measured(FromFiles, Naming, Target):
         """Return the steps of the files, those first that the start uses up."""
         self._check(sensor, start)
         asked = (sensor.components, start.scans, T)
+        # Read the files again only for another sensor, start or T.
         if self.__dict__.get("_read", (None,))[0] != asked:
             with self.reading():
                 object.__setattr__(self, "_read", (asked, self._made(sensor, start.scans, T)))
         clock, apart = self._recording.clock, self._recording.apart
         between = clock.T if clock.T is not None else float(clock.times[1] - clock.times[0])
+        # Time between the scans of the start: one number, or one for each run.
         own = None if start.scans < 2 else float(apart[0]) if np.ptp(apart) <= TICK else apart
         if isinstance(own, np.ndarray) and issubclass(start.prior_type(sensor), TwoPoint):
             what = "two scans of a radar must be equally far apart in all runs: take one-scan"
@@ -131,16 +133,20 @@ class Measured(FromFiles, Naming, Target):
         return Timeline(clock.steps, clock.times, between, clock.T is not None, own)
 
     def _made(self, sensor: Sensors, scans: int, T: float) -> "Recording":
+        # Step 1: read the chosen runs' rows of each sensor, in order of time.
         parts = rows_of(sensor)
         found = Gathered(self, self.origin or None)
         rows = read_rows(found, self._measured, [sensor.components[part] for part in parts])
         rows = chosen_runs(found, rows, [str(name) for name in self.runs], ("target", "runs"))
         rows = [in_order(found, of_sensor) for of_sensor in rows]
+        # Step 2: take the first scans from the sensor that measures the position.
         telling = position_part(sensor)
         place = 0 if telling is None else parts.index(telling[1])
         start = initial_scans(found, rows[place], scans) if scans else None
+        # Step 3: put all runs on one clock, and the measurements on its steps.
         clock = common_clock(found, rows, start, T, self.resample)
         seen = measurement_array(found, rows, clock, self.resample is not None)
+        # Step 4: add the scans of the start and the truth.
         first = np.full((len(sensor.components), scans, len(found.runs)), np.nan)
         if start is not None:
             first[parts[place]] = start.scans
@@ -156,10 +162,12 @@ class Measured(FromFiles, Naming, Target):
         if start.of_truth:
             what = "recorded data start from their scans, or as `given`: what is true is not known"
             raise InvalidKeyError(what, "start")
+        # Errors and gaps that only a simulation adds.
         for one in every:
             if one.bias or one.outliers is not None or one.detection != 1 or one.period != 1:
                 what = "bias, outliers, detection and period are of simulated measurements"
                 raise InvalidKeyError(what, "sensor")
+        # Columns and units must be of known quantities.
         plain = (name.rpartition(".")[2] for name in sensor.components)
         names = tuple(dict.fromkeys((*sensor.components, *plain, *self.components)))
         self.check_names(names, "target")
@@ -194,6 +202,7 @@ class Measured(FromFiles, Naming, Target):
         """Return the recorded runs of these numbers; a run beyond the last is empty."""
         made, steps = self._recording, len(timeline.steps)
         seen = np.concatenate([made.scans, made.seen], axis=1)
+        # The scenario may end before the recording.
         end = seen.shape[1] - (len(made.clock.steps) - steps)
         truth = recorded_columns(self._padded()[:, :steps], rng)
         return Flight(truth, recorded_columns(seen[:, :end], rng))

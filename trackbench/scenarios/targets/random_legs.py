@@ -73,17 +73,21 @@ class RandomLegs(Target):
 
     def _flown(self, steps: int, T: float, rng: Streams, runs: int) -> Array:
         """Return states (4, K, M)."""
+        # Step 1: draw the shares of the first state, and each leg's length and accelerations.
         x, y, share, heading, many = rng.random((5, runs))
         most, number = self.legs[1], _whole(self.legs, many)
         lengths = _whole(self.leg_steps, rng.random((most, runs)))
         across = self.across * (2.0 * rng.random((most, runs)) - 1.0)
         along = self.sigma_along * rng.standard_normal((most, runs))
+        # Step 2: put straight flight before each leg.
         if self.straight_steps is not None:
             straight = _whole(self.straight_steps, rng.random((most, runs)))
             lengths, most, number = _alternating(straight, lengths), 2 * most, 2 * number
             across, along = (_alternating(np.zeros_like(a), a) for a in (across, along))
+        # Step 3: last step of each leg, and of each run.
         ends = np.cumsum(lengths, axis=0)
         last = np.take_along_axis(ends, number[None] - 1, axis=0)[0]
+        # Step 4: first state, anywhere in the area and in any direction.
         speed = self.speed[0] + (self.speed[1] - self.speed[0]) * share
         c, s = cos_sin(2.0 * np.pi * heading)
         state = np.stack(
@@ -91,6 +95,7 @@ class RandomLegs(Target):
         )
         out = np.full((4, steps, runs), np.nan)
         out[:, 0] = state
+        # Step 5: move by the current leg's acceleration; NaN after the last leg.
         for i in range(1, steps):
             leg = np.minimum((ends < i).sum(axis=0), most - 1)[None]
             forward, aside = (np.take_along_axis(a, leg, axis=0)[0] for a in (along, across))
@@ -114,6 +119,8 @@ def _moved(state: Array, along: Array, across: Array, T: float) -> Array:
     px, vx, py, vy = state
     speed = np.sqrt(vx * vx + vy * vy)
     u, w = vx / speed, vy / speed
+    # a = along (u, w) + across (-w, u), with (u, w) the direction of flight
     ax, ay = along * u - across * w, along * w + across * u
+    # p + v T + a T^2 / 2, v + a T
     half = 0.5 * T * T
     return np.stack([px + vx * T + half * ax, vx + ax * T, py + vy * T + half * ay, vy + ay * T])

@@ -41,6 +41,7 @@ class RecordedPath(FromFiles, Naming, Flown):
 
     def _rows(self) -> tuple[Array, Array]:
         """Return times (R,) and x, y, z, vx, vy, vz (6, R), NaN where the file has none of them."""
+        # Step 1: read the rows of one run, in order of time.
         found = Gathered(self, self.origin or None)
         rows = read_rows(found, [self.file], [(*_POSITIONS, *_VELOCITIES)], least=2)
         found.check_origin("origin")
@@ -50,6 +51,7 @@ class RecordedPath(FromFiles, Naming, Flown):
             raise self._mistake("a path needs a column time")
         if len(found.runs) > 1:
             raise self._mistake(f"has {len(found.runs)} runs: name one by `run`")
+        # Step 2: check the columns: x and y, perhaps z, and velocities along all axes or none.
         there = np.isfinite(path.values)
         x, y, z, *moving = (bool(column.any()) for column in there)
         if not (x and y):
@@ -57,6 +59,7 @@ class RecordedPath(FromFiles, Naming, Flown):
         if any(moving) and moving != [True, True, z]:
             wanted = ", ".join(_VELOCITIES[: 2 + z])
             raise self._mistake(f"velocities are {wanted}, all or none")
+        # Step 3: keep the rows that have a number in each of these columns.
         whole = np.flatnonzero(there[[x, y, z, *moving]].all(axis=0))
         if len(whole) < 2:
             raise self._mistake("a path needs two rows, at two times")
@@ -105,6 +108,7 @@ class RecordedPath(FromFiles, Naming, Flown):
 
         out = []
         for position, velocity in zip(positions, velocities, strict=True):
+            # Cubic Hermite spline through the positions with the recorded velocities.
             spline = CubicHermiteSpline(at, position, velocity)
             out += [spline(times), spline.derivative()(times)]
         return np.stack(out)

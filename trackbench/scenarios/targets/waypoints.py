@@ -55,6 +55,7 @@ class Waypoints(Flown):
     def _times(self) -> Array:
         if self.times is not None:
             return np.array(self.times)
+        # t = length of the path so far over the speed
         steps = np.diff(self._points, axis=1)
         lengths = np.sqrt(np.square(steps).sum(axis=0))
         return np.concatenate([[0.0], np.cumsum(lengths) / self.speed])
@@ -68,10 +69,13 @@ def smooth_path(at: Array, points: Array, times: Array) -> Array:
     out = []
     for row in points:
         if len(at) == 2:
+            # Two points: a straight line.
             slope = (row[1] - row[0]) / (at[1] - at[0])
             position, velocity = row[0] + slope * (within - at[0]), np.full_like(times, slope)
         else:
+            # More points: Akima's spline and its derivative.
             spline = Akima1DInterpolator(at, row)
             position, velocity = spline(within), spline.derivative()(within)
+        # Outside the points: straight on from the nearest end.
         out += [position + velocity * (times - within), velocity]
     return np.stack(out)
