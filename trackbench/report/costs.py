@@ -24,6 +24,7 @@ from trackbench.report.estimates import RunEstimate, ignore_float_errors, linear
 from trackbench.report.expressions import Evaluator
 from trackbench.report.grid_queries import named_form, points_of
 from trackbench.report.results import Results
+from trackbench.results.point_facts import GridPoint
 
 _TIME = measure("cpu_s_per_run")
 COST, MICRO = "CPU time per step (µs)", 1e6
@@ -63,7 +64,7 @@ class Curve:
     """A filter over its sizes, the smallest first; a single one if it has none."""
 
     label: str
-    keys: dict[str, Any]
+    keys: GridPoint
     """its other keys"""
     spots: tuple[Spot, ...]
     name: str = ""
@@ -144,7 +145,7 @@ def shown(results: Results, wanted: Collection[str] | None) -> list[str]:
 
 
 def curves(
-    results: Results, scene: dict[str, Any], labels: Sequence[str], metric: Measure, key: str
+    results: Results, scene: GridPoint, labels: Sequence[str], metric: Measure, key: str
 ) -> list[Curve]:
     """Return every filter's errors and times in a scene, a curve for each set of its other keys."""
     found: dict[tuple[str, str], tuple[dict[str, Any], dict[float, Spot]]] = {}

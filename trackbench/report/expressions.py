@@ -29,6 +29,7 @@ from trackbench.report.estimates import (
     quotient,
 )
 from trackbench.report.results import Results
+from trackbench.results.point_facts import GridPoint
 from trackbench.scenarios.base import in_window
 
 
@@ -45,7 +46,7 @@ class Evaluator:
     """Measures over one results folder at one point of its grid."""
 
     results: Results
-    point: dict[str, Any]
+    point: GridPoint
 
     @property
     def batches(self) -> int:

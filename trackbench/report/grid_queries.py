@@ -1,13 +1,13 @@
 """Questions of tables and figures about the experiment's grid."""
 
 from collections.abc import Sequence
-from typing import Any
 
 from trackbench.config.build import unknown
 from trackbench.config.experiment import Point
 from trackbench.config.grid import filters_of, is_of_scenario, single_paths, values_of
 from trackbench.report.findings import phrases
 from trackbench.report.results import Results
+from trackbench.results.point_facts import GridPoint
 
 
 def missing_paths(points: Sequence[Point], **wanted: str | None) -> dict[str, str]:
@@ -22,19 +22,19 @@ def missing_paths(points: Sequence[Point], **wanted: str | None) -> dict[str, st
     }
 
 
-def scenes(results: Results) -> list[dict[str, Any]]:
+def scenes(results: Results) -> list[GridPoint]:
     """Return the grid's combinations of scenario values, in order; one empty one without any."""
     paths = [path for path in results.grid if is_of_scenario(path)]
     every = [{path: point[path] for path in paths} for point in results.points()]
     return [scene for i, scene in enumerate(every) if scene not in every[:i]]
 
 
-def points_of(results: Results, scene: dict[str, Any]) -> list[dict[str, Any]]:
+def points_of(results: Results, scene: GridPoint) -> list[GridPoint]:
     """Return the points of the grid with these scenario values."""
     return [p for p in results.points() if all(p[k] == v for k, v in scene.items())]
 
 
-def own_values(results: Results, point: dict[str, Any], label: str) -> dict[str, Any]:
+def own_values(results: Results, point: GridPoint, label: str) -> GridPoint:
     """Return the values that a point gives a filter, by single path."""
     place = results.index_of(point)
     values = point if place is None else results.grid_points[place]  # lists, where files have words
@@ -47,7 +47,7 @@ def own_values(results: Results, point: dict[str, Any], label: str) -> dict[str,
     return {path: value for path, value in singles if label in filters_of(path, every)}
 
 
-def named_form(label: str, keys: dict[str, Any], others: Sequence[dict[str, Any]]) -> str:
+def named_form(label: str, keys: GridPoint, others: Sequence[GridPoint]) -> str:
     """Return a filter's label with the keys that differ between its forms."""
     told = {k: v for k, v in keys.items() if any(other.get(k) != v for other in others)}
     return f"{label} ({phrases.heading(told)})" if told else label

@@ -1,7 +1,7 @@
 """Rank histograms from a results folder, and what a key may name that asks for them."""
 
 from collections.abc import Iterable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from trackbench.evaluation.metric_expression import Measure
 from trackbench.evaluation.uniformity_tests import Histogram, at_step, over_steps
 from trackbench.field_types import InvalidKeyError
 from trackbench.report.results import Results
+from trackbench.results.point_facts import GridPoint
 
 
 def check_rank(m: Measure, *path: str) -> None:
@@ -32,19 +33,19 @@ def steps_that_are_not(
     return {}
 
 
-def pits(results: Results, point: dict[str, Any], label: str, m: Measure) -> Array:
+def pits(results: Results, point: GridPoint, label: str, m: Measure) -> Array:
     """Return the values (M,) of a PIT at a step; none if the filter has none."""
     return results.runs(point).get((label, str(m)), np.empty(0))
 
 
-def shares_of_runs(results: Results, point: dict[str, Any], label: str, m: Measure) -> Array:
+def shares_of_runs(results: Results, point: GridPoint, label: str, m: Measure) -> Array:
     """Share of each run's steps in each tenth (TENTHS, M) of a PIT; no runs if the filter has none."""
     runs = results.runs(point)
     names = [m._replace(metric=bar).name for bar in bars(m.family[1])]
     return np.stack([runs.get((label, name), np.empty(0)) for name in names])
 
 
-def histogram(results: Results, point: dict[str, Any], label: str, m: Measure) -> Histogram:
+def histogram(results: Results, point: GridPoint, label: str, m: Measure) -> Histogram:
     """Return the histogram of a PIT at a step, or over each run's steps; empty without the PIT."""
     if m.steps:
         return at_step(pits(results, point, label, m))

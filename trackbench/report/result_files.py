@@ -15,7 +15,13 @@ from trackbench.errors import UserError
 from trackbench.plugins.errors import message_of
 from trackbench.report.requested import ResultsConfig
 from trackbench.results.folder_contents import COLUMNS, DATA_FILES, TIMING, read_manifest
-from trackbench.results.point_facts import POINTS_FILE, PointFacts, array_prefix, points_in
+from trackbench.results.point_facts import (
+    POINTS_FILE,
+    GridPoint,
+    PointFacts,
+    array_prefix,
+    points_in,
+)
 from trackbench.results.read_csv import Columns, Runs, check_heads, read_columns, read_runs
 
 if TYPE_CHECKING:
@@ -56,7 +62,7 @@ class ResultFiles(ResultsConfig):
         """Return filters that raised: ``filter``, ``reason`` and the grid point's values."""
         return self.manifest["failed"]
 
-    def facts(self, point: dict[str, Any]) -> PointFacts:
+    def facts(self, point: GridPoint) -> PointFacts:
         """Return the facts about a point beside numbers: scenario, filters, components, shading."""
         facts = next((f for f in self._facts if same_point(f.values, point)), None)
         if facts is None:
@@ -102,7 +108,7 @@ class ResultFiles(ResultsConfig):
         with self.reading(name) as path, path.open("rb") as file, np.load(file) as arrays:
             return dict(arrays)
 
-    def tracks(self, point: dict[str, Any]) -> dict[str, Array]:
+    def tracks(self, point: GridPoint) -> dict[str, Array]:
         """Return tracks of the first runs: ``truth``, ``measurements``, ``mean/<filter>``, ``steps``.
 
         Empty if every filter failed at the point.
@@ -115,7 +121,7 @@ class ResultFiles(ResultsConfig):
             if i is not None and name.startswith(prefix)
         }
 
-    def steps(self, point: dict[str, Any]) -> int:
+    def steps(self, point: GridPoint) -> int:
         """Return the number of steps of a run at a point."""
         steps, i = self.manifest.get("steps"), self.index_of(point) or 0
         number = steps[i] if isinstance(steps, list) and i < len(steps) else steps
@@ -124,7 +130,7 @@ class ResultFiles(ResultsConfig):
             raise UserError(f"{self.folder / 'manifest.json'}: {what}: {RUN_AGAIN}")
         return number
 
-    def runs(self, point: dict[str, Any]) -> Runs:
+    def runs(self, point: GridPoint) -> Runs:
         """Return the values per run at a point; empty if every filter failed there."""
         return self._runs.get(tuple(point.values()), {})
 
@@ -162,7 +168,7 @@ class ResultFiles(ResultsConfig):
         rows = dict.fromkeys(summary.tuples(self.grid))
         return [dict(zip(self.grid, row, strict=True)) for row in rows]
 
-    def index_of(self, point: dict[str, Any]) -> int | None:
+    def index_of(self, point: GridPoint) -> int | None:
         """Return a point's number in the config's grid; None if the grid does not have it."""
         return next(
             (i for i, given in enumerate(self.grid_points) if same_point(given, point)), None
@@ -179,7 +185,7 @@ class ResultFiles(ResultsConfig):
     def _columns(self) -> dict[str, Columns]:
         return {}
 
-    def at(self, frame: "pd.DataFrame", point: dict[str, Any]) -> "pd.DataFrame":
+    def at(self, frame: "pd.DataFrame", point: GridPoint) -> "pd.DataFrame":
         """Return the rows of one grid point."""
         for path, value in point.items():
             frame = frame[frame[path] == value]
@@ -195,7 +201,7 @@ class ResultFiles(ResultsConfig):
             return frame
 
 
-def same_point(point: dict[str, Any], read_back: dict[str, Any]) -> bool:
+def same_point(point: GridPoint, read_back: dict[str, Any]) -> bool:
     """Return whether a point of the config is one of a CSV file, where null and lists are texts."""
     pairs = ((value, read_back[path]) for path, value in point.items())
     return all(a == b or ("" if a is None else str(a)) == str(b) for a, b in pairs)

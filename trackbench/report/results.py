@@ -18,6 +18,7 @@ from trackbench.report.plugin_exhibits import OutputError, as_table, catch_plugi
 from trackbench.report.result_files import ResultFiles
 from trackbench.report.table import Table, results_html
 from trackbench.results.folder_contents import DEFAULT
+from trackbench.results.point_facts import GridPoint
 from trackbench.tuning.record import Record, read_tuning
 
 if TYPE_CHECKING:
@@ -152,7 +153,7 @@ class Results(ResultFiles):
             self.unmade[what] = str(error)
 
     @cached_property
-    def pairs(self) -> list[tuple[dict[str, Any], list[Pair]]]:
+    def pairs(self) -> list[tuple[GridPoint, list[Pair]]]:
         """Return every pair of filters on common runs, by point of the grid."""
         return [(point, pairs_at(self.runs(point), self.labels)) for point in self.points()]
 

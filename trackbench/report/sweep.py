@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import replace
 from math import nan
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from trackbench.report.findings.ranking import Candidate, Ranking, best_settings
 from trackbench.report.results import Results
 from trackbench.report.table import rounded
 from trackbench.report.tables.best_settings import BestSettings
+from trackbench.results.point_facts import GridPoint
 
 _AXES = 2
 _TABLE = "best-settings"
@@ -73,14 +74,14 @@ class Best(NamedTuple):
     """A filter's best values in a scenario, and how far off others of its values are."""
 
     filter: str
-    point: dict[str, Any]
+    point: GridPoint
     """the swept paths of the filter and of the scenario, and their values"""
     metric: str
     value: float
     stderr: float
-    ties: list[dict[str, Any]]
+    ties: list[GridPoint]
     """values without a significant difference from the best"""
-    next: dict[str, Any]
+    next: GridPoint
     """of the others those that are nearest; empty if there are none"""
     difference: float
     """of the metric's mean there to that at the best, on common runs"""

@@ -10,13 +10,16 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from trackbench.config.dump import as_config
 from trackbench.config.experiment import Point
 from trackbench.evaluation.consistency import sizes
 
 POINTS_FILE = "points.json"
+
+GridPoint: TypeAlias = dict[str, Any]
+"""Values of a point of the grid, by path; empty without a grid."""
 
 
 @dataclass(frozen=True)

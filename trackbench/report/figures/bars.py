@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from math import isfinite
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -16,8 +16,10 @@ from trackbench.report.findings.phrases import ranking, sentences
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
 from trackbench.report.plotting.artist_types import Axes, Figure
+from trackbench.report.plotting.style import LineStyle
 from trackbench.report.results import Results
 from trackbench.report.verdicts.claims import point_of
+from trackbench.results.point_facts import GridPoint
 
 
 @register("figures", "bars")
@@ -81,7 +83,7 @@ class Bars(FigureKind):
         return figure
 
     def _bars(self, ax: Axes, results: Results, expressions: Evaluator, labels: list[str]) -> None:
-        look: dict[str, Any] = {"fmt": "o", "markersize": 4, "capsize": 3}
+        look: LineStyle = {"fmt": "o", "markersize": 4, "capsize": 3}
         for i, label in enumerate(labels):
             value, low, high = self._value(expressions, label)
             if np.isfinite(value):
@@ -100,10 +102,8 @@ class Bars(FigureKind):
         low, high = (x if isfinite(x) else term.value for x in term.interval(self.level))
         return term.value, low, high
 
-    def _published(
-        self, ax: Axes, results: Results, point: dict[str, Any], labels: list[str]
-    ) -> None:
-        look: dict[str, Any] = {"marker": "D", "linestyle": "", "markerfacecolor": "none"}
+    def _published(self, ax: Axes, results: Results, point: GridPoint, labels: list[str]) -> None:
+        look: LineStyle = {"marker": "D", "linestyle": "", "markerfacecolor": "none"}
         for number in results.published.numbers:
             here = number.expression == self.metric and point_of(results, number.point) == point
             for label in number.labels if here else ():

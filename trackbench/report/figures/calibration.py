@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -28,6 +27,7 @@ from trackbench.report.rank_histograms import (
     steps_that_are_not,
 )
 from trackbench.report.results import Results
+from trackbench.results.point_facts import GridPoint
 
 _ALPHA, _LEAST_P = 0.01, 1e-4
 _LEVELS = 101
@@ -174,7 +174,7 @@ class Reliability(Curves):
 
 
 def _coverage(
-    results: Results, point: dict[str, Any], label: str, m: Measure
+    results: Results, point: GridPoint, label: str, m: Measure
 ) -> tuple[Array, Array, Array, int]:
     """Return levels, shares of the truths within, standard errors (zero at a step), number of runs."""
     central = m.family[1] != "nees"

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -28,10 +28,12 @@ from trackbench.report.grid_queries import points_of, scenes
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
 from trackbench.report.plotting.artist_types import Axes, Figure
+from trackbench.report.plotting.style import LineStyle
 from trackbench.report.results import Results
+from trackbench.results.point_facts import GridPoint
 
 _MARKERS = "osD^vP*X"
-_FRONT: dict[str, Any] = {"color": "#bbbbbb", "linewidth": 4.0, "alpha": 0.6, "zorder": 0.5}
+_FRONT: LineStyle = {"color": "#bbbbbb", "linewidth": 4.0, "alpha": 0.6, "zorder": 0.5}
 
 
 @register("figures", "accuracy-vs-cost")
@@ -92,7 +94,7 @@ class AccuracyVsCost(FigureKind):
         style.legend_outside(figure)
         return figure
 
-    def _panel(self, ax: Axes, results: Results, scene: dict[str, Any]) -> None:
+    def _panel(self, ax: Axes, results: Results, scene: GridPoint) -> None:
         there = self._curves(results, scene)
         marks: dict[str, int] = {}
         for curve in there:
@@ -117,7 +119,7 @@ class AccuracyVsCost(FigureKind):
     def _floor(self, results: Results) -> str:
         return self.floor or str(results.config.get("reference"))
 
-    def _curves(self, results: Results, scene: dict[str, Any]) -> list[Curve]:
+    def _curves(self, results: Results, scene: GridPoint) -> list[Curve]:
         labels = [b for b in shown(results, self.filters) if b != self._floor(results)]
         return curves(results, scene, labels, self.metric, self.along)
 
@@ -125,13 +127,13 @@ class AccuracyVsCost(FigureKind):
         every = [spot for curve in there for spot in curve.spots]
         return list(front(every, self.metric.family[0].more_is_better))
 
-    def _least(self, results: Results, point: dict[str, Any], floor: str) -> float:
+    def _least(self, results: Results, point: GridPoint, floor: str) -> float:
         """Return a bound's value from summary.csv, which has no runs."""
         expressions = Evaluator(results, point)
         stored = expressions.stored.get((floor, str(self.metric)))
         return (stored or expressions.term(self.metric.of(floor))).value
 
-    def _curve(self, ax: Axes, curve: Curve, look: dict[str, Any]) -> None:
+    def _curve(self, ax: Axes, curve: Curve, look: LineStyle) -> None:
         x, y = _values(curve.spots)
         ax.plot(x[0], y[0], markersize=3.5, label=curve.name, **look)
         bars = {"fmt": "none", "color": look["color"], "elinewidth": 0.8, "capsize": 1.5}

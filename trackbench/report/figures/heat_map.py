@@ -20,6 +20,7 @@ from trackbench.report.plotting import style
 from trackbench.report.plotting.artist_types import Axes, Figure
 from trackbench.report.plotting.page_formats import sheet
 from trackbench.report.results import Results
+from trackbench.results.point_facts import GridPoint
 
 _LETTER_IN, _DIGIT_IN = 0.075, 0.05  # widths of the ticks' and of the cells' letters
 
@@ -81,7 +82,7 @@ class HeatMap(FigureKind):
         }
         return self._panels(x, columns, self.y, levels, panels)
 
-    def _cell(self, results: Results, wanted: dict[str, Any], label: str) -> float:
+    def _cell(self, results: Results, wanted: GridPoint, label: str) -> float:
         points = points_of(results, wanted)
         m = self.metric.of(label)
         return Evaluator(results, points[0]).term(m).value if points else float("nan")

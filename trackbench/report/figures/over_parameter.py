@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from trackbench.report.grid_queries import missing_paths
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
 from trackbench.report.plotting.artist_types import Axes, Figure
+from trackbench.report.plotting.style import LineStyle
 from trackbench.report.results import Results
 from trackbench.results.read_csv import Columns
 
@@ -97,7 +97,7 @@ class RmseVsParameter(FigureKind):
         return figure
 
     def _line(
-        self, ax: Axes, x: Array, y: Array, stderr: Array, label: str, look: dict[str, Any]
+        self, ax: Axes, x: Array, y: Array, stderr: Array, label: str, look: LineStyle
     ) -> None:
         shown = _moved_zero(x) if self.log_x else x
         if len(y) and np.ptp(y) == 0.0:

@@ -16,6 +16,7 @@ from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
 from trackbench.report.plotting.artist_types import Axes, Figure
 from trackbench.report.results import Results
+from trackbench.results.point_facts import GridPoint
 from trackbench.results.read_csv import Columns
 
 _ROUNDING = 1e-12
@@ -40,7 +41,7 @@ class Curves(FigureKind):
     baseline: str | None = None
     """label of the filter that every other should beat: drawn grey and dotted"""
 
-    def labels(self, results: Results) -> Iterator[tuple[str, dict[str, Any]]]:
+    def labels(self, results: Results) -> Iterator[tuple[str, GridPoint]]:
         """Yield each label to draw with its line style; the floor and the baseline last."""
         references = {self.baseline: style.BASELINE, self.floor: style.FLOOR}
         drawn = results.chosen(self.filters)
@@ -77,7 +78,7 @@ class Curves(FigureKind):
         return figure, [(list(column), p) for column, p in zip(axes, points, strict=True)]
 
     def lines(
-        self, results: Results, point: dict[str, Any], metric: Measure
+        self, results: Results, point: GridPoint, metric: Measure
     ) -> Iterator[tuple[Columns, dict[str, Any]]]:
         """Yield each label's series of a metric at a grid point, and its line style."""
         rows = results.columns("per_step", point).where(metric=str(metric))

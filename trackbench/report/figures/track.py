@@ -14,6 +14,7 @@ from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
 from trackbench.report.plotting.artist_types import Axes, Figure
 from trackbench.report.plotting.page_formats import sheet
+from trackbench.report.plotting.style import LineStyle
 from trackbench.report.results import Results
 
 _AXES = ("x", "y")
@@ -172,5 +173,5 @@ class MeanAndStd(FigureKind):
         return figure
 
 
-def _line(ax: Axes, rows: Any, sign: float, label: str, look: dict[str, Any]) -> None:
+def _line(ax: Axes, rows: Any, sign: float, label: str, look: LineStyle) -> None:
     ax.plot(rows["time"], sign * rows["value"], label=label, **look | {"linewidth": 0.8})

@@ -8,6 +8,7 @@ from trackbench.config.grid import single_paths
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.field_types import is_number
 from trackbench.metrics import Better, unit_of, without_unit
+from trackbench.results.point_facts import GridPoint
 
 _FIRST = 3
 _BEST = {
@@ -123,7 +124,7 @@ def verb(names: Sequence[str], one: str = "is", many: str = "are") -> str:
     return one if len(names) == 1 else many
 
 
-def heading(point: dict[str, Any]) -> str:
+def heading(point: GridPoint) -> str:
     """Return a grid point as the title of its panel: ``R = 0.1``, ``sigma azimuth = 2 mrad``."""
     parts = zip(map(quantity, point), point.values(), strict=True)
     return ", ".join(f"{key} = {number(value)} {unit}".rstrip() for (key, unit), value in parts)

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import isfinite
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from trackbench.report.findings.phrases import named
 from trackbench.report.grid_queries import own_values, points_of, scenes
 from trackbench.report.paired import Pair, pairs_of, primary_metrics
 from trackbench.report.results import Results
+from trackbench.results.point_facts import GridPoint
 
 LEVEL = 0.05
 """Probability of a false word on any pair."""
@@ -32,12 +33,12 @@ class Candidate:
     """A filter with the values that the grid gives it, and the point at which it has them."""
 
     label: str
-    point: dict[str, Any]
+    point: GridPoint
     lost: Array
     """why each run (M,) is lost, 0 if it is not"""
     values: Array
     """the metric of each run (M,), NaN where it is lost"""
-    own: dict[str, Any] = field(default_factory=dict)
+    own: GridPoint = field(default_factory=dict)
     """what the grid gives the filter, by path"""
 
     @cached_property
@@ -70,7 +71,7 @@ class Candidate:
 class Ranking(NamedTuple):
     """Ranking of one scenario's filters by one metric: the best, and what differs from it."""
 
-    scene: dict[str, Any]
+    scene: GridPoint
     """what the grid gives the scenario"""
     metric: Measure
     best: Candidate | None
@@ -112,7 +113,7 @@ def best_settings(results: Results) -> list[Ranking]:
     """Yield for each varied filter which of its values are best, by scenario."""
     metric = next(iter(ranking_metrics(results)), "")
     found: list[list[Candidate]] = []
-    wheres: list[dict[str, Any]] = []
+    wheres: list[GridPoint] = []
     for where in scenes(results) if metric else []:
         settings = list(_settings(results, points_of(results, where), metric))
         for label in dict.fromkeys(c.label for c in settings if c.own):
@@ -137,7 +138,7 @@ def ranking_metrics(results: Results) -> list[str]:
     return [*errors, *told]
 
 
-def _standing(results: Results, where: dict[str, Any], metric: str, times: int) -> Ranking:
+def _standing(results: Results, where: GridPoint, metric: str, times: int) -> Ranking:
     """Return the ranking in one scenario of several."""
     settings = list(_settings(results, points_of(results, where), metric))
     found = ranking_of(settings, metric, results.config.get("reference"), times)
@@ -194,9 +195,7 @@ def _pairs_of(n: int) -> int:
     return n * (n - 1) // 2
 
 
-def _settings(
-    results: Results, points: Sequence[dict[str, Any]], metric: str
-) -> Iterator[Candidate]:
+def _settings(results: Results, points: Sequence[GridPoint], metric: str) -> Iterator[Candidate]:
     """Yield each filter with each of the values that the grid gives it, once."""
     for label in results.filters:
         seen = set()

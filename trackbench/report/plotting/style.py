@@ -5,7 +5,7 @@ import textwrap
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from trackbench.report.html.svg import compact
 from trackbench.report.plotting.artist_types import Axes, Axis, Figure
 from trackbench.report.plotting.figure import saved, spell_out
 from trackbench.report.plotting.page_formats import sheet
+from trackbench.results.point_facts import GridPoint
 
 # Okabe & Ito 2008, without its yellow, which disappears on paper.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#6F4E37", "#999999")
@@ -23,13 +24,15 @@ DASHES: tuple[Any, ...] = (
     *("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)), (0, (9, 1.5))),
     *((0, (2.5, 2.5)), (0, (6, 1.2, 1.2, 1.2, 1.2, 1.2)), (0, (9, 1.5, 3, 1.5))),
 )
-FLOOR: dict[str, Any] = {"color": "black", "linestyle": (0, (6, 2)), "linewidth": 1.0}
-BASELINE: dict[str, Any] = {"color": "#777777", "linestyle": (0, (1, 1.6)), "linewidth": 1.4}
+LineStyle: TypeAlias = dict[str, Any]
+"""Keyword arguments with which matplotlib draws a line or a marker."""
+FLOOR: LineStyle = {"color": "black", "linestyle": (0, (6, 2)), "linewidth": 1.0}
+BASELINE: LineStyle = {"color": "#777777", "linestyle": (0, (1, 1.6)), "linewidth": 1.4}
 ANY, MANEUVER = "#555555", "#f3d9a4"
 """Colours of what is no filter's own: of any filter in a legend, of spans of maneuvers."""
-BAND: dict[str, Any] = {"color": "black", "alpha": 0.15, "lw": 0}
+BAND: LineStyle = {"color": "black", "alpha": 0.15, "lw": 0}
 """Look of where a filter without fault is found."""
-TRUTH: dict[str, Any] = {"color": "black", "linewidth": 1.4, "linestyle": "-"}
+TRUTH: LineStyle = {"color": "black", "linewidth": 1.4, "linestyle": "-"}
 
 SPREAD = "± 2 standard errors"
 _MOST_BANDS = 3
@@ -65,7 +68,7 @@ def subplots(
     return figure, figure.subplots(rows, columns, **kwargs)
 
 
-def line(index: int) -> dict[str, Any]:
+def line(index: int) -> LineStyle:
     """Return color and dash of the filter at ``index`` among the experiment's filters."""
     colour = COLOURS[index % len(COLOURS)]
     dash = DASHES[(index + index // len(COLOURS)) % len(DASHES)]
@@ -77,7 +80,7 @@ def error_band(
     x: Array,
     value: Array,
     stderr: Array,
-    look: dict[str, Any],
+    look: LineStyle,
     place: int,
     places: int,
     log: bool = False,
@@ -178,7 +181,7 @@ def title(figure: Figure, text: str, points: int = 1) -> None:
         figure.suptitle(": ".join(filter(None, [text, part])))
 
 
-def headings(points: Sequence[dict[str, Any]]) -> list[str]:
+def headings(points: Sequence[GridPoint]) -> list[str]:
     """Set the panel titles, wrapped to the room."""
     across = min(len(points), sheet().across)
     return [wrapped(phrases.heading(point), across) for point in points]

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from itertools import compress
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from trackbench.config.published import Claim, read_published
 from trackbench.evaluation.statistics import Estimate
@@ -15,6 +15,7 @@ from trackbench.report.table import Cell, Table
 from trackbench.report.tables.reading_search import readings
 from trackbench.report.verdicts.claims import judge
 from trackbench.report.verdicts.rules import CLAIM_WORDS, NOT_MEASURED
+from trackbench.results.point_facts import GridPoint
 
 _WORDS = tuple(word for word in CLAIM_WORDS if word != NOT_MEASURED)
 
@@ -78,7 +79,7 @@ class ClaimReadings(TableKind):
 
 
 def _judged(
-    results: Results, claims: list[Claim], points: list[dict[str, Any]]
+    results: Results, claims: list[Claim], points: list[GridPoint]
 ) -> tuple[list[Claim], list[list[str]]]:
     """Return the claims that any point decides, and the words on each of them at every point."""
     evidence = [Evaluator(results, point) for point in points]

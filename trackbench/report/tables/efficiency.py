@@ -39,6 +39,7 @@ from trackbench.report.grid_queries import named_form, points_of, scenes
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
+from trackbench.results.point_facts import GridPoint
 
 _NOT_ZERO = 4.0
 """Standard errors from which a cross term is not chance among some dozens."""
@@ -97,9 +98,7 @@ class EfficiencyTable(TableKind):
         return [_cell(part, len(floor), lost) for part in found]
 
 
-def _forms(
-    results: Results, scene: dict[str, Any], label: str
-) -> Iterator[tuple[str, dict[str, Any]]]:
+def _forms(results: Results, scene: GridPoint, label: str) -> Iterator[tuple[str, GridPoint]]:
     """Yield the filter with each of its varied key sets, their name, and the first point."""
     found: list[dict[str, Any]] = []
     points = []

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from trackbench.report.expressions import Evaluator
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
+from trackbench.results.point_facts import GridPoint
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,7 +98,7 @@ def _cell(expressions: Evaluator, m: Measure) -> Cell:
     return Cell.of(stored or expressions.term(m))
 
 
-def _lost_notes(results: Results, point: dict[str, Any], labels: list[str]) -> Iterator[str]:
+def _lost_notes(results: Results, point: GridPoint, labels: list[str]) -> Iterator[str]:
     """Return why runs were lost, in words."""
     runs = results.runs(point)
     for label in labels:

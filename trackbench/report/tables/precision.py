@@ -1,7 +1,6 @@
 """Table kind `precision`: how many runs each filter needed until its numbers were as exact as asked."""
 
 from dataclasses import dataclass
-from typing import Any
 
 from trackbench.core.arrays import Array
 from trackbench.evaluation.merge import FilterResult
@@ -18,6 +17,7 @@ from trackbench.registry import register
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
+from trackbench.results.point_facts import GridPoint
 
 
 @register("tables", "precision")
@@ -62,7 +62,7 @@ def _result(runs: dict[tuple[str, str], Array], label: str) -> FilterResult:
 
 def _look(
     results: Results,
-    point: dict[str, Any],
+    point: GridPoint,
     result: FilterResult,
     wanted: PrecisionTarget,
     runs: int,

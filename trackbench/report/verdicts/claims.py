@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from math import inf, isnan, nan
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from trackbench.config.published import Claim, PublishedNumber, picks
 from trackbench.errors import counted
@@ -13,6 +13,7 @@ from trackbench.report.expressions import Evaluator
 from trackbench.report.results import Results
 from trackbench.report.verdicts import rules
 from trackbench.report.verdicts.rules import NOT_MEASURED, UNDECIDED, Verdict
+from trackbench.results.point_facts import GridPoint
 
 
 class ClaimVerdict(NamedTuple):
@@ -169,6 +170,6 @@ def evidence_at(results: Results, text: str) -> Evaluator | None:
     return None if point is None else Evaluator(results, point)
 
 
-def point_of(results: Results, text: str) -> dict[str, Any] | None:
+def point_of(results: Results, text: str) -> GridPoint | None:
     """Return the point that ``path=value; path=value`` picks; the first with results if it is empty."""
     return next((point for point in results.points() if picks(text, point)), None)
