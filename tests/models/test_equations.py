@@ -228,3 +228,30 @@ def test_a_mistake_in_a_config_is_a_line(old: str, new: str, where: str, tmp_pat
     with pytest.raises(UserError) as raised:
         load(tmp_path / "c.yaml")
     assert any(where in line for line in str(raised.value).splitlines()), str(raised.value)
+
+
+NILE = """1120 1160 963 1210 1160 1160 813 1230 1370 1140 995 935 1110 994 1020 960 1180 799 958 1140 1100 1210
+1150 1250 1260 1220 1030 1100 774 840 874 694 940 833 701 916 692 1020 1050 969 831 726 456 824 702 1120 1100
+832 764 821 768 845 864 862 698 845 744 796 1040 759 781 865 845 944 984 897 822 1010 771 676 649 846 812 742
+801 1040 860 874 848 890 744 749 838 1050 918 986 797 923 975 815 1020 906 901 1170 912 746 919 718 714 740"""
+LOCAL_LEVEL = """name: nile
+scenario:
+  kind: tracking
+  target: {kind: measured, measurements: nile.csv, axes: 0}
+  assume: {motion: {kind: map, components: [x], next: {x: x}, Q: 1469.1}}
+  sensor: {kind: function, h: {z: x}, R: 15099}
+  start: {kind: given, mean: [0], cov: [[9998530.9]]}
+filters: {KF: {kind: kf}}
+metrics: [log_score]
+"""
+
+
+def test_the_log_likelihood_of_the_nile(tmp_path: Path) -> None:
+    """Durbin & Koopman 2012: -641.5856 with P_1 = 1e7, by the variances 15099 and 1469.1."""
+    rows = [f"{k},{z}\n" for k, z in enumerate(NILE.split(), 1)]
+    (tmp_path / "nile.csv").write_text("".join(["step,z\n", *rows]))
+    (tmp_path / "c.yaml").write_text(LOCAL_LEVEL)
+    options = api.Options(engine="serial", quiet=True, out=tmp_path / "out")
+    folder = api.run(tmp_path / "c.yaml", options).folder
+    score = Results(folder).runs({})["KF", "log_score"][0]
+    assert 100.0 * score == pytest.approx(-641.5856, abs=6e-5)
