@@ -13,6 +13,7 @@ NAMES = {
     "filter --per-run": "my-own",
     "sensor": "my-sensor",
     "motion": "my-motion",
+    "motion --nonlinear": "my-pendulum",
     "scenario": "My_Radar",
     "experiment": "first",
 }
@@ -38,7 +39,7 @@ def test_it_runs_at_once(tmp_path: Path, what: str, name: str) -> None:
         assert good.returncode == 0, good.stdout
         kalman = "left out  equals the Kalman" if options else "good  equals the Kalman filter"
         assert kalman in good.stdout
-    assert ("Time of my-own" in done.stdout) == bool(options)
+    assert ("Time of my-own" in done.stdout) == ("--per-run" in options)
     again = trackbench("new", what, name, *options, cwd=tmp_path)
     assert again.returncode == 2
     assert "there is a file" in again.stderr

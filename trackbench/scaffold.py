@@ -21,20 +21,24 @@ _TEMPLATES = {
     "experiment": ("experiment.yaml", "test_experiment.py"),
 }
 WHAT = tuple(_TEMPLATES)
-_PER_RUN = ("per_run.py", "per_run.yaml", "test_per_run.py")
+_FORM_OF = {"per_run": "filter", "nonlinear": "motion"}
+_TEMPLATES |= {f: (f"{f}.py", f"{f}.yaml", f"test_{f}.py") for f in _FORM_OF}
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*(?:[-_ ][A-Za-z0-9]+)*")
 
 
-def write_new(what: str, name: str, folder: Path, per_run: bool = False) -> list[Path]:
+def write_new(what: str, name: str, folder: Path, form: str = "") -> list[Path]:
     """Write the files of a new filter, sensor, experiment, ...; existing files stay.
 
-    ``per_run`` writes a filter that handles one run at a time.
+    ``form`` is ``per_run``, a filter that handles one run at a time, or ``nonlinear``, a motion in
+    equations.
     """
-    if per_run and what != "filter":
-        raise UserError(f"new {what} {name}: --per-run is of a filter")
+    if form and _FORM_OF[form] != what:
+        option = f"--{form.replace('_', '-')}"
+        raise UserError(f"new {what} {name}: {option} is of a {_FORM_OF[form]}")
     words = _words(what, name)
     module = "_".join(words)
-    templates, part = (_PER_RUN, "per_run") if per_run else (_TEMPLATES[what], what)
+    part = form or what
+    templates = _TEMPLATES[part]
     # Fill every template before anything is written.
     filled = {folder / t.replace(part, module): _filled(t, words) for t in templates}
     mark = Mark(f"new {what} {name}")

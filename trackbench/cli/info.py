@@ -113,6 +113,9 @@ def new(
     per_run: Annotated[
         bool, typer.Option("--per-run", help="a filter that is written for one run, without arrays")
     ] = False,
+    nonlinear: Annotated[
+        bool, typer.Option("--nonlinear", help="a motion of any state, by its equations in Python")
+    ] = False,
 ) -> None:
     """Write a commented starting file that runs as it is, and its test.
 
@@ -128,7 +131,8 @@ def new(
     elif name is None:
         raise typer.BadParameter("is required without --from", param_hint="NAME")
     else:
-        paths = write_new(what, name, Path(), per_run)
+        form = "per_run" if per_run else "nonlinear" if nonlinear else ""
+        paths = write_new(what, name, Path(), form)
     for path in paths:
         typer.echo(f"wrote {path}")
     config = next(path for path in paths if path.suffix == ".yaml")

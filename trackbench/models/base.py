@@ -6,6 +6,7 @@ find positions at the even and velocities at the odd indices that all motions of
 """
 
 from abc import abstractmethod
+from collections.abc import Callable
 from functools import cache
 from typing import ClassVar, NamedTuple, Protocol, TypeAlias, cast, runtime_checkable
 
@@ -19,6 +20,7 @@ from trackbench.extension_points import Part
 from trackbench.field_types import InvalidKeyError
 
 AXES = ("x", "y", "z")
+_STEP = 1e-6  # of central differences, relative to a component or to its unit if that is larger
 
 
 def position_velocity_names(axes: int) -> tuple[str, ...]:
@@ -42,6 +44,26 @@ def by_component(
         if name not in components:
             raise InvalidKeyError(f"unknown component {name!r}; known: {names}", *path, name)
     return np.array([given.get(name, 0.0) for name in components], dtype=float)
+
+
+def central_differences(
+    function: Callable[[Array], Array],
+    x: Array,
+    difference: Callable[[Array, Array], Array] = np.subtract,
+) -> Array:
+    """Return the derivatives (m, n, *batch) of a function of states x (n, *batch), values (m, *batch).
+
+    ``difference`` subtracts two values, for angles with a wrap.
+    """
+    columns = []
+    for i, value in enumerate(x):
+        # df/dx_i = (f(x + h e_i) - f(x - h e_i)) / (2 h)
+        h = _STEP * np.maximum(np.abs(value), 1.0)
+        ahead, behind = x.copy(), x.copy()
+        ahead[i] += h
+        behind[i] -= h
+        columns.append(difference(function(ahead), function(behind)) / (2.0 * h))
+    return np.stack(columns, axis=1)
 
 
 class SampledMotion(Protocol):

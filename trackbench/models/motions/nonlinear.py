@@ -3,14 +3,15 @@
 from abc import abstractmethod
 from dataclasses import dataclass, field
 from functools import lru_cache
+from typing import ClassVar
 
 import numpy as np
 
 from trackbench.core import linalg
-from trackbench.core.arrays import Array, with_trailing
+from trackbench.core.arrays import Array, fixed, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.field_types import Count, Finite, InvalidKeyError, freeze_mappings
-from trackbench.models.base import Motion, SampledMotion
+from trackbench.models.base import Motion, SampledMotion, central_differences
 from trackbench.models.equations import ArrayProgram, Covariance, Equations, Term
 from trackbench.models.motions.kinematic import Linear
 from trackbench.registry import register
@@ -182,6 +183,55 @@ class StateNoise:
     def jacobian(self, x: Array, k: int) -> Array:
         """Return df/dx (n, n[, *batch])."""
         return self.step.jacobian(x, k)
+
+
+@dataclass(frozen=True, kw_only=True)
+class NonlinearMotion(Motion):
+    """Base of a motion that is written in Python: a subclass has ``components``, `f` and `Q`.
+
+    The Jacobian is taken by central differences.
+    """
+
+    components: ClassVar[tuple[str, ...]]
+    """names of the state's components, in order"""
+
+    @abstractmethod
+    def f(self, x: Array, k: int, T: float) -> Array:
+        """Return the states (n, *batch) at step k without noise.
+
+        Parameters
+        ----------
+        x : array (n, *batch)
+            States at step k - 1, which must stay as they are.
+        k : int
+            Number of the new step.
+        T : float
+            Time between the steps, s.
+        """
+
+    @abstractmethod
+    def Q(self, T: float) -> Array:
+        """Return the covariance (n, n) of the noise over T seconds."""
+
+    @lru_cache(maxsize=64)  # noqa: B019 (a motion is a few numbers)
+    def sampled(self, T: float, axes: int = 1) -> AdditiveNoise:
+        """Return the motion over T seconds."""
+        return AdditiveNoise(self.components, T, FunctionStep(self, T), fixed(self.Q(T)))
+
+
+class FunctionStep(Step):
+    """A noise-free step by a function, with a Jacobian by central differences."""
+
+    def __init__(self, motion: NonlinearMotion, T: float) -> None:
+        self.motion, self.T = motion, T
+
+    def __call__(self, x: Array, k: int) -> Array:
+        """Return the states at step k for states x (n, *batch) at step k - 1."""
+        return np.asarray(self.motion.f(x, k, self.T))
+
+    def jacobian(self, x: Array, k: int) -> Array:
+        """Return the derivative (n, n, *batch) at x (n, *batch)."""
+        return central_differences(lambda states: self(states, k), x)
 
 
 @register("motions", "map")

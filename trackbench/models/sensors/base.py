@@ -13,9 +13,7 @@ from trackbench.core.random_streams import Streams
 from trackbench.core.sums import total
 from trackbench.extension_points import Part
 from trackbench.field_types import Count, Finite, Natural, OpenShare, Positive, Share
-from trackbench.models.base import LocatingSensor, NearSensor
-
-_STEP = 1e-6  # of central differences, relative to a component or to its unit if that is larger
+from trackbench.models.base import LocatingSensor, NearSensor, central_differences
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,16 +70,7 @@ class SensorBase(Part):
 
     def jacobian(self, x: Array, k: int) -> Array:
         """Return d E[z_k] / d x_k at x (n_x, *batch), by central differences; (n_z, n_x, *batch)."""
-        columns = []
-        for i, value in enumerate(x):
-            # dz/dx_i = (z(x + h e_i) - z(x - h e_i)) / (2 h)
-            h = _STEP * np.maximum(np.abs(value), 1.0)
-            ahead, behind = x.copy(), x.copy()
-            ahead[i] += h
-            behind[i] -= h
-            z_ahead, z_behind = (self.measurement(state, k).mean for state in (ahead, behind))
-            columns.append(self.innovation(z_ahead, z_behind) / (2.0 * h))
-        return np.stack(columns, axis=1)
+        return central_differences(lambda s: self.measurement(s, k).mean, x, self.innovation)
 
     def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
         """Return errors (d, *batch) by quantity in the sensor's coordinates."""
