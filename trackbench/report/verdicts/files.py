@@ -157,13 +157,18 @@ def markdown(results: Results, comparison: Comparison) -> str:
     parts = [f"# Published and measured: {results.title}", counts]
     parts += [table.markdown().rstrip() for table in verdict_tables(comparison)]
     times = f"Verdicts on CPU times stand in {TIME_VERDICTS}: they depend on the machine."
-    legend = LEGEND + (
-        EQUAL_LEGEND if any(r.verdict.word == "equal" for r in comparison.rows) else ""
+    return (
+        "\n\n".join([*parts, legend(comparison.rows), *([times] if time_verdicts(results) else [])])
+        + "\n"
     )
-    return "\n\n".join([*parts, legend, *([times] if time_verdicts(results) else [])]) + "\n"
 
 
-LEGEND = (
+def legend(rows: Iterable[Compared]) -> str:
+    """Return the meaning of the verdicts on these rows."""
+    return _LEGEND + (_EQUAL if any(row.verdict.word == "equal" for row in rows) else "")
+
+
+_LEGEND = (
     "`agrees`: the 95 % interval of the difference (the paper's error from its printed spread, "
     "else from ours, and its number of runs) lies within 10 % of the printed number or within its "
     "printed digits; `compatible`: no difference is seen, but the interval is wider; `near`: it "
@@ -174,7 +179,7 @@ LEGEND = (
     "`chosen`: agrees or not with a value that was chosen for it. No verdict excludes an event that "
     "none of M runs had and that is rarer than 3 / M."
 )
-EQUAL_LEGEND = (
+_EQUAL = (
     " `equal`: on recorded data a filter without random numbers gives the printed digits, of which the "
     "results keep seven; else it `differs`."
 )
