@@ -68,7 +68,8 @@ class Driven(Target):
 
     def __post_init__(self) -> None:
         freeze_mappings(self)
-        given = [key for key in ("launch", "polar", "initial") if getattr(self, key) is not None]
+        first = {"launch": self.launch, "polar": self.polar, "initial": self.initial}
+        given = [key for key, value in first.items() if value is not None]
         if len(given) > 1:
             raise ValueError(f"give one of {' and '.join(given)}")
         if given and given != ["initial"] and not (self.is_moving or len(self.components) == 1):
