@@ -1,6 +1,7 @@
 """Filters by draws and by splits on a linear model, where the Kalman filter is exact."""
 
 from itertools import product
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from tests.conftest import make_filter
 from tests.papers import merwe, seen_as
+from trackbench import api
 from trackbench.core.distributions import Gaussian
 from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.block import BlockTask, simulate
@@ -20,6 +22,7 @@ from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.motions.turn import UnknownTurn
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
+from trackbench.report.results import Results
 from trackbench.scenarios.starts.without_scans import GaussianStart
 from trackbench.scenarios.targets.base import Launch
 from trackbench.scenarios.targets.driven import Driven
@@ -204,3 +207,27 @@ def test_the_steps_of_a_flow_grow_by_a_fifth_and_fill_its_time(steps: int) -> No
     lengths = np.array(_step_lengths(steps))
     assert lengths.sum() == pytest.approx(1.0)
     np.testing.assert_allclose(lengths[1:] / lengths[:-1], 1.2)
+
+
+def _rmse(folder: Path, **keys: object) -> dict[str, float]:
+    """Return the position RMSE and ANEES of ensembles of ten on a linear model, 400 runs."""
+    (folder / "c.yaml").write_text(
+        "name: c\nruns: 400\nscenario:\n  kind: tracking\n  last: 30\n"
+        "  target: {kind: driven, motion: {kind: cwna, q: 1}, launch: {x: 10, vx: 1}}\n"
+        "  sensor: {kind: position, sigma: 5}\n  start: {kind: gaussian, sigma: [5, 1, 5, 1]}\n"
+        f"filters: {{EnKF: {dict(kind='enkf', N=10) | keys}}}\nmetrics: [rmse_position, nees]\n"
+    )
+    options = api.Options(engine="serial", quiet=True, out=folder / "out")
+    runs = Results(api.run(folder / "c.yaml", options).folder).runs({})
+    return {name: float(runs["EnKF", name].mean()) for name in ("rmse_position", "nees")}
+
+
+def test_centered_errors_help_a_small_ensemble(tmp_path: Path) -> None:
+    """Ten members: the mean of ten drawn errors no longer adds a tenth of R to each estimate."""
+    plain, centered = (_rmse(tmp_path, centered=value) for value in (False, True))
+    assert centered["rmse_position"] < 0.97 * plain["rmse_position"]
+
+
+def test_inflation_makes_an_ensemble_less_sure(tmp_path: Path) -> None:
+    plain, inflated = (_rmse(tmp_path, inflation=value) for value in (1.0, 1.1))
+    assert inflated["nees"] < 0.8 * plain["nees"]

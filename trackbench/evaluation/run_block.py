@@ -49,7 +49,7 @@ def run_whole_block(task: BlockTask) -> dict[int, BlockResult]:
 
 
 def _stayed_finite(mean: Array) -> Mask:
-    """Return the runs (M,) with finite components at every step that any run estimates."""
+    """Return the runs (M,) that are finite at every step, in the components that any run estimates."""
     there = np.isfinite(mean)
     estimated = there.any(axis=(1, 2))  # a converted measurement, say, has no velocity
     return np.asarray(there[estimated].all(axis=(0, 1)) & estimated.any())

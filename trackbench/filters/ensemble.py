@@ -100,6 +100,11 @@ class EnKF(EnsembleFilter):
     without a linearization of motion or sensor.
     """
 
+    centered: bool = False
+    """draw measurement errors whose mean over the members is zero, which helps small ensembles"""
+    inflation: Annotated[float, Ge(1), Interval(lt=float("inf"))] = 1.0
+    """factor on the members' deviations from their mean after each update"""
+
     def step(self, model: Model, state: Ensemble, z: Array, k: int, rng: Generator) -> Ensemble:
         """Move every member, and correct it by a measurement with an error drawn for it."""
         # Step 1: move the members.
@@ -122,8 +127,15 @@ class EnKF(EnsembleFilter):
         K = linalg.matmul(linalg.transpose(C), linalg.inverse(S))
         # Step 4: x_i + K (z + e_i - z_i), e_i ~ N(0, R).
         error = Gaussian(np.zeros_like(nu), R).sample(rng, self.N)
+        if self.centered:
+            # Without their mean the errors have (N - 1) / N of the variance.
+            error = np.sqrt(self.N / (self.N - 1)) * (error - mean(error)[..., None])
         each = np.where(missing, 0.0, nu)[..., None] - dz + error
         x = x + linalg.matvec(K[..., None], each)
+        # Step 5: widen the ensemble about its mean.
+        if self.inflation != 1.0:
+            m = mean(x)[..., None]
+            x = m + self.inflation * (x - m)
         innovation = Innovation(nu, S)
         return Ensemble(x, innovation.nis, innovation)
 

@@ -14,6 +14,7 @@ from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
 from trackbench.report.verdicts import rules
+from trackbench.report.verdicts.rules import UNDECIDED
 
 
 @register("tables", "differences")
@@ -106,8 +107,8 @@ def _compared(evidence: Evaluator, claim: ClaimRow) -> tuple[RunEstimate, str]:
 
 
 def _ranges(names: list[str], words: list[str]) -> str:
-    """Return ``holds at 0, 0.1; undecided at 1; fails at 10``."""
-    found: dict[str, list[str]] = {"holds": [], "undecided": [], "fails": []}
+    """Return ``holds at 0, 0.1; inconclusive at 1; fails at 10``."""
+    found: dict[str, list[str]] = {"holds": [], UNDECIDED: [], "fails": []}
     for name, word in zip(names, words, strict=True):
-        found.get(word, found["undecided"]).append(name)
+        found.get(word, found[UNDECIDED]).append(name)
     return "; ".join(f"{verdict} at {', '.join(at)}" for verdict, at in found.items() if at)
