@@ -56,8 +56,10 @@ class Innovation(NamedTuple):
         if not missing.any():
             value = zero_mean_log_prob(self.nu, self.S)
         else:
+            # Leave out the missing components of each run.
             value = log_prob_of_measured(self.nu, self.S, missing)
             value = np.where(missing.all(axis=0), np.nan, value)
+        # Change of variables: a converted measurement adds the log of the volume ratio.
         return value if isinstance(self.volume_ratio, float) else value + log(self.volume_ratio)
 
 

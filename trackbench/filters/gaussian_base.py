@@ -75,8 +75,10 @@ class GaussianFilter(InnovationFilter[Tracked]):
         nis = innovation.nis
         if self.gate is None:
             return Tracked(posterior, nis, innovation)
+        # The limit of the NIS depends on the number of measured components.
         measured_components = (~np.isnan(innovation.nu)).sum(axis=0)
         gated = nis > _gate_limits(self.gate, len(z))[measured_components]
+        # Update again with the refused measurements as missing: predict only.
         if gated.any():
             posterior, _ = self.update(model, state.posterior, np.where(gated, np.nan, z), k)
         return Tracked(posterior, nis, innovation, gated)

@@ -142,7 +142,9 @@ class VariableDimension(Filter[AdaptiveState]):
         """Start the NMF at the prior in every run."""
         p, nmf = self.parameters, per_axis(prior)
         runs, axes = nmf.mean.shape[-1], nmf.cov.shape[2]
+        # One onset hypothesis per sample of the detection window.
         window = p.detector.window(sampling_of(model).T)
+        # The MF has no estimate before the first alarm: mean zero, unit covariance.
         identity = np.broadcast_to(np.eye(3)[:, :, None, None], (3, 3, axes, runs))
         zero, unknown = np.zeros(runs), np.full(runs, np.nan)
         return AdaptiveState(
@@ -195,9 +197,11 @@ class VariableDimension(Filter[AdaptiveState]):
         nmf, mf = state.record.nmf, state.record.mf
         if nmf is None:
             return np.full(state.record.nis.shape, np.nan)
+        # The axes are independent: their log-likelihoods add up.
         value = sum_over_axes(nmf.log_likelihood)
         if mf is not None and state.record.reports_mf is not None:
             value = np.where(state.record.reports_mf, sum_over_axes(mf.log_likelihood), value)
+        # A step without a measurement has no predictive likelihood.
         return np.where(is_missing(nmf), np.nan, value)
 
     @property
@@ -330,7 +334,9 @@ def _second_decision(p: Parameters, mode: Mode, alarm: Mask, k: int) -> tuple[Ma
 
 def _exit_test(p: Parameters, state: AdaptiveState, k: int, sampling: Sampling) -> Mask:
     """Return the runs (M,) whose acceleration was not significant over the last p samples."""
+    # The MF has been on alone for at least `hold_s`.
     long_enough = (k - state.mode.since) * sampling.T >= p.exit.hold_s
+    # The sum of the significances of the last p samples is below Ta.
     insignificant = total(state.detector.significance, axis=0) < p.exit.Ta
     return (state.mode.on == MF) & long_enough & insignificant
 
@@ -339,10 +345,12 @@ def _return_to_nmf(state: AdaptiveState, over: Mask, k: int) -> AdaptiveState:
     """Start the NMF again from the MF's position and velocity, with empty statistics."""
     if not over.any():
         return state
+    # Clear rho and the onset hypotheses of these runs.
     detector = state.detector._replace(
         rho=np.where(over, 0.0, state.detector.rho),
         inputs=state.detector.inputs.reset(over, k),
     )
+    # Drop the acceleration from the MF state.
     nmf = where_runs(over, first_components(state.mf, 2), state.nmf)
     return state._replace(nmf=nmf, detector=detector)
 
