@@ -167,6 +167,7 @@ class VariableDimension(Filter[AdaptiveState]):
     ) -> AdaptiveState:
         """Run the filters, then decide: maneuver, confirmation, end of the maneuver (Figure 1)."""
         p, sampling = self.parameters, sampling_of(model)
+        # The NMF, and the MF if any run has it on, take the measurement; the statistics follow.
         state = _run_filters(p, state, z, sampling)
         state = _update_statistics(p, state, z, k, sampling)
         # First decision: is the target maneuvering, and since when? Then the MF starts.
@@ -318,8 +319,10 @@ def _start_mf(
         nmf = Gaussian(state.nmf.mean[..., runs], state.nmf.cov[..., runs])
         started = inputs.select(slot[runs], runs).augment(nmf)
     else:
+        # Start at the onset, and filter the measurements since then again.
         onset = inputs.onset(slot, k)[runs]
         started = refilter(past, onset, runs, k, p.mf.axis(sampling.T), sampling)
+    # Only the alarmed runs change.
     mean, cov = state.mf.mean.copy(), state.mf.cov.copy()
     mean[..., runs], cov[..., runs] = started.mean, started.cov
     return state._replace(mf=Gaussian(mean, cov))
@@ -328,6 +331,7 @@ def _start_mf(
 def _second_decision(p: Parameters, mode: Mode, alarm: Mask, k: int) -> tuple[Mask, Mask]:
     """Return the runs whose maneuver is confirmed, and those in which both filters end."""
     n = p.dlw.n
+    # Decide n samples after the alarm; the MF wins with positive evidence (n = 0: at once).
     decided = (mode.on == BOTH) & (k - mode.since >= n)
     return decided & (mode.evidence > 0.0) | alarm & (n == 0), decided
 
