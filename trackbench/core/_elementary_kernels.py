@@ -107,6 +107,7 @@ def log(x: Array, out: Array) -> None:
     tiny = (x > 0.0) & (x < _SMALLEST)
     scaled[tiny] = x[tiny] * 2.0**_MANTISSA
     zero, infinite, undefined = x == 0.0, x == np.inf, ~(x >= 0.0)
+    # Correct the results of scaled and special numbers afterwards.
     _log_of_normal(scaled, out)
     out[tiny] -= _MANTISSA * constants().log_2
     out[zero], out[infinite], out[undefined] = -np.inf, np.inf, np.nan
@@ -181,6 +182,7 @@ def arctan2(y: Array, x: Array, out: Array) -> None:
     with np.errstate(divide="ignore", invalid="ignore"):
         t = y / x
         widest = max(np.maximum.reduce(t), -np.minimum.reduce(t))
+        # All angles are narrow: the series suffices.
         if widest <= _NARROW and np.minimum.reduce(x) > 0.0:
             _arctan_of_narrow(t, out)
             return
@@ -195,6 +197,7 @@ def arctan2(y: Array, x: Array, out: Array) -> None:
 
 def _arctan_of_narrow(t: Array, out: Array) -> None:
     """Write Gregory's series to the ninth power."""
+    # t - t^3 / 3 + t^5 / 5 - t^7 / 7 + t^9 / 9 by Horner's rule in t^2
     square = t * t
     series = square * (1.0 / 9.0)
     series -= 1.0 / 7.0
@@ -233,9 +236,11 @@ def _arctan2_anywhere(y: Array, x: Array, out: Array) -> None:
 def powers_of_two() -> Array:
     """Return ``2^(j / POWERS)``, j = 0 ... POWERS - 1."""
     step = 2 << _BITS
+    # 2^(1 / POWERS) by repeated square roots of 2, in fixed-point numbers.
     for _ in range(POWERS.bit_length() - 1):
         step = isqrt(step << _BITS)
     entries, power = [], _ONE
+    # Multiply up from 2^0.
     for _ in range(POWERS):
         entries.append(power)
         power = power * step >> _BITS
@@ -299,6 +304,7 @@ def parts(bits: int, divisor: int, widths: list[int]) -> list[float]:
     rest, out = bits // divisor, []
     for width in widths:
         drop = max(rest.bit_length() - width, 0)
+        # Keep the leading bits of the rest; the remaining ones go to the next part.
         head = rest >> drop << drop
         out.append(head / _ONE)
         rest -= head
@@ -329,6 +335,7 @@ def _series(angle: int, first: int) -> int:
     """Return the cosine (first = 0) or sine (1) of a small angle."""
     term = angle if first else _ONE
     square, total, n = angle * angle >> _BITS, 0, first
+    # The next term is -term angle^2 / ((n + 1) (n + 2)).
     while term:
         total += term
         term = -(term * square >> _BITS) // ((n + 1) * (n + 2))

@@ -42,6 +42,7 @@ def fixed(a: A) -> A:
     a.flags.writeable = False  # the caller may keep the old array
     if type(a) is not np.ndarray or a.dtype.hasobject:
         return a
+    # Copy the values into a `bytes` object, in the order of the array's memory.
     order: Literal["C", "F"] = "F" if a.flags.fnc else "C"
     return cast(A, np.ndarray(a.shape, a.dtype, a.tobytes(order), order=order))
 
@@ -96,6 +97,7 @@ def _parts_of(whole: Any) -> list[tuple[Any, Any]]:
         return list(whole.items())
     if isinstance(whole, type | ModuleType):
         return []
+    # Attributes of an instance, and dataclass fields that live in slots.
     names = {*getattr(whole, "__dict__", ()), *getattr(whole, "__dataclass_fields__", ())}
     return [(name, getattr(whole, name, None)) for name in names]
 
@@ -111,6 +113,7 @@ class Seal:
         self._memory: dict[int, tuple[bytes, bytearray]] = {}
         self._attributes: list[tuple[dict[str, Any], dict[str, Any]]] = []
         waiting, visited = [*wholes], set[int]()
+        # Walk through all parts, each of them once.
         while waiting:
             part = waiting.pop()
             owner = _owner(part)
@@ -125,9 +128,11 @@ class Seal:
     def mend(self) -> bool:
         """Write back what was changed; return whether anything was."""
         changed = [(memory, copy) for memory, copy in self._memory.values() if memory != copy]
+        # Write the copy back to the address: numpy would refuse to write there.
         for memory, copy in changed:
             ctypes.memmove(np.frombuffer(memory, np.uint8).ctypes.data, bytes(copy), len(copy))
         replaced = False
+        # Restore the attributes as they were.
         for attributes, old in self._attributes:
             replaced |= any(attributes.get(name) is not value for name, value in old.items())
             attributes.clear()  # drops values cached since then, whose origin is unknown

@@ -50,6 +50,7 @@ def ucm(z: Polar) -> Gaussian:
     The covariance is that of the error given the measurement.
     """
     s, v = z.azimuth_variance, z.range_variance
+    # Variances along and across the line of sight.
     square, shrinkage = np.square(z.r), expm1(-2.0 * s)  # e^(-2 s) - 1
     radial = square * (expm1(s) + 0.5 * shrinkage) + 0.5 * v * (2.0 + shrinkage)
     cross = -0.5 * (square + v) * shrinkage
@@ -59,6 +60,7 @@ def ucm(z: Polar) -> Gaussian:
 def mucm(z: Polar) -> Gaussian:
     """Return the modified unbiased conversion (Duan et al. 2004): moments given the measurement."""
     s, v = z.azimuth_variance, z.range_variance
+    # Variances along and across the line of sight.
     square, excess = np.square(z.r), 2.0 * np.square(sinh(0.5 * s))  # cosh s - 1
     radial = exp(-s) * (square * excess + v * (1.0 + excess))
     cross = exp(-s) * (square + v) * sinh(s)
@@ -113,6 +115,7 @@ def earth_centered(place: Geodetic) -> Array:
     """Return Cartesian coordinates (3, ...) fixed to the Earth, m (Groves 2013, section 2.4.3)."""
     (c, s), (cos_lon, sin_lon) = cos_sin(place.latitude), cos_sin(place.longitude)
     radius = SEMI_MAJOR_AXIS / np.sqrt(1.0 - _ECCENTRICITY_SQUARED * s * s)  # of curvature
+    # Distance from the Earth's axis, and height above the equatorial plane.
     to_axis = (radius + place.height) * c
     up = (radius * (1.0 - _ECCENTRICITY_SQUARED) + place.height) * s
     return np.stack([to_axis * cos_lon, to_axis * sin_lon, up])

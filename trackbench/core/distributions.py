@@ -92,9 +92,11 @@ class Gaussian(Symmetric):
         """Return ``mean + L e`` with e standard normal."""
         shape = self.mean.shape + trailing
         noise = rng.standard_normal(shape)
+        # A covariance without a Cholesky factor needs the semidefinite root.
         root = self._root if np.isfinite(self._root).all() else linalg.root(self.cov)
         if root.ndim > 2:
             root = with_trailing(root, len(shape) - 1, leading=2)
+        # x = mean + L e
         x = linalg.matvec(root, noise)
         x += with_trailing(self.mean, len(shape) - 1)
         return x

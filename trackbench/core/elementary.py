@@ -47,6 +47,7 @@ def cos_sin(a: ArrayLike) -> tuple[Array, Array]:
     a = np.asarray(a, dtype=float)
     flat = np.ascontiguousarray(a).reshape(-1)
     c, s = np.empty(flat.shape), np.empty(flat.shape)
+    # Compute in pieces that fit the cache.
     for i in range(0, len(flat), _PIECE):
         piece = slice(i, i + _PIECE)
         _elementary_kernels.cos_sin(flat[piece], c[piece], s[piece])
@@ -58,6 +59,7 @@ def arctan2(y: Array, x: Array) -> Array:
     y, x = np.asarray(y, dtype=float), np.asarray(x, dtype=float)
     flat_y, flat_x = (np.ascontiguousarray(a).reshape(-1) for a in (y, x))
     out = np.empty(flat_y.shape)
+    # Compute in pieces that fit the cache.
     for i in range(0, len(out), _PIECE):
         piece = slice(i, i + _PIECE)
         _elementary_kernels.arctan2(flat_y[piece], flat_x[piece], out[piece])
@@ -92,11 +94,13 @@ def logaddexp(a: Array, b: ArrayLike) -> Array:
 def power(x: ArrayLike, y: float) -> Array:
     """Return ``x^y`` for x >= 0; a whole y of up to 16 by multiplication."""
     x = np.asarray(x, dtype=float)
+    # x^y = x x ... x
     if y == int(y) and 0 <= y <= 16:
         product = x if y else np.ones_like(x)
         for _ in range(int(y) - 1):
             product = product * x
         return product[()]
+    # x^y = exp(y log x)
     with np.errstate(divide="ignore", invalid="ignore"):
         return exp(y * log(x))
 
@@ -175,6 +179,7 @@ def _piecewise(kernel: Elementwise, x: ArrayLike, out: Array | None) -> Array:
         return _of_number(kernel, x)
     x = np.asarray(x, dtype=float)
     flat = np.ascontiguousarray(x).reshape(-1)
+    # Write into `out` directly if its memory is in order, else copy at the end.
     in_place = out is not None and out.flags.c_contiguous
     target = out.reshape(-1) if out is not None and in_place else np.empty(flat.shape)
     for i in range(0, len(flat), _PIECE):

@@ -107,12 +107,14 @@ class Hypotheses(NamedTuple):
 
     def significance(self) -> Array:
         """Return zeta (W, M), zero where there is no information yet."""
+        # zeta = sum over the axes of d^2 L
         known = self.information > 0.0
         L = np.where(known, 1.0, 0.0) / np.where(known, self.information, 1.0)
         return total(np.square(self.score) * L, axis=0)
 
     def onset(self, slot: Index, k: int) -> Index:
         """Return the step t (M,) of the onset in each run's slot (M,), at step k."""
+        # Age of the slot in the ring of W onsets, 1 ... W.
         age = (k - 1 - slot) % self.width + 1
         return np.maximum(k - age, self.since)
 
@@ -122,6 +124,7 @@ class Hypotheses(NamedTuple):
 
     def select(self, slot: Index, runs: Index) -> "Input":
         """Return response and estimated input of ``runs`` (m,), each at its slot (m,)."""
+        # Least squares: u = L d
         L = 1.0 / self.information[:, slot, runs]
         return Input(self.response[:, :, slot, runs], L * self.score[:, slot, runs], L)
 
@@ -142,6 +145,7 @@ class Input(NamedTuple):
         """Return ``[x + M u; u]`` with ``[P + M L M', M L; L M', L]``: the input is a component."""
         corrected, (M, u, L) = self.correct(state), self
         ML = np.broadcast_to(M * L, corrected.cov[:, 0].shape)
+        # Stack the blocks [P + M L M', M L] and [L M', L].
         upper = np.concatenate([corrected.cov, ML[:, None]], axis=1)
         lower = np.concatenate([ML, np.broadcast_to(L, ML[0].shape)[None]])[None]
         mean = np.concatenate([corrected.mean, u[None]])

@@ -56,8 +56,10 @@ class Innovation(NamedTuple):
         if not missing.any():
             value = zero_mean_log_prob(self.nu, self.S)
         else:
+            # Leave out the missing components of each run.
             value = log_prob_of_measured(self.nu, self.S, missing)
             value = np.where(missing.all(axis=0), np.nan, value)
+        # Change of variables: a converted measurement adds the log of the volume ratio.
         return value if isinstance(self.volume_ratio, float) else value + log(self.volume_ratio)
 
 
@@ -133,6 +135,7 @@ def drop_missing(H: Array, R: Array, missing: Mask) -> tuple[Array, Array]:
     components are missing in all runs.
     """
     pattern = missing.reshape(len(missing), -1)
+    # One pattern in all runs: drop the batch axes of the mask.
     if H.ndim == R.ndim == 2 and (pattern == pattern[:, :1]).all():
         missing = pattern[:, 0]
     H = np.where(missing[:, None], 0.0, with_trailing(H, missing.ndim - 1, leading=2))
@@ -163,6 +166,7 @@ def update_with_gain(predicted: Gaussian, nu: Array, K: Array, H: Array, R: Arra
     nan = np.isnan(nu)
     if nan.any():
         missing = nan.any(axis=0) & np.isfinite(predicted.mean).all(axis=0)
+        # K = 0 leaves mean and covariance at the prediction.
         K = np.where(missing, 0.0, with_trailing(K, nu.ndim - 1, leading=2))
         nu = np.where(missing, 0.0, nu)
     return _with_gain(predicted, nu, K, H, R)
@@ -170,6 +174,7 @@ def update_with_gain(predicted: Gaussian, nu: Array, K: Array, H: Array, R: Arra
 
 def _with_gain(predicted: Gaussian, nu: Array, K: Array, H: Array, R: Array) -> Gaussian:
     note("covariances", predicted.cov, components=2)
+    # m + K nu
     mean = predicted.mean + linalg.matvec(K, nu)
     return Gaussian(mean, _joseph(predicted.cov, K, H, R))
 
@@ -178,8 +183,10 @@ def _with_gain(predicted: Gaussian, nu: Array, K: Array, H: Array, R: Array) -> 
 def gain(P: Array, H: Array, R: Array) -> tuple[Array, Array]:
     """Return ``S = H P H' + R`` and ``K = P H' S^-1``."""
     HP = linalg.matmul(H, P)
+    # S = H P H' + R
     S = linalg.symmetrize(linalg.matmul(H, linalg.transpose(HP)))
     S = S + with_axes_of(S, R)
+    # K = (H P)' S^-1
     return S, linalg.matmul(linalg.transpose(HP), linalg.inverse(S))
 
 

@@ -36,6 +36,7 @@ def bandwidth(n: int, N: Array | int, kernel: Kernel) -> Array:
         factor = 4.0 / (n + 2.0)
     else:
         factor = 8.0 * (n + 4.0) / _unit_ball(n)
+        # times (2 sqrt pi)^n
         for _ in range(n):
             factor *= 2.0 * sqrt(pi)
     return elementary.power(factor / np.asarray(N), 1.0 / (n + 4))

@@ -39,6 +39,7 @@ def matmul(A: Array, B: Array) -> Array:
         return np.add.reduce(A[:, :, None] * B, axis=1)  # in order: few terms
     if A.ndim == 2:
         return _constant_product(A, B)
+    # A B = (B' A')'
     if B.ndim == 2:
         return transpose(_constant_product(B.T, transpose(A)))
     return _sum_of([A[:, j, None] * B[None, j] for j in range(A.shape[1])])
@@ -137,12 +138,15 @@ def _factor_of_one(P: Array, tolerance: float) -> Array:
     rows, n = P.tolist(), len(P)
     L = [[0.0] * n for _ in range(n)]
     for j in range(n):
+        # L_jj^2 = P_jj - sum_k<j L_jk^2
         pivot = _minus_products(rows[j][j], L[j], L[j], j)
         least = tolerance * rows[j][j]
         if pivot > least:
             L[j][j] = sqrt(pivot)
+            # L_ij = (P_ij - sum_k<j L_ik L_jk) / L_jj
             for i in range(j + 1, n):
                 L[i][j] = _minus_products(rows[i][j], L[i], L[j], j) / L[j][j]
+        # A zero variance, or a pivot within the tolerance, leaves a zero column; else nan.
         elif not (rows[j][j] == 0.0 or abs(pivot) < least):
             for i in range(j, n):
                 L[i][j] = nan
@@ -170,6 +174,7 @@ def whiten(L: Array, b: Array) -> list[Array]:
     """Return the rows of ``L^-1 b`` as new arrays."""
     rows: list[Array] = []
     for i in range(L.shape[0]):
+        # Forward substitution: y_i = (b_i - sum_j<i L_ij y_j) / L_ii
         rest = b[i]
         for j in range(i):
             if L.ndim > 2 or L[i, j] != 0.0:

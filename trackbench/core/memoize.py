@@ -26,9 +26,11 @@ def once(function: F) -> F:
 
     @wraps(function)
     def call(*matrices: Array) -> Any:
+        # A matrix with a batch axis is not constant: compute directly.
         for A in matrices:
             if A.ndim > 2:
                 return function(*matrices)
+        # The key is the content of all matrices.
         key = tuple([(A.dtype.char, A.shape, A.tobytes()) for A in matrices])
         result = cache.get(key)
         if result is None:

@@ -66,6 +66,7 @@ def independence_moves(
     for _ in range(steps):
         trial = draw(rng)
         proposed = log_ratio(trial)
+        # Accept with probability min(1, exp(proposed - current)).
         with np.errstate(invalid="ignore"):
             accept = metropolis(proposed - current, 1.0, rng)
         x, current = np.where(accept, trial, x), np.where(accept, proposed, current)

@@ -89,8 +89,10 @@ def combine(states: Sequence[Gaussian], weights: Array) -> Gaussian:
         Mean (n, M) and covariance (n, n, M).
     """
     terms = list(zip(weights, states, strict=True))
+    # m = sum_j w_j m_j
     mean = np.asarray(sum(w * s.mean for w, s in terms))
     cov = np.zeros((len(mean), *mean.shape))
+    # P = sum_j w_j (P_j + e e') with e = m_j - m
     for w, s in terms:
         e = s.mean - mean
         cov += w * (with_trailing(s.cov, 1, leading=2) + linalg.outer(e, e))

@@ -89,8 +89,10 @@ class Evidence(NamedTuple):
     def log(self) -> Array:
         """Return the log of the mean unnormalized weight (M,) (Doucet & Johansen 2009, section 4.1)."""
         if isinstance(self.carried, float):
+            # N equal log-weights of zero have the sum N.
             before = elementary.log(float(self.N))
         else:
+            # Log of the sum of the carried weights.
             before = normalize(self.carried).mass.log
         return np.asarray(self.mass.log - before - elementary.log(self.scale))
 
@@ -155,4 +157,5 @@ def effective_sample_size(w: Array) -> Array:
 
 def distinct_share(x: Array) -> Array:
     """Return the share (M,) of distinct values in x (M, N), whose copies stand side by side."""
+    # Copies are neighbors: count the changes from one particle to the next.
     return np.asarray((1 + (x[:, 1:] != x[:, :-1]).sum(axis=-1)) / x.shape[-1])

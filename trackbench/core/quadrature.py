@@ -87,9 +87,11 @@ def nodes_between(intervals: Sequence[Interval], support: Interval, n: int) -> P
     """
     panels = []
     for low, high in intervals:
+        # Cut the interval to the support.
         a = np.maximum(low, support[0])
         b = np.maximum(np.minimum(high, support[1]), a)
         if (b > a).any():
+            # Map the nodes of [-1, 1] to [a, b].
             x = 0.5 * (a + b) + 0.5 * (b - a) * _rule(n).nodes[:, None]
             panels.append(Panel(a, b, x, np.ones_like(x)))
     if panels:
@@ -187,6 +189,7 @@ def _half_distance_in(panel: Panel) -> Array:
         return np.zeros_like(panel.low)
     n = len(panel.x)
     densities = np.ascontiguousarray(panel.density.T)[None]
+    # F at each node: the integral of the density from the left end to there.
     F = panel.half * product(densities, weights_up_to(_rule(n).nodes, n).T)[0].T
     integrand = F * (total(panel.mass, axis=0) - F)
     return np.asarray(panel.half * total(_rule(n).weights[:, None] * integrand, axis=0))

@@ -60,6 +60,7 @@ class RunStreams:
 
     def standard_gamma(self, shape: float, size: tuple[int, ...]) -> Array:
         """Return Gamma(shape, rate 1) variates; by numpy unless the shape is a small whole number."""
+        # Gamma(n) of whole n is the sum of n exponentials, -log of a product of uniforms.
         if is_erlang(shape):
             return erlang(self.random((int(shape), *size)))
         return self._take(
@@ -98,6 +99,7 @@ class SomeRuns:
     def __init__(self, block: Generator, step: int, runs: Iterable[int]) -> None:
         seed = block.bit_generator.seed_seq
         assert isinstance(seed, SeedSequence)
+        # The key of a substream is that of the block, the step and the run.
         keys = ((*seed.spawn_key, step, int(run)) for run in runs)
         sequences = (SeedSequence(seed.entropy, spawn_key=key) for key in keys)
         self._generators = [NoiseGenerator(SFC64(sequence)) for sequence in sequences]
@@ -119,6 +121,7 @@ class SomeRuns:
     ) -> Array:
         if size[-2] != len(self._generators):
             raise ValueError(f"{size} is not for {len(self._generators)} runs")
+        # Each run draws its own row (*draws, N); the rows are stacked along the run axis.
         row = (*size[:-2], size[-1])
         return np.stack([draw(g, row) for g in self._generators], axis=-2)
 
@@ -152,5 +155,6 @@ def aside_stream(seed: int, block: int) -> Generator:
 
 def _sequence(seed: int, number: int, kind: int, training: int) -> SeedSequence:
     """Return the seed sequence of a run or block; negative numbers are training runs."""
+    # Training runs count from -1 downwards: number -1 becomes 0.
     key = (kind, number) if number >= 0 else (training, -1 - number)
     return SeedSequence(seed, spawn_key=key)

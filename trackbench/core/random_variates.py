@@ -45,6 +45,7 @@ class NoiseGenerator(Generator):
         if args or kwargs:
             return super().standard_normal(size, *args, **kwargs)
         shape = _shape(size)
+        # Variates come in fours, from a Hadamard transform of four table entries.
         quads = -(-prod(shape) // 4)
         out = np.empty(4 * quads)
         for start in range(0, quads, _QUADS):

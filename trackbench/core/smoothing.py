@@ -55,11 +55,13 @@ def smooth(
 
     last = len(posteriors) - 1
     if lag is None:
+        # All measurements: one pass from the last step back to the first.
         backwards = [posteriors[last]]
         for k in reversed(range(last)):
             backwards.append(one_back(k, backwards[-1]))
         return backwards[::-1]
     out = []
+    # Fixed lag: go back from step k + lag for each step k.
     for k in range(last + 1):
         end = min(k + lag, last)
         smoothed = posteriors[end]

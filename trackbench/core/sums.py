@@ -21,6 +21,7 @@ def total(a: Array, axis: Literal[0, -1] = -1) -> Array:
         return _in_order(a.reshape(len(a), prod(a.shape[1:]))).reshape(a.shape[1:])[()]
     n = a.shape[-1]
     rows = a.reshape(prod(a.shape[:-1]), n)
+    # Long rows: sum blocks first.
     for least, block in _BLOCKS:
         if rows.shape[1] >= least:
             rows = _by_blocks(rows, block)
@@ -58,7 +59,9 @@ def _by_blocks(rows: Array, block: int) -> Array:
     """Return the sums (r, block) of the blocks of each of r rows; the last block may be shorter."""
     n = rows.shape[1]
     whole = n - n % block
+    # Add the whole blocks elementwise.
     sums = np.add.reduce(rows[:, :whole].reshape(len(rows), -1, block), axis=1)
+    # Add the shorter last block.
     if whole < n:
         sums[:, : n - whole] += rows[:, whole:]
     return sums
@@ -70,6 +73,7 @@ def _halves(a: Array) -> tuple[Array, Array]:
     out, rest = [], a
     for bits in (23, 46):
         rounding = ldexp(1.5, exponent + 52 - bits)  # what is added to it loses its lower bits
+        # Round to the leading bits; the remainder is exact.
         head = rest + rounding
         head -= rounding
         out.append(head)

@@ -103,6 +103,7 @@ def gauss_hermite(order: int) -> GaussHermite:
 def _hermite(n: int, x: float) -> float:
     """Return He_n(x), by ``He_{k+1} = x He_k - k He_{k-1}``."""
     previous, current = 0.0, 1.0
+    # He_{k+1} = x He_k - k He_{k-1}
     for k in range(n):
         previous, current = current, x * current - k * previous
     return current
@@ -114,9 +115,11 @@ def _hermite_roots(n: int) -> list[float]:
         return []
     edge = 2.0 * sqrt(n)
     roots = []
+    # The roots of He_{n-1} separate those of He_n, all of them below 2 sqrt(n).
     for low, high in pairwise([-edge, *_hermite_roots(n - 1), edge]):
         rising = _hermite(n, high) > 0.0
         middle = 0.5 * (low + high)
+        # Halve the bracket until no float lies between its ends.
         while low < middle < high and (value := _hermite(n, middle)) != 0.0:
             low, high = (low, middle) if (value > 0.0) == rising else (middle, high)
             middle = 0.5 * (low + high)

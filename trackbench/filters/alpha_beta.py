@@ -89,14 +89,17 @@ class AlphaBeta(InnovationFilter[Smoothed]):
         """Predict ``x = F x``, update ``x = x + K (z - H x)``; predict only if z is missing."""
         assumed, sensor = cast("tuple[Linear, PositionSensor]", model)
         motion, H = ConstantVelocity(q=self.q).sampled(assumed.T), sensor.H()
+        # x = F x
         predicted = kalman.predict(state.posterior, motion.F, motion.Q)
         nu = z - linalg.matvec(H, predicted.mean)
         # Fixed gains cannot use half a measurement.
         missing = np.isnan(nu).any(axis=0)
         nu = np.where(missing, np.nan, nu)
         n = np.asarray(state.n + (~missing if missing.any() else 1))
+        # x = x + K nu: the gain depends on the number of measurements n so far.
         K = self.gain(n, assumed.T, sensor.sigma)
         posterior = kalman.update_with_gain(predicted, nu, K, H, sensor.R)
+        # S = H P H' + R, for the NIS only.
         S, _ = kalman.gain(predicted.cov, H, sensor.R)
         innovation = Innovation(nu, S)
         return Smoothed(posterior, n, innovation.nis, innovation)

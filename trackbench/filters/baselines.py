@@ -50,6 +50,7 @@ class Inversion(Filter[Gaussian]):
     def step(self, model: Model, state: Gaussian, z: Array, k: int, rng: Generator) -> Gaussian:
         """Return h^-1(z) with variance R / h'^2; the prediction where z is missing."""
         sensor = cast(SquareThenLine, model.sensor)
+        # x = h^-1(z), with variance R / h'(x)^2
         x = sensor.inverse(z, k)
         R = sensor.measurement(x, k).cov
         with np.errstate(divide="ignore"):
@@ -57,6 +58,7 @@ class Inversion(Filter[Gaussian]):
         missing = np.isnan(z).any(axis=0)
         if not missing.any():
             return Gaussian(x, cov)
+        # Predict by a linearized motion in the runs without a measurement.
         predicted = extended_prediction(model, state, k, MODEL_NOISE)
         return Gaussian(np.where(missing, predicted.mean, x), np.where(missing, predicted.cov, cov))
 

@@ -70,6 +70,7 @@ class IEKF(NonlinearFilter):
             nu = sensor.innovation(z, expected.mean)
             nu = nu - linalg.matvec(H, predicted.mean - posterior.mean)
             posterior, innovation = kalman.update(predicted, nu, H, expected.cov)
+            # The NIS is that of the first iteration, about the prediction.
             first = first or innovation
         assert first is not None
         return posterior, first
@@ -140,6 +141,7 @@ class IPLF(NonlinearFilter):
         predicted = point_prediction(model, state, k, self.assumed, self.rule)
         posterior, first = predicted, None
         for _ in range(self.iterations):
+            # nu = z - E h(x) - A (m - m_i): A is the slope of the regression about estimate m_i.
             at, slope, cov = _regression(model, posterior, k, self.assumed, self.rule)
             nu = model.sensor.innovation(z, at)
             nu = nu - linalg.matvec(slope, predicted.mean - posterior.mean)

@@ -45,6 +45,7 @@ class GaussianPF(WeightedParticlesFilter):
 
 def _weigh(x: Array, log_w: Array) -> PFState:
     """Return the state of draws (n, M, N) with log-weights (M, N)."""
+    # A log-weight that all particles share is broadcast to (M, N) first.
     w, collapsed, mass = particles.normalize(np.broadcast_to(log_w, x.shape[1:]))
     cloud = Particles(x, w)
     return PFState(

@@ -75,8 +75,10 @@ class GaussianFilter(InnovationFilter[Tracked]):
         nis = innovation.nis
         if self.gate is None:
             return Tracked(posterior, nis, innovation)
+        # The limit of the NIS depends on the number of measured components.
         measured_components = (~np.isnan(innovation.nu)).sum(axis=0)
         gated = nis > _gate_limits(self.gate, len(z))[measured_components]
+        # Update again with the refused measurements as missing: predict only.
         if gated.any():
             posterior, _ = self.update(model, state.posterior, np.where(gated, np.nan, z), k)
         return Tracked(posterior, nis, innovation, gated)
@@ -119,6 +121,7 @@ def _gate_limits(gate: float, n_z: int) -> Array:
     """Return the chi-square quantiles (n_z + 1,) by the number of measured components."""
     from scipy.special import chdtri
 
+    # No measured component: the limit is infinite, so nothing is gated.
     return fixed(np.array([np.inf, *(chdtri(n, 1.0 - gate) for n in range(1, n_z + 1))]))
 
 
@@ -142,6 +145,7 @@ class NonlinearFilter(GaussianFilter):
         out, (motion, sensor) = {}, scenario.model
         if self.start is not None and not issubclass(scenario.prior_type, Convertible):
             out["start"] = "needs a start from two scans, such as `start: two-scan`"
+        # One variance serves a scalar state or measurement only.
         for key, components in (("Q", motion), ("P0", motion), ("R", sensor)):
             if getattr(self, key) is not None and len(components.components) > 1:
                 out[key] = "is one variance for several components; set the noise by `assume`"
@@ -153,6 +157,7 @@ class NonlinearFilter(GaussianFilter):
 
     def initialize(self, model: Model, prior: Distribution) -> Gaussian:
         """Return the prior's moments, or those of two-point differencing."""
+        # The converted scans replace the prior; P0 replaces its covariance.
         if self.start is not None and isinstance(prior, Convertible):
             prior = prior.gaussian(self.start)
         if self.P0 is not None:

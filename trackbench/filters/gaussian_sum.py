@@ -82,6 +82,7 @@ class GaussianSum(Filter[Mixture]):
         nodes = width * (np.arange(self.split) - 0.5 * (self.split - 1))
         # Nodes have variance 1 - width^2, components width^2: together that of the prior.
         log_w = -0.5 * np.square(nodes) / (1.0 - width * width)
+        # A component for each pair of nodes; its weight is the product of both.
         one, two = (g.ravel() for g in np.meshgrid(nodes, nodes, indexing="ij"))
         if isinstance(prior, TwoPoint):
             start = _split_azimuths(cast(RangeAzimuth, model.sensor), prior, one, two, width)
@@ -93,10 +94,13 @@ class GaussianSum(Filter[Mixture]):
 
     def step(self, model: Model, state: Mixture, z: Array, k: int, rng: Generator) -> Mixture:
         """Update an EKF per component, weigh by the innovations, prune and merge."""
+        # Step 1: update an EKF per component.
         bank = Gaussian(state.mean, state.cov)
         bank, innovation = extended_step(model, bank, z, k, MODEL_NOISE)
+        # Step 2: multiply each weight by the likelihood of the component's innovation.
         log_w = elementary.log(state.w) + np.nan_to_num(innovation.log_likelihood, neginf=-np.inf)
         weights = particles.normalize(log_w)
+        # Step 3: prune, compact and merge; keep the mass from before the pruning.
         w = _prune(bank.mean, weights.w, self.kept)
         heaviest = _compact(Mixture(bank.mean, bank.cov, w))
         return _compact(_merge(heaviest, self.merge_within))._replace(mass=weights.mass)
@@ -125,10 +129,13 @@ def _split_azimuths(
 def _split_positions(prior: Distribution, one: Array, two: Array, width: float) -> Gaussian:
     """Split the prior along the first two columns of its factor, positions first: C components."""
     n = len(prior.mean)
+    # Factor the covariance with both positions first: P = L L'.
     order = [0, 2, 1, *range(3, n)]
     L = with_trailing(linalg.root(prior.cov[np.ix_(order, order)]), 1, leading=2)
     L = L[np.ix_(order, range(n))]  # the order is its own inverse
+    # Component means lie along the first two columns of L.
     nodes = L[:, 0, :, None] * one + L[:, 1, :, None] * two
+    # Each component is narrower by `width` along these two columns.
     narrow = L * np.array([width, width, *np.ones(n - 2)])[:, None]
     cov = linalg.matmul(narrow, linalg.transpose(narrow))[..., None]
     mean = prior.mean[..., None] + nodes
@@ -145,8 +152,10 @@ def _prune(mean: Array, w: Array, number: int) -> Array:
     """Return weights (M, C): zero but for the heaviest components of either sign of the cross speed."""
     px, vx, py, vy = mean[:4]
     out = np.zeros_like(w)
+    # The sign of px vy - py vx is that of the cross speed.
     for side in (px * vy > py * vx, px * vy <= py * vx):
         of_sign = np.where(side & ~(w < _NEGLIGIBLE), w, 0.0)
+        # Remove all but the `number` heaviest components of this sign.
         lightest: Index = np.argsort(-of_sign, axis=-1, kind="stable")[:, number:]
         np.put_along_axis(of_sign, lightest, 0.0, axis=-1)
         out += of_sign
@@ -155,6 +164,7 @@ def _prune(mean: Array, w: Array, number: int) -> Array:
 
 def _compact(mixture: Mixture) -> Mixture:
     """Return the components with a weight, heaviest first, with normalized weights."""
+    # The run with the most weighted components sets their number.
     number = max(1, int((mixture.w > 0.0).sum(axis=-1).max()))
     index: Index = np.argsort(-mixture.w, axis=-1, kind="stable")[:, :number]
     w = np.take_along_axis(mixture.w, index, axis=-1)
@@ -167,13 +177,16 @@ def _compact(mixture: Mixture) -> Mixture:
 
 def _merge(mixture: Mixture, within: float) -> Mixture:
     """Replace the heaviest component and its near neighbors by one with their moments."""
+    # Step 1: find the heaviest component and its neighbors by Mahalanobis distance.
     top = mixture.w.argmax(axis=-1)[:, None]
     center = np.take_along_axis(mixture.mean, top[None], axis=-1)
     near = linalg.mahalanobis(mixture.mean - center, mixture.cov) < within
     near |= np.arange(mixture.w.shape[1]) == top
+    # Step 2: take the moments of the neighbors.
     near_w = np.where(near, mixture.w, 0.0)
     share = total(near_w)[:, None]
     merged = _moments(mixture, near_w / share)
+    # Step 3: put these moments in place of the heaviest; its neighbors get weight zero.
     out = Mixture(mixture.mean.copy(), mixture.cov.copy(), np.where(near, 0.0, mixture.w))
     np.put_along_axis(out.mean, top[None], merged.mean[..., None], axis=-1)
     np.put_along_axis(out.cov, top[None, None], merged.cov[..., None], axis=-1)

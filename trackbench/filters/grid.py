@@ -86,6 +86,7 @@ class Grid(Filter[Resolved]):
             }
         if isinstance(motion, GammaMotion) and motion.noise.shape > _MAX_GAMMA_SHAPE:
             return {"": f"grid is exact for gamma noise of a shape up to {_MAX_GAMMA_SHAPE} only"}
+        # Try one transition to the first step: it shows which density the motion has.
         transition = motion.transition(np.zeros((1, 1)), int(scenario.steps[0]) + 1)
         if isinstance(transition, Gaussian):
             no_noise = not np.all(transition.cov > 0.0)
@@ -105,6 +106,7 @@ class Grid(Filter[Resolved]):
             point = quadrature.point_mass(prior.mean)
             return Resolved(point, point)
         assert isinstance(prior, Gaussian)
+        # Else place nodes over a few standard deviations on both sides of the mean.
         mean, reach = prior.mean[0], _PRIOR_REACH * np.sqrt(prior.cov[0, 0])
         span = mean - reach, mean + reach
         both = (quadrature.nodes_between([span], span, n)[0] for n in self._node_counts)
@@ -121,13 +123,16 @@ class Grid(Filter[Resolved]):
 
         Raises WrongReturnError if there are too few nodes.
         """
+        # Step 1: condition twice, with n nodes and with n + n / 8 as a check.
         both = zip(state, self._node_counts, strict=True)
         new = Resolved(*(self._condition(model, old, z, k, n) for old, n in both))
+        # Step 2: compare both means and variances; both may be undefined.
         ours, check = map(quadrature.moments, new)
         variance, other = ours.cov[0, 0], check.cov[0, 0]
         resolved = np.abs(check.mean - ours.mean)[0] <= _MEAN_TOLERANCE * np.sqrt(variance)
         resolved &= np.abs(other - variance) <= _VARIANCE_TOLERANCE * variance
         resolved |= np.isnan(variance) & np.isnan(other)
+        # Step 3: reject a posterior that the nodes do not resolve.
         if not (resolved.all() and self._has_dense_nodes(model, state.posterior, k)):
             what = f"grid does not resolve the posterior at step {k} with `nodes: {self.nodes}`"
             raise WrongReturnError("step", f"{what}; raise `nodes`, or narrow the start")
@@ -199,6 +204,7 @@ def _support_if_missing(
     missing = np.isnan(z).any(axis=0)
     if not missing.any():
         return reach
+    # The first interval becomes the support; others shrink to its lower end.
     low, high = support
     (first_low, first_high), *others = reach
     first = np.where(missing, low, first_low), np.where(missing, high, first_high)
@@ -242,6 +248,7 @@ def _likely_intervals(
     intervals = []
     number = np.cumsum(edges[:-1] > 0, axis=0)  # of the stretch that a state is in or after
     for i in range(1, min(int(number.max()), _MOST_INTERVALS) + 1):
+        # The last allowed interval takes in all further stretches.
         inside = wide & ((number == i) if i < _MOST_INTERVALS else (number >= i))
         intervals.append(_ends(states, inside))
     return intervals
@@ -249,9 +256,10 @@ def _likely_intervals(
 
 def _ends(states: Array, inside: Mask) -> quadrature.Interval:
     """Return the first and last state (M,) of a stretch; an empty interval where it is empty."""
-    there = inside.any(axis=0)
+    nonempty = inside.any(axis=0)
     first = np.argmax(inside, axis=0)
     last = len(inside) - 1 - np.argmax(inside[::-1], axis=0)
     runs = np.arange(inside.shape[1])
+    # An empty stretch gets the width zero.
     low, high = states[first, runs], states[last, runs]
-    return low, np.where(there, high, low)
+    return low, np.where(nonempty, high, low)

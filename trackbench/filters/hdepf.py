@@ -65,6 +65,7 @@ class Reading:
             return log_fitness
         if self.fitness == "raw":
             return elementary.exp(log_fitness)
+        # Normalized: relative to the largest fitness of the run, then to the sum.
         fitness = elementary.exp(log_fitness - log_fitness.max(axis=-1, keepdims=True))
         return fitness / total(fitness)[:, None]
 
@@ -178,6 +179,7 @@ class EvolutionFilter(ProposalFilter):
         weighted = Particles(proposals.x, w)
         if self.reading.estimate_from == "after":
             weighted = Particles(evolved.x, self._final_weights(evolved, log_ratio))
+        # Spread of the evolved particles as a share of that of the draws.
         ratio = _spread(evolved.x) / _spread(proposals.x)
         return PFState(
             particles=Particles(evolved.x, particles.equal_weights(*w.shape)),

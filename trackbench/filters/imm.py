@@ -83,6 +83,7 @@ class IMM(JumpMarkov[ModelBank]):
         if misfits:
             return misfits
         out: dict[str, str] = {}
+        # Check the filter with each of the motions.
         for model in self.models(scenario.model):
             out |= self.filter.conflicts(_WithModel(scenario, model))
         return {f"filter.{key}".rstrip("."): what for key, what in out.items()}

@@ -41,6 +41,7 @@ class JumpMarkov(Filter[State]):
         r = len(self.motions)
         if r < 2:
             raise InvalidKeyError("give at least two motions", "motions")
+        # The transition matrix is r x r, and each of its rows sums to one.
         if len(self.transition) != r:
             what = f"{len(self.transition)} rows for {r} motions"
             raise InvalidKeyError(what, "transition")
@@ -49,6 +50,7 @@ class JumpMarkov(Filter[State]):
                 raise InvalidKeyError(f"{len(row)} entries for {r} motions", "transition", i)
             if abs(sum(row) - 1.0) > _ROUNDING:
                 raise InvalidKeyError(f"the row sums to {sum(row):g}, not to 1", "transition", i)
+        # The initial probabilities are r numbers that sum to one.
         if self.initial is not None and len(self.initial) != r:
             raise InvalidKeyError(f"{len(self.initial)} entries for {r} motions", "initial")
         if self.initial is not None and abs(sum(self.initial) - 1.0) > _ROUNDING:
@@ -105,7 +107,9 @@ class MultipleModelPF(JumpMarkov[PFState], ParticleFilter):
         x, log_w = draw_covering(prior, rng, self._size(0))
         runs, N = x.shape[1:]
         extra = _extra_deviations(self.models(model))
+        # Draw the motion of each particle from the initial probabilities.
         mode = _draw_modes(np.tile(self.initial_weights[:, None, None], (1, runs, N)), rng)
+        # Take the shared components from the prior; draw those that a motion adds.
         shared = x[: len(shared_components(model.motion))]
         weighted = Particles(shared, particles.normalize(log_w).w)
         x = np.concatenate([shared, _draw_extra(extra, mode, rng)])
@@ -202,6 +206,7 @@ def _spreads(models: list[Model], x: Array, mode: Index, w: Array) -> list[Sprea
     """Return share of the weight and covariance of the particles of each motion."""
     spreads = []
     for j, rows in enumerate(_rows_of(models)):
+        # Weights of the particles of motion j, normalized unless all are zero.
         of_mode = np.where(mode == j, w, 0.0)
         share = total(of_mode)
         cloud = Particles(x[rows], of_mode / np.where(share > 0.0, share, 1.0)[:, None])

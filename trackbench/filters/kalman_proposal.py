@@ -142,6 +142,7 @@ class ProposalFilter(Filter[PFState]):
         prior = model.motion.transition(origin, k)
 
         def log_target(x: Array) -> Array:
+            # log p(z_k | x), in the arithmetic that the reading names
             lik = read_likelihood(log_likelihood(model.sensor, z, x, k), arithmetic)
             if transition == "model":
                 return lik + prior.log_prob(x)
@@ -171,6 +172,7 @@ class KalmanProposalFilter(ProposalFilter):
         """Draw N particles from the prior, each with its own covariance."""
         state = super().init(model, prior, rng)
         shape = state.particles.x.shape
+        # All particles of all runs start with one covariance.
         cov = prior.cov if self.P0 is None else self.P0 * np.eye(len(prior.mean))
         P = np.broadcast_to(with_trailing(cov, 2, leading=2), (shape[0], *shape))
         return state._replace(P=P)
@@ -194,8 +196,10 @@ class KalmanProposalFilter(ProposalFilter):
     ) -> Proposals:
         """Draw each particle from its Kalman posterior, or from the transition (defensive)."""
         assert state.P is not None
+        # Step 1: update the Kalman filter of each particle by z_k.
         each = Gaussian(state.particles.x, state.P)
         kalman = self._kalman(model, each, z, k, AssumedNoise(self.Q, self.R, self.noise_mean))
+        # Step 2: draw from its posterior, or from a mixture with the transition.
         q = self._density(model, kalman, state.particles.x, k)
         return Proposals(q.sample(rng), q, kalman)
 
@@ -240,6 +244,7 @@ class UnscentedProposal:
 
     def _kalman_memory(self, model: Model) -> int:
         """Return numbers per particle: sigma points of (x, v, n), their images thrice, covariance."""
+        # An augmented point has n components; there are 2 n + 1 of them.
         n_x, n_z = len(model.motion.components), len(model.sensor.components)
         n = augmented_size(model)
         return (n + 3 * (n_x + n_z)) * (2 * n + 1) + n * (n + 1)

@@ -138,6 +138,7 @@ class ParticleFilter(WeightedParticlesFilter):
     ) -> tuple[Array, Mask, tuple[Evidence, ...]]:
         """Return weights (M, N) of the moved particles x, collapsed runs, and the evidence."""
         log_w = self._log_likelihood(model, z, x, k)
+        # w_k = w_{k-1} p(z | x); equal weights w_{k-1} drop out.
         equal = isinstance(state.log_w, float) and state.log_w == 0.0  # as resampling leaves them
         w, collapsed, mass = particles.normalize(log_w if equal else log_w + state.log_w)
         return w, collapsed, (Evidence(mass, state.log_w, w.shape[1]),)
@@ -147,5 +148,6 @@ class ParticleFilter(WeightedParticlesFilter):
         return self.N * (self.boost if age < self.boost_scans else 1)
 
     def _resample(self, cloud: Particles, rng: Streams, size: int) -> Particles:
+        # Copy each particle as often as the scheme draws it; then all weights are equal.
         index = ancestors(cloud.w, rng, self.resampling, size)
         return Particles(select(cloud.x, index), particles.equal_weights(*index.shape))

@@ -71,6 +71,7 @@ class PF(ParticleFilter):
 
     def _move(self, model: Model, joint: Particles, z: Array, k: int, rng: Generator) -> Particles:
         """Return children (n, M, N) moved from their parents, of (children, parents) (2 n, M, N)."""
+        # The transition from the parents is both proposal and prior: only likelihoods remain.
         x, parents = np.split(joint.x, 2)
         transition = model.motion.transition(parents, k)
 
@@ -85,6 +86,7 @@ class PF(ParticleFilter):
         resampled = self._resample(cloud, rng, size)
         if self.ess_threshold == 1.0 or size != cloud.w.shape[1]:
             return resampled
+        # Runs with a large effective sample size keep their weighted particles.
         keep = particles.effective_sample_size(cloud.w) >= self.ess_threshold * size
         return Particles(
             np.where(keep[:, None], cloud.x, resampled.x),

@@ -115,6 +115,7 @@ class GHKF(SigmaPointFilter):
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Return also an order with too many points."""
         out = super().conflicts(scenario)
+        # A product rule has order^n points.
         number = self.order ** len(scenario.model.motion.components)
         if number > _MAX_POINTS:
             out["order"] = f"{number} points a step; at most {_MAX_POINTS}"

@@ -116,6 +116,7 @@ def exit_cautions(
             "mf.q = 0 lets the maneuvering filter's gain go to zero: after a long turn the "
             "exit test can no longer fire, and the filter stays a constant-acceleration filter"
         ]
+    # In a turn of acceleration a, the statistic is p a^2 / P_a on average, plus noise.
     P_a = steady_acceleration_variance(mf, T, R)
     out = []
     if smallest is not None and leave.p * smallest**2 / P_a < leave.Ta:

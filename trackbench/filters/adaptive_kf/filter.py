@@ -142,7 +142,9 @@ class VariableDimension(Filter[AdaptiveState]):
         """Start the NMF at the prior in every run."""
         p, nmf = self.parameters, per_axis(prior)
         runs, axes = nmf.mean.shape[-1], nmf.cov.shape[2]
+        # One onset hypothesis per sample of the detection window.
         window = p.detector.window(sampling_of(model).T)
+        # The MF has no estimate before the first alarm: mean zero, unit covariance.
         identity = np.broadcast_to(np.eye(3)[:, :, None, None], (3, 3, axes, runs))
         zero, unknown = np.zeros(runs), np.full(runs, np.nan)
         return AdaptiveState(
@@ -165,6 +167,7 @@ class VariableDimension(Filter[AdaptiveState]):
     ) -> AdaptiveState:
         """Run the filters, then decide: maneuver, confirmation, end of the maneuver (Figure 1)."""
         p, sampling = self.parameters, sampling_of(model)
+        # The NMF, and the MF if any run has it on, take the measurement; the statistics follow.
         state = _run_filters(p, state, z, sampling)
         state = _update_statistics(p, state, z, k, sampling)
         # First decision: is the target maneuvering, and since when? Then the MF starts.
@@ -195,9 +198,11 @@ class VariableDimension(Filter[AdaptiveState]):
         nmf, mf = state.record.nmf, state.record.mf
         if nmf is None:
             return np.full(state.record.nis.shape, np.nan)
+        # The axes are independent: their log-likelihoods add up.
         value = sum_over_axes(nmf.log_likelihood)
         if mf is not None and state.record.reports_mf is not None:
             value = np.where(state.record.reports_mf, sum_over_axes(mf.log_likelihood), value)
+        # A step without a measurement has no predictive likelihood.
         return np.where(is_missing(nmf), np.nan, value)
 
     @property
@@ -314,8 +319,10 @@ def _start_mf(
         nmf = Gaussian(state.nmf.mean[..., runs], state.nmf.cov[..., runs])
         started = inputs.select(slot[runs], runs).augment(nmf)
     else:
+        # Start at the onset, and filter the measurements since then again.
         onset = inputs.onset(slot, k)[runs]
         started = refilter(past, onset, runs, k, p.mf.axis(sampling.T), sampling)
+    # Only the alarmed runs change.
     mean, cov = state.mf.mean.copy(), state.mf.cov.copy()
     mean[..., runs], cov[..., runs] = started.mean, started.cov
     return state._replace(mf=Gaussian(mean, cov))
@@ -324,13 +331,16 @@ def _start_mf(
 def _second_decision(p: Parameters, mode: Mode, alarm: Mask, k: int) -> tuple[Mask, Mask]:
     """Return the runs whose maneuver is confirmed, and those in which both filters end."""
     n = p.dlw.n
+    # Decide n samples after the alarm; the MF wins with positive evidence (n = 0: at once).
     decided = (mode.on == BOTH) & (k - mode.since >= n)
     return decided & (mode.evidence > 0.0) | alarm & (n == 0), decided
 
 
 def _exit_test(p: Parameters, state: AdaptiveState, k: int, sampling: Sampling) -> Mask:
     """Return the runs (M,) whose acceleration was not significant over the last p samples."""
+    # The MF has been on alone for at least `hold_s`.
     long_enough = (k - state.mode.since) * sampling.T >= p.exit.hold_s
+    # The sum of the significances of the last p samples is below Ta.
     insignificant = total(state.detector.significance, axis=0) < p.exit.Ta
     return (state.mode.on == MF) & long_enough & insignificant
 
@@ -339,10 +349,12 @@ def _return_to_nmf(state: AdaptiveState, over: Mask, k: int) -> AdaptiveState:
     """Start the NMF again from the MF's position and velocity, with empty statistics."""
     if not over.any():
         return state
+    # Clear rho and the onset hypotheses of these runs.
     detector = state.detector._replace(
         rho=np.where(over, 0.0, state.detector.rho),
         inputs=state.detector.inputs.reset(over, k),
     )
+    # Drop the acceleration from the MF state.
     nmf = where_runs(over, first_components(state.mf, 2), state.nmf)
     return state._replace(nmf=nmf, detector=detector)
 

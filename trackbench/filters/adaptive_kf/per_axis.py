@@ -40,10 +40,13 @@ def per_axis(prior: Distribution) -> Gaussian:
     if prior.cov[:2, 2:4].any():
         raise ValueError("the prior correlates x and y, which this filter treats apart")
     cov = with_trailing(prior.cov, 1, leading=2)
+    # Cut the covariance into one block (position, velocity) per axis.
     blocks = np.stack([cov[:2, :2], cov[2:4, 2:4]], axis=2)
+    # Equal blocks share one covariance recursion: A = 1.
     if (blocks[:, :, 0] == blocks[:, :, 1]).all():
         blocks = blocks[:, :, :1]
     shape = (*blocks.shape[:3], runs)
+    # (px, vx, py, vy) to (component, axis, run)
     mean = prior.mean[:4].reshape(2, 2, runs).swapaxes(0, 1)
     return Gaussian(mean.copy(), np.broadcast_to(blocks, shape).copy())
 
