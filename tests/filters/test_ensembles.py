@@ -215,7 +215,7 @@ def _rmse(folder: Path, **keys: object) -> dict[str, float]:
         "name: c\nruns: 400\nscenario:\n  kind: tracking\n  last: 30\n"
         "  target: {kind: driven, motion: {kind: cwna, q: 1}, launch: {x: 10, vx: 1}}\n"
         "  sensor: {kind: position, sigma: 5}\n  start: {kind: gaussian, sigma: [5, 1, 5, 1]}\n"
-        f"filters: {{EnKF: {dict(kind='enkf', N=10) | keys}}}\nmetrics: [rmse_position, nees]\n"
+        f"filters: {{EnKF: { {'kind': 'enkf', 'N': 10} | keys }}}\nmetrics: [rmse_position, nees]\n"
     )
     options = api.Options(engine="serial", quiet=True, out=folder / "out")
     runs = Results(api.run(folder / "c.yaml", options).folder).runs({})
