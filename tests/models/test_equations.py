@@ -220,6 +220,11 @@ def test_from_the_config_to_the_results(tmp_path: Path) -> None:
         ("[x, y]}", "[x, u]}", "scenario.score.errors.plane.1: 'u' is no component"),
         ("initial: {", "launch: {", "scenario.target.launch"),
         ("{kind: ekf}", "{kind: kf}", "`kf` works only with"),
+        (
+            "{kind: function, h: {sum: x + y, height: z}, R: [1, 2]}",
+            "{kind: position, sigma: 1}",
+            "scenario.sensor.kind: measures positions and velocities, and the state is x, y, z",
+        ),
     ],
 )
 def test_a_mistake_in_a_config_is_a_line(old: str, new: str, where: str, tmp_path: Path) -> None:

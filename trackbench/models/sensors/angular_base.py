@@ -54,6 +54,7 @@ class AngularSensor(SensorBase):
 
     angles: ClassVar[tuple[int, ...]]
     """indices of the components that are angles"""
+    any_state: ClassVar[bool] = False
     axes: ClassVar[int] = 2
     """number of axes of the space"""
 

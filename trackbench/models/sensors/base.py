@@ -12,7 +12,15 @@ from trackbench.core.distributions import Gaussian
 from trackbench.core.random_streams import Streams
 from trackbench.core.sums import total
 from trackbench.extension_points import Part
-from trackbench.field_types import Count, Finite, Natural, OpenShare, Positive, Share
+from trackbench.field_types import (
+    Count,
+    Finite,
+    InvalidKeyError,
+    Natural,
+    OpenShare,
+    Positive,
+    Share,
+)
 from trackbench.models.base import LocatingSensor, NearSensor, central_differences
 
 
@@ -49,6 +57,8 @@ class SensorBase(Part):
 
     components: ClassVar[tuple[str, ...]]
     """names of the measurement's components"""
+    any_state: ClassVar[bool] = True
+    """whether the state may be any; else it is a scalar, or positions and velocities"""
     optional_capabilities: ClassVar[tuple[type, ...]] = (NearSensor, LocatingSensor)
 
     def __post_init__(self) -> None:
@@ -62,6 +72,10 @@ class SensorBase(Part):
 
     def for_state(self, components: tuple[str, ...]) -> "SensorBase":
         """Return the sensor for states that begin with these components; raises InvalidKeyError."""
+        if not self.any_state and len(components) > 1 and components[:2] != ("px", "vx"):
+            names = ", ".join(components)
+            what = f"measures positions and velocities, and the state is {names}: take `function`"
+            raise InvalidKeyError(what, "kind")
         return self
 
     def innovation(self, z: Array, z_pred: Array) -> Array:

@@ -19,6 +19,7 @@ class LinearSensor(SensorBase):
 
     places: ClassVar[slice]
     """slice of the state that is measured"""
+    any_state: ClassVar[bool] = False
 
     @property
     def R(self) -> Array:

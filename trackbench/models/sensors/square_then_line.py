@@ -31,6 +31,7 @@ class SquareThenLine(SensorBase):
     """last step with the square"""
 
     components: ClassVar[tuple[str, ...]] = ("z",)
+    any_state: ClassVar[bool] = False
 
     def measurement(self, x: Array, k: int) -> Gaussian:
         """Return N(h(x), R) for x (1, *batch)."""

@@ -35,8 +35,11 @@ class Track(FigureKind):
     """the first run's measurements as dots, where a sensor tells positions"""
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
-        """Return the state must have the two components."""
+        """Return the reason if the two components are not in the state, or not positions."""
         last = min(len(p.scenario.components) for p in points) - 1
+        names = points[0].scenario.components
+        if len(names) > 1 and names[:2] != ("px", "vx"):
+            return {"": f"shows positions, and the state is {', '.join(names)}: take `estimates`"}
         if not self.filters and not all(p.scenario.has_truth for p in points):
             return {"filters": "there is no truth to draw: name the filters whose tracks to draw"}
         if all(0 <= c <= last for c in self.components):
@@ -142,10 +145,11 @@ class MeanAndStd(FigureKind):
     """labels to draw; default: all"""
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
-        """Return the scenario must have errors in x and y."""
+        """Return the reason if the scenario has no errors of a position in x and y."""
         scenario = points[0].scenario
         nowhere = np.zeros((len(scenario.components), 1))
-        if set(_AXES) <= set(scenario.errors(nowhere, nowhere)):
+        moving = scenario.components[:2] == ("px", "vx")
+        if moving and set(_AXES) <= set(scenario.errors(nowhere, nowhere)):
             return {}
         return {"": "there are no errors in x and y to show"}
 
