@@ -146,9 +146,9 @@ def test_claims_are_sorted_into_what_holds_and_what_fails(results: Results) -> N
     got = table(results, "claims")
     assert got.value_headers == ["0", "0.01", "1"]
     notes = dict(note.rstrip(".").split(": ", 1) for note in got.notes)
-    assert notes["adaptive"].startswith("holds at 0; undecided at 0.01")
+    assert notes["adaptive"].startswith("holds at 0; inconclusive at 0.01")
     assert notes["backwards"].endswith("fails at 0")
-    assert notes["same"] == "undecided at 0, 0.01, 1"  # one filter computed in two ways
+    assert notes["same"] == "inconclusive at 0, 0.01, 1"  # one filter computed in two ways
 
 
 def test_differences_are_paired(results: Results) -> None:
