@@ -26,12 +26,14 @@ class Metric:
     """lower, higher, nearer zero, nearer one; nothing if it only describes"""
     series: str = ""
     """head of the series of errors that it is made of; a note is its own series"""
-    over_steps: Literal["mean", "rms", "sum", "last", ""] = "mean"
+    over_steps: Literal["mean", "rms", "root", "sum", "last", ""] = "mean"
     """what a run's number is of the steps' values; nothing if it has none"""
     over_runs: Literal["mean", "rms", "std", ""] = "mean"
     """what a step's number is of the runs' values; nothing if it has none"""
     per_component: bool = False
     """whether it is divided by the number of components"""
+    on_request: bool = False
+    """whether it is stored only where `metrics` names it"""
     is_event: bool = False
     """whether a run has it or has not, so that the mean is a share of the runs"""
 
@@ -144,6 +146,9 @@ _UNITS = {
 _ERROR_METRICS = [
     Metric("rmse", "root mean square length of the error", "quantity", "lower",
            "squared", over_steps="rms", over_runs="rms"),
+    Metric("mse", "mean square length of the error", "", "lower", "squared", on_request=True),
+    Metric("mae", "mean length of the error (of one component its size)", "quantity", "lower",
+           "squared", over_steps="root", over_runs="", on_request=True),
     Metric("rmsd", "root mean square difference from the reference's estimate", "quantity", "lower",
            "rmsd", over_steps="rms", over_runs="rms"),
     Metric("efficiency", "RMSE of the reference over the filter's, by its distance to it", "1", "higher",
@@ -214,7 +219,7 @@ def _noted() -> Iterator[Metric]:
         yield Metric(name, text, unit, cast(Better, better), is_event=name in _EVENTS)
 
 
-_FAMILIES = ("nees", "autocovariance", "rmsd", "pit", "coverage", "rank")
+_FAMILIES = ("squared", "nees", "autocovariance", "rmsd", "pit", "coverage", "rank")
 METRICS.update({m.name: m for m in (*_ERROR_METRICS, *_noted())})
 _OF_SERIES = {
     m.series: [other for other in _ERROR_METRICS if other.series == m.series]

@@ -79,7 +79,7 @@ def test_the_base_is_what_a_run_has():
 
 
 def test_a_series_is_made_into_what_is_registered():
-    assert [name for _, name in metrics_of("squared_x")] == ["rmse_x"]
+    assert [name for _, name in metrics_of("squared_x")] == ["rmse_x", "mse_x", "mae_x"]
     assert [name for _, name in metrics_of("error_x")] == ["bias_x", "std_x"]
     assert [name for _, name in metrics_of("nees")] == ["nees", "anees"]
     assert [(m.over_steps, name) for m, name in metrics_of("hits", {"hits"})] == [("sum", "hits")]

@@ -201,6 +201,23 @@ def test_from_the_config_to_the_results(tmp_path: Path) -> None:
     assert (plane > x).all()
 
 
+def test_mean_square_and_mean_length_of_the_error(tmp_path: Path) -> None:
+    """Of the tracks' errors over all steps; stored only where they are named."""
+    options = api.Options(engine="serial", quiet=True, out=tmp_path / "out", save_tracks=True)
+    (tmp_path / "c.yaml").write_text(CONFIG.replace("nees]", "mse_plane, mae_plane, mae_z]"))
+    results = Results(api.run(tmp_path / "c.yaml", options).folder)
+    runs, tracks = results.runs({}), np.load(results.folder / "tracks.npz")
+    errors = tracks["mean/UKF"] - tracks["truth"]
+    length = np.sqrt(np.sum(np.square(errors[:2]), axis=0))
+    np.testing.assert_allclose(runs["UKF", "mse_plane"], np.mean(length**2, axis=0), rtol=1e-6)
+    np.testing.assert_allclose(runs["UKF", "mae_plane"], np.mean(length, axis=0), rtol=1e-6)
+    np.testing.assert_allclose(runs["UKF", "mae_z"], np.mean(np.abs(errors[2]), axis=0), rtol=1e-6)
+    (tmp_path / "c.yaml").write_text(CONFIG.partition("metrics:")[0])
+    every = Results(api.run(tmp_path / "c.yaml", options).folder).runs({})
+    assert ("UKF", "rmse_plane") in every
+    assert not any(name.startswith(("mse", "mae")) for _, name in every)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "where"),
     [

@@ -23,7 +23,7 @@ from trackbench.filters.base import (
     has_expectations,
     has_likelihood,
 )
-from trackbench.metrics import METRICS, is_reserved, joined, metrics_of
+from trackbench.metrics import METRICS, is_reserved, joined, metric_of, metrics_of
 from trackbench.plugins.errors import guarded
 from trackbench.registry import of_kind
 from trackbench.scenarios.base import Scenario, in_window
@@ -43,6 +43,11 @@ def stored_metrics(settings: Settings, file: str) -> frozenset[str] | None:
         return frozenset(measured(name).base for name in settings.per_step)
     names = settings.metrics
     return None if names is None else frozenset({"lost", *(measured(n).base for n in names)})
+
+
+def is_stored(stored: frozenset[str] | None, base: str) -> bool:
+    """Return whether a file with these `stored_metrics` has the metric of this base name."""
+    return base in stored if stored is not None else not metric_of(base)[0].on_request
 
 
 def max_metrics(

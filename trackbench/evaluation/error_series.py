@@ -153,6 +153,10 @@ def _rms(rows: Array) -> Array:
     return np.sqrt(_mean(rows))  # of squares
 
 
+def _mean_root(rows: Array) -> Array:
+    return _mean(np.sqrt(rows))  # of squares
+
+
 def _sum(rows: Array) -> Array:
     return total(np.where(np.isnan(rows), 0.0, rows), axis=0)
 
@@ -161,4 +165,4 @@ def _last(rows: Array) -> Array:
     return np.asarray(rows[-1])
 
 
-_OVER_STEPS = {"mean": _mean, "rms": _rms, "sum": _sum, "last": _last}
+_OVER_STEPS = {"mean": _mean, "rms": _rms, "root": _mean_root, "sum": _sum, "last": _last}

@@ -20,7 +20,7 @@ from trackbench.atomic_files import (
 )
 from trackbench.config.dump import as_yaml, resolved
 from trackbench.config.experiment import Experiment
-from trackbench.config.metric_names import stored_metrics
+from trackbench.config.metric_names import is_stored, stored_metrics
 from trackbench.config.requested_metrics import Contributions, requested_contributions
 from trackbench.core.sums import total
 from trackbench.evaluation.block import BlockTask
@@ -170,7 +170,7 @@ def _filter_rows(
     prefix = _prefix(experiment, key)
     metric = columns.index("metric") - 1 if "metric" in columns else None
     for row in rows(result, experiment.points[key[0]].scenario):
-        if metric is None or metrics is None or measured(row[metric]).base in metrics:
+        if metric is None or is_stored(metrics, measured(row[metric]).base):
             yield [*prefix, *_plain(row, DIGITS.get(name))]
 
 
@@ -183,7 +183,7 @@ def _write_runs(writer: CsvWriter, experiment: Experiment, key: Key, result: Fil
     head = cells(_prefix(experiment, key))
     metrics = stored_metrics(experiment.settings, "per_run.csv")
     for metric, values in result.per_run.items():
-        if metrics is None or measured(metric).base in metrics:
+        if is_stored(metrics, measured(metric).base):
             plain, name = values.tolist(), cells([metric])
             if values.dtype.kind == "f":
                 plain = shortened(plain, DIGITS["per_run.csv"])
@@ -201,7 +201,7 @@ def _bound_rows(experiment: Experiment, name: str) -> Iterator[Row]:
         elif name == "per_step.csv":
             rows = _timed(bound_steps(scenario.bounds()), scenario)
         for row in rows:
-            if metrics is None or measured(row.metric).base in metrics:
+            if is_stored(metrics, measured(row.metric).base):
                 yield [*point.values.values(), label, *_plain(row, DIGITS[name])]
 
 
