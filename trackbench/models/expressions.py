@@ -126,7 +126,7 @@ def parse(text: str | float, names: Mapping[str, Node]) -> Node:
     try:
         tree = ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
-        column = getattr(error, "offset", None) or 1
+        column = error.offset if isinstance(error, SyntaxError) and error.offset else 1
         raise ExpressionError(f"column {column}: this is not an arithmetic expression") from None
     try:
         return _Parser({"pi": number(math.pi)} | dict(names)).node(tree)

@@ -45,8 +45,11 @@ class RandomLegs(Target):
     axes = 2
 
     def __post_init__(self) -> None:
-        for name in ("speed", "legs", "leg_steps", "straight_steps"):
-            low, high = getattr(self, name) or (0, 0)
+        ranges = {"speed": self.speed, "legs": self.legs, "leg_steps": self.leg_steps}
+        for name, (low, high) in {
+            **ranges,
+            "straight_steps": self.straight_steps or (0, 0),
+        }.items():
             if low > high:
                 raise ValueError(f"{name}: {low:g} is more than {high:g}")
 
