@@ -239,8 +239,9 @@ class FunctionStep(Step):
 class MapMotion(EquationMotion):
     """``x_k = f(x_{k-1}, k) + N(0, Q)``: an expression for each component.
 
-    ``{kind: map, components: [x], next: {x: x/2 + 25*x/(1 + x**2) + 8*cos(1.2*k)}, Q: 10}``. The time
-    ``t`` is k T, s.
+    ``{kind: map, components: [x], next: {x: x/2 + 25*x/(1 + x**2) + 8*cos(1.2*k)}, Q: 10}``. The
+    functions are sin, cos, tan, exp, log, sqrt, atan2, abs, min and max; ``k`` is the number of the new
+    step, ``T`` the time between steps, s, and ``t`` is k T.
     """
 
     next: dict[str, Term]
@@ -270,7 +271,7 @@ class OdeMotion(EquationMotion):
     """``dx/dt = f(x, t)`` from step to step by the classical Runge-Kutta method, then noise N(0, Q).
 
     ``{kind: ode, components: [x, y, z], derivative: {x: 10*(y - x), y: x*(28 - z) - y, z: x*y - 8/3*z},
-    substeps: 5, Q: 0.1}``. The time ``t`` is zero at step 0.
+    substeps: 5, Q: 0.1}``. Expressions are those of ``map``; the time ``t`` is zero at step 0.
     """
 
     derivative: dict[str, Term]
