@@ -10,7 +10,7 @@ import numpy as np
 
 from trackbench.core import elementary, linalg
 from trackbench.core.arrays import Array, with_trailing
-from trackbench.core.distributions import Gaussian
+from trackbench.core.distributions import Gaussian, Symmetric
 from trackbench.core.random_streams import Streams
 from trackbench.core.sums import total
 
@@ -103,52 +103,49 @@ def combine(states: Sequence[Gaussian], weights: Array) -> Gaussian:
 
 
 @dataclass(frozen=True)
-class GaussianMixture:
-    """A mixture of r Gaussians with weights (r,), means (n, M) and covariances (n, n)."""
+class GaussianMixture(Symmetric):
+    """A mixture, in each of M runs, of r Gaussians with weights (r,), means (n,), covariances (n, n)."""
 
     weights: Array
     parts: tuple[Gaussian, ...]
+    runs: int
 
     @cached_property
     def _moments(self) -> Gaussian:
-        return combine(self.parts, self.weights[:, None])
+        states = [Gaussian(part.mean[:, None], part.cov) for part in self.parts]
+        return combine(states, self.weights[:, None])
 
     @property
     def mean(self) -> Array:
         """Return the mean (n, M)."""
-        return self._moments.mean
-
-    @property
-    def loc(self) -> Array:
-        """Return the mean (n, M)."""
-        return self.mean
+        return np.tile(self._moments.mean, (1, self.runs))
 
     @property
     def cov(self) -> Array:
-        """Return the covariance (n, n), equal in all runs."""
+        """Return the covariance (n, n)."""
         return self._moments.cov[..., 0]
 
     @property
     def mode(self) -> Array:
-        """Return the mean (n, M) of a part at which the density is highest."""
-        heights = [self.log_prob(part.mean)[0] for part in self.parts]
-        return self.parts[int(np.argmax(heights))].mean
+        """Return the mean (n, M) of the part at whose mean the density is highest."""
+        heights = [float(self.log_prob(part.mean[:, None])[0]) for part in self.parts]
+        return np.tile(self.parts[int(np.argmax(heights))].mean[:, None], (1, self.runs))
 
     def sample(self, rng: Streams, *trailing: int) -> Array:
         """Draw the part of each state, then the state (n, M, *trailing)."""
-        u = rng.random((self.mean.shape[1], *trailing))
-        # The part j has u between the sums of the weights before it and up to it.
-        x, below = self.parts[0].sample(rng, *trailing), self.weights[0]
+        u = rng.random((self.runs, *trailing))
+        # Part j has u between the sums of the weights before it and up to it.
+        x, below = self.parts[0].sample(rng, self.runs, *trailing), self.weights[0]
         for weight, part in zip(self.weights[1:], self.parts[1:], strict=True):
-            x = np.where(u >= below, part.sample(rng, *trailing), x)
+            x = np.where(u >= below, part.sample(rng, self.runs, *trailing), x)
             below = below + weight
         return x
 
     def log_prob(self, x: Array) -> Array:
         """Return ``log sum_j w_j N(x; m_j, P_j)``."""
-        means = (with_trailing(part.mean, x.ndim - 1) for part in self.parts)
-        logs = [Gaussian(m, p.cov).log_prob(x) for m, p in zip(means, self.parts, strict=True)]
-        return log_mixture(with_trailing(self.weights, x.ndim - 1), np.stack(logs))
+        axes = x.ndim - 1
+        logs = [Gaussian(with_trailing(p.mean, axes), p.cov).log_prob(x) for p in self.parts]
+        return log_mixture(with_trailing(self.weights, axes), np.stack(logs))
 
     def intervals(self, deviations: float) -> list[tuple[Array, Array]]:
         """Return disjoint intervals (M,), (M,) of a scalar within so many deviations of the means.
@@ -156,15 +153,10 @@ class GaussianMixture:
         They end wherever a part's does, so that nodes resolve a narrow part within a wide one.
         """
         reach = [deviations * float(np.sqrt(part.cov[0, 0])) for part in self.parts]
-        means = [float(part.mean[0, 0]) for part in self.parts]
-        ends = [(m - r, m + r) for m, r in zip(means, reach, strict=True)]
-        cuts = sorted({end for pair in ends for end in pair})
-        runs = self.mean.shape[1]
-        return [
-            (np.full(runs, a), np.full(runs, b))
-            for a, b in pairwise(cuts)
-            if any(low <= a and b <= high for low, high in ends)
-        ]
+        ends = [(p.mean[0] - r, p.mean[0] + r) for p, r in zip(self.parts, reach, strict=True)]
+        cuts = pairwise(sorted({float(end) for pair in ends for end in pair}))
+        inside = [(a, b) for a, b in cuts if any(low <= a and b <= high for low, high in ends)]
+        return [(np.full(self.runs, a), np.full(self.runs, b)) for a, b in inside]
 
 
 def pad(state: Gaussian, like: Gaussian, shared: Common, unbiased: bool) -> Gaussian:

@@ -121,16 +121,7 @@ class Grid(Filter[Resolved]):
             spans = [(mean - reach, mean + reach)]
         support = spans[0][0], spans[-1][1]
         both = [quadrature.nodes_between(spans, support, n) for n in self._node_counts]
-        new = [[self._with_density(panel, prior) for panel in panels] for panels in both]
-        return Resolved(*(tuple(panels) for panels in new))
-
-    def _with_density(self, panel: quadrature.Panel, prior: Distribution) -> quadrature.Panel:
-        """Return the panel with the prior's density at its nodes (n, M)."""
-        # A distribution's batch axis is the last: the runs.
-        density = elementary.exp(prior.log_prob(panel.x[None]))
-        if not np.isfinite(density).all():
-            raise WrongReturnError("init", "a part of the prior has no density: raise its `sigma`")
-        return panel._replace(density=density)
+        return Resolved(*(tuple(_with_density(p, prior) for p in panels) for panels in both))
 
     @property
     def _node_counts(self) -> tuple[int, int]:
@@ -213,6 +204,14 @@ class Grid(Filter[Resolved]):
         first = state.posterior[0]
         unknown = np.full(first.low.shape, np.nan)
         return unknown if first.evidence is None else elementary.log(first.evidence)
+
+
+def _with_density(panel: quadrature.Panel, prior: Distribution) -> quadrature.Panel:
+    """Return the panel with the prior's density at its nodes (n, M)."""
+    density = elementary.exp(prior.log_prob(panel.x[None]))
+    if not np.isfinite(density).all():
+        raise WrongReturnError("init", "a part of the prior has no density: raise its `sigma`")
+    return panel._replace(density=density)
 
 
 def _support_if_missing(

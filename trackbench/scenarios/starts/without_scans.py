@@ -96,9 +96,10 @@ class _Located(_Spread):
         mean = by_component(self.mean, components, "start", "mean")
         return replace(super().for_state(components), mean=tuple(mean.tolist()))
 
-    def gaussian(self, runs: int) -> Gaussian:
-        """Return the distribution in every run, after `for_state`."""
-        return Gaussian(repeated(np.array(self.mean), runs), self._cov)
+    @property
+    def gaussian(self) -> Gaussian:
+        """Return the distribution with mean (n,), after `for_state`."""
+        return Gaussian(np.array(self.mean), self._cov)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,7 +144,7 @@ class GivenStart(_Located, NormalStart, FixedStart):
 
     def distribution(self, runs: int) -> Distribution:
         """Return the configured prior."""
-        return self.gaussian(runs)
+        return Gaussian(repeated(np.array(self.mean), runs), self._cov)
 
 
 @register("starts", "uniform")
@@ -222,5 +223,5 @@ class MixtureStart(FixedStart):
     def distribution(self, runs: int) -> Distribution:
         """Return the configured prior, its weights divided by their sum."""
         weights = np.array([part.weight for part in self.parts])
-        parts = tuple(part.gaussian(runs) for part in self.parts)
-        return GaussianMixture(weights / total(weights, axis=0), parts)
+        parts = tuple(part.gaussian for part in self.parts)
+        return GaussianMixture(weights / total(weights, axis=0), parts, runs)
