@@ -1,4 +1,4 @@
-"""Starting files for filters, sensors, motions, starts, scenarios and experiments that run as they are."""
+"""Starting files of components, scenarios and experiments that run as they are."""
 
 import json
 import os
