@@ -14,6 +14,7 @@ NAMES = {
     "sensor": "my-sensor",
     "motion": "my-motion",
     "motion --nonlinear": "my-pendulum",
+    "start": "my-start",
     "scenario": "My_Radar",
     "experiment": "first",
 }
@@ -83,7 +84,9 @@ def test_names_that_are_refused(tmp_path: Path, name: str) -> None:
 def test_an_unknown_thing(tmp_path: Path) -> None:
     done = trackbench("new", "table", "x", cwd=tmp_path)
     assert done.returncode == 2
-    assert "'table' is not one of filter, sensor, motion, scenario, experiment" in done.stderr
+    assert (
+        "'table' is not one of filter, sensor, motion, start, scenario, experiment" in done.stderr
+    )
 
 
 def test_only_a_filter_is_written_for_one_run(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Starting files for filters, sensors, motions, scenarios and experiments that run as they are."""
+"""Starting files of components, scenarios and experiments that run as they are."""
 
 import json
 import os
@@ -17,6 +17,7 @@ _TEMPLATES = {
     "filter": ("filter.py", "filter.yaml", "test_filter.py"),
     "sensor": ("sensor.py", "sensor.yaml", "test_sensor.py"),
     "motion": ("motion.py", "motion.yaml", "test_motion.py"),
+    "start": ("start.py", "start.yaml", "test_start.py"),
     "scenario": ("scenario.py", "scenario.yaml", "test_scenario.py"),
     "experiment": ("experiment.yaml", "test_experiment.py"),
 }

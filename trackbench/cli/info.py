@@ -103,7 +103,9 @@ def copy(
 
 
 def new(
-    what: Annotated[str, typer.Argument(help="filter, sensor, motion, scenario or experiment")],
+    what: Annotated[
+        str, typer.Argument(help="filter, sensor, motion, start, scenario or experiment")
+    ],
     name: Annotated[
         str | None, typer.Argument(help="its name, such as my-sensor; of data by default theirs")
     ] = None,

@@ -284,6 +284,10 @@ def build_kind(group: Group, source: Source, keys: Keys) -> Any:
     if group == "filters":  # a key of every filter: see `read_assumed`
         values.pop("assume", None)
         also.append("assume")
+        if isinstance(values.get("start"), dict):
+            what = "the prior of one filter is `assume: {start: {kind: ...}}`"
+            source.add_key_problem((*keys, "start"), what)
+            return None
     return _build_with_parts(cls, values, source, keys, also)
 
 

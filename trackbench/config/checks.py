@@ -110,7 +110,7 @@ def check_assumed(source: Source, point: Point, label: str) -> Scenario | None:
         with plugin_code(point.assumed.get(label)):
             try:
                 scenario = point.assumed_scenario(label)
-                _ = scenario.model
+                _ = scenario.model, scenario.prior_type
             except InvalidKeyError as error:
                 owner = keys[:2] if label in point.assumed else ("scenario",)
                 source.add_problem((*owner, *error.path), str(error))

@@ -248,6 +248,48 @@ class PointMass(Symmetric):
         return np.where((x == self.mean).all(axis=0), 0.0, -np.inf)
 
 
+@dataclass(frozen=True)
+class Uniform(Symmetric):
+    """Independent uniform components between low and high (n,), in each of M runs.
+
+    A component with ``low = high`` is known.
+    """
+
+    low: Array
+    high: Array
+    runs: int
+
+    @property
+    def mean(self) -> Array:
+        """Return the centers (n, M)."""
+        return np.tile((0.5 * (self.low + self.high))[:, None], (1, self.runs))
+
+    @property
+    def cov(self) -> Array:
+        """Return the diagonal (n, n) of ``(high - low)^2 / 12``."""
+        return np.diag(np.square(self.high - self.low) / 12.0)
+
+    def sample(self, rng: Streams, *trailing: int) -> Array:
+        """Return ``low + (high - low) u`` (n, M, *trailing) with u uniform in [0, 1)."""
+        u = rng.random((len(self.low), self.runs, *trailing))
+        low, width = (with_trailing(v, u.ndim - 1) for v in (self.low, self.high - self.low))
+        return low + width * u
+
+    def log_prob(self, x: Array) -> Array:
+        """Return ``-sum log(high - low)`` within the limits and -inf outside."""
+        low, high = (with_trailing(v, x.ndim - 1) for v in (self.low, self.high))
+        inside = ((x >= low) & (x <= high)).all(axis=0)
+        width = self.high - self.low
+        volume = 0.0
+        for log_width in log(width[width > 0.0]):
+            volume += float(log_width)
+        return np.where(inside, -volume, -np.inf)
+
+    def intervals(self, deviations: float) -> list[tuple[Array, Array]]:
+        """Return the limits (M,), (M,) of a scalar."""
+        return [(np.full(self.runs, self.low[0]), np.full(self.runs, self.high[0]))]
+
+
 _SCALE = 2.0 * sqrt(3.0) / pi  # of a logistic with twice the normal's standard deviation
 _EDGE = 2.0**-52
 

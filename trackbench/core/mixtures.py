@@ -1,14 +1,17 @@
 """Interacting multiple models: mixing, and the moments of a mixture (Blom & Bar-Shalom 1988)."""
 
 from collections.abc import Sequence
-from functools import cache
+from dataclasses import dataclass
+from functools import cache, cached_property
+from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
 
 from trackbench.core import elementary, linalg
 from trackbench.core.arrays import Array, with_trailing
-from trackbench.core.distributions import Gaussian
+from trackbench.core.distributions import Gaussian, Symmetric
+from trackbench.core.random_streams import Streams
 from trackbench.core.sums import total
 
 Common: TypeAlias = tuple[tuple[int, ...], tuple[int, ...]]
@@ -97,6 +100,63 @@ def combine(states: Sequence[Gaussian], weights: Array) -> Gaussian:
         e = s.mean - mean
         cov += w * (with_trailing(s.cov, 1, leading=2) + linalg.outer(e, e))
     return Gaussian(mean, cov)
+
+
+@dataclass(frozen=True)
+class GaussianMixture(Symmetric):
+    """A mixture, in each of M runs, of r Gaussians with weights (r,), means (n,), covariances (n, n)."""
+
+    weights: Array
+    parts: tuple[Gaussian, ...]
+    runs: int
+
+    @cached_property
+    def _moments(self) -> Gaussian:
+        states = [Gaussian(part.mean[:, None], part.cov) for part in self.parts]
+        return combine(states, self.weights[:, None])
+
+    @property
+    def mean(self) -> Array:
+        """Return the mean (n, M)."""
+        return np.tile(self._moments.mean, (1, self.runs))
+
+    @property
+    def cov(self) -> Array:
+        """Return the covariance (n, n)."""
+        return self._moments.cov[..., 0]
+
+    @property
+    def mode(self) -> Array:
+        """Return the mean (n, M) of the part at whose mean the density is highest."""
+        heights = [float(self.log_prob(part.mean[:, None])[0]) for part in self.parts]
+        return np.tile(self.parts[int(np.argmax(heights))].mean[:, None], (1, self.runs))
+
+    def sample(self, rng: Streams, *trailing: int) -> Array:
+        """Draw the part of each state, then the state (n, M, *trailing)."""
+        u = rng.random((self.runs, *trailing))
+        # Part j has u between the sums of the weights before it and up to it.
+        x, below = self.parts[0].sample(rng, self.runs, *trailing), self.weights[0]
+        for weight, part in zip(self.weights[1:], self.parts[1:], strict=True):
+            x = np.where(u >= below, part.sample(rng, self.runs, *trailing), x)
+            below = below + weight
+        return x
+
+    def log_prob(self, x: Array) -> Array:
+        """Return ``log sum_j w_j N(x; m_j, P_j)``."""
+        axes = x.ndim - 1
+        logs = [Gaussian(with_trailing(p.mean, axes), p.cov).log_prob(x) for p in self.parts]
+        return log_mixture(with_trailing(self.weights, axes), np.stack(logs))
+
+    def intervals(self, deviations: float) -> list[tuple[Array, Array]]:
+        """Return disjoint intervals (M,), (M,) of a scalar within so many deviations of the means.
+
+        They end wherever a part's does, so that nodes resolve a narrow part within a wide one.
+        """
+        reach = [deviations * float(np.sqrt(part.cov[0, 0])) for part in self.parts]
+        ends = [(p.mean[0] - r, p.mean[0] + r) for p, r in zip(self.parts, reach, strict=True)]
+        cuts = pairwise(sorted({float(end) for pair in ends for end in pair}))
+        inside = [(a, b) for a, b in cuts if any(low <= a and b <= high for low, high in ends)]
+        return [(np.full(self.runs, a), np.full(self.runs, b)) for a, b in inside]
 
 
 def pad(state: Gaussian, like: Gaussian, shared: Common, unbiased: bool) -> Gaussian:

@@ -62,6 +62,9 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
     telling = PredictionScorer(
         tracker, model, data.measurements, task.predictive_metrics, task.hold_out, aside
     )
+    assumed_prior = task.assumed_scenario.assumed_prior(data.truth.shape[-1])
+    if assumed_prior is not None:
+        data = data._replace(prior=freeze(assumed_prior))
     prior, kept, clock = prior_of(data, model), _Recorder(task, data, model, covariances), _Clock()
     with _sealed(task, data, telling.visible, prior, model):
         with clock:

@@ -50,6 +50,14 @@ class SensorWithPreimage(Protocol):
         """Return the intervals of x whose h(x) is within so many standard deviations of z (1, M)."""
 
 
+@runtime_checkable
+class BoundedPrior(Protocol):
+    """A prior of a scalar that has its mass in known intervals."""
+
+    def intervals(self, deviations: float) -> list[quadrature.Interval]:
+        """Return disjoint intervals in order, within so many deviations of normal parts."""
+
+
 class Resolved(NamedTuple):
     """Posterior, and the posterior by more nodes that it is checked against."""
 
@@ -105,14 +113,15 @@ class Grid(Filter[Resolved]):
         if not np.any(prior.cov):
             point = quadrature.point_mass(prior.mean)
             return Resolved(point, point)
-        assert isinstance(prior, Gaussian)
-        # Else place nodes over a few standard deviations on both sides of the mean.
-        mean, reach = prior.mean[0], _PRIOR_REACH * np.sqrt(prior.cov[0, 0])
-        span = mean - reach, mean + reach
-        both = (quadrature.nodes_between([span], span, n)[0] for n in self._node_counts)
-        return Resolved(
-            *((p._replace(density=elementary.exp(prior.log_prob(p.x[None]))),) for p in both)
-        )
+        if isinstance(prior, BoundedPrior):
+            spans = prior.intervals(_PRIOR_REACH)
+        else:
+            # Else place nodes over a few standard deviations on both sides of the mean.
+            mean, reach = prior.mean[0], _PRIOR_REACH * np.sqrt(prior.cov[0, 0])
+            spans = [(mean - reach, mean + reach)]
+        support = spans[0][0], spans[-1][1]
+        both = [quadrature.nodes_between(spans, support, n) for n in self._node_counts]
+        return Resolved(*(tuple(_with_density(p, prior) for p in panels) for panels in both))
 
     @property
     def _node_counts(self) -> tuple[int, int]:
@@ -195,6 +204,14 @@ class Grid(Filter[Resolved]):
         first = state.posterior[0]
         unknown = np.full(first.low.shape, np.nan)
         return unknown if first.evidence is None else elementary.log(first.evidence)
+
+
+def _with_density(panel: quadrature.Panel, prior: Distribution) -> quadrature.Panel:
+    """Return the panel with the prior's density at its nodes (n, M)."""
+    density = elementary.exp(prior.log_prob(panel.x[None]))
+    if not np.isfinite(density).all():
+        raise WrongReturnError("init", "a part of the prior has no density: raise its `sigma`")
+    return panel._replace(density=density)
 
 
 def _support_if_missing(

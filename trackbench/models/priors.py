@@ -11,6 +11,7 @@ from trackbench.core.conversions import Conversion, convert, position
 from trackbench.core.distributions import (
     Distribution,
     Gaussian,
+    PointMass,
     Symmetric,
     draw_covering,
     heavy_tailed_normal,
@@ -155,41 +156,48 @@ class TwoPoint(Symmetric):
 
 
 @dataclass(frozen=True, eq=False)
-class AugmentedTwoPoint(Symmetric):
-    """Prior of two scans, and independent N(0, s^2) components."""
+class Augmented(Symmetric):
+    """A prior with further independent N(0, s^2) components."""
 
-    scans: TwoPoint
+    prior: Distribution
     std: tuple[float, ...]
 
     @property
     def mean(self) -> Array:
         """Return the mean (n + m, M)."""
-        return augment_gaussian(self.scans, self.std).mean
+        return augment_gaussian(self.prior, self.std).mean
 
     @property
     def cov(self) -> Array:
-        """Return the covariance (n + m, n + m, M)."""
-        return augment_gaussian(self.scans, self.std).cov
-
-    def gaussian(self, conversion: Conversion) -> Gaussian:
-        """Return two-point differencing of converted scans, with the further components."""
-        return augment_gaussian(self.scans.gaussian(conversion), self.std)
+        """Return the covariance (n + m, n + m[, M])."""
+        return augment_gaussian(self.prior, self.std).cov
 
     def sample(self, rng: Streams, *trailing: int) -> Array:
         """Return states (n + m, M, *trailing)."""
-        return append_noise(self.scans.sample(rng, *trailing), self.std, rng)
+        return append_noise(self.prior.sample(rng, *trailing), self.std, rng)
 
     def cover(self, rng: Streams, N: int) -> tuple[Array, Array]:
-        """Return states (n + m, M, N) that cover the scans' tails, and log-weights (M, N)."""
-        x, log_w = draw_covering(self.scans, rng, N)
+        """Return states (n + m, M, N) that cover the prior's tails, and log-weights (M, N)."""
+        x, log_w = draw_covering(self.prior, rng, N)
         return append_noise(x, self.std, rng), log_w
 
     def log_prob(self, x: Array) -> Array:
         """Return the log-density at x (n + m, M[, N])."""
-        # The further components are independent of the scans.
+        # The further components are independent of the others.
         n = len(x) - len(self.std)
         further = zero_mean_log_prob(x[n:], np.diag(np.square(self.std)))
-        return self.scans.log_prob(x[:n]) + further
+        return self.prior.log_prob(x[:n]) + further
+
+
+@dataclass(frozen=True, eq=False)
+class AugmentedTwoPoint(Augmented):
+    """Prior of two scans, and independent N(0, s^2) components."""
+
+    prior: TwoPoint
+
+    def gaussian(self, conversion: Conversion) -> Gaussian:
+        """Return two-point differencing of converted scans, with the further components."""
+        return augment_gaussian(self.prior.gaussian(conversion), self.std)
 
 
 def augment_prior(prior: Distribution, std: tuple[float, ...]) -> Distribution:
@@ -198,7 +206,9 @@ def augment_prior(prior: Distribution, std: tuple[float, ...]) -> Distribution:
         return prior
     if isinstance(prior, TwoPoint):
         return AugmentedTwoPoint(prior, std)
-    return augment_gaussian(prior, std)
+    if isinstance(prior, Gaussian | PointMass):
+        return augment_gaussian(prior, std)
+    return Augmented(prior, std)
 
 
 def augment_gaussian(prior: Distribution, std: tuple[float, ...]) -> Gaussian:

@@ -56,6 +56,10 @@ class Scenario(Scene):
         """Return the scenario as a filter sees it that assumes this."""
         raise InvalidKeyError(f"of scenario {self.kind} filters assume what it says")
 
+    def assumed_prior(self, runs: int) -> Distribution | None:
+        """Return the prior that filters assume in place of the simulated one, if any."""
+        return None
+
     @property
     def without_scoring(self) -> "Scenario":
         """Return the scenario without what only scores estimates; equal ones are filtered once."""

@@ -24,7 +24,7 @@ from trackbench.scenarios.base import Scenario, Simulation
 from trackbench.scenarios.recordings.data_files import recorded_columns
 from trackbench.scenarios.schedule import Schedule
 from trackbench.scenarios.score import Score, diverged
-from trackbench.scenarios.starts.base import InitialScans, Start, repeated
+from trackbench.scenarios.starts.base import FixedStart, InitialScans, Start, repeated
 from trackbench.scenarios.targets.base import Scored, Target, Timeline
 
 _NOTHING = Assume()
@@ -54,7 +54,7 @@ class Tracking(Scenario):
     begin: Finite | None = None
     """time of the first step, s; default: 0, or what recorded data say"""
     assume: Assume = _NOTHING
-    """motion and sensor that filters believe in; default: the ones that make the data"""
+    """motion, sensor and start that filters believe in; default: the ones that make the data"""
     score: Score = _EVERYTHING
     """what errors are measured, and over which steps"""
 
@@ -63,6 +63,9 @@ class Tracking(Scenario):
         self._start.check(self.components, self.true_sensor)
         self._schedule.check(self._own_timeline)
         self.target.check(self._timeline)
+        if self._drawn_start is not None and self.target.start(self._timeline).any():
+            what = f"the start `{self.start.kind}` draws the first state"
+            raise InvalidKeyError(f"{what}; leave out where the target begins", "target")
         self.score.check(self.components, self.steps)
         self._check_training()
         self._check_windows()
@@ -109,6 +112,33 @@ class Tracking(Scenario):
     def _start(self) -> Start:
         """Return the start of the target's state; raises InvalidKeyError."""
         return self.start.for_state(self.components)
+
+    @property
+    def _drawn_start(self) -> FixedStart | None:
+        """Return the start if it draws the first state of the target."""
+        start, driven = self._start, self.target.own_motion is not None
+        return start if driven and isinstance(start, FixedStart) and start.draws_truth else None
+
+    @cached_property
+    def _assumed_start(self) -> FixedStart | None:
+        """Return the start that filters assume, if it is another; raises InvalidKeyError."""
+        start = self.assume.start
+        if start is None:
+            return None
+        if not isinstance(start, FixedStart):
+            what = f"`{start.kind}` depends on the data of a run; take given, uniform or mixture"
+            raise InvalidKeyError(what, "assume", "start")
+        try:
+            fitted = start.for_state(self.components)
+            fitted.check(self.components, self.true_sensor)
+        except InvalidKeyError as error:
+            raise InvalidKeyError(str(error), "assume", *error.path) from None
+        assert isinstance(fitted, FixedStart)
+        return fitted
+
+    def assumed_prior(self, runs: int) -> Distribution | None:
+        """Return the prior that filters assume in place of the simulated one, if any."""
+        return None if self._assumed_start is None else self._assumed_start.distribution(runs)
 
     @property
     def _schedule(self) -> Schedule:
@@ -185,7 +215,7 @@ class Tracking(Scenario):
     @property
     def prior_type(self) -> type[Distribution]:
         """Return the class of the prior."""
-        return self._start.prior_type(self.true_sensor)
+        return (self._assumed_start or self._start).prior_type(self.true_sensor)
 
     @cached_property
     def _trained(self) -> int | None:
@@ -236,6 +266,8 @@ class Tracking(Scenario):
         if not self.target.is_moving:
             return None
         state = self.target.start(self._timeline)
+        if self._drawn_start is not None:
+            state = self._drawn_start.distribution(1).mean[:, 0]
         # Covariance of the position: inverse of its block of H' R^-1 H.
         information = self.true_sensor.information(state, self.first, certain=True)
         position = information[0::2, 0::2]
@@ -294,8 +326,10 @@ class Tracking(Scenario):
             return "the target is driven by a motion that is not linear"
         if any(s.outliers is not None or s.bias for s in sensors_of(self.true_sensor)):
             return "the bound is of normal errors without a bias"
-        if self.prior_type is PointMass:
+        if self._start.prior_type(self.true_sensor) is PointMass:
             return "the first state is known"
+        if type(self._start).bound is Start.bound:
+            return f"the bound is of a normal first state, and the start is `{self._start.kind}`"
         return self.target.why_no_bound
 
     def bounds(self) -> dict[str, Array]:

@@ -60,6 +60,27 @@ class Start(Part):
         raise NotImplementedError
 
 
+class FixedStart(Start):
+    """Base of the starts with one prior for every run, which a filter may also assume for itself."""
+
+    draws_truth: ClassVar[bool] = True
+    """whether the first state of a driven target is drawn from it"""
+
+    @abstractmethod
+    def distribution(self, runs: int) -> Distribution:
+        """Return the prior (n, M)."""
+
+    def truth(self, nominal: Array, rng: Streams) -> Array:
+        """Draw the truth (n_x, M) from the prior, if the start does so."""
+        return self.distribution(nominal.shape[1]).sample(rng) if self.draws_truth else nominal
+
+    def prior(
+        self, opening: InitialScans, sensor: Sensors, nominal: Array | None, rng: Streams
+    ) -> Distribution:
+        """Return the configured prior, equal in every run."""
+        return self.distribution(opening.truth.shape[1])
+
+
 def position_part(sensor: Sensors) -> tuple[LocatingSensor, slice] | None:
     """Return the first sensor that tells a position, and where its components stand."""
     for one, where in zip(sensors_of(sensor), rows_of(sensor), strict=True):

@@ -6,18 +6,21 @@ from typing import ClassVar, Self
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.core.distributions import Distribution, Gaussian, PointMass
+from trackbench.core.distributions import Distribution, Gaussian, PointMass, Uniform
+from trackbench.core.mixtures import GaussianMixture
 from trackbench.core.random_streams import Streams
+from trackbench.core.sums import total
 from trackbench.field_types import (
     ByComponent,
     Finite,
     InvalidKeyError,
+    Positive,
     freeze_mappings,
 )
 from trackbench.models.base import by_component
 from trackbench.models.sensors.stacked import Sensors
 from trackbench.registry import register
-from trackbench.scenarios.starts.base import InitialScans, Start, repeated
+from trackbench.scenarios.starts.base import FixedStart, InitialScans, Start, repeated
 
 
 @register("starts", "known")
@@ -39,8 +42,8 @@ class Known(Start):
 
 
 @dataclass(frozen=True, kw_only=True)
-class NormalStart(Start):
-    """Base of the starts from a normal distribution."""
+class _Spread:
+    """Keys of a normal distribution's covariance."""
 
     sigma: ByComponent | None = None
     """standard deviation of each component, in order (px, vx, py, vy of a planar target) or by name, 0
@@ -80,6 +83,29 @@ class NormalStart(Start):
             return np.empty((0, 0))
         return np.array(self.cov, dtype=float)
 
+
+@dataclass(frozen=True, kw_only=True)
+class _Located(_Spread):
+    """Keys of a normal distribution."""
+
+    mean: ByComponent
+    """mean of each component, in order or by name, 0 where none is given; m and m/s"""
+
+    def for_state(self, components: tuple[str, ...]) -> Self:
+        """Return the distribution with numbers in the order of the components."""
+        mean = by_component(self.mean, components, "start", "mean")
+        return replace(super().for_state(components), mean=tuple(mean.tolist()))
+
+    @property
+    def gaussian(self) -> Gaussian:
+        """Return the distribution with mean (n,), after `for_state`."""
+        return Gaussian(np.array(self.mean), self._cov)
+
+
+@dataclass(frozen=True, kw_only=True)
+class NormalStart(_Spread, Start):
+    """Base of the starts from a normal distribution."""
+
     def bound(self, path: Array, k: int, sensor: Sensors, T: float, diffusion: float) -> Array:
         """Return the covariance."""
         return self._cov
@@ -111,19 +137,91 @@ class GaussianStart(NormalStart):
 
 @register("starts", "given")
 @dataclass(frozen=True, kw_only=True)
-class GivenStart(NormalStart):
+class GivenStart(_Located, NormalStart, FixedStart):
     """Every filter starts from the same normal distribution, wherever the target really is."""
 
-    mean: ByComponent
-    """mean of each component, in order or by name, 0 where none is given; m and m/s"""
+    draws_truth: ClassVar[bool] = False
+
+    def distribution(self, runs: int) -> Distribution:
+        """Return the configured prior."""
+        return Gaussian(repeated(np.array(self.mean), runs), self._cov)
+
+
+@register("starts", "uniform")
+@dataclass(frozen=True, kw_only=True)
+class UniformStart(FixedStart):
+    """Every component is uniform between two limits; a driven target's first state is drawn from it.
+
+    Particle filters and `grid` use the distribution itself, other filters its exact mean and covariance.
+    """
+
+    low: ByComponent
+    """lower limit of each component, in order or by name, 0 where none is given"""
+    high: ByComponent
+    """upper limit of each component; a component with equal limits is known"""
+
+    def __post_init__(self) -> None:
+        freeze_mappings(self)
 
     def for_state(self, components: tuple[str, ...]) -> Self:
         """Return the start with numbers in the order of the components; raises InvalidKeyError."""
-        mean = by_component(self.mean, components, "start", "mean")
-        return replace(super().for_state(components), mean=tuple(mean.tolist()))
+        low, high = (
+            by_component(limits, components, "start", key)
+            for key, limits in (("low", self.low), ("high", self.high))
+        )
+        for name, a, b in zip(components, low.tolist(), high.tolist(), strict=True):
+            if a > b:
+                raise InvalidKeyError(f"{name}: {b:g} is below `low`, {a:g}", "start", "high")
+        return replace(self, low=tuple(low.tolist()), high=tuple(high.tolist()))
 
-    def prior(
-        self, opening: InitialScans, sensor: Sensors, nominal: Array | None, rng: Streams
-    ) -> Distribution:
-        """Return the configured prior, the same in every run."""
-        return Gaussian(repeated(np.array(self.mean), opening.truth.shape[1]), self._cov)
+    def prior_type(self, sensor: Sensors) -> type[Distribution]:
+        """Return a uniform distribution."""
+        return Uniform
+
+    def distribution(self, runs: int) -> Distribution:
+        """Return the configured prior."""
+        return Uniform(np.array(self.low), np.array(self.high), runs)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MixturePart(_Located):
+    """A normal distribution with a weight."""
+
+    weight: Positive = 1.0
+    """weight relative to the sum of all weights"""
+
+
+@register("starts", "mixture")
+@dataclass(frozen=True, kw_only=True)
+class MixtureStart(FixedStart):
+    """A mixture of normal distributions; a driven target's first state is drawn from it.
+
+    Particle filters and `grid` use the distribution itself, other filters its exact mean and covariance.
+    """
+
+    parts: tuple[MixturePart, ...]
+    """the normal distributions: [{weight: 1, mean: {x: -3}, sigma: {x: 1}}, ...]"""
+
+    def __post_init__(self) -> None:
+        if not self.parts:
+            raise InvalidKeyError("is empty: name at least one part", "parts")
+
+    def for_state(self, components: tuple[str, ...]) -> Self:
+        """Return the start with numbers in the order of the components; raises InvalidKeyError."""
+        parts = []
+        for i, part in enumerate(self.parts):
+            try:
+                parts.append(part.for_state(components))
+            except InvalidKeyError as error:
+                raise InvalidKeyError(str(error), "start", "parts", i, *error.path[1:]) from None
+        return replace(self, parts=tuple(parts))
+
+    def prior_type(self, sensor: Sensors) -> type[Distribution]:
+        """Return a mixture."""
+        return GaussianMixture
+
+    def distribution(self, runs: int) -> Distribution:
+        """Return the configured prior, its weights divided by their sum."""
+        weights = np.array([part.weight for part in self.parts])
+        parts = tuple(part.gaussian for part in self.parts)
+        return GaussianMixture(weights / total(weights, axis=0), parts, runs)
