@@ -11,7 +11,7 @@ from trackbench.core.distributions import Distribution
 from trackbench.core.random_streams import Streams
 from trackbench.field_types import InvalidKeyError
 from trackbench.models.assumed_sensor import Assume
-from trackbench.models.base import Model, Scene, Sensor
+from trackbench.models.base import Model, Scene, Sensor, has_density
 
 
 class Simulation(NamedTuple):
@@ -124,5 +124,9 @@ def simulate_markov(model: Model, start: Array, steps: Index, rng: Streams) -> t
     truth, seen = [start], []
     for k in steps[1:]:
         truth.append(model.motion.transition(truth[-1], int(k)).sample(rng))
-        seen.append(model.sensor.measurement(truth[-1], int(k)).sample(rng))
+        if has_density(model.sensor):
+            noise = rng.standard_normal((len(model.sensor.components), truth[-1].shape[-1]))
+            seen.append(model.sensor.draw_known(truth[-1], int(k), noise, rng))
+        else:
+            seen.append(model.sensor.measurement(truth[-1], int(k)).sample(rng))
     return np.stack(truth, axis=1), np.stack(seen, axis=1)
