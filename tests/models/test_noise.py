@@ -269,3 +269,38 @@ def test_correlated_variances_are_rejected(tmp_path: Path) -> None:
     keys = "h: {a: x, b: x}, R: [[1, 0.1], [0.1, 1]], noise: {kind: student-t, df: 3}"
     with pytest.raises(UserError, match="independent by component"):
         outputs(tmp_path, f"{{kind: function, {keys}}}", PF)
+
+
+BOUND = """
+name: bound
+scenario:
+  kind: tracking
+  last: 10
+  target: {{kind: driven, motion: {{kind: ar1, phi: 0.9, q: 0.3}}}}
+  sensor: {{kind: function, h: {{z: x}}, {keys}}}
+  start: {{kind: gaussian, sigma: [1]}}
+filters: {{PF: {{kind: pf}}}}
+metrics: [rmse]
+"""
+
+
+def scenario(keys: str, folder: Path) -> Any:
+    (folder / "b.yaml").write_text(BOUND.format(keys=keys))
+    return load(folder / "b.yaml").points[0].scenario
+
+
+def test_the_bound_uses_the_information_of_the_law(tmp_path: Path) -> None:
+    """J' = 1 / (0.3 + 0.81 / J) + 5 / 7 / 0.25 for Student's t of df 4 and scale 0.5."""
+    s = scenario("noise: {kind: student-t, df: 4, scale: 0.5}", tmp_path)
+    assert s.why_no_bound is None
+    J = 1.0
+    for _ in range(10):
+        J = 1.0 / (0.3 + 0.81 / J) + 5.0 / 7.0 / 0.25
+    (bound,) = s.bounds().values()
+    np.testing.assert_allclose(bound[-1], J**-0.5, rtol=1e-12)
+
+
+def test_the_bound_is_refused_where_noise_depends_on_the_state(tmp_path: Path) -> None:
+    why = scenario("R: exp(x)", tmp_path).why_no_bound
+    assert "depends on the state" in why
+    assert scenario("R: exp(k/10)", tmp_path).why_no_bound is None

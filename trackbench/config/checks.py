@@ -86,14 +86,11 @@ def check_fit(source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenario
             source.problems.append(Problem(source.mark((*keys, "kind")), dotted(keys), what))
             unmet = True
     sensor = scenario.model.sensor
-    if has_density(sensor) and sensor.why_no_moments and not tracker.density_only:
-        what = (
-            f"`{tracker.kind}` uses mean and covariance of a measurement: {sensor.why_no_moments}"
-        )
-        remedy = "take a particle filter (pf, rpf, apf) or `grid`"
-        source.problems.append(
-            Problem(source.mark((*keys, "kind")), dotted(keys), f"{what}; {remedy}")
-        )
+    why = sensor.why_no_moments() if has_density(sensor) else ""
+    if why and not tracker.density_only:
+        what = f"`{tracker.kind}` uses mean and covariance of a measurement: {why}"
+        what += "; take a particle filter (pf, rpf, apf) or `grid`"
+        source.problems.append(Problem(source.mark((*keys, "kind")), dotted(keys), what))
     # A filter's own checks may use what it requires of the scenario.
     if not unmet:
         _add_conflicts(source, keys, filter_conflicts(tracker, scenario))

@@ -219,14 +219,12 @@ class NearSensor(Protocol):
 
 
 @runtime_checkable
-class DensitySensor(Sensor, Protocol):
+class DensitySensor(Protocol):
     """A sensor whose noise may be other than normal; `measurement` then gives its moments."""
 
-    @property
     def has_density(self) -> bool:
         """Return whether `log_density` and `draw_known` take the place of `measurement`."""
 
-    @property
     def why_no_moments(self) -> str:
         """Return the reason why the measurement has no covariance, or nothing."""
 
@@ -239,12 +237,12 @@ class DensitySensor(Sensor, Protocol):
 
 @cache
 def _may_have_density(kind: type[object]) -> bool:
-    return hasattr(kind, "log_density")
+    return issubclass(kind, DensitySensor)
 
 
 def has_density(sensor: Sensor) -> TypeGuard[DensitySensor]:
     """Return whether a sensor has a likelihood that is not normal."""
-    return _may_have_density(type(sensor)) and cast(DensitySensor, sensor).has_density
+    return _may_have_density(type(sensor)) and cast(DensitySensor, sensor).has_density()
 
 
 @cache

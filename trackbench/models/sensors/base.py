@@ -127,8 +127,10 @@ class SensorBase(Part):
         # Step 1: draw from p(z | x), with larger noise for outliers, and add the bias.
         if self.outliers is not None:
             noise = noise * self._outlier_factor(self.outliers, noise.shape[-1], rng)
-        known = has_density(self)
-        z = self.draw_known(x, k, noise, rng) if known else self.draw(x, k, noise)
+        if has_density(self):  # noqa: SIM108 - narrows the type
+            z = self.draw_known(x, k, noise, rng)
+        else:
+            z = self.draw(x, k, noise)
         if self.bias:
             z += with_trailing(np.array(self.bias), 1)
         # Step 2: drop measurements at random, and those of steps between the periods.

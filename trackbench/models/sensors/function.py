@@ -22,7 +22,7 @@ from trackbench.registry import register
 @register("sensors", "function")
 @dataclass(frozen=True, kw_only=True)
 class FunctionSensor(SensorBase):
-    """``z_k = h(x_k, k) + N(0, R)``: an expression for each component of the measurement.
+    """``z_k = h(x_k, k) + N(0, R)`` by expressions; also Student t noise, outliers and counts.
 
     ``{kind: function, h: {bearing: "atan2(py, px)"}, angles: [bearing], R: 1e-4}``. Expressions are
     those of the motion ``map``, of the target's components and the number of the step, ``k``.
@@ -98,12 +98,10 @@ class FunctionSensor(SensorBase):
     def _is_count(self) -> bool:
         return isinstance(self.noise, Noise) and self.noise.kind == "poisson"
 
-    @property
     def has_density(self) -> bool:
         """Return whether the noise is not normal, so that `log_density` is its likelihood."""
         return self.noise is not None
 
-    @property
     def why_no_moments(self) -> str:
         """Return the reason why the measurement has no covariance, or nothing."""
         if self.noise is None or self._is_count or self._known_noise.variance < np.inf:

@@ -36,15 +36,15 @@ class StackedSensor:
             R[rows, rows] = with_trailing(part.cov, batch, leading=2)
         return Gaussian(np.concatenate([part.mean for part in parts]), R)
 
-    @property
     def has_density(self) -> bool:
         """Return whether a sensor's noise is not normal."""
         return any(map(has_density, self.sensors))
 
-    @property
     def why_no_moments(self) -> str:
         """Return the reason why a measurement has no covariance, or nothing."""
-        return next((why for s in self.sensors if has_density(s) and (why := s.why_no_moments)), "")
+        return next(
+            (why for s in self.sensors if has_density(s) and (why := s.why_no_moments())), ""
+        )
 
     def log_density(self, z: Array, x: Array, k: int) -> Array:
         """Return the sum (M[, N]) of the independent sensors' log-likelihoods."""
