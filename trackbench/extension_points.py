@@ -49,6 +49,8 @@ class Part:
     """named sets of keys, chosen in a config by ``preset: NAME``"""
     renamed_keys: ClassVar[dict[str, str]] = {}
     """former names of keys, each with what to write instead"""
+    unsupported_keys: ClassVar[dict[str, str]] = {}
+    """keys that a user may expect, each with the reason why it is rejected"""
     optional_capabilities: ClassVar[tuple[type, ...]] = ()
     """protocols of hooks that have no default: a class has them or not"""
 

@@ -186,6 +186,8 @@ def _problems(
         if word in renamed:
             what = f"`{word}` is now `{renamed[word]}`"
             return [Problem(source.key_mark(where), dotted(where[:-1]), what)]
+        if inner is not None and issubclass(inner, Part) and word in inner.unsupported_keys:
+            return [Problem(source.key_mark(where), dotted(where), inner.unsupported_keys[word])]
         what = f"unknown key; {unknown(word, known)}" if known else "unknown key"
         return [Problem(source.key_mark(where), dotted(where), what)]
     if kind in ("missing", "missing_argument", "missing_keyword_only_argument"):

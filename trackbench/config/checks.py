@@ -20,7 +20,7 @@ from trackbench.evaluation.metric_expression import Measure
 from trackbench.extension_points import field_values, walk_parts
 from trackbench.field_types import InvalidKeyError
 from trackbench.filters.base import AnyFilter
-from trackbench.models.base import position_velocity_names
+from trackbench.models.base import has_density, position_velocity_names
 from trackbench.models.sensors.base import SensorBase
 from trackbench.plugins.checks import call_hook, filter_conflicts
 from trackbench.plugins.errors import PluginError, plugin_code
@@ -85,6 +85,12 @@ def check_fit(source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenario
             what = f"{limit}; {_remedy(scenario, need)}"
             source.problems.append(Problem(source.mark((*keys, "kind")), dotted(keys), what))
             unmet = True
+    sensor = scenario.model.sensor
+    why = sensor.why_no_moments() if has_density(sensor) else ""
+    if why and not tracker.density_only:
+        what = f"`{tracker.kind}` uses mean and covariance of a measurement: {why}"
+        what += "; take a particle filter (pf, rpf, apf) or `grid`"
+        source.problems.append(Problem(source.mark((*keys, "kind")), dotted(keys), what))
     # A filter's own checks may use what it requires of the scenario.
     if not unmet:
         _add_conflicts(source, keys, filter_conflicts(tracker, scenario))

@@ -32,6 +32,8 @@ class Filter(Part, Generic[State]):
     """checks of the contract that the filter cannot pass by its nature, with reasons"""
     loops_over_runs: ClassVar[bool] = False
     """the filter loops over its runs in Python: blocks are narrow, and its times are marked"""
+    density_only: ClassVar[bool] = False
+    """of a measurement the filter uses the likelihood alone, which exists without a variance too"""
     deterministic: ClassVar[bool] = False
     """the filter draws no random numbers: on recorded data a published number is equal or differs"""
 

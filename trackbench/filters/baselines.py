@@ -22,6 +22,7 @@ class PriorMean(Filter[Gaussian]):
 
     requires: ClassVar[tuple[str, ...]] = ("motion.jacobian",)
     contract_exemptions: ClassVar[dict[str, str]] = {"kalman": "uses no measurement"}
+    density_only: ClassVar[bool] = True
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Gaussian:
         """Return the prior's moments."""

@@ -1,7 +1,7 @@
 """Exact posterior of a scalar state by quadrature."""
 
 from dataclasses import dataclass
-from typing import Annotated, NamedTuple, Protocol, cast, runtime_checkable
+from typing import Annotated, ClassVar, NamedTuple, Protocol, cast, runtime_checkable
 
 import numpy as np
 from annotated_types import Ge
@@ -80,6 +80,8 @@ class Grid(Filter[Resolved]):
     """nodes per root of the measurement equation"""
     deviations: Annotated[float, Ge(4)] = 6.5
     """half the span of the nodes, in standard deviations of the measurement noise"""
+
+    density_only: ClassVar[bool] = True
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Return several components, a gamma noise of too large a shape, a motion without a density.

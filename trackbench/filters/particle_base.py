@@ -72,6 +72,7 @@ class WeightedParticlesFilter(Filter[PFState]):
 
     summed_diagnostics: ClassVar[frozenset[str]] = frozenset({"collapsed_steps"})
     diagnostic_names = frozenset({"collapsed_steps", "ess"})
+    density_only: ClassVar[bool] = True
 
     def estimate(self, state: PFState) -> Gaussian:
         """Return the weighted mean and covariance."""

@@ -8,7 +8,7 @@ find positions at the even and velocities at the odd indices that all motions of
 from abc import abstractmethod
 from collections.abc import Callable
 from functools import cache
-from typing import ClassVar, NamedTuple, Protocol, TypeAlias, cast, runtime_checkable
+from typing import ClassVar, NamedTuple, Protocol, TypeAlias, TypeGuard, cast, runtime_checkable
 
 import numpy as np
 
@@ -16,10 +16,20 @@ from trackbench.core import kalman
 from trackbench.core.arrays import Array, Index, with_trailing
 from trackbench.core.counting import note
 from trackbench.core.distributions import Distribution, Gamma, Gaussian, zero_mean_log_prob
+from trackbench.core.random_streams import Streams
 from trackbench.extension_points import Part
 from trackbench.field_types import InvalidKeyError
 
 AXES = ("x", "y", "z")
+_DELAY = "not supported: a measurement of step k reaches the filters at step k"
+_CONTROL = "not supported: write known inputs as expressions of k and t in a motion `map` or `ode`"
+_CORRELATION = "not supported: process noise and measurement noise are independent"
+UNSUPPORTED_KEYS = (
+    dict.fromkeys(("delay", "delays", "latency"), _DELAY)
+    | dict.fromkeys(("control", "controls", "inputs", "u", "B"), _CONTROL)
+    | dict.fromkeys(("correlation", "correlated", "cross_covariance", "S"), _CORRELATION)
+)
+"""Keys of models that do not exist, with the reason."""
 _STEP = 1e-6  # of central differences, relative to a component or to its unit if that is larger
 
 
@@ -100,6 +110,8 @@ def extra_std(motion: SampledMotion) -> tuple[float, ...]:
 
 class Motion(Part):
     """A motion as a config names it: a frozen dataclass, registered in the group ``motions``."""
+
+    unsupported_keys: ClassVar[dict[str, str]] = UNSUPPORTED_KEYS
 
     @abstractmethod
     def sampled(self, T: float, axes: int = 2) -> SampledMotion:
@@ -206,6 +218,33 @@ class NearSensor(Protocol):
         """Return ``innovation(z, E[z_k | x_k = x])`` (n_z, M, N) and R, for particles x (n_x, M, N)."""
 
 
+@runtime_checkable
+class DensitySensor(Protocol):
+    """A sensor whose noise may be other than normal; `measurement` then gives its moments."""
+
+    def has_density(self) -> bool:
+        """Return whether `log_density` and `draw_known` take the place of `measurement`."""
+
+    def why_no_moments(self) -> str:
+        """Return the reason why the measurement has no covariance, or nothing."""
+
+    def log_density(self, z: Array, x: Array, k: int) -> Array:
+        """Return log p(z_k | x_k = x) (M[, N]), of measured components, for z (n_z, M)."""
+
+    def draw_known(self, x: Array, k: int, noise: Array, rng: Streams) -> Array:
+        """Draw measurements (n_z, M) of true states x; ``noise`` (n_z, M) is standard normal."""
+
+
+@cache
+def _may_have_density(kind: type[object]) -> bool:
+    return issubclass(kind, DensitySensor)
+
+
+def has_density(sensor: Sensor) -> TypeGuard[DensitySensor]:
+    """Return whether a sensor has a likelihood that is not normal."""
+    return _may_have_density(type(sensor)) and cast(DensitySensor, sensor).has_density()
+
+
 @cache
 def _is_near(kind: type[object]) -> bool:
     return issubclass(kind, NearSensor)
@@ -253,6 +292,8 @@ def log_likelihood(sensor: Sensor, z: Array, x: Array, k: int) -> Array:
     It uses the measured components, and is zero if all are missing (NaN).
     """
     note("likelihoods", x, components=1)
+    if has_density(sensor):
+        return sensor.log_density(z, x, k)
     # Step 1: innovations nu and their covariance R, by the sensor's fast way for particles if any.
     if x.ndim == 3 and _is_near(type(sensor)):
         residual = cast(NearSensor, sensor).residual(z, x, k)

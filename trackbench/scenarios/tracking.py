@@ -18,6 +18,7 @@ from trackbench.models.base import Model, Motion, SampledMotion
 from trackbench.models.motions.irregular import Irregular
 from trackbench.models.motions.kinematic import ConstantVelocity, Linear
 from trackbench.models.sensors.base import SensorBase
+from trackbench.models.sensors.function import FunctionSensor
 from trackbench.models.sensors.stacked import Sensors, sensors_of, stack
 from trackbench.registry import register
 from trackbench.scenarios.base import Scenario, Simulation
@@ -324,8 +325,11 @@ class Tracking(Scenario):
             return "the data are recorded"
         if not isinstance(self._motion, Linear):
             return "the target is driven by a motion that is not linear"
-        if any(s.outliers is not None or s.bias for s in sensors_of(self.true_sensor)):
+        sensors = sensors_of(self.true_sensor)
+        if any(s.outliers is not None or s.bias for s in sensors):
             return "the bound is of normal errors without a bias"
+        if any(isinstance(s, FunctionSensor) and s.has_noise_of_state for s in sensors):
+            return "the covariance of the noise depends on the state"
         if self._start.prior_type(self.true_sensor) is PointMass:
             return "the first state is known"
         if type(self._start).bound is Start.bound:

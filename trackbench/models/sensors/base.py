@@ -21,7 +21,14 @@ from trackbench.field_types import (
     Positive,
     Share,
 )
-from trackbench.models.base import LocatingSensor, NearSensor, central_differences
+from trackbench.models.base import (
+    UNSUPPORTED_KEYS,
+    DensitySensor,
+    LocatingSensor,
+    NearSensor,
+    central_differences,
+    has_density,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +66,8 @@ class SensorBase(Part):
     """names of the measurement's components"""
     any_state: ClassVar[bool] = True
     """whether the state may be any; else it is a scalar, or positions and velocities"""
-    optional_capabilities: ClassVar[tuple[type, ...]] = (NearSensor, LocatingSensor)
+    unsupported_keys: ClassVar[dict[str, str]] = UNSUPPORTED_KEYS
+    optional_capabilities: ClassVar[tuple[type, ...]] = (NearSensor, LocatingSensor, DensitySensor)
 
     def __post_init__(self) -> None:
         if self.bias and len(self.bias) != len(self.components):
@@ -119,7 +127,10 @@ class SensorBase(Part):
         # Step 1: draw from p(z | x), with larger noise for outliers, and add the bias.
         if self.outliers is not None:
             noise = noise * self._outlier_factor(self.outliers, noise.shape[-1], rng)
-        z = self.draw(x, k, noise)
+        if has_density(self):  # noqa: SIM108 - narrows the type
+            z = self.draw_known(x, k, noise, rng)
+        else:
+            z = self.draw(x, k, noise)
         if self.bias:
             z += with_trailing(np.array(self.bias), 1)
         # Step 2: drop measurements at random, and those of steps between the periods.

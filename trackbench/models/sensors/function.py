@@ -2,33 +2,42 @@
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
+from trackbench.core import linalg
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Gaussian
+from trackbench.core.elementary import log
+from trackbench.core.random_streams import Streams
 from trackbench.field_types import Finite, InvalidKeyError, freeze_mappings
 from trackbench.models.equations import ArrayProgram, Covariance, Equations, Term
 from trackbench.models.sensors.angular_base import wrap_angle
 from trackbench.models.sensors.base import SensorBase
+from trackbench.models.sensors.noise import Noise, draw_poisson, log_poisson
 from trackbench.registry import register
 
 
 @register("sensors", "function")
 @dataclass(frozen=True, kw_only=True)
 class FunctionSensor(SensorBase):
-    """``z_k = h(x_k, k) + N(0, R)``: an expression for each component of the measurement.
+    """``z_k = h(x_k, k) + N(0, R)`` by expressions; also Student t noise, outliers and counts.
 
     ``{kind: function, h: {bearing: "atan2(py, px)"}, angles: [bearing], R: 1e-4}``. Expressions are
     those of the motion ``map``, of the target's components and the number of the step, ``k``.
+
+    ``noise: {kind: student-t, df: 4, scale: 0.1}``, ``{kind: mixture, outliers: 0.1, factor: 10}`` and
+    ``noise: poisson`` (h is the rate of a count) replace the normal noise.
     """
 
     h: dict[str, Term]
     """expression of each component of the measurement, of the components of the state"""
-    R: Covariance
+    R: Covariance | None = None
     """covariance of the normal noise: one variance for all components, a list or mapping of variances,
     or a matrix, of numbers or expressions of the state"""
+    noise: Noise | Literal["poisson"] | None = None
+    """noise that is not normal, which filters know: student-t, mixture or poisson"""
     angles: tuple[str, ...] = ()
     """components that are angles in rad, whose differences wrap to (-pi, pi]"""
     parameters: dict[str, Finite] = field(default_factory=dict)
@@ -50,8 +59,54 @@ class FunctionSensor(SensorBase):
         for i, name in enumerate(self.angles):
             if name not in self.h:
                 raise InvalidKeyError(f"{name!r} is not one of {', '.join(self.h)}", "angles", i)
+        self._check_noise()
         if self.state:
             _ = self._programs  # so that a mistake is found where the config is read
+
+    def _check_noise(self) -> None:
+        """Raise InvalidKeyError if keys contradict the noise."""
+        if self.noise == "poisson":
+            object.__setattr__(self, "noise", Noise(kind="poisson"))
+        if self.noise is None:
+            if self.R is None:
+                raise InvalidKeyError("`R`, the variance of the noise, or `noise` is required")
+            return
+        self._known_noise.check_keys()
+        if self.outliers is not None:
+            what = "not together with `noise`, which filters know; take one of the two"
+            raise InvalidKeyError(what, "outliers")
+        if self._is_count:
+            if self.R is not None:
+                raise InvalidKeyError("`noise: poisson` has the variance h; leave out `R`", "R")
+            if self.angles:
+                raise InvalidKeyError("a count is no angle", "angles")
+        elif self.R is None and self._known_noise.kind == "mixture":
+            raise InvalidKeyError("`R`, the variance without outliers, is required")
+        elif isinstance(self.R, tuple) and any(
+            isinstance(row, tuple) and any(term != 0 for j, term in enumerate(row) if j != i)
+            for i, row in enumerate(self.R)
+        ):
+            what = "`noise` is independent by component; give a variance for each"
+            raise InvalidKeyError(what, "R")
+
+    @property
+    def _known_noise(self) -> Noise:
+        assert isinstance(self.noise, Noise)
+        return self.noise
+
+    @property
+    def _is_count(self) -> bool:
+        return isinstance(self.noise, Noise) and self.noise.kind == "poisson"
+
+    def has_density(self) -> bool:
+        """Return whether the noise is not normal, so that `log_density` is its likelihood."""
+        return self.noise is not None
+
+    def why_no_moments(self) -> str:
+        """Return the reason why the measurement has no covariance, or nothing."""
+        if self.noise is None or self._is_count or self._known_noise.variance < np.inf:
+            return ""
+        return f"Student's t of df {self._known_noise.df:g} has no variance, which needs df > 2"
 
     def for_state(self, components: tuple[str, ...]) -> "FunctionSensor":
         """Return the sensor for a target with these components; raises InvalidKeyError."""
@@ -62,16 +117,76 @@ class FunctionSensor(SensorBase):
         """Return h (n_z,), its Jacobian (n_z, n_x) and R (n_z, n_z); raises InvalidKeyError."""
         equations = Equations(self.state, ("k",), self.parameters, self.where)
         nodes = [equations.parse(term, "h", name) for name, term in self.h.items()]
-        R = equations.covariance(self.R, self.components, "R")
+        R = equations.covariance(1.0 if self.R is None else self.R, self.components, "R")
         return equations.vector(nodes), equations.jacobian(nodes), R
 
     def measurement(self, x: Array, k: int) -> Gaussian:
-        """Return N(h(x, k), R) for x (n_x, *batch), of which the first components are the state's."""
+        """Return N(h(x, k), R) for x (n_x, *batch), of which the first components are the state's.
+
+        With `noise` they are the moments of the measurement.
+        """
         h, _, R = self._programs
         # Further components of a filter's state do not enter h.
         x = x[: len(self.state)]
         mean = with_trailing(h(x, k), x.ndim - 1)
-        return Gaussian(np.broadcast_to(mean, (len(mean), *x.shape[1:])), R(x, k))
+        mean = np.broadcast_to(mean, (len(mean), *x.shape[1:]))
+        if self.noise is None:
+            return Gaussian(mean, R(x, k))
+        if self._is_count:
+            # The variance of a count is its rate.
+            eye = with_trailing(np.eye(len(mean)), x.ndim - 1, leading=2)
+            return Gaussian(mean, eye * mean)
+        cov = R(x, k)
+        with np.errstate(invalid="ignore"):  # zero times an infinite variance
+            return Gaussian(mean, np.where(cov == 0.0, 0.0, cov * self._known_noise.variance))
+
+    def _mean_and_scale(self, x: Array, k: int) -> tuple[Array, Array]:
+        """Return h (n_z, *batch) and the roots of R's diagonal (n_z, *batch)."""
+        h, _, R = self._programs
+        x = x[: len(self.state)]
+        scale = np.sqrt(linalg.diagonal(R(x, k)))
+        return with_trailing(h(x, k), x.ndim - 1), with_trailing(scale, x.ndim - 1)
+
+    @property
+    def has_noise_of_state(self) -> bool:
+        """Return whether R depends on the state, which the Fisher information leaves out."""
+        return any(map(self._programs[2].uses, self.state))
+
+    def log_density(self, z: Array, x: Array, k: int) -> Array:
+        """Return log p(z_k | x_k = x) (*batch) of z (n_z, M) by `noise`, of measured components."""
+        h, scale = self._mean_and_scale(x, k)
+        missing = np.isnan(z)
+        z = np.where(missing, 0.0, z)
+        if self._is_count:
+            log_p = log_poisson(with_trailing(z, x.ndim - 1), h)
+        else:
+            e = self.innovation(with_trailing(z, x.ndim - 1), h) / scale
+            log_p = self._known_noise.log_density(e) - log(scale)
+        log_p = np.where(with_trailing(missing, x.ndim - 1), 0.0, log_p)
+        # Components are independent.
+        value = log_p[0]
+        for row in log_p[1:]:
+            value = value + row
+        return np.broadcast_to(value, x.shape[1:])
+
+    def draw_known(self, x: Array, k: int, noise: Array, rng: Streams) -> Array:
+        """Draw measurements (n_z, M) of true states x; ``noise`` (n_z, M) is standard normal."""
+        h, scale = self._mean_and_scale(x, k)
+        if not self._is_count:
+            return h + scale * self._known_noise.draw(noise, rng)
+        try:
+            return draw_poisson(np.broadcast_to(h, noise.shape), rng.random(noise.shape))
+        except ValueError as error:
+            raise InvalidKeyError(f"step {k}: {error}", "h") from None
+
+    def information(self, x: Array, k: int, certain: bool = False) -> Array:
+        """Return the Fisher information (n_x, n_x) of a measurement of the state x (n_x,)."""
+        if self.noise is None or self._is_count:
+            return super().information(x, k, certain)
+        # That of normal noise of covariance R, times the information of a component of unit R.
+        noise = self._known_noise
+        normal = replace(self, noise=None, R=1.0 if self.R is None else self.R)
+        return noise.information * normal.information(x, k, certain)
 
     def innovation(self, z: Array, z_pred: Array) -> Array:
         """Return ``z - z_pred`` (n_z, *batch), angles wrapped to (-pi, pi]."""
@@ -92,6 +207,8 @@ class FunctionSensor(SensorBase):
     def H(self) -> "Constant":
         """Return H (n_z, n) as a function of n; AttributeError if h is not linear."""
         h, jacobian, R = self._programs
+        if self._is_count:
+            raise AttributeError("the variance of a count depends on the state")
         if jacobian.constant is None or R.constant is None or not h.is_zero_at_zero():
             raise AttributeError("h is not linear")
         return Constant(jacobian.constant)

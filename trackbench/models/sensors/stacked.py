@@ -11,6 +11,7 @@ import numpy as np
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.core.random_streams import Streams
+from trackbench.models.base import has_density, log_likelihood
 from trackbench.models.sensors.base import SensorBase
 
 
@@ -34,6 +35,25 @@ class StackedSensor:
         for rows, part in zip(self.rows, parts, strict=True):
             R[rows, rows] = with_trailing(part.cov, batch, leading=2)
         return Gaussian(np.concatenate([part.mean for part in parts]), R)
+
+    def has_density(self) -> bool:
+        """Return whether a sensor's noise is not normal."""
+        return any(map(has_density, self.sensors))
+
+    def why_no_moments(self) -> str:
+        """Return the reason why a measurement has no covariance, or nothing."""
+        return next(
+            (why for s in self.sensors if has_density(s) and (why := s.why_no_moments())), ""
+        )
+
+    def log_density(self, z: Array, x: Array, k: int) -> Array:
+        """Return the sum (M[, N]) of the independent sensors' log-likelihoods."""
+        parts = zip(self.sensors, self.rows, strict=True)
+        return np.add.reduce([log_likelihood(s, z[rows], x, k) for s, rows in parts])
+
+    def draw_known(self, x: Array, k: int, noise: Array, rng: Streams) -> Array:
+        """Draw measurements (n_z, M) of true states x; ``noise`` (n_z, M) is standard normal."""
+        return self.measure(x, k, noise, rng, certain=True)
 
     def innovation(self, z: Array, z_pred: Array) -> Array:
         """Return ``z - z_pred``, angles wrapped."""
