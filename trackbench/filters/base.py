@@ -32,6 +32,8 @@ class Filter(Part, Generic[State]):
     """checks of the contract that the filter cannot pass by its nature, with reasons"""
     loops_over_runs: ClassVar[bool] = False
     """the filter loops over its runs in Python: blocks are narrow, and its times are marked"""
+    mixes_runs: ClassVar[bool] = False
+    """a run's last digits depend on the other runs of its block: such blocks are filtered one by one"""
     deterministic: ClassVar[bool] = False
     """the filter draws no random numbers: on recorded data a published number is equal or differs"""
 

@@ -1,7 +1,7 @@
 """Exact posterior of a scalar state by quadrature."""
 
 from dataclasses import dataclass
-from typing import Annotated, NamedTuple, Protocol, cast, runtime_checkable
+from typing import Annotated, ClassVar, NamedTuple, Protocol, cast, runtime_checkable
 
 import numpy as np
 from annotated_types import Ge
@@ -67,6 +67,8 @@ class Grid(Filter[Resolved]):
     mean by a twentieth of a standard deviation or a variance by a tenth, or two neighbors are farther
     apart than the motion's noise reaches.
     """
+
+    mixes_runs: ClassVar[bool] = True
 
     nodes: Annotated[int, Ge(8)] = 128
     """nodes per root of the measurement equation"""
