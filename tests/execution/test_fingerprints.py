@@ -201,14 +201,14 @@ def test_keys_follow_numpys_arithmetic_where_it_matters(
 def test_a_worker_refuses_what_may_come_out_otherwise() -> None:
     here = worker.environment_digests()
     other = here._replace(numpy="of another processor")
-    assert worker.compute(pickle.dumps(OWN), (), other)[2].width == 2
+    assert worker.compute(pickle.dumps([OWN]), (), other)[0][2].width == 2
     for task in (FOREIGN, NUMPYS, ASSUMED):
         with pytest.raises(RuntimeError, match="numpy computes otherwise on this worker"):
-            worker.compute(pickle.dumps(task), (), other)
+            worker.compute(pickle.dumps([task]), (), other)
     with pytest.raises(RuntimeError, match="not that of IEEE 754"):
-        worker.compute(pickle.dumps(OWN), (), here._replace(own="of another"))
+        worker.compute(pickle.dumps([OWN]), (), here._replace(own="of another"))
     with pytest.raises(RuntimeError, match="another version"):
-        worker.compute(pickle.dumps(OWN), (), here._replace(code="of another"))
+        worker.compute(pickle.dumps([OWN]), (), here._replace(code="of another"))
 
 
 OWN_FUNCTIONS = [

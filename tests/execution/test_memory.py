@@ -16,7 +16,7 @@ from trackbench import api
 from trackbench.config.load import load
 from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.run_block import run_whole_block
+from trackbench.evaluation.run_block import run_stack, run_whole_block
 from trackbench.execution import plan
 from trackbench.execution.plan import _STEP_ROW, _block_bytes, block_width, check_memory, make_plan
 from trackbench.os_specific import memory
@@ -60,14 +60,14 @@ def test_a_block_takes_no_more_than_estimated(
     task = BlockTask(model, tracker, 0, 0, width, width)
     run_whole_block(replace(task, index=1))  # what only the first block takes
     taken = peak(run_whole_block, task)
-    assert taken <= _block_bytes(model, tracker, width) <= 2.5 * taken
+    assert taken <= _block_bytes(model, tracker, width, 1) <= 2.5 * taken
 
 
 def test_the_exact_posterior_takes_no_more_than_estimated() -> None:
     task = BlockTask(SCENARIOS["merwe"], kinds("filters")["grid"](nodes=256), 0, 0, 8, 8)
     run_whole_block(task)  # what only the first block takes
     taken = peak(run_whole_block, replace(task, index=1))
-    assert taken <= _block_bytes(task.scenario, task.filter, 8) <= 2.5 * taken
+    assert taken <= _block_bytes(task.scenario, task.filter, 8, 1) <= 2.5 * taken
 
 
 def test_long_tracks_take_no_more_than_estimated() -> None:
@@ -75,7 +75,15 @@ def test_long_tracks_take_no_more_than_estimated() -> None:
     task = BlockTask(model, tracker, 0, 0, 40, 40)
     run_whole_block(replace(task, index=1))  # what only the first block takes
     taken = peak(run_whole_block, task)
-    assert taken <= _block_bytes(model, tracker, 40) <= 2.5 * taken
+    assert taken <= _block_bytes(model, tracker, 40, 1) <= 2.5 * taken
+
+
+def test_a_stack_of_long_tracks_takes_no_more_than_estimated() -> None:
+    model, tracker = maneuver(duration=400.0, legs=(), score_from=0.0), kinds("filters")["kf"]()
+    tasks = [BlockTask(model, tracker, 0, i, 20, 20) for i in range(8)]
+    run_stack(tasks[:1])  # what only the first block takes
+    taken = peak(run_stack, tasks)
+    assert taken <= _block_bytes(model, tracker, 20, 8) <= 2.5 * taken
 
 
 def test_saved_tracks_and_numbers_of_all_filters_are_counted(
@@ -180,7 +188,7 @@ def test_a_long_track_of_few_runs_takes_no_more_than_estimated() -> None:
     task = BlockTask(scenario, tracker, 0, 0, 1, 1)
     run_whole_block(replace(task, scenario=banana(scans=5)))  # what only the first block takes
     taken = peak(run_whole_block, task)
-    assert taken <= _block_bytes(scenario, tracker, 1) <= 2.5 * taken
+    assert taken <= _block_bytes(scenario, tracker, 1, 1) <= 2.5 * taken
 
 
 def test_a_file_is_read_in_little_more_than_its_numbers_take(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ kind, so a filter is never evaluated on the data that it was tuned on.
 
 from collections.abc import Callable, Iterable, Sequence
 from math import prod
-from typing import TypeAlias, TypeVar
+from typing import TypeAlias, TypeVar, cast
 
 import numpy as np
 from numpy.random import SFC64, Generator, SeedSequence
@@ -89,6 +89,42 @@ class RunStreams:
         return rows[:count].reshape(size)
 
 
+class SideBySide:
+    """Streams of several blocks of runs that are filtered together, each drawing for its own runs.
+
+    ``size`` is ``(*draws, runs, N)``, the runs being those of all blocks one after another. A block's
+    numbers are those that it draws alone.
+    """
+
+    def __init__(self, blocks: Sequence[Generator], width: int) -> None:
+        self.blocks, self.width = blocks, width
+
+    def standard_normal(self, size: tuple[int, ...]) -> Array:
+        """Return N(0, 1) variates."""
+        return self._join(lambda g, part: g.standard_normal(part), size)
+
+    def random(self, size: tuple[int, ...]) -> Array:
+        """Return uniform variates in [0, 1)."""
+        return self._join(lambda g, part: g.random(part), size)
+
+    def standard_gamma(self, shape: float, size: tuple[int, ...]) -> Array:
+        """Return Gamma(shape, rate 1) variates."""
+        return self._join(lambda g, part: g.standard_gamma(shape, part), size)
+
+    def _join(
+        self, draw: Callable[[Generator, tuple[int, ...]], Array], size: tuple[int, ...]
+    ) -> Array:
+        if len(size) < 2 or size[-2] != len(self.blocks) * self.width:
+            raise ValueError(f"{size} is not for {len(self.blocks)} blocks of {self.width} runs")
+        part = (*size[:-2], self.width, size[-1])
+        return np.concatenate([draw(g, part) for g in self.blocks], axis=-2)
+
+
+def side_by_side(blocks: Sequence[Generator], width: int) -> Generator:
+    """Return one stream for blocks of so many runs; typed as numpy's, whose draws it has three of."""
+    return blocks[0] if len(blocks) == 1 else cast(Generator, SideBySide(blocks, width))
+
+
 class SomeRuns:
     """Streams of chosen runs of a block at one step, for draws that only some runs make.
 
@@ -97,12 +133,7 @@ class SomeRuns:
     """
 
     def __init__(self, block: Generator, step: int, runs: Iterable[int]) -> None:
-        seed = block.bit_generator.seed_seq
-        assert isinstance(seed, SeedSequence)
-        # The key of a substream is that of the block, the step and the run.
-        keys = ((*seed.spawn_key, step, int(run)) for run in runs)
-        sequences = (SeedSequence(seed.entropy, spawn_key=key) for key in keys)
-        self._generators = [NoiseGenerator(SFC64(sequence)) for sequence in sequences]
+        self._generators = [_substream(block, step, int(run)) for run in runs]
 
     def standard_normal(self, size: tuple[int, ...]) -> Array:
         """Return N(0, 1) variates."""
@@ -124,6 +155,18 @@ class SomeRuns:
         # Each run draws its own row (*draws, N); the rows are stacked along the run axis.
         row = (*size[:-2], size[-1])
         return np.stack([draw(g, row) for g in self._generators], axis=-2)
+
+
+def _substream(block: Generator | SideBySide, step: int, run: int) -> Generator:
+    """Return the stream of a run at a step, by its number within its block."""
+    if isinstance(block, SideBySide):
+        number, run = divmod(run, block.width)
+        block = block.blocks[number]
+    seed = block.bit_generator.seed_seq
+    assert isinstance(seed, SeedSequence)
+    # The key of a substream is that of the block, the step and the run.
+    sequence = SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, step, run))
+    return NoiseGenerator(SFC64(sequence))
 
 
 Streams: TypeAlias = Generator | RunStreams | SomeRuns

@@ -16,6 +16,8 @@ from trackbench.filters.base import AnyFilter
 from trackbench.models.assumed_sensor import Assume
 from trackbench.scenarios.base import Scenario, Simulation
 
+MOST_STACKED = 8
+"""Blocks that are filtered side by side at most."""
 Kind: TypeAlias = predictive_scores.Kind | calibration.Kind
 
 
@@ -50,6 +52,8 @@ class BlockTask:
     """every so many-th measurement of a run is not given to the filter"""
     extra_run_counts: tuple[int, ...] = field(default=(), compare=False)
     """numbers of the block's runs over which it is reduced, too: a batch may stop there, or go on"""
+    stacked: int = 1
+    """blocks from this one outwards that are filtered side by side, each with its own random numbers"""
 
     @property
     def assumed_scenario(self) -> Scenario:
@@ -62,9 +66,20 @@ class BlockTask:
         return self.index * self.width if self.index >= 0 else (self.index + 1) * self.width - 1
 
     @property
+    def runs(self) -> int:
+        """Number of runs that are filtered together."""
+        return self.stacked * self.width
+
+    @property
+    def blocks(self) -> range:
+        """Numbers of the stacked blocks: training blocks count down."""
+        step = 1 if self.index >= 0 else -1
+        return range(self.index, self.index + step * self.stacked, step)
+
+    @property
     def data(self) -> Simulation:
-        """Return the whole block's data."""
-        return simulate(self.scenario.without_scoring, self.seed, self.first_run, self.width)
+        """Return the data of the whole block, or stack of blocks."""
+        return simulate(self.scenario.without_scoring, self.seed, self.first_run, self.runs)
 
     @property
     def filtering_key(self) -> "BlockTask":
@@ -77,6 +92,7 @@ class BlockTask:
             assume=self.assume,
             predictive_metrics=self.predictive_metrics,
             hold_out=self.hold_out,
+            stacked=self.stacked,
         )
 
     @property

@@ -1,5 +1,7 @@
 """From a task to its numbers: the block's data, the filter's way through them, its errors as metrics."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -8,7 +10,7 @@ from trackbench.core.arrays import Array, Mask
 from trackbench.evaluation.block import BlockResult, BlockTask, Tracks
 from trackbench.evaluation.calibration import likelihood_ratio
 from trackbench.evaluation.error_series import FOUND, per_run_metrics, series, step_sums
-from trackbench.evaluation.run_filter import FilterOutput, run_filter_cached
+from trackbench.evaluation.run_filter import FilterOutput, run_filter_cached, run_reference
 from trackbench.evaluation.validate_output import check_names
 from trackbench.scenarios.base import Simulation
 
@@ -23,29 +25,66 @@ def run_whole_block(task: BlockTask) -> dict[int, BlockResult]:
 
     The second costs next to nothing, and is what a later batch of more runs needs.
     """
+    return run_stack([task])[0]
+
+
+def run_stack(blocks: Sequence[BlockTask]) -> list[dict[int, BlockResult]]:
+    """Return the results of adjacent blocks, which are filtered together: each the same as alone.
+
+    A call of numpy then serves the runs of all blocks. The blocks differ in their numbers and in the
+    runs used only.
+    """
     keep_freed_memory()
+    stack = replace(blocks[0], stacked=len(blocks))
+    covariances = stack.runs_with_tracks_among(stack.runs) if stack.keep_covariance else 0
     with np.errstate(all="ignore"):  # a run that leaves the numbers is counted, not warned about
-        # Step 1: data and estimates of the whole block, of the filter and the reference.
-        data = task.data
-        result = run_filter_cached(
-            task.filtering_key,
-            task.runs_with_tracks_among(task.width) if task.keep_covariance else 0,
-        )
-        exact = None if task.reference is None else run_filter_cached(task.reference_task, 0)
-        exact_mean = None if exact is None else exact.mean
-        # Step 2: error series (T + 1, M), then the filter's diagnostics and the likelihood ratio.
-        values = series(task.scenario, data.truth, result.mean, result.nees, exact_mean)
-        values |= result.diagnostics
-        if exact is not None and "likelihood_ratio" in task.predictive_metrics:
-            values |= likelihood_ratio(values, exact.diagnostics)
-        check_names(task.filter.summed_diagnostics)
-        finite = _stayed_finite(result.mean)
-        # Over the whole block, then trimmed: numpy adds up a single column in another order.
-        per_run = per_run_metrics(task.scenario, values, task.filter.summed_diagnostics, finite)
-        return {
-            used: _trimmed(task, data, result, values, per_run, used)
-            for used in {task.runs_used, task.width, *task.extra_run_counts}
-        }
+        data, output = stack.data, run_filter_cached(stack.filtering_key, covariances)
+        if len(blocks) == 1:
+            return [_reduce(stack, data, output)]
+        return [
+            _reduce(block, *_cut(data, output, first, block.width))
+            for block, first in zip(blocks, range(0, stack.runs, stack.width), strict=True)
+        ]
+
+
+def _cut(
+    data: Simulation, output: FilterOutput, first: int, width: int
+) -> tuple[Simulation, FilterOutput]:
+    """Return a block's share of a stack: sums over contiguous copies have the order of a lone block."""
+    share = width / output.mean.shape[-1]
+
+    def runs_of(rows: Array) -> Array:
+        return np.ascontiguousarray(rows[..., first : first + width])
+
+    return (
+        data._replace(truth=runs_of(data.truth), measurements=runs_of(data.measurements)),
+        FilterOutput(
+            mean=runs_of(output.mean),
+            nees=runs_of(output.nees),
+            cov=None if output.cov is None else output.cov[..., first : first + width],
+            diagnostics={name: runs_of(rows) for name, rows in output.diagnostics.items()},
+            cpu_s=output.cpu_s * share,
+        ),
+    )
+
+
+def _reduce(task: BlockTask, data: Simulation, output: FilterOutput) -> dict[int, BlockResult]:
+    """Return the block's metrics by the number of runs that they are reduced over."""
+    # Step 1: error series (T + 1, M), then the filter's diagnostics and the likelihood ratio.
+    exact = None if task.reference is None else run_reference(task.reference_task)
+    exact_mean = None if exact is None else exact.mean
+    values = series(task.scenario, data.truth, output.mean, output.nees, exact_mean)
+    values |= output.diagnostics
+    if exact is not None and "likelihood_ratio" in task.predictive_metrics:
+        values |= likelihood_ratio(values, exact.diagnostics)
+    check_names(task.filter.summed_diagnostics)
+    finite = _stayed_finite(output.mean)
+    # Step 2: over the whole block, then trimmed: numpy adds up a single column in another order.
+    per_run = per_run_metrics(task.scenario, values, task.filter.summed_diagnostics, finite)
+    return {
+        used: _trimmed(task, data, output, values, per_run, used)
+        for used in {task.runs_used, task.width, *task.extra_run_counts}
+    }
 
 
 def _stayed_finite(mean: Array) -> Mask:

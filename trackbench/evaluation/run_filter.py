@@ -11,8 +11,8 @@ import numpy as np
 from trackbench.core import memoize
 from trackbench.core.arrays import Array, Seal, freeze
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
-from trackbench.core.random_streams import aside_stream, block_stream
-from trackbench.evaluation.block import BlockTask
+from trackbench.core.random_streams import aside_stream, block_stream, side_by_side
+from trackbench.evaluation.block import MOST_STACKED, BlockTask
 from trackbench.evaluation.calibration import Calibration
 from trackbench.evaluation.consistency import ConsistencySeries, observed
 from trackbench.evaluation.predictive_scores import PredictionScorer, Step, after_first
@@ -42,11 +42,23 @@ class FilterOutput(NamedTuple):
 
 @lru_cache(maxsize=2)
 def run_filter_cached(task: BlockTask, covariances: int) -> FilterOutput:
-    """Return a filter's way through its block, read-only; cached for tasks that only score it otherwise.
-
-    And for those of other filters that have it as their reference.
-    """
+    """Return a filter's way through its block, read-only; cached for tasks that score it otherwise."""
     return freeze(run_filter(task, task.data, covariances))
+
+
+class ReferenceOutput(NamedTuple):
+    """mean (n_x, T + 1, M) of the reference, and its log-likelihood series by name."""
+
+    mean: Array
+    diagnostics: dict[str, Array]
+
+
+@lru_cache(maxsize=MOST_STACKED)
+def run_reference(task: BlockTask) -> ReferenceOutput:
+    """Return the reference's way through a block, read-only; cached for all filters of a stack."""
+    output = run_filter_cached(task, 0)
+    kept = {n: rows for n, rows in output.diagnostics.items() if n == "log_likelihood"}
+    return ReferenceOutput(output.mean, kept)
 
 
 @explain_read_only_errors()
@@ -58,7 +70,8 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
     """
     tracker, model = task.filter, freeze(task.assumed_scenario.model)
     # The scores' own stream leaves the filter's random numbers as they are without scores.
-    rng, aside = block_stream(task.seed, task.index), aside_stream(task.seed, task.index)
+    rng = side_by_side([block_stream(task.seed, block) for block in task.blocks], task.width)
+    aside = side_by_side([aside_stream(task.seed, block) for block in task.blocks], task.width)
     telling = PredictionScorer(
         tracker, model, data.measurements, task.predictive_metrics, task.hold_out, aside
     )
@@ -134,17 +147,17 @@ class _Recorder:
         self._noted: list[dict[str, Array]] = []
         self._observed: list[dict[str, Array]] = []
         scenario, tracker = task.scenario, task.filter
-        self._consistency = ConsistencySeries(scenario, task.width)
+        self._consistency = ConsistencySeries(scenario, task.runs)
         wanted = task.predictive_metrics if scenario.has_truth else ()
         self._judged = Calibration(tracker, scenario.components, wanted)
 
     def note(self, diagnostics: dict[str, Array]) -> None:
         """Record the diagnostics of a step."""
-        self._noted.append(checked_numbers("diagnostic", diagnostics, self._task.width))
+        self._noted.append(checked_numbers("diagnostic", diagnostics, self._task.runs))
 
     def add(self, state: Any, found: Gaussian) -> None:
         """Record a step's state and estimate; score the truth's components of the estimate."""
-        check_estimate(found, self._sizes, self._task.width)
+        check_estimate(found, self._sizes, self._task.runs)
         # Drop the components that only the filter's motion has: the truth has none of them.
         (n, _), truth = self._sizes, self._data.truth[:, len(self._means)]
         if len(found.mean) > n:

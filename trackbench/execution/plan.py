@@ -10,7 +10,8 @@ from trackbench.config.experiment import Experiment, Point, Settings
 from trackbench.config.metric_names import max_metrics
 from trackbench.config.requested_metrics import requested_contributions, requested_predictions
 from trackbench.errors import Problem, UserError, counted
-from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.block import MOST_STACKED, BlockTask
+from trackbench.extension_points import foreign_parts
 from trackbench.filters.base import AnyFilter
 from trackbench.os_specific import memory
 from trackbench.plugins.load import Plugin
@@ -19,6 +20,7 @@ from trackbench.scenarios.base import Scenario
 _PARTICLES_AT_A_TIME = 32_768
 _RUN_STEPS_AT_A_TIME = 200_000  # a long track's series, some thirty of them, stay below 100 MB
 _BOOSTED_AT_A_TIME = 330_000  # in the few steps of a boost: below 200 MB
+_STACKED = 400_000  # run-steps that are filtered together: their series are made block by block
 _WIDEST = 500
 _ONE_BY_ONE = 10  # few enough for two workers to share 50 runs, and to compute none in vain
 _PROCESS = 150_000_000  # bytes of a worker process before it computes anything
@@ -122,10 +124,34 @@ def block_width(tracker: AnyFilter, scenario: Scenario) -> int:
     loop over runs get ten. Long tracks and filters with boosted particle counts get fewer, because a
     block is in memory as a whole.
     """
-    N, boosted = tracker.particle_count, tracker.max_particle_count
     widest = _ONE_BY_ONE if tracker.loops_over_runs else _WIDEST
     most = min(widest, _RUN_STEPS_AT_A_TIME // len(scenario.steps))
-    return max(1, min(most, _PARTICLES_AT_A_TIME // N, _BOOSTED_AT_A_TIME // boosted))
+    return max(1, min(most, _run_limit(tracker)))
+
+
+def stack_limit(task: BlockTask) -> int:
+    """Return how many adjacent blocks a worker may filter side by side, for the same numbers.
+
+    Plugins may draw or sum over all runs they are given, and held-out measurements are predicted with
+    draws that depend on the block: such blocks run alone, and so does a block of one run, whose sums
+    numpy adds in another order.
+    """
+    alone = task.filter.mixes_runs or task.filter.loops_over_runs or task.hold_out
+    if alone or task.width == 1 or foreign_parts((task.scenario, task.filter, task.assume)):
+        return 1
+    return _largest_stack(task.filter, task.scenario, task.width)
+
+
+def _largest_stack(tracker: AnyFilter, scenario: Scenario, width: int) -> int:
+    """Return how many blocks' particles fit in the cache, and their tracks in memory."""
+    most = min(_run_limit(tracker), _STACKED // len(scenario.steps))
+    return max(1, min(MOST_STACKED, most // width))
+
+
+def _run_limit(tracker: AnyFilter) -> int:
+    """Return how many runs' particles fit in the cache."""
+    N, boosted = tracker.particle_count, tracker.max_particle_count
+    return min(_PARTICLES_AT_A_TIME // N, _BOOSTED_AT_A_TIME // boosted)
 
 
 def check_memory(experiment: Experiment, workers: int, save_tracks: bool = False) -> int:
@@ -141,8 +167,12 @@ def check_memory(experiment: Experiment, workers: int, save_tracks: bool = False
         for label, tracker in point.filters.items():
             width = _width(settings, tracker, point.scenario)
             reference = point.filters.get(settings.reference or "", tracker)
+            stacked = min(
+                _largest_stack(tracker, point.scenario, width), ceil(settings.runs / width)
+            )
             block = max(
-                _block_bytes(point.assumed_scenario(label), f, width) for f in (tracker, reference)
+                _block_bytes(point.assumed_scenario(label), f, width, blocks)
+                for f, blocks in ((tracker, stacked), (reference, 1))
             )
             needed = workers * (_PROCESS + block) + merged
             most = max(most, needed)
@@ -186,13 +216,15 @@ def cautions(points: Iterable[Point]) -> list[str]:
     return [f"{', '.join(labels)}: {text}" if labels else text for text, labels in said.items()]
 
 
-def _block_bytes(scenario: Scenario, tracker: AnyFilter, width: int) -> int:
+def _block_bytes(scenario: Scenario, tracker: AnyFilter, width: int, blocks: int) -> int:
+    """Return the bytes of stacked blocks as they are filtered, and of one as it is reduced."""
     n_x, steps = len(scenario.components), len(scenario.steps)
     cloud = tracker.max_particle_count * n_x * _TEMPORARIES
-    per_run = cloud + tracker.extra_memory(scenario.model) + steps * (6 * n_x + 20)
+    per_run = cloud + tracker.extra_memory(scenario.model) + steps * (3 * n_x + 6)
     if tracker.smooths:  # posterior, prediction, covariance of both, and the smoothed ones
         per_run += steps * 5 * n_x * (n_x + 1)
-    return 8 * width * per_run + _STEP_OBJECTS * steps
+    reduced = steps * (3 * n_x + 14)
+    return 8 * width * (blocks * per_run + reduced) + _STEP_OBJECTS * steps
 
 
 def _read_bytes(experiment: Experiment) -> int:

@@ -1,8 +1,8 @@
-"""Queue of blocks: each runs once, in order; blocks of a dead worker run again."""
+"""Queue of blocks in stacks: each runs once, in order; blocks of a dead worker run again."""
 
 import pickle
 from collections import Counter, deque
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import (
     FIRST_COMPLETED,
     BrokenExecutor,
@@ -11,11 +11,13 @@ from concurrent.futures import (
     Future,
     wait,
 )
+from dataclasses import replace
 from typing import Any, TypeAlias
 
 from trackbench.errors import RunError, in_line
 from trackbench.evaluation.block import BlockResult, BlockTask
 from trackbench.execution.engines import OpenEngine
+from trackbench.execution.plan import stack_limit
 from trackbench.execution.worker import compute, environment_digests
 from trackbench.plugins.errors import FilterError, message_of
 from trackbench.plugins.load import Plugin
@@ -27,24 +29,42 @@ _AHEAD = 16
 
 Found: TypeAlias = dict[int, BlockResult] | Exception
 """A block's results by the number of runs used, or why there are none."""
+Stack: TypeAlias = list[BlockTask]
+"""Adjacent blocks of one filter, which a worker filters side by side."""
 
 
 class Queue:
-    """Tasks of one or several plans. After a worker's death tasks run one at a time."""
+    """Tasks of one or several plans. After a worker's death blocks run one at a time."""
 
     def __init__(self, workers: int) -> None:
         self.failed: dict[tuple[Any, ...], str] = {}
         self.deaths: Counter[BlockTask] = Counter()
         self._workers = workers
-        self._waiting: deque[BlockTask] = deque()
-        self._running: dict[Future[dict[int, BlockResult]], BlockTask] = {}
+        self._waiting: deque[Stack] = deque()
+        self._running: dict[Future[list[dict[int, BlockResult]]], Stack] = {}
         self._plugins: dict[BlockTask, tuple[Plugin, ...]] = {}
 
-    def add(self, task: BlockTask, plugins: tuple[Plugin, ...]) -> None:
-        """Append the task unless an equal one is queued."""
-        if task not in self._plugins:
+    def add(self, tasks: Sequence[BlockTask], plugins: tuple[Plugin, ...]) -> None:
+        """Append the tasks that are new, adjacent blocks of a filter as stacks.
+
+        Several workers get at least two stacks each.
+        """
+        most = len(tasks) // (2 * self._workers) if self._workers > 1 else len(tasks)
+        last: dict[BlockTask, Stack] = {}
+        for task in tasks:
+            if task in self._plugins:
+                continue
             self._plugins[task] = plugins
-            self._waiting.append(task)
+            of_filter = replace(task, index=0, runs_used=0)
+            stack = last.get(of_filter)
+            if (
+                stack is None
+                or len(stack) >= min(most, stack_limit(task))
+                or abs(task.index) != abs(stack[-1].index) + 1
+            ):
+                last[of_filter] = stack = []
+                self._waiting.append(stack)
+            stack.append(task)
 
     def run(self, open_engine: OpenEngine) -> Generator[tuple[BlockTask, Found]]:
         """Yield tasks with their results as they finish."""
@@ -62,38 +82,44 @@ class Queue:
         runs = f"runs {task.first_run} to {last}"
         why = str(error) if isinstance(error, FilterError) else message_of(error)
         self.failed.setdefault(lost, in_line(f"{why} ({runs})"))
-        left_out = [t for t in self._waiting if algorithm(t) == lost]
-        self._waiting = deque(t for t in self._waiting if algorithm(t) != lost)
+        left_out = [t for stack in self._waiting for t in stack if algorithm(t) == lost]
+        self._waiting = deque(stack for stack in self._waiting if algorithm(stack[0]) != lost)
         return [task, *left_out]
 
     def _drain(self, executor: Executor) -> Iterator[tuple[BlockTask, Found]]:
         expected = environment_digests()
         while self._waiting or self._running:
             while self._waiting and len(self._running) < self._limit():
-                task = self._waiting[0]
-                future = executor.submit(compute, pickle.dumps(task), self._plugins[task], expected)
+                stack = self._waiting[0]
+                plugins = self._plugins[stack[0]]
+                future = executor.submit(compute, pickle.dumps(stack), plugins, expected)
                 self._running[future] = self._waiting.popleft()
                 if future.done():
-                    break  # a serial engine: keep each block before the next is begun
+                    break  # a serial engine: keep each stack before the next is begun
             finished, _ = wait(self._running, return_when=FIRST_COMPLETED)
             for future in finished:
-                result = _result(future)
-                yield self._running.pop(future), result
+                results = _results(future)
+                stack = self._running.pop(future)
+                if not isinstance(results, Exception):
+                    yield from zip(stack, results, strict=True)
+                elif len(stack) == 1:
+                    yield stack[0], results
+                else:  # each alone: only the failing block's runs are at fault
+                    self._waiting.extendleft([task] for task in reversed(stack))
 
     def _limit(self) -> int:
         """Return how many tasks may run at once: one while a task is suspected to kill workers."""
-        suspect = self._waiting and self.deaths[self._waiting[0]]
-        suspect = suspect or any(self.deaths[task] for task in self._running.values())
+        stacks = [*self._running.values(), *list(self._waiting)[:1]]
+        suspect = any(self.deaths[task] for stack in stacks for task in stack)
         return 1 if suspect else _AHEAD * self._workers
 
     def _after_death(self) -> Iterator[tuple[BlockTask, Exception]]:
-        suspects = [*self._running.values()] or [
-            self._waiting.popleft()
-        ]  # of a pool that never began
-        for task in suspects:
+        # Nothing runs in a pool that never began: its first stack is suspected.
+        suspects = [*self._running.values()] or [self._waiting.popleft()]
+        for task in (task for stack in suspects for task in stack):
             self.deaths[task] += 1
             if self.deaths[task] < _MOST_DEATHS:
-                self._waiting.appendleft(task)
+                self._waiting.appendleft([task])
             else:
                 times = self.deaths[task]
                 yield task, RunError(f"its worker died {times} times (killed, or out of memory?)")
@@ -105,8 +131,10 @@ def algorithm(task: BlockTask) -> tuple[Any, ...]:
     return task.scenario, task.filter, task.assume, task.reference, task.width
 
 
-def _result(future: Future[dict[int, BlockResult]]) -> Found:
-    """Return the task's result or its error; raises if the engine failed."""
+def _results(
+    future: Future[list[dict[int, BlockResult]]],
+) -> list[dict[int, BlockResult]] | Exception:
+    """Return the stack's results or its error; raises if the engine failed."""
     try:
         return future.result()
     except BrokenExecutor:

@@ -108,9 +108,9 @@ def execute(
 
 def _enqueue(outcome: Outcome, queue: Queue, tasks: Iterable[BlockTask]) -> None:
     """Queue missing blocks of the plan."""
-    for task in tasks:
-        queue.add(task, outcome.plan.plugins)
-        outcome.missing.add(task)
+    missing = list(tasks)
+    queue.add(missing, outcome.plan.plugins)
+    outcome.missing.update(missing)
 
 
 def _extend_plan(outcome: Outcome, bigger: Plan, queue: Queue, bar: Any) -> None:

@@ -1,11 +1,11 @@
-"""Code that runs in a worker process: compute one block from its pickled task."""
+"""Code that runs in a worker process: compute a stack of blocks from its pickled tasks."""
 
 import pickle
 from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
 from trackbench.evaluation.block import BlockResult, BlockTask
-from trackbench.evaluation.run_block import run_whole_block
+from trackbench.evaluation.run_block import run_stack
 from trackbench.execution import fingerprints
 from trackbench.execution.fingerprints import code_digest
 from trackbench.plugins.errors import FilterError, guarded, located_message
@@ -31,9 +31,9 @@ def environment_digests() -> Environment:
 
 
 def compute(
-    task: bytes, plugins: "tuple[Plugin, ...]", expected: Environment
-) -> dict[int, BlockResult]:
-    """Load the plugins, run the pickled block task, return results by number of runs used.
+    stack: bytes, plugins: "tuple[Plugin, ...]", expected: Environment
+) -> list[dict[int, BlockResult]]:
+    """Load the plugins, run the pickled block tasks, return each one's results by number of runs used.
 
     Raises RuntimeError if its numbers could differ from those of the requesting process.
     """
@@ -47,7 +47,8 @@ def compute(
         from trackbench.plugins.load import load_plugin
 
         load_plugin(plugin)
-    block: BlockTask = pickle.loads(task)
+    blocks: list[BlockTask] = pickle.loads(stack)
+    block = blocks[0]
     if here.numpy != expected.numpy and fingerprints.uses_numpy_arithmetic(
         block.scenario, block.filter, block.reference, block.assume
     ):
@@ -57,7 +58,7 @@ def compute(
         )
     try:
         with guarded():
-            return run_whole_block(block)
+            return run_stack(blocks)
     except Exception as error:
         raise FilterError(
             located_message(error, block.filter, block.scenario, block.reference)

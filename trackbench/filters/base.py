@@ -34,6 +34,8 @@ class Filter(Part, Generic[State]):
     """the filter loops over its runs in Python: blocks are narrow, and its times are marked"""
     density_only: ClassVar[bool] = False
     """of a measurement the filter uses the likelihood alone, which exists without a variance too"""
+    mixes_runs: ClassVar[bool] = False
+    """a run's last digits depend on the other runs of its block: such blocks are filtered one by one"""
     deterministic: ClassVar[bool] = False
     """the filter draws no random numbers: on recorded data a published number is equal or differs"""
 

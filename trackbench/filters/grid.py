@@ -76,6 +76,8 @@ class Grid(Filter[Resolved]):
     apart than the motion's noise reaches.
     """
 
+    mixes_runs: ClassVar[bool] = True
+
     nodes: Annotated[int, Ge(8)] = 128
     """nodes per root of the measurement equation"""
     deviations: Annotated[float, Ge(4)] = 6.5

@@ -113,6 +113,7 @@ class LineOfSight(ParticleFilter):
     bandwidth_scale: NonNegative = 1.0
     """factor on the optimal bandwidth"""
     requires: ClassVar[tuple[str, ...]] = ("state.planar", "motion.alike_axes", "prior.azimuths")
+    mixes_runs: ClassVar[bool] = True
     diagnostic_names = ParticleFilter.diagnostic_names - {"ess"}  # the weights are not stored
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:

@@ -50,8 +50,8 @@ def tune(
         while True:
             for tuner in tuners:
                 bar.update(tuner.advance())
-                for task in tuner.missing:
-                    queue.add(task, experiment.plugins)
+                missing = sorted(tuner.missing, key=lambda task: abs(task.index))
+                queue.add(missing, experiment.plugins)
             if not any(tuner.missing for tuner in tuners):
                 break
             task, result = next(finished)

@@ -1,0 +1,106 @@
+"""Blocks that are filtered side by side: each has the bytes that it has alone."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.conftest import EXPERIMENTS, make_filter, shipped
+from tests.papers import maneuver, merwe
+from trackbench.core.random_streams import SomeRuns, block_stream, side_by_side
+from trackbench.evaluation.block import BlockResult, BlockTask, simulate
+from trackbench.evaluation.run_block import run_stack, run_whole_block
+from trackbench.evaluation.run_filter import run_filter_cached
+from trackbench.execution.plan import make_plan, stack_limit
+from trackbench.extension_points import walk_parts
+
+WIDTH, BLOCKS = 4, 3
+
+
+def of_every_kind() -> Iterator[tuple[str, BlockTask]]:
+    """Return a block of each filter class, with its parts, of the experiment where it is cheapest."""
+    cheapest: dict[frozenset[type], tuple[int, str, BlockTask]] = {}
+    for path in sorted(EXPERIMENTS.glob("*.yaml")):
+        for (point, label), tasks in make_plan(shipped(path.stem)).tasks.items():
+            task = replace(tasks[0], width=WIDTH, runs_used=WIDTH, extra_run_counts=())
+            if point or stack_limit(task) == 1:
+                continue
+            parts = frozenset(type(part) for part in walk_parts((task.filter, task.assume)))
+            cost = len(task.scenario.steps) * task.filter.particle_count
+            known = cheapest.get(parts)
+            if known is None or cost < known[0]:
+                cheapest[parts] = cost, f"{path.stem}: {label}", task
+    for _, name, task in cheapest.values():
+        yield name, task
+
+
+CASES = dict(of_every_kind())
+
+
+def stacked_and_alone(task: BlockTask) -> Iterator[tuple[BlockResult, BlockResult]]:
+    """Return results of adjacent blocks, filtered side by side and one by one."""
+    step = 1 if task.index >= 0 else -1
+    blocks = [replace(task, index=task.index + step * i, stacked=1) for i in range(BLOCKS)]
+    together = run_stack(blocks)
+    for block, result in zip(blocks, together, strict=True):
+        simulate.cache_clear()
+        run_filter_cached.cache_clear()
+        yield result[block.runs_used], run_whole_block(block)[block.runs_used]
+
+
+def equal_bytes(one: BlockResult, other: BlockResult) -> bool:
+    """Return whether both have the same metrics, sums, series and tracks."""
+    pairs = [(one.per_run[name], other.per_run[name]) for name in one.per_run]
+    pairs += [
+        (a, b)
+        for name in one.steps
+        for a, b in zip(one.steps[name], other.steps[name], strict=True)
+    ]
+    pairs += [(one.run_series[name], other.run_series[name]) for name in one.run_series]
+    if one.tracks is not None and other.tracks is not None:
+        pairs += [(a, b) for a, b in zip(one.tracks, other.tracks, strict=True) if a is not None]
+    same_names = one.per_run.keys() == other.per_run.keys() and (one.tracks is None) == (
+        other.tracks is None
+    )
+    return same_names and all(a.tobytes() == b.tobytes() for a, b in pairs)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_block_has_the_same_bytes_beside_others(name: str) -> None:
+    results = list(stacked_and_alone(replace(CASES[name], runs_with_tracks=6)))
+    assert all(equal_bytes(*pair) for pair in results)
+    first = results[0][0].per_run
+    assert any(np.isfinite(values).any() for values in first.values())
+
+
+@pytest.mark.parametrize("kind", ["kf", "hdepf"])
+def test_training_blocks_have_the_same_bytes_beside_others(kind: str) -> None:
+    scenario = maneuver(duration=60.0, legs=(), score_from=0.0) if kind == "kf" else merwe(T=10)
+    task = BlockTask(scenario, make_filter(kind), 3, -2, WIDTH, 3)
+    assert all(equal_bytes(*pair) for pair in stacked_and_alone(task))
+
+
+def test_streams_side_by_side_draw_what_each_draws_alone() -> None:
+    alone = [block_stream(5, block) for block in range(3)]
+    together = side_by_side([block_stream(5, block) for block in range(3)], width=4)
+    for draw in ("standard_normal", "random"):
+        rows = [getattr(stream, draw)((2, 4, 7)) for stream in alone]
+        np.testing.assert_array_equal(getattr(together, draw)((2, 12, 7)), np.hstack(rows))
+    with pytest.raises(ValueError, match="is not for 3 blocks of 4 runs"):
+        together.random((11, 7))
+    # Run 9 of the stack is run 1 of the third block.
+    few, one = SomeRuns(together, 6, [0, 9]), SomeRuns(alone[2], 6, [1])
+    np.testing.assert_array_equal(few.random((2, 5))[1:], one.random((1, 5)))
+
+
+def test_filters_that_mix_runs_and_plugins_are_filtered_alone() -> None:
+    task = BlockTask(merwe(), make_filter("pf", N=10), 1, 0, 50, 50)
+    assert stack_limit(task) == 8
+    assert stack_limit(replace(task, width=1)) == stack_limit(replace(task, hold_out=4)) == 1
+    assert stack_limit(replace(task, filter=make_filter("grid"))) == 1
+    foreign = type("Mine", (type(make_filter("pf")),), {"__module__": "mine"})
+    assert stack_limit(replace(task, filter=foreign())) == 1
+    # 32 768 particles and 400 000 steps are filtered side by side.
+    assert stack_limit(replace(task, filter=make_filter("pf", N=300), width=50)) == 2
+    assert stack_limit(replace(task, scenario=maneuver(), filter=make_filter("kf"))) == 4
