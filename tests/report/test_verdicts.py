@@ -231,6 +231,18 @@ def test_a_number_that_is_made_wrong_turns_into_differs(folder):
     assert verdicts[:2] == ["agrees", "differs"]
 
 
+def test_a_factor_multiplies_the_measured_number_and_its_standard_error(folder):
+    path = folder / "published" / "numbers.csv"
+    before = compare(Results(folder)).rows[0]
+    lines = path.read_text().splitlines()
+    cells = lines[1].split(",")
+    cells[4] = f"{float(cells[4]) / 2:.5f}"
+    path.write_text("\n".join([f"{lines[0]},factor", f"{','.join(cells)},0.5"]) + "\n")
+    after = compare(Results(folder)).rows[0]
+    assert after.measured.estimate == (before.measured.value / 2, before.measured.stderr / 2)
+    assert after.verdict.word == before.verdict.word == "agrees"
+
+
 def test_claims_are_decided_by_paired_z(made):
     judged = compare(Results(made)).claims
     assert [j.verdict.word for j in judged] == [

@@ -84,6 +84,8 @@ class PublishedNumber:
     expression: Measure | None = None
     """what to measure: `mean(rmse)`, `rmse@20`, `ratio(cpu_s_per_run, PF)`, `gain(...)`, `minus(...)`,
     `win_rate(rmse, PF)`: the share of the runs in which it is less than PF's"""
+    factor: Positive = 1.0
+    """the measured number is multiplied by it: 0.5 where the paper prints the mean over two axes"""
     point: str = ""
     """point of the experiment's grid: `scenario.R=0.1; filters.PF.N=10`"""
     source: str = ""

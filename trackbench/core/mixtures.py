@@ -74,7 +74,9 @@ def log_mixture(weights: Array, log_densities: Array) -> Array:
     return value
 
 
-def combine(states: Sequence[Gaussian], weights: Array) -> Gaussian:
+def combine(
+    states: Sequence[Gaussian], weights: Array, without_spread: Sequence[Sequence[int]] = ()
+) -> Gaussian:
     """Return the moments of a mixture of Gaussians.
 
     ``m = sum_j w_j m_j`` and ``P = sum_j w_j (P_j + (m_j - m) (m_j - m)')``.
@@ -85,6 +87,8 @@ def combine(states: Sequence[Gaussian], weights: Array) -> Gaussian:
         r states, means (n, M), covariances (n, n[, M]).
     weights : (r, M)
         Their weights.
+    without_spread : sequence of sequences of int
+        Components of each state whose ``m_j - m`` is taken as zero; default: none.
 
     Returns
     -------
@@ -96,8 +100,10 @@ def combine(states: Sequence[Gaussian], weights: Array) -> Gaussian:
     mean = np.asarray(sum(w * s.mean for w, s in terms))
     cov = np.zeros((len(mean), *mean.shape))
     # P = sum_j w_j (P_j + e e') with e = m_j - m
-    for w, s in terms:
+    for j, (w, s) in enumerate(terms):
         e = s.mean - mean
+        if without_spread:
+            e[list(without_spread[j])] = 0.0
         cov += w * (with_trailing(s.cov, 1, leading=2) + linalg.outer(e, e))
     return Gaussian(mean, cov)
 

@@ -52,8 +52,9 @@ class IMM(JumpMarkov[ModelBank]):
     The first motion is the quiescent one: ``mode`` reports the weight of all others.
     """
 
-    mixing: Literal["unbiased", "zero"] = "unbiased"
-    """components that a smaller state lacks in the mixing: moments of the larger state, or zeros"""
+    mixing: Literal["unbiased", "zero", "zero-mean"] = "unbiased"
+    """components that a smaller state lacks in the mixing: moments of the larger state, or zeros, whose
+    spread about the mixed mean is left out by zero-mean, as the EKF/UKF Toolbox does"""
     filter: Annotated[GaussianFilter, Registered("filters")] = _EKF
     """filter of each model: ekf, ukf, {kind: cmkf, conversion: mucm}; for a linear model ekf is the
     Kalman filter"""
@@ -120,7 +121,7 @@ class IMM(JumpMarkov[ModelBank]):
                 for s, of in zip(state.states, names, strict=True)
             ]
             # Step 3: filter with model j.
-            mixed = combine(filled, mixing[:, j])
+            mixed = combine(filled, mixing[:, j], self._without_spread(names, j))
             posterior, innovation = self.filter.update(model_j, mixed, z, k)
             states.append(posterior)
             innovations.append(innovation)
@@ -136,6 +137,12 @@ class IMM(JumpMarkov[ModelBank]):
         return ModelBank(
             tuple(states), weights, mean_nis, state.reported, tuple(innovations), predicted
         )
+
+    def _without_spread(self, names: list[tuple[str, ...]], j: int) -> list[list[int]]:
+        """Return the components of model j that each state lacks, if they enter without spread."""
+        if self.mixing != "zero-mean":
+            return []
+        return [[i for i, name in enumerate(names[j]) if name not in of] for of in names]
 
     def estimate(self, state: ModelBank) -> Gaussian:
         """Return the moments of the mixture, without components that only some models have."""

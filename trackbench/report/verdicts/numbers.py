@@ -131,6 +131,8 @@ def _readings(number: PublishedNumber, evidence: Evaluator | None) -> Iterator[C
         return
     for label in number.labels:
         measured = evidence.term(number.expression.of(label))
+        if number.factor != 1.0:
+            measured = measured.scaled(number.factor * measured.value, number.factor)
         parts = measured.parts(evidence.batches)
         deterministic = label in evidence.results.deterministic
         verdict = rules.number_verdict(number, measured, parts, deterministic)
