@@ -61,6 +61,7 @@ TARGETS: dict[str, Keys] = {
     "waypoints": {"x": [0, 90, 150], "y": [0, 40, 90], "speed": 20.0},
 }
 ASSUMED = {"assume": {"motion": {"kind": "cwna", "q": 10.0}}, "start": "known"}
+PRIOR: Keys = {"mean": [3000, -40, 2000, 30], "sigma": [9, 5, 9, 5]}
 CASES: dict[tuple[Group, str], Keys] = {
     **{("motions", kind): PLAIN for kind in MOTIONS if kind != "ar1"},
     **{
@@ -91,6 +92,12 @@ CASES: dict[tuple[Group, str], Keys] = {
     ("starts", "gaussian"): PLAIN,
     ("starts", "given"): PLAIN
     | {"start": {"kind": "given", "mean": [3000, -40, 2000, 30], "sigma": [9, 5, 9, 5]}},
+    ("starts", "uniform"): PLAIN
+    | {"target": {"kind": "driven", "motion": PLANE["motion"]}}
+    | {"start": {"kind": "uniform", "low": [2900, -50, 1900, 20], "high": [3100, 0, 2100, 60]}},
+    ("starts", "mixture"): PLAIN
+    | {"target": {"kind": "driven", "motion": PLANE["motion"]}}
+    | {"start": {"kind": "mixture", "parts": [PRIOR]}},
     ("starts", "one-scan"): PLAIN | {"start": {"kind": "one-scan", "sigma_velocity": 9.0}},
 }
 OTHER: Keys = {
@@ -114,6 +121,9 @@ OTHER: Keys = {
     "cov": np.diag([64, 16, 81, 25]).tolist(),
     "initial": {"px": 2000.0, "vy": 3.0},
     "z": [5, 6, 7],
+    "low": [2800, -50, 1900, 20],
+    "high": [3200, 0, 2100, 60],
+    "parts": [PRIOR, PRIOR | {"mean": [3000, -40, 2600, 30]}],
 }
 """Another value of a key that is no number and no list of numbers."""
 BESIDE: dict[str, Keys] = {

@@ -87,7 +87,7 @@ def imported(tmp_path_factory: pytest.TempPathFactory) -> set[str]:
     (folder / "plain.py").write_text(PLUGIN)
     (folder / "c.yaml").write_text(CONFIG)
     plan = make_plan(load(folder / "c.yaml", allow_plugins=True))
-    work = pickle.dumps(([pickle.dumps(task) for task in plan.unique], plan.plugins))
+    work = pickle.dumps(([pickle.dumps([task]) for task in plan.unique], plan.plugins))
     command = [sys.executable, "-W", "error", "-c", WORKER]
     done = subprocess.run(command, input=work, capture_output=True, check=True, timeout=60)
     return {_module_file(name) for name in json.loads(done.stdout)}
