@@ -23,12 +23,12 @@ $(BIN)/python:
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 ITSELF := --no-deps --no-build-isolation -e .
 
-$(VENV)/.run: pyproject.toml requirements/run.txt | $(BIN)/python
+$(VENV)/.run: pyproject.toml requirements/run.txt trackbench/core/_compiled.c | $(BIN)/python
 	$(PIP) --require-hashes -r requirements/run.txt
 	$(PIP) $(ITSELF)
 	touch $@
 
-$(VENV)/.dev: pyproject.toml requirements/dev.txt | $(BIN)/python
+$(VENV)/.dev: pyproject.toml requirements/dev.txt trackbench/core/_compiled.c | $(BIN)/python
 	$(PIP) --require-hashes -r requirements/dev.txt
 	$(PIP) $(ITSELF)
 	touch $@ $(VENV)/.run

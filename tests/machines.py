@@ -25,6 +25,7 @@ SETTINGS: dict[str, dict[str, str]] = {
     **{f"OpenBLAS {core}": {"OPENBLAS_CORETYPE": core} for core in ("Sandybridge", "Nehalem")},
     "numpy without AVX-512": {"disabled": "AVX512"},
     "numpy at its lowest": {"disabled": ""},
+    "numpy alone": {"TRACKBENCH_COMPILED": "0"},
     "two workers, two BLAS threads": {"workers": "2", "OPENBLAS_NUM_THREADS": "2"},
 }
 NEEDED = {

@@ -34,7 +34,7 @@ def expected() -> dict[str, str]:
 @pytest.mark.parametrize(
     "name",
     [
-        "OpenBLAS Nehalem + numpy at its lowest",
+        "OpenBLAS Nehalem + numpy at its lowest + numpy alone",
         "OpenBLAS Haswell + numpy without AVX-512 + two workers, two BLAS threads",
     ],
 )

@@ -15,6 +15,7 @@ from trackbench.cli.info import copy, describe, list_, new, schema, show
 from trackbench.cli.output import as_reportable, objects_alone, print_error
 from trackbench.cli.results import compare, plot, report, verify
 from trackbench.cli.run import run, sweep, tune
+from trackbench.core import compiled
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -30,7 +31,8 @@ _COMMANDS: tuple[Callable[..., None], ...] = (
 
 def _version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"trackbench {__version__}")
+        kernels = "compiled kernels" if compiled.kernels else "numpy alone"
+        typer.echo(f"trackbench {__version__}, {kernels}")
         raise typer.Exit
 
 

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from trackbench.core import compiled
 from trackbench.core.arrays import Array, fixed
 
 POWERS, LOGS, TURNS, SLOPES = 1 << 14, 1 << 13, 1 << 11, 1 << 8
@@ -65,6 +66,9 @@ def constants() -> Constants:
 
 def exp(x: Array, out: Array) -> None:
     """Write ``e^x`` to ``out``."""
+    if compiled.kernels:
+        compiled.kernels.exp(powers_of_two(), exp_constants(), x, out)
+        return
     if np.minimum.reduce(x) >= _LOWEST and np.maximum.reduce(x) <= _HIGHEST:
         exp_of_moderate(x, out)
         return
@@ -75,6 +79,9 @@ def exp(x: Array, out: Array) -> None:
 
 def exp_of_moderate(x: Array, out: Array) -> None:
     """Write ``e^x``: ``x = (n + f) step``, a tabulated power of two times a series."""
+    if compiled.kernels:
+        compiled.kernels.exp(powers_of_two(), exp_constants(), x, out)
+        return
     const = constants()
     # Step 1: split x / step into a whole number n and a fraction f, |f| <= 1/2.
     f = x * const.per_power
@@ -98,6 +105,9 @@ def exp_of_moderate(x: Array, out: Array) -> None:
 
 def log(x: Array, out: Array) -> None:
     """Write the natural logarithm to ``out``."""
+    if compiled.kernels:
+        compiled.kernels.log(*logarithms(), _log_constants(), x, out)
+        return
     if np.minimum.reduce(x) >= _SMALLEST and np.maximum.reduce(x) <= _LARGEST:
         _log_of_normal(x, out)
         return
@@ -145,9 +155,12 @@ def _log_of_normal(x: Array, out: Array) -> None:
 def cos_sin(a: Array, c: Array, s: Array) -> None:
     """Write cosine and sine: ``a = n turn + r``, r reduced in three parts (Cody & Waite 1980)."""
     const = constants()
+    if compiled.kernels:
+        compiled.kernels.cos_sin(*circle(), _turn_constants(), a, c, s)
+        return
     if not (np.maximum.reduce(a) <= _FEW_TURNS and np.minimum.reduce(a) >= -_FEW_TURNS):
         with np.errstate(invalid="ignore"):  # of an infinite angle
-            a = np.fmod(a, 2.0 * const.pi)
+            a = np.where(np.abs(a) <= _FEW_TURNS, a, np.fmod(a, 2.0 * const.pi))
     # Step 1: find the nearest tabulated angle n turn and the rest r.
     rounded = a * const.per_turn
     rounded += _ROUND
@@ -179,6 +192,9 @@ def cos_sin(a: Array, c: Array, s: Array) -> None:
 
 def arctan2(y: Array, x: Array, out: Array) -> None:
     """Write the angle of (x, y) to ``out``."""
+    if compiled.kernels:
+        compiled.kernels.arctan2(arctangents(), _pi(), y, x, out)
+        return
     with np.errstate(divide="ignore", invalid="ignore"):
         t = y / x
         widest = max(np.maximum.reduce(t), -np.minimum.reduce(t))
@@ -230,6 +246,31 @@ def _arctan2_anywhere(y: Array, x: Array, out: Array) -> None:
     np.copyto(out, 0.5 * const.pi - out, where=ay > ax)
     np.copyto(out, const.pi - out, where=x < 0.0)
     np.copysign(out, y, out=out)
+
+
+@cache
+def exp_constants() -> Array:
+    """Return the constants of `exp_of_moderate` for the C kernel."""
+    const = constants()
+    return fixed(np.array([const.per_power, const.step, const.step_squared]))
+
+
+@cache
+def _log_constants() -> Array:
+    const = constants()
+    per_bit = const.log_2 * 2.0**-_MANTISSA
+    return fixed(np.array([const.log_linear, const.log_square, per_bit, const.log_2]))
+
+
+@cache
+def _turn_constants() -> Array:
+    const = constants()
+    return fixed(np.array([const.per_turn, 2.0 * const.pi, *const.turn]))
+
+
+@cache
+def _pi() -> Array:
+    return fixed(np.array([constants().pi]))
 
 
 @cache

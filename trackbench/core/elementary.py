@@ -17,7 +17,7 @@ from functools import cache, lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from trackbench.core import _elementary_kernels
+from trackbench.core import _elementary_kernels, compiled
 from trackbench.core.arrays import Array
 
 _PIECE = 8192  # elements at a time: they stay in the processor's cache
@@ -182,9 +182,12 @@ def _piecewise(kernel: Elementwise, x: ArrayLike, out: Array | None) -> Array:
     # Write into `out` directly if its memory is in order, else copy at the end.
     in_place = out is not None and out.flags.c_contiguous
     target = out.reshape(-1) if out is not None and in_place else np.empty(flat.shape)
-    for i in range(0, len(flat), _PIECE):
-        piece = slice(i, i + _PIECE)
-        kernel(flat[piece], target[piece])
+    if compiled.kernels or len(flat) <= _PIECE:
+        kernel(flat, target)
+    else:
+        for i in range(0, len(flat), _PIECE):
+            piece = slice(i, i + _PIECE)
+            kernel(flat[piece], target[piece])
     if out is None:
         return target.reshape(x.shape)[()]
     if not in_place:

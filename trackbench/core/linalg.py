@@ -10,6 +10,7 @@ from math import nan, sqrt
 
 import numpy as np
 
+from trackbench.core import compiled
 from trackbench.core.arrays import Array
 from trackbench.core.memoize import once
 
@@ -18,6 +19,10 @@ _SINGULAR = 1e-14  # share of its variance below which a pivot is rounding
 
 def matvec(A: Array, x: Array) -> Array:
     """Return ``A x`` for A (n, m) or (n, m, *batch) and x (m, *batch); shape (n, *batch)."""
+    if compiled.kernels and x.ndim > 1:
+        out = np.empty((len(A), *x.shape[1:]))
+        if compiled.kernels.product(A, x, out, 1):
+            return out
     if A.ndim == 2:
         return _constant_product(A, x)
     return _sum_of([A[:, j] * x[j] for j in range(A.shape[1])])
@@ -25,6 +30,11 @@ def matvec(A: Array, x: Array) -> Array:
 
 def lower_product(L: Array, x: Array) -> Array:
     """Return ``L x`` for a lower triangle per run L (n, n, M) and particles x (n, M, N)."""
+    if compiled.kernels:
+        out = np.empty(x.shape)
+        L, x = np.ascontiguousarray(L), np.ascontiguousarray(x)
+        compiled.kernels.lower_product(L, x, out, len(x))
+        return out
     out = np.empty_like(x)
     for i, row in enumerate(out):
         np.multiply(L[i, 0][:, None], x[0], out=row)
@@ -37,6 +47,10 @@ def matmul(A: Array, B: Array) -> Array:
     """Return ``A B`` for A (n, m[, *batch]) and B (m, p[, *batch]); shape (n, p[, *batch])."""
     if A.ndim == 2 and B.ndim == 2:
         return np.add.reduce(A[:, :, None] * B, axis=1)  # in order: few terms
+    if compiled.kernels:
+        out = np.empty((len(A), B.shape[1], *(A if A.ndim > 2 else B).shape[2:]))
+        if compiled.kernels.product(A, B, out, 0):
+            return out
     if A.ndim == 2:
         return _constant_product(A, B)
     # A B = (B' A')'
@@ -52,6 +66,10 @@ def transpose(A: Array) -> Array:
 
 def sandwich(F: Array, P: Array) -> Array:
     """Return ``F P F'`` for symmetric P, exactly symmetric."""
+    if compiled.kernels and (F.ndim > 2 or P.ndim > 2):
+        out = np.empty((len(F), len(F), *(F if F.ndim > 2 else P).shape[2:]))
+        if compiled.kernels.sandwich(F, P, out):
+            return out
     FP = matmul(F, P)
     return symmetrize(matmul(F, transpose(FP)))
 
@@ -110,7 +128,9 @@ def _factor(P: Array, tolerance: float) -> Array:
     if P.ndim == 2:
         return _factor_of_one(P, tolerance)
     n = P.shape[0]
-    L = np.zeros_like(P)
+    L = np.zeros(P.shape)
+    if compiled.kernels and compiled.kernels.factor(P, L, tolerance):
+        return L
     with np.errstate(invalid="ignore", divide="ignore"):
         for j in range(n):
             # Step 1: the pivot and the column below it, less the columns before.
@@ -172,6 +192,10 @@ def solve_lower(L: Array, b: Array) -> Array:
 
 def whiten(L: Array, b: Array) -> list[Array]:
     """Return the rows of ``L^-1 b`` as new arrays."""
+    if compiled.kernels and b.ndim > 1:
+        out = np.empty(b.shape)
+        if compiled.kernels.whiten(L, b, out):
+            return list(out)
     rows: list[Array] = []
     for i in range(L.shape[0]):
         # Forward substitution: y_i = (b_i - sum_j<i L_ij y_j) / L_ii

@@ -5,11 +5,12 @@ A particle set is x (n, M, N) with log-weights (M, N): N particles in each of M 
 
 from collections.abc import Callable
 from functools import cache
+from types import ModuleType
 from typing import Literal, NamedTuple
 
 import numpy as np
 
-from trackbench.core import elementary
+from trackbench.core import _elementary_kernels, compiled, elementary
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.distributions import Gaussian
 from trackbench.core.sums import dot, total
@@ -39,6 +40,8 @@ class Particles(NamedTuple):
 
     def moments(self) -> Gaussian:
         """Return weighted mean and covariance, computed about the mean to keep digits."""
+        if compiled.kernels:
+            return self._compiled_moments(compiled.kernels)
         # Step 1: m = sum_i w_i x_i.
         products = self.x * self.w
         mean = total(products)
@@ -50,6 +53,13 @@ class Particles(NamedTuple):
             np.multiply(e[i], self.w, out=weighted)
             np.multiply(e[: i + 1], weighted, out=products[: i + 1])
             cov[i, : i + 1] = cov[: i + 1, i] = total(products[: i + 1])
+        return Gaussian(mean, cov)
+
+    def _compiled_moments(self, kernels: ModuleType) -> Gaussian:
+        n, runs, _ = self.x.shape
+        mean, cov = np.empty((n, runs)), np.empty((n, n, runs))
+        x, w = np.ascontiguousarray(self.x), np.ascontiguousarray(self.w)
+        kernels.moments(x, w, mean, cov, n)
         return Gaussian(mean, cov)
 
 
@@ -121,6 +131,12 @@ def normalize(log_w: Array) -> Weights:
     A run whose log-weights are all -inf gets equal weights and is marked as collapsed. A run with a NaN
     or +inf among them becomes NaN as a whole, which marks it as diverged.
     """
+    if compiled.kernels:
+        w, (top, scale) = np.empty(log_w.shape), np.empty((2, len(log_w)))
+        log_w = np.ascontiguousarray(log_w)
+        powers = _elementary_kernels.powers_of_two()
+        compiled.kernels.normalize(powers, _constants(), log_w, w, top, scale, log_w.shape[1])
+        return Weights(w, top == -np.inf, Mass(top, scale))
     # Step 1: find each run's largest log-weight, and the runs without any weight.
     top = shift = _row_maxima(log_w)
     collapsed = top == -np.inf
@@ -141,6 +157,12 @@ def normalize(log_w: Array) -> Weights:
 def _clipped() -> float:
     """Return the weight of a clipped exponent, computed at the first call."""
     return float(elementary.exp(CLIP))
+
+
+@cache
+def _constants() -> Array:
+    """Return the constants of exp, the clip and its weight for the C kernel."""
+    return np.array([*_elementary_kernels.exp_constants(), CLIP, _clipped()])
 
 
 def _row_maxima(a: Array) -> Array:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from trackbench.core import elementary
+from trackbench.core import compiled, elementary
 from trackbench.core.arrays import Array, fixed
 
 Words = NDArray[np.uint64]
@@ -48,6 +48,10 @@ class NoiseGenerator(Generator):
         # Variates come in fours, from a Hadamard transform of four table entries.
         quads = -(-prod(shape) // 4)
         out = np.empty(4 * quads)
+        if compiled.kernels:
+            words = self.bit_generator.random_raw(quads)
+            compiled.kernels.normals(halved_normals(), words, out)
+            return out[: prod(shape)].reshape(shape)[()]
         for start in range(0, quads, _QUADS):
             end = min(start + _QUADS, quads)
             _hadamard(self._look_up(halved_normals(), end - start), out[4 * start : 4 * end])

@@ -11,6 +11,7 @@ from typing import Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from trackbench.core import compiled
 from trackbench.core.arrays import Array, Index
 from trackbench.core.random_streams import Streams
 from trackbench.core.sums import total
@@ -44,6 +45,12 @@ def ancestors(
     """
     runs, N = w.shape
     size = size or N
+    if scheme == "systematic" and compiled.kernels:
+        u, index = rng.random((runs, 1)), np.empty((runs, size), dtype=np.intp)
+        compiled.kernels.ancestors(
+            np.ascontiguousarray(w), u, index, size, _fraction_bits(runs, size)
+        )
+        return index
     if scheme == "systematic":
         edges = _systematic_edges(w, rng, size).ravel()
         # The ancestor of offspring i is the number of edges up to i, which is faster than `repeat`.
@@ -55,6 +62,10 @@ def ancestors(
 
 def select(values: NDArray[D], index: Index) -> NDArray[D]:
     """Return ``values`` (..., M, N) at flat indices (M, size) from `ancestors`."""
+    if compiled.kernels and values.dtype == np.float64 and values.size and index.size:
+        out = np.empty((*values.shape[:-2], *index.shape))
+        compiled.kernels.select(np.ascontiguousarray(values), np.ascontiguousarray(index), out)
+        return out
     flat = values.reshape(*values.shape[:-2], -1)
     return flat.take(index, axis=-1)
 
@@ -73,7 +84,7 @@ def _systematic_edges(w: Array, rng: Streams, size: int) -> Index:
     """
     # Step 1: choose a fixed point such that the sum over all runs fits 63 bits.
     runs, N = w.shape
-    bits = min(_BITS, 63 - (runs * size).bit_length())
+    bits = _fraction_bits(runs, size)
     one = float(1 << bits)
     u = rng.random((runs, 1))
     diverged = ~np.isfinite(w[:, -1])
@@ -89,6 +100,10 @@ def _systematic_edges(w: Array, rng: Streams, size: int) -> Index:
     edges >>= bits
     edges[:, -1] = np.arange(size, runs * size + 1, size)
     return edges
+
+
+def _fraction_bits(runs: int, size: int) -> int:
+    return min(_BITS, 63 - (runs * size).bit_length())
 
 
 def stratified(w: Array, rng: Streams, size: int) -> Index:

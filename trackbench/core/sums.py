@@ -10,6 +10,7 @@ from typing import Literal
 
 import numpy as np
 
+from trackbench.core import compiled
 from trackbench.core.arrays import Array
 
 _BLOCKS = ((4096, 512), (256, 128))  # length from which a row is cut, and into what
@@ -20,6 +21,10 @@ def total(a: Array, axis: Literal[0, -1] = -1) -> Array:
     if axis == 0:
         return _in_order(a.reshape(len(a), prod(a.shape[1:]))).reshape(a.shape[1:])[()]
     n = a.shape[-1]
+    if compiled.kernels and a.dtype == np.float64:
+        out = np.empty(a.shape[:-1])
+        compiled.kernels.total(np.ascontiguousarray(a), out, n)
+        return out[()]
     rows = a.reshape(prod(a.shape[:-1]), n)
     # Long rows: sum blocks first.
     for least, block in _BLOCKS:
@@ -30,6 +35,14 @@ def total(a: Array, axis: Literal[0, -1] = -1) -> Array:
 
 def dot(a: Array, b: Array) -> Array:
     """Return ``sum_j a_j b_j`` over the last axis."""
+    if compiled.kernels and a.dtype == b.dtype == np.float64:
+        if a.ndim < b.ndim:
+            a, b = b, a
+        if a.shape[a.ndim - b.ndim :] == b.shape and b.size:
+            out = np.empty(a.shape[:-1])
+            a, b = np.ascontiguousarray(a), np.ascontiguousarray(b)
+            compiled.kernels.dot(a, b, out, a.shape[-1])
+            return out[()]
     return total(a * b)
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from trackbench.core import linalg
+from trackbench.core import compiled, linalg
 from trackbench.core.arrays import Array, with_axes_of
 from trackbench.core.distributions import Gaussian
 
@@ -140,6 +140,11 @@ class SigmaPoints(NamedTuple):
 
     def cross(self, a: Array, b: Array) -> Array:
         """Return the weighted sum of ``a b'`` over the points, for deviations a and b."""
+        if compiled.kernels and a.shape[1:] == b.shape[1:]:
+            out, n = np.empty((len(a), len(b), *a.shape[2:])), len(a)
+            a, b = np.ascontiguousarray(a), np.ascontiguousarray(b)
+            compiled.kernels.cross(np.ascontiguousarray(self.cov_weights), a, b, out, n, len(b))
+            return out
         return np.stack([_weighted(self.cov_weights, row * b) for row in a])
 
     def moments(self, values: Array) -> Gaussian:
@@ -150,6 +155,10 @@ class SigmaPoints(NamedTuple):
 
 
 def _weighted(weights: Array, values: Array) -> Array:
+    if compiled.kernels:
+        out, values = np.empty((len(values), *values.shape[2:])), np.ascontiguousarray(values)
+        compiled.kernels.weighted(np.ascontiguousarray(weights), values, out, len(values))
+        return out
     total = weights[0] * values[:, 0]
     for i in range(1, len(weights)):
         total = total + weights[i] * values[:, i]

@@ -45,6 +45,7 @@ NO_PART_OF_BLOCKS = {
     "evaluation/statistics.py": _AFTER_BLOCKS,
     "evaluation/summary.py": _AFTER_BLOCKS,
     "evaluation/uniformity_tests.py": _AFTER_BLOCKS,
+    "core/build_compiled.py": "builds what `core/compiled.py` loads; a worker never imports it",
     "plugins/errors.py": _ERRORS,
     "errors.py": _ERRORS,
     "execution/fingerprints.py": _KEYS,
@@ -72,8 +73,8 @@ def block_sources(home: Path) -> Iterator[Path]:
 
 
 def python_files(source: Path) -> list[Path]:
-    """Return a source file, or all in a folder in the order of their names."""
-    return sorted(source.rglob("*.py")) if source.is_dir() else [source]
+    """Return a source file, or all in a folder in the order of their names, those of C included."""
+    return sorted([*source.rglob("*.py"), *source.rglob("*.c")]) if source.is_dir() else [source]
 
 
 def add_sources(digest: "hashlib._Hash", home: Path, files: Iterable[Path]) -> None:

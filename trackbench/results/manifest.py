@@ -14,6 +14,7 @@ from typing import Any
 
 import trackbench
 from trackbench.config.experiment import Experiment
+from trackbench.core import compiled
 from trackbench.execution import fingerprints
 from trackbench.execution.fingerprints import code_digest
 from trackbench.execution.runner import Outcome
@@ -51,6 +52,7 @@ def facts_of_run(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
         "arithmetic": {
             "own": fingerprints.own_arithmetic(),
             "numpy": fingerprints.numpy_arithmetic(),
+            "compiled": compiled.kernels is not None,
         },
         "failed": [
             {**experiment.points[i].values, "filter": label, "reason": why}

@@ -1,0 +1,178 @@
+"""The C kernels give the bytes of the numpy code, for ordinary and for special numbers."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.random import SFC64
+
+from trackbench.core import compiled, elementary, linalg, particles, resampling, sums, unscented
+from trackbench.core.build_compiled import BUILT
+from trackbench.core.distributions import Gaussian
+from trackbench.core.random_streams import block_stream
+from trackbench.core.random_variates import NoiseGenerator
+
+pytestmark = pytest.mark.skipif(compiled.kernels is None, reason="no C compiler")
+SPECIAL = np.array(
+    [
+        *(0.0, -0.0, 1.0, -1.0, 5e-324, -3e-310, 2.3e-308, 1e308, np.inf, -np.inf, np.nan),
+        *(-708.0, -708.1, 709.7, 709.8, 1e6, 1.1e6, 1e300, 0.75, 1.5, 1 / 32, 3.0, np.pi),
+    ]
+)
+
+
+@pytest.fixture
+def both(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """Call a function by numpy and by the kernels and compare all bytes but the payload of NaN."""
+
+    def compare(function: Callable[[], object]) -> None:
+        with monkeypatch.context() as patch, np.errstate(all="ignore"):
+            got = _arrays(function())
+            patch.setattr(compiled, "kernels", None)
+            expected = _arrays(function())
+        assert len(got) == len(expected)
+        assert not any(a.dtype == object for a in got)
+        for a, b in zip(got, expected, strict=True):
+            assert a.shape == b.shape
+            assert a.dtype == b.dtype
+            nan = np.isnan(a) if a.dtype == float else np.zeros(a.shape, dtype=bool)
+            np.testing.assert_array_equal(nan, b != b)
+            assert a[~nan].tobytes() == b[~nan].tobytes()
+
+    return compare
+
+
+def _arrays(result: object) -> list[np.ndarray]:
+    if isinstance(result, Gaussian):
+        return [result.mean, result.cov]
+    parts = result if isinstance(result, tuple | list) else [result]
+    return [a for p in parts for a in (_arrays(p) if isinstance(p, tuple) else [np.asarray(p)])]
+
+
+@pytest.mark.parametrize("name", ["exp", "log", "cos_sin"])
+def test_elementary_functions(name: str, both: Callable[..., None]) -> None:
+    rng = np.random.default_rng(1)
+    function = getattr(elementary, name)
+    both(lambda: function(SPECIAL))
+    for scale in (1e-300, 1e-3, 1.0, 300.0, 2e6):
+        x = scale * rng.standard_normal(20_001)
+        both(lambda x=x: function(x))
+    any_bits = rng.integers(0, 2**63, 20_001).view(float)
+    both(lambda: function(any_bits))
+    both(lambda: function(-any_bits))
+
+
+def test_arctan2(both: Callable[..., None]) -> None:
+    y, x = (a.ravel() for a in np.meshgrid(SPECIAL, SPECIAL))
+    both(lambda: elementary.arctan2(y, x))
+    rng = np.random.default_rng(2)
+    for scale in (1e-9, 0.03, 1.0, 1e9):
+        a, b = rng.standard_normal((2, 20_001))
+        both(lambda a=a, b=b, scale=scale: elementary.arctan2(scale * a, b))
+
+
+@pytest.mark.parametrize("size", [1, 3, (7, 50), (4, 100, 333), 16_384, 16_385, 40_001])
+def test_variates(size: object, both: Callable[..., None]) -> None:
+    both(lambda: block_stream(3, 4).standard_normal(size))
+    both(lambda: NoiseGenerator(SFC64(5)).standard_gamma(3, size))
+
+
+@pytest.mark.parametrize("n", [0, 1, 2, 7, 100, 127, 255, 256, 300, 4095, 4096, 5000, 10_001])
+def test_sums(n: int, both: Callable[..., None]) -> None:
+    rng = np.random.default_rng(n)
+    a, w = rng.standard_normal((3, 21, n)), rng.random((21, n))
+    both(lambda: sums.total(a))
+    both(lambda: sums.total(a[0, 0]))
+    both(lambda: sums.total(-0.0 * w))
+    both(lambda: sums.dot(a, w))
+    both(lambda: sums.dot(w, a))
+    both(lambda: sums.dot(w[::2], w[1::2][:1]))
+    both(lambda: sums.dot(w, w))
+    both(lambda: sums.total(np.where(w > 0.9999, np.inf, w)))
+
+
+@pytest.mark.parametrize("N", [1, 10, 63, 64, 300, 5000])
+def test_weights_and_resampling(N: int, both: Callable[..., None]) -> None:
+    rng = np.random.default_rng(N)
+    log_w = 30.0 * rng.standard_normal((9, N))
+    log_w[1], log_w[2, -1], log_w[3, 0], log_w[4, :-1] = -np.inf, np.nan, np.inf, -1e5
+    both(lambda: particles.normalize(log_w))
+    w = particles.normalize(log_w).w
+    x = rng.standard_normal((4, 9, N))
+    both(lambda: particles.Particles(x, w).moments())
+    both(lambda: particles.Particles(x, particles.equal_weights(9, N)).moments())
+    for size in (None, 1, 2 * N):
+        both(lambda size=size: resampling.ancestors(w, block_stream(1, 2), size=size))
+    index = resampling.ancestors(w, block_stream(1, 2))
+    both(lambda: resampling.select(x, index))
+    both(lambda: resampling.select(x[:, ::-1], index))
+
+
+@pytest.mark.parametrize("batch", [(1,), (5,), (50,), (700,), (3, 401)])
+def test_matrices(batch: tuple[int, ...], both: Callable[..., None]) -> None:
+    rng = np.random.default_rng(len(batch))
+    A, B = rng.standard_normal((2, 4, 4, *batch))
+    F = np.array([[1.0, 2.0, 0.0, 0.0], [0, 1, 0, 0], [0, 0, 0, 0], [0.5, -0.0, 3, np.e]])
+    P = linalg.sandwich(A, np.eye(4)) + 0.0
+    P[:, :, ..., 0] = 0.0
+    P[1, 1, ..., -1] = -1.0
+    x = rng.standard_normal((4, *batch))
+    for M in (A, F, A[:3], F[1:3]):
+        both(lambda M=M: linalg.matvec(M, x))
+        both(lambda M=M: linalg.matmul(M, B))
+        both(lambda M=M: linalg.matmul(M, linalg.transpose(B)))
+        both(lambda M=M: linalg.sandwich(M, P))
+    both(lambda: linalg.matmul(A, F))
+    both(lambda: linalg.sandwich(A, F @ F.T))
+    both(lambda: linalg.matvec(F, np.where(x > 1.0, np.inf, x)))
+    both(lambda: linalg.matvec(F, x.astype(int)))
+    both(lambda: linalg.cholesky(P))
+    both(lambda: linalg.root(P))
+    both(lambda: linalg.whiten(linalg.cholesky(P), x))
+    both(lambda: linalg.whiten(np.linalg.cholesky(F @ F.T + np.eye(4)), x))
+    both(lambda: linalg.mahalanobis(x, P))
+    both(lambda: linalg.inverse(P[:3, :3]))
+    if len(batch) == 1:
+        cloud = rng.standard_normal((4, *batch, 30))
+        both(lambda: linalg.lower_product(A, cloud))
+    points = unscented.Unscented(0.5, 2.0, 0.0).points(x, P)
+    both(lambda: points.moments(np.cos(points.x)))
+    both(lambda: points.cross(points.x, np.cos(points.x[:2])))
+
+
+def test_they_can_be_turned_off_and_a_stale_file_is_not_used() -> None:
+    say = "from trackbench.core import compiled; print(compiled.kernels is None)"
+    stale = say.replace(
+        "import compiled;",
+        "import _compiled; _compiled.source = ''; from trackbench.core import compiled;",
+    )
+    for command, environment in ((say, {"TRACKBENCH_COMPILED": "0"}), (stale, {})):
+        done = subprocess.run(
+            [sys.executable, "-c", command],
+            env=os.environ | environment,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert done.stdout == "True\n"
+
+
+def test_wrong_arguments_are_errors() -> None:
+    assert compiled.kernels is not None
+    with pytest.raises(TypeError):
+        compiled.kernels.exp(np.zeros(1))
+    with pytest.raises(IndexError):
+        compiled.kernels.select(np.zeros(3), np.array([3]), np.zeros(1))
+    with pytest.raises(ValueError, match="contiguous"):
+        compiled.kernels.total(np.zeros((4, 4)).T[:, ::2], np.zeros(4), 2)
+
+
+def test_nothing_is_built_twice() -> None:
+    from trackbench.core import build_compiled
+
+    before = BUILT.stat().st_mtime_ns
+    assert build_compiled.build()
+    assert BUILT.stat().st_mtime_ns == before

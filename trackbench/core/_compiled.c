@@ -1,0 +1,581 @@
+/* Kernels of core/ in C: the operations of the numpy versions, in their order, so that every byte is equal.
+
+   Each function names the Python function that it stands in for; the formulas are explained there. Arrays
+   arrive as contiguous buffers of float64 or int64 whose shapes the caller guarantees. Compiled without
+   contraction to fused multiply-adds and without reassociation (build_compiled.py). */
+
+#define Py_LIMITED_API 0x030b0000
+#define PY_SSIZE_T_CLEAN
+#include <Python.h>
+#include <math.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+typedef Py_ssize_t Size;
+enum { POWERS = 1 << 14, LOGS = 1 << 13, TURNS = 1 << 11, SLOPES = 1 << 8, QUADS = 4096 };
+static const double ROUND = 1.5 * 4503599627370496.0;
+
+static inline int64_t bits_of(double x) { int64_t n; memcpy(&n, &x, 8); return n; }
+static inline double of_bits(int64_t n) { double x; memcpy(&x, &n, 8); return x; }
+
+/* ---- arguments ---- */
+
+typedef struct { Py_buffer views[8]; int count; } Buffers;
+
+static void release(Buffers *b) { while (b->count) PyBuffer_Release(&b->views[--b->count]); }
+
+/* Open the first n arguments; those from `written` on are written to. Return whether all could be opened. */
+static int open_buffers(Buffers *b, PyObject *const *args, Size given, int n, int written) {
+  b->count = 0;
+  if (given < n) { PyErr_SetString(PyExc_TypeError, "too few arguments"); return 0; }
+  for (int i = 0; i < n; i++) {
+    if (PyObject_GetBuffer(args[i], &b->views[i], i < written ? PyBUF_SIMPLE : PyBUF_WRITABLE)) { release(b); return 0; }
+    b->count++;
+  }
+  return 1;
+}
+
+#define DOUBLES(i) ((double *)b.views[i].buf)
+#define INTS(i) ((int64_t *)b.views[i].buf)
+#define LENGTH(i) (b.views[i].len / 8)
+#define WHOLE(i) PyLong_AsSsize_t(args[i])
+#define KERNEL(name) static PyObject *name(PyObject *self, PyObject *const *args, Size given)
+#define OPEN(n, written) Buffers b; if (!open_buffers(&b, args, given, n, written)) return NULL
+#define DONE release(&b); if (PyErr_Occurred()) return NULL; Py_RETURN_NONE
+
+/* ---- elementary functions: _elementary_kernels.py ---- */
+
+/* e^x for x in [-708, 709]; c = per_power, step, step_squared. */
+static inline double exp_of_moderate(double x, const double *powers, const double *c) {
+  double f = x * c[0], rounded = f + ROUND, whole = rounded - ROUND;
+  f -= whole;
+  double series = f * c[2];
+  series += c[1];
+  series *= f;
+  series += 1.0;
+  int64_t n = bits_of(rounded);
+  double power = powers[n & (POWERS - 1)];
+  return of_bits(bits_of(power) + (int64_t)((uint64_t)(n >> 14) << 52)) * series;
+}
+
+/* exp(powers, constants, x, out) */
+KERNEL(c_exp) {
+  OPEN(4, 3);
+  const double *powers = DOUBLES(0), *c = DOUBLES(1), *x = DOUBLES(2);
+  double *out = DOUBLES(3);
+  for (Size i = 0; i < LENGTH(2); i++) {
+    double v = x[i];
+    out[i] = v < -708.0 ? 0.0 : v > 709.7 ? INFINITY : exp_of_moderate(v, powers, c);
+  }
+  DONE;
+}
+
+/* log x of a normal number; c = log_linear, log_square, log_2 / 2^52. */
+static inline double log_of_normal(double x, const double *at_edge, const double *inverse, const double *c) {
+  enum { CELL = 52 + 1 - 14 };
+  int64_t e = bits_of(x) - 0x3FE8000000000000, index = (e >> CELL) & (LOGS - 1);
+  e &= (int64_t)(~(uint64_t)0 << 52);
+  int64_t m = bits_of(x) - e, edge = (int64_t)((uint64_t)(m >> CELL) << CELL);
+  double r = of_bits(m) - of_bits(edge);
+  r *= inverse[index];
+  double series = c[0] * r;
+  series += c[1];
+  series *= r;
+  series *= r;
+  series += r;
+  series += at_edge[index];
+  return (double)e * c[2] + series;
+}
+
+/* log(at_edge, inverse, constants, x, out); the constants' fourth is log 2. */
+KERNEL(c_log) {
+  OPEN(5, 4);
+  const double *at_edge = DOUBLES(0), *inverse = DOUBLES(1), *c = DOUBLES(2), *x = DOUBLES(3);
+  double *out = DOUBLES(4);
+  for (Size i = 0; i < LENGTH(3); i++) {
+    double v = x[i];
+    if (v >= 0x1p-1022 && v < INFINITY)
+      out[i] = log_of_normal(v, at_edge, inverse, c);
+    else if (v > 0.0 && v < 1.0)
+      out[i] = log_of_normal(v * 0x1p52, at_edge, inverse, c) - 52 * c[3];
+    else
+      out[i] = v == 0.0 ? -INFINITY : v > 0.0 ? INFINITY : NAN;
+  }
+  DONE;
+}
+
+/* cos_sin(cosines, sines, constants, a, c, s); constants = per_turn, 2 pi, turn in three parts. */
+KERNEL(c_cos_sin) {
+  OPEN(6, 4);
+  const double *cosines = DOUBLES(0), *sines = DOUBLES(1), *k = DOUBLES(2), *a = DOUBLES(3);
+  double *c = DOUBLES(4), *s = DOUBLES(5);
+  for (Size i = 0; i < LENGTH(3); i++) {
+    double angle = a[i];
+    if (!(fabs(angle) <= 1e6)) angle = fmod(angle, k[1]);
+    double rounded = angle * k[0] + ROUND;
+    int64_t index = bits_of(rounded) & (TURNS - 1);
+    rounded -= ROUND;
+    double r = angle - rounded * k[2];
+    r -= rounded * k[3];
+    r -= rounded * k[4];
+    double square = r * r;
+    double cosine = square * (1.0 / 24.0);
+    cosine -= 0.5;
+    cosine *= square;
+    double sine = square * (1.0 / 120.0);
+    sine -= 1.0 / 6.0;
+    sine *= square;
+    sine *= r;
+    sine += r;
+    double C = cosines[index], S = sines[index];
+    c[i] = (C * cosine - S * sine) + C;
+    s[i] = (S * cosine + C * sine) + S;
+  }
+  DONE;
+}
+
+/* arctan2(arctangents, constants, y, x, out); constants = pi. */
+KERNEL(c_arctan2) {
+  OPEN(5, 4);
+  const double *table = DOUBLES(0), pi = DOUBLES(1)[0], *y = DOUBLES(2), *x = DOUBLES(3);
+  double *out = DOUBLES(4);
+  for (Size i = 0; i < LENGTH(2); i++) {
+    double t = y[i] / x[i], ax = fabs(x[i]), ay = fabs(y[i]);
+    if (fabs(t) <= 1.0 / 32.0 && x[i] > 0.0) { /* Gregory's series */
+      double square = t * t, series = square * (1.0 / 9.0);
+      series -= 1.0 / 7.0;
+      series *= square;
+      series += 1.0 / 5.0;
+      series *= square;
+      series -= 1.0 / 3.0;
+      series *= square;
+      series *= t;
+      out[i] = t + series;
+      continue;
+    }
+    double large = ax > ay ? ax : ay, small = ax > ay ? ay : ax, angle = NAN;
+    if (ax == ax && ay == ay) {
+      double rounded = small / large * SLOPES + ROUND;
+      int64_t index = bits_of(rounded) & (2 * SLOPES - 1);
+      double slope = (rounded - ROUND) * (1.0 / SLOPES);
+      double r = (small - slope * large) / (large + slope * small), square = r * r;
+      angle = table[index > SLOPES ? SLOPES : index] + (r + r * square * (square * (1.0 / 5.0) - 1.0 / 3.0));
+      if (large == 0.0) angle = 0.0;
+      if (ay > ax) angle = 0.5 * pi - angle;
+      if (x[i] < 0.0) angle = pi - angle;
+    }
+    out[i] = copysign(angle, y[i]);
+  }
+  DONE;
+}
+
+/* ---- variates: random_variates.py ---- */
+
+/* normals(table, words, out): a Hadamard matrix times four table entries, in pieces of QUADS words. */
+KERNEL(c_normals) {
+  OPEN(3, 2);
+  const float *table = b.views[0].buf;
+  const uint16_t *index = b.views[1].buf;
+  double *out = DOUBLES(2);
+  for (Size done = 0, words = LENGTH(1); done < words; done += QUADS) {
+    Size n = words - done < QUADS ? words - done : QUADS;
+    const uint16_t *i = index + 4 * done;
+    double *o = out + 4 * done;
+    for (Size k = 0; k < n; k++) {
+      float first = table[i[k]], second = table[i[n + k]], third = table[i[2 * n + k]], fourth = table[i[3 * n + k]];
+      float sum = first + second, difference = first - second, more = third + fourth, less = third - fourth;
+      o[k] = (double)(sum + more);
+      o[n + k] = (double)(sum - more);
+      o[2 * n + k] = (double)(difference + less);
+      o[3 * n + k] = (double)(difference - less);
+    }
+  }
+  DONE;
+}
+
+/* ---- sums in a fixed order: sums.py ---- */
+
+/* Add the products of two rows (or one row, if b is NULL) in blocks, as `_by_blocks` does. */
+static inline Size by_blocks(const double *a, const double *b, Size n, Size block, double *sums) {
+  for (Size j = 0; j < block; j++) sums[j] = 0.0 + (b ? a[j] * b[j] : a[j]);
+  for (Size i = block; i < n; i += block) {
+    Size width = n - i < block ? n - i : block;
+    if (b) for (Size j = 0; j < width; j++) sums[j] += a[i + j] * b[i + j];
+    else for (Size j = 0; j < width; j++) sums[j] += a[i + j];
+  }
+  return block;
+}
+
+/* The sum of a row; numpy begins it with 0.0, which shows if all terms are -0.0, but not that of one row alone. */
+static inline double row_sum(const double *a, const double *b, Size n, int alone) {
+  double first[512], second[128], sum;
+  if (n >= 4096) { n = by_blocks(a, b, n, 512, first); a = first; b = NULL; }
+  if (n >= 256) { n = by_blocks(a, b, n, 128, second); a = second; b = NULL; }
+  if (!n) return 0.0;
+  sum = b ? a[0] * b[0] : a[0];
+  if (!alone) sum += 0.0;
+  if (b) for (Size j = 1; j < n; j++) sum += a[j] * b[j];
+  else for (Size j = 1; j < n; j++) sum += a[j];
+  return sum;
+}
+
+/* Sums of rows; eight short rows at a time, since each addition waits for the one before. */
+static void row_sums(const double *a, const double *b, Size rows, Size n, Size b_rows, double *out) {
+  Size r = 0;
+  if (n < 256 && n)
+    for (; r + 8 <= rows && (!b || r % b_rows + 8 <= b_rows); r += 8) {
+      const double *p = a + r * n, *q = b ? b + r % b_rows * n : NULL;
+      double sums[8];
+      for (int k = 0; k < 8; k++) sums[k] = 0.0 + (q ? p[k * n] * q[k * n] : p[k * n]);
+      if (q) for (Size j = 1; j < n; j++) for (int k = 0; k < 8; k++) sums[k] += p[k * n + j] * q[k * n + j];
+      else for (Size j = 1; j < n; j++) for (int k = 0; k < 8; k++) sums[k] += p[k * n + j];
+      memcpy(out + r, sums, sizeof sums);
+    }
+  for (; r < rows; r++) out[r] = row_sum(a + r * n, b ? b + r % b_rows * n : NULL, n, rows == 1);
+}
+
+/* total(rows, out, n) */
+KERNEL(c_total) {
+  OPEN(2, 1);
+  row_sums(DOUBLES(0), NULL, LENGTH(1), WHOLE(2), 1, DOUBLES(1));
+  DONE;
+}
+
+/* dot(a, b, out, n): rows of b are used again and again. */
+KERNEL(c_dot) {
+  OPEN(3, 2);
+  Size n = WHOLE(3);
+  if (n > 0) row_sums(DOUBLES(0), DOUBLES(1), LENGTH(2), n, LENGTH(1) / n, DOUBLES(2));
+  DONE;
+}
+
+/* ---- particles.py and resampling.py ---- */
+
+/* normalize(powers, constants, log_w, w, top, scale, N): constants of exp, then the clip and its weight. */
+KERNEL(c_normalize) {
+  OPEN(6, 3);
+  const double *powers = DOUBLES(0), *c = DOUBLES(1);
+  Size N = WHOLE(6);
+  for (Size m = 0; m < LENGTH(4); m++) {
+    const double *log_w = DOUBLES(2) + m * N;
+    double *w = DOUBLES(3) + m * N, top = log_w[0];
+    for (Size i = 1; i < N; i++) if (!(log_w[i] <= top) && top == top) top = log_w[i];
+    DOUBLES(4)[m] = top;
+    for (Size i = 0; i < N; i++) {
+      double shifted = top == -INFINITY ? 0.0 : log_w[i] - top;
+      if (shifted < c[3]) shifted = c[3];
+      w[i] = exp_of_moderate(shifted, powers, c) - c[4];
+    }
+    double scale = row_sum(w, NULL, N, LENGTH(4) == 1), factor = 1.0 / scale;
+    DOUBLES(5)[m] = scale;
+    for (Size i = 0; i < N; i++) w[i] *= factor;
+  }
+  DONE;
+}
+
+/* moments(x, w, mean, cov, n): mean and covariance about it, a run at a time in the cache. */
+KERNEL(c_moments) {
+  OPEN(4, 2);
+  Size n = WHOLE(4), M = n > 0 ? LENGTH(2) / n : 0, N = M ? LENGTH(1) / M : 0;
+  double *e = malloc(sizeof(double) * (n + 1) * (N + 1)), *weighted = e + n * N;
+  if (!e) { release(&b); return PyErr_NoMemory(); }
+  for (Size m = 0; m < M; m++) {
+    const double *w = DOUBLES(1) + m * N;
+    for (Size i = 0; i < n; i++) {
+      const double *x = DOUBLES(0) + (i * M + m) * N;
+      double mean = row_sum(x, w, N, n * M == 1);
+      DOUBLES(2)[i * M + m] = mean;
+      for (Size k = 0; k < N; k++) e[i * N + k] = x[k] - mean;
+    }
+    for (Size i = 0; i < n; i++) {
+      for (Size k = 0; k < N; k++) weighted[k] = e[i * N + k] * w[k];
+      for (Size j = 0; j <= i; j++)
+        DOUBLES(3)[(i * n + j) * M + m] = DOUBLES(3)[(j * n + i) * M + m] = row_sum(e + j * N, weighted, N, (i + 1) * M == 1);
+    }
+  }
+  free(e);
+  DONE;
+}
+
+/* ancestors(w, u, index, size, bits): systematic resampling in fixed-point numbers, `_systematic_edges`. */
+KERNEL(c_ancestors) {
+  OPEN(3, 2);
+  Size size = WHOLE(3), bits = WHOLE(4), M = LENGTH(1), N = M ? LENGTH(0) / M : 0;
+  double one = (double)((int64_t)1 << bits), scale = (double)size * one;
+  int64_t *ends = malloc(sizeof(int64_t) * (size + 1));
+  if (!ends) { release(&b); return PyErr_NoMemory(); }
+  for (Size m = 0; m < M; m++) {
+    const double *w = DOUBLES(0) + m * N;
+    int diverged = !isfinite(w[N - 1]);
+    int64_t sum = (int64_t)((1.0 - DOUBLES(1)[m]) * one), ancestor = m * N, *index = INTS(2) + m * size;
+    /* Count the particles whose offspring end at each place; the ancestor is the number that ended before. */
+    memset(ends, 0, sizeof(int64_t) * (size + 1));
+    for (Size j = 0; j < N - 1; j++) {
+      sum += (int64_t)((diverged ? 1.0 / (double)N : w[j]) * scale);
+      uint64_t end = (uint64_t)(sum >> bits);
+      ends[end > (uint64_t)size ? (uint64_t)size : end]++;
+    }
+    for (Size i = 0; i < size; i++) index[i] = ancestor += ends[i];
+  }
+  free(ends);
+  DONE;
+}
+
+/* select(values, index, out): items of 8 bytes of each component at flat indices. */
+KERNEL(c_select) {
+  OPEN(3, 2);
+  Size count = LENGTH(1), n = count ? LENGTH(2) / count : 0, length = n ? LENGTH(0) / n : 0;
+  const int64_t *index = INTS(1);
+  for (Size k = 0; k < count; k++)
+    if (index[k] < 0 || index[k] >= length) { PyErr_SetString(PyExc_IndexError, "index out of range"); n = 0; break; }
+  for (Size i = 0; i < n; i++) {
+    const int64_t *from = INTS(0) + i * length;
+    int64_t *to = INTS(2) + i * count;
+    for (Size k = 0; k < count; k++) to[k] = from[index[k]];
+  }
+  DONE;
+}
+
+/* ---- small matrices over trailing batch axes: linalg.py and unscented.py ---- */
+
+enum { CHUNK = 512, MOST = 36 }; /* batch members at a time; components whose intermediate products fit the stack */
+
+/* A matrix (rows, columns, *batch), or a vector (rows, *batch) as one column; strides count doubles. */
+typedef struct { double *at; Size rows, columns, row, column, batch; int constant; } Matrix;
+
+static int as_matrix(const Py_buffer *v, int vector, Matrix *M) {
+  int axes = vector ? 1 : 2;
+  if (v->ndim < axes || !v->format || strcmp(v->format, "d")) return 0;
+  Size expected = 8, batch = 1;
+  for (int k = v->ndim - 1; k >= axes; k--) { /* the batch axes must be contiguous */
+    if (v->strides[k] != expected && v->shape[k] != 1) return 0;
+    expected *= v->shape[k];
+    batch *= v->shape[k];
+  }
+  *M = (Matrix){v->buf, v->shape[0], vector ? 1 : v->shape[1], v->strides[0] / 8, vector ? 0 : v->strides[1] / 8,
+                batch, v->ndim == axes};
+  return 1;
+}
+
+static int same_batch(const Py_buffer *a, int a_axes, const Py_buffer *b, int b_axes) {
+  if (a->ndim - a_axes != b->ndim - b_axes) return 0;
+  for (int k = 0; k < a->ndim - a_axes; k++)
+    if (a->shape[a_axes + k] != b->shape[b_axes + k]) return 0;
+  return 1;
+}
+
+/* Open arrays with their strides; the last one is written to. */
+static int open_strided(Buffers *b, PyObject *const *args, Size given, int n) {
+  b->count = 0;
+  if (given < n) { PyErr_SetString(PyExc_TypeError, "too few arguments"); return 0; }
+  for (int i = 0; i < n; i++) {
+    int wanted = PyBUF_STRIDES | PyBUF_FORMAT | (i == n - 1 ? PyBUF_WRITABLE : 0);
+    if (PyObject_GetBuffer(args[i], &b->views[i], wanted)) {
+      release(b);
+      return 0;
+    }
+    b->count++;
+  }
+  return 1;
+}
+
+#define OPEN_STRIDED(n) Buffers b; if (!open_strided(&b, args, given, n)) return NULL
+#define ANSWER(done) do { int answer = (done); release(&b); return PyBool_FromLong(answer); } while (0)
+
+static Matrix transposed(Matrix A) {
+  return (Matrix){A.at, A.columns, A.rows, A.column, A.row, A.batch, A.constant};
+}
+
+/* out = A B for members from ... from + n of the batch; zeros of a constant matrix are left out. */
+static void multiply(const Matrix *A, const Matrix *B, const Matrix *out, Size from, Size n) {
+  for (Size i = 0; i < A->rows; i++)
+    for (Size k = 0; k < B->columns; k++) {
+      double *restrict sum = out->at + i * out->row + k * out->column + from;
+      int terms = 0;
+      for (Size j = 0; j < A->columns; j++) {
+        const double *a = A->at + i * A->row + j * A->column, *c = B->at + j * B->row + k * B->column;
+        if (A->constant || B->constant) {
+          double factor = A->constant ? *a : *c;
+          const double *of = A->constant ? c + from : a + from;
+          if (factor == 0.0) continue;
+          if (terms++) for (Size l = 0; l < n; l++) sum[l] += factor * of[l];
+          else for (Size l = 0; l < n; l++) sum[l] = factor * of[l];
+        } else {
+          a += from, c += from;
+          if (terms++) for (Size l = 0; l < n; l++) sum[l] += a[l] * c[l];
+          else for (Size l = 0; l < n; l++) sum[l] = a[l] * c[l];
+        }
+      }
+      if (!terms) memset(sum, 0, sizeof(double) * n);
+    }
+}
+
+/* product(A, B, out, vector): A B, or A x; False if an argument's memory has another form. */
+KERNEL(c_product) {
+  OPEN_STRIDED(3);
+  int axes = WHOLE(3) ? 1 : 2;
+  Matrix A, B, out;
+  if (!as_matrix(&b.views[0], 0, &A) || !as_matrix(&b.views[1], axes == 1, &B) || !as_matrix(&b.views[2], axes == 1, &out)
+      || (A.constant && B.constant) || !(A.constant || B.constant || same_batch(&b.views[0], 2, &b.views[1], axes)))
+    ANSWER(0);
+  for (Size from = 0; from < out.batch; from += CHUNK)
+    multiply(&A, &B, &out, from, out.batch - from < CHUNK ? out.batch - from : CHUNK);
+  ANSWER(1);
+}
+
+/* sandwich(F, P, out): (F P F' + its transpose) / 2. */
+KERNEL(c_sandwich) {
+  OPEN_STRIDED(3);
+  Matrix F, P, out;
+  if (!as_matrix(&b.views[0], 0, &F) || !as_matrix(&b.views[1], 0, &P) || !as_matrix(&b.views[2], 0, &out)
+      || (F.constant && P.constant) || F.rows * F.columns > MOST
+      || !(F.constant || P.constant || same_batch(&b.views[0], 2, &b.views[1], 2)))
+    ANSWER(0);
+  double memory[MOST * CHUNK];
+  for (Size from = 0; from < out.batch; from += CHUNK) {
+    Size n = out.batch - from < CHUNK ? out.batch - from : CHUNK;
+    /* F P of this chunk, then F (F P)'. */
+    Matrix chunk = {memory - from, F.rows, F.columns, F.columns * CHUNK, CHUNK, out.batch, 0};
+    multiply(&F, &P, &chunk, from, n);
+    Matrix turned = transposed(chunk);
+    multiply(&F, &turned, &out, from, n);
+    for (Size i = 0; i < out.rows && out.rows > 1; i++)
+      for (Size k = 0; k <= i; k++) {
+        double *upper = out.at + k * out.row + i * out.column + from, *lower = out.at + i * out.row + k * out.column + from;
+        for (Size l = 0; l < n; l++) upper[l] = lower[l] = 0.5 * (lower[l] + upper[l]);
+      }
+  }
+  ANSWER(1);
+}
+
+/* factor(P, L, tolerance): the lower Cholesky factor, `_factor`; L is zero before. */
+KERNEL(c_factor) {
+  OPEN_STRIDED(2);
+  Matrix P, L;
+  double tolerance = PyFloat_AsDouble(args[2]);
+  if (!as_matrix(&b.views[0], 0, &P) || !as_matrix(&b.views[1], 0, &L) || P.constant) ANSWER(0);
+  for (Size from = 0; from < P.batch; from += CHUNK) {
+    Size n = P.batch - from < CHUNK ? P.batch - from : CHUNK;
+    for (Size j = 0; j < P.rows; j++) {
+      const double *variance = P.at + j * (P.row + P.column) + from;
+      double pivot[CHUNK], products[CHUNK];
+      double *root = L.at + j * (L.row + L.column) + from;
+      for (Size i = j; i < P.rows; i++) {
+        /* Step 1: P_ij less the products of the columns before. */
+        const double *p = P.at + i * P.row + j * P.column + from;
+        double *at = L.at + i * L.row + j * L.column + from, *value = i == j ? pivot : at;
+        for (Size k = 0; k < j; k++) {
+          const double *a = L.at + i * L.row + k * L.column + from, *c = L.at + j * L.row + k * L.column + from;
+          if (k) for (Size l = 0; l < n; l++) products[l] += a[l] * c[l];
+          else for (Size l = 0; l < n; l++) products[l] = a[l] * c[l];
+        }
+        for (Size l = 0; l < n; l++) value[l] = j ? p[l] - products[l] : p[l];
+        /* Step 2: divide by the pivot's root. */
+        if (i == j) for (Size l = 0; l < n; l++) root[l] = sqrt(pivot[l]);
+        else for (Size l = 0; l < n; l++) at[l] /= root[l];
+      }
+      /* Step 3: zeros where there is no variance, NaN where P is not definite. */
+      for (Size i = j; i < P.rows; i++) {
+        double *at = L.at + i * L.row + j * L.column + from;
+        for (Size l = 0; l < n; l++) {
+          double least = tolerance != 0.0 ? tolerance * variance[l] : 0.0;
+          if (!(pivot[l] > least)) at[l] = variance[l] == 0.0 || fabs(pivot[l]) < least ? 0.0 : NAN;
+        }
+      }
+    }
+  }
+  ANSWER(1);
+}
+
+/* whiten(L, b, out): L^-1 b by forward substitution; L may be constant. */
+KERNEL(c_whiten) {
+  OPEN_STRIDED(3);
+  Matrix L, e, out;
+  if (!as_matrix(&b.views[0], 0, &L) || !as_matrix(&b.views[1], 1, &e) || !as_matrix(&b.views[2], 1, &out)
+      || e.constant || !(L.constant || same_batch(&b.views[0], 2, &b.views[1], 1)))
+    ANSWER(0);
+  for (Size from = 0; from < e.batch; from += CHUNK) {
+    Size n = e.batch - from < CHUNK ? e.batch - from : CHUNK;
+    for (Size i = 0; i < L.rows; i++) {
+      double *restrict row = out.at + i * out.row + from;
+      memcpy(row, e.at + i * e.row + from, sizeof(double) * n);
+      for (Size j = 0; j <= i; j++) {
+        const double *factor = L.at + i * L.row + j * L.column, *y = out.at + j * out.row + from;
+        if (L.constant) {
+          double f = j == i ? 1.0 / *factor : *factor;
+          if (j == i) for (Size l = 0; l < n; l++) row[l] *= f;
+          else if (f != 0.0) for (Size l = 0; l < n; l++) row[l] -= f * y[l];
+        } else {
+          factor += from;
+          if (j == i) for (Size l = 0; l < n; l++) row[l] *= 1.0 / factor[l];
+          else for (Size l = 0; l < n; l++) row[l] -= factor[l] * y[l];
+        }
+      }
+    }
+  }
+  ANSWER(1);
+}
+
+/* lower_product(L, x, out): L x for a triangle per run and particles (n, M, N). */
+KERNEL(c_lower_product) {
+  OPEN(3, 2);
+  Size n = WHOLE(3), M = n > 0 ? LENGTH(0) / (n * n) : 0, N = M ? LENGTH(1) / (n * M) : 0;
+  for (Size i = 0; i < n; i++)
+    for (Size m = 0; m < M; m++)
+      for (Size j = 0; j <= i; j++) {
+        double factor = DOUBLES(0)[(i * n + j) * M + m];
+        const double *x = DOUBLES(1) + (j * M + m) * N;
+        double *restrict out = DOUBLES(2) + (i * M + m) * N;
+        if (j) for (Size k = 0; k < N; k++) out[k] += factor * x[k];
+        else for (Size k = 0; k < N; k++) out[k] = factor * x[k];
+      }
+  DONE;
+}
+
+/* weighted(weights, values, out): sums over points of values (m, P, batch). */
+KERNEL(c_weighted) {
+  OPEN(3, 2);
+  Size P = LENGTH(0), m = WHOLE(3), batch = m > 0 ? LENGTH(2) / m : 0;
+  for (Size i = 0; i < m; i++) {
+    double *restrict out = DOUBLES(2) + i * batch;
+    for (Size from = 0; from < batch; from += CHUNK)
+      for (Size p = 0; p < P; p++) {
+        const double *x = DOUBLES(1) + (i * P + p) * batch, w = DOUBLES(0)[p];
+        Size to = batch - from < CHUNK ? batch : from + CHUNK;
+        if (p) for (Size l = from; l < to; l++) out[l] += w * x[l];
+        else for (Size l = from; l < to; l++) out[l] = w * x[l];
+      }
+  }
+  DONE;
+}
+
+/* cross(weights, a, c, out): weighted sums of a c' over points; a (r, P, batch), c (s, P, batch). */
+KERNEL(c_cross) {
+  OPEN(4, 3);
+  Size P = LENGTH(0), r = WHOLE(4), s = WHOLE(5), batch = P && r > 0 ? LENGTH(1) / (r * P) : 0;
+  for (Size i = 0; i < r; i++)
+    for (Size j = 0; j < s; j++) {
+      double *restrict out = DOUBLES(3) + (i * s + j) * batch;
+      for (Size from = 0; from < batch; from += CHUNK)
+        for (Size p = 0; p < P; p++) {
+          const double *a = DOUBLES(1) + (i * P + p) * batch, *c = DOUBLES(2) + (j * P + p) * batch, w = DOUBLES(0)[p];
+          Size to = batch - from < CHUNK ? batch : from + CHUNK;
+          if (p) for (Size l = from; l < to; l++) out[l] += w * (a[l] * c[l]);
+          else for (Size l = from; l < to; l++) out[l] = w * (a[l] * c[l]);
+        }
+    }
+  DONE;
+}
+
+#define METHOD(name) {#name, (PyCFunction)(void (*)(void))c_##name, METH_FASTCALL, NULL}
+static PyMethodDef methods[] = {
+  METHOD(exp), METHOD(log), METHOD(cos_sin), METHOD(arctan2), METHOD(normals), METHOD(total), METHOD(dot),
+  METHOD(normalize), METHOD(moments), METHOD(ancestors), METHOD(select), METHOD(product), METHOD(sandwich),
+  METHOD(factor), METHOD(whiten), METHOD(lower_product), METHOD(weighted), METHOD(cross), {NULL}};
+static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, "_compiled", "Kernels of core/ in C.", -1, methods};
+PyMODINIT_FUNC PyInit__compiled(void) {
+  PyObject *m = PyModule_Create(&module);
+  if (m && PyModule_AddStringConstant(m, "source", SOURCE)) { Py_DECREF(m); return NULL; }
+  return m;
+}
