@@ -2,9 +2,10 @@
 
 from dataclasses import dataclass
 from functools import cache
-from typing import ClassVar, NamedTuple
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
+from annotated_types import Ge, Interval
 from numpy.random import Generator
 
 from trackbench.core.arrays import Array, Mask, fixed
@@ -54,6 +55,10 @@ class GaussianFilter(InnovationFilter[Tracked]):
     smooth: bool | FixedLag = False
     """estimate each step from all measurements of the run, or from so many later ones: {lag: 5}"""
 
+    fading: Annotated[float, Ge(1), Interval(lt=float("inf"))] = 1.0
+    """factor a of a fading memory, ``a^2 F P F' + Q``: a measurement loses weight by a^-2 per step
+    (Anderson & Moore 1979, section 6.2; Simon 2006, section 7.4)"""
+
     summed_diagnostics: ClassVar[frozenset[str]] = frozenset({"gated"})
     deterministic: ClassVar[bool] = True
 
@@ -71,7 +76,8 @@ class GaussianFilter(InnovationFilter[Tracked]):
 
     def step(self, model: Model, state: Tracked, z: Array, k: int, rng: Generator) -> Tracked:
         """Predict and update; predict only where the gate refuses the measurement."""
-        posterior, innovation = self.update(model, state.posterior, z, k)
+        before = self.prepared(state.posterior)
+        posterior, innovation = self.update(model, before, z, k)
         nis = innovation.nis
         if self.gate is None:
             return Tracked(posterior, nis, innovation)
@@ -80,8 +86,14 @@ class GaussianFilter(InnovationFilter[Tracked]):
         gated = nis > _gate_limits(self.gate, len(z))[measured_components]
         # Update again with the refused measurements as missing: predict only.
         if gated.any():
-            posterior, _ = self.update(model, state.posterior, np.where(gated, np.nan, z), k)
+            posterior, _ = self.update(model, before, np.where(gated, np.nan, z), k)
         return Tracked(posterior, nis, innovation, gated)
+
+    def prepared(self, state: Gaussian) -> Gaussian:
+        """Return a posterior as the next prediction takes it: N(m, a^2 P) with a fading memory."""
+        if self.fading == 1.0:
+            return state
+        return Gaussian(state.mean, self.fading * self.fading * state.cov)
 
     def estimate(self, state: Tracked) -> Gaussian:
         """Return the posterior."""
@@ -95,7 +107,12 @@ class GaussianFilter(InnovationFilter[Tracked]):
     def smoothed(self, model: Model, states: list[Tracked], k: int) -> list[Gaussian]:
         """Return the estimates of every step by the Rauch-Tung-Striebel recursion."""
         posteriors = [per_run_moments(state.posterior) for state in states]
-        transitions = [self.transition(model, x, k + 1 + i) for i, x in enumerate(posteriors[:-1])]
+        transitions = [
+            # cov(x', f(x')) of the faded x' ~ N(m, a^2 P) is a^2 cov(x, f(x')).
+            Transition(step.predicted, step.cross / (self.fading * self.fading))
+            for i, x in enumerate(posteriors[:-1])
+            for step in [self.transition(model, self.prepared(x), k + 1 + i)]
+        ]
         lag = self.smooth.lag if isinstance(self.smooth, FixedLag) else None
         return smooth(posteriors, transitions, lag)
 
