@@ -84,7 +84,11 @@ def test_training_blocks_have_the_same_bytes_beside_others(kind: str) -> None:
 
 @pytest.mark.parametrize(
     ("kind", "keys"),
-    [("ekf", {"fading": 1.1, "smooth": True}), ("ckf", {"fading": 1.1})],
+    [
+        ("ekf", {"fading": 1.1, "smooth": True}),
+        ("ckf", {"fading": 1.1}),
+        ("enkf", {"form": "etkf", "rotation": True, "N": 6}),
+    ],
 )
 def test_forms_of_a_filter_have_the_same_bytes_beside_others(
     kind: str, keys: dict[str, Any]

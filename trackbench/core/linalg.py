@@ -14,6 +14,8 @@ from trackbench.core.arrays import Array
 from trackbench.core.memoize import once
 
 _SINGULAR = 1e-14  # share of its variance below which a pivot is rounding
+_ROUNDING = 2.0**-52  # share of the diagonal below which a rotation changes nothing
+_SWEEPS = 40  # of rotations; convergence is quadratic, after some ten
 
 
 def matvec(A: Array, x: Array) -> Array:
@@ -259,3 +261,52 @@ def solve_singular(P: Array, C: Array) -> Array:
             rows[i] = rows[i] - L[j, i] * rows[j]
         rows[i] = rows[i] * scale[i]
     return np.array(rows)
+
+
+def eigen(A: Array) -> tuple[Array, Array]:
+    """Return eigenvalues w and eigenvectors V of a symmetric matrix, ``A = V diag(w) V'``.
+
+    Cyclic Jacobi rotations (Golub & Van Loan 2013, section 8.5) of each batch member by itself.
+
+    Parameters
+    ----------
+    A : (n, n[, *batch])
+        Symmetric matrix, of finite numbers.
+
+    Returns
+    -------
+    w, V : (n, *batch), (n, n, *batch)
+        Eigenvalues in no order, and eigenvectors as columns.
+    """
+    n = len(A)
+    A = A.copy()
+    V = np.broadcast_to(np.eye(n).reshape((n, n) + (1,) * (A.ndim - 2)), A.shape).copy()
+    for _ in range(_SWEEPS):
+        rotated = [_rotate(A, V, p, q) for p in range(n) for q in range(p + 1, n)]
+        # A sweep without a rotation leaves every entry as it is.
+        if not any(rotated):
+            break
+    # -0 becomes 0: sweeps for the sake of another batch member may change the sign of a zero.
+    return diagonal(A) + 0.0, V + 0.0
+
+
+def _rotate(A: Array, V: Array, p: int, q: int) -> bool:
+    """Make A_pq zero by a rotation, in place; return whether any batch member needs it."""
+    a, b, off = A[p, p].copy(), A[q, q].copy(), A[p, q].copy()
+    with np.errstate(all="ignore"):
+        turn = np.abs(off) > _ROUNDING * np.sqrt(np.abs(a * b))
+        if not turn.any():
+            return False
+        # t = tan of the angle: the smaller root of t^2 + 2 theta t - 1 = 0
+        theta = (b - a) / (2.0 * off)
+        t = np.where(theta < 0.0, -1.0, 1.0) / (np.abs(theta) + np.sqrt(theta * theta + 1.0))
+    t = np.where(turn, t, 0.0)
+    c = 1.0 / np.sqrt(t * t + 1.0)
+    s = t * c
+    V[:, p], V[:, q] = c * V[:, p] - s * V[:, q], s * V[:, p] + c * V[:, q]
+    A[p], A[q] = c * A[p] - s * A[q], s * A[p] + c * A[q]
+    # The columns are the rows; a' = a - t A_pq, b' = b + t A_pq.
+    A[:, p], A[:, q] = A[p], A[q]
+    A[p, p], A[q, q] = a - t * off, b + t * off
+    A[p, q] = A[q, p] = np.where(turn, 0.0, off)
+    return True
