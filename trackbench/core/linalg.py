@@ -83,6 +83,11 @@ def diagonal(A: Array) -> Array:
     return np.stack([A[i, i] for i in range(A.shape[0])])
 
 
+def trace(A: Array) -> Array:
+    """Return the sum of the diagonal (*batch)."""
+    return _sum_of([A[i, i] for i in range(A.shape[0])])
+
+
 @once
 def cholesky(P: Array) -> Array:
     """Return lower L with ``L L' = P``; a batch member that is not positive definite becomes NaN.

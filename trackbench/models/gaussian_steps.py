@@ -8,7 +8,7 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from trackbench.core import kalman, linalg
-from trackbench.core.arrays import Array, with_trailing
+from trackbench.core.arrays import Array, with_axes_of, with_trailing
 from trackbench.core.counting import note
 from trackbench.core.distributions import Gaussian, per_run_moments
 from trackbench.core.kalman import Innovation, Updated
@@ -20,6 +20,8 @@ from trackbench.models.base import (
     Model,
     NormalMotion,
     Scene,
+    TwiceDifferentiable,
+    hessian_by_differences,
 )
 
 
@@ -63,29 +65,59 @@ def _assumed_cov(variance: float | None, cov: Array) -> Array:
     return cov if variance is None else variance * np.eye(cov.shape[0])
 
 
-def extended_prediction(model: Model, state: Gaussian, k: int, assumed: AssumedNoise) -> Gaussian:
-    """Return the prediction of x_k, with the motion linearized at the mean."""
+def _with_curvature(
+    linear: Gaussian, part: DifferentiableMotion | DifferentiableSensor, at: Gaussian, k: int
+) -> Gaussian:
+    """Add the second-order terms of a function of ``at`` to mean and noise covariance.
+
+    They are ``tr(H_i P) / 2`` and ``tr(H_i P H_j P) / 2`` (Bar-Shalom, Li & Kirubarajan 2001, section
+    10.3.2), with the Hessian H_i of component i.
+    """
+    if isinstance(part, TwiceDifferentiable):
+        hessian = part.hessian(at.mean, k)
+    else:
+        hessian = hessian_by_differences(part.jacobian, at.mean, k)
+    HP = [linalg.matmul(H_i, at.cov) for H_i in hessian]
+    bias = 0.5 * np.stack([linalg.trace(A) for A in HP])
+    cov = 0.5 * np.stack([np.stack([linalg.trace(linalg.matmul(A, B)) for B in HP]) for A in HP])
+    cov = linalg.symmetrize(cov)
+    return Gaussian(
+        linear.mean + with_axes_of(linear.mean, bias),
+        with_axes_of(cov, linear.cov) + with_axes_of(linear.cov, cov),
+    )
+
+
+def extended_prediction(
+    model: Model, state: Gaussian, k: int, assumed: AssumedNoise, order: int = 1
+) -> Gaussian:
+    """Return the prediction of x_k, with the motion expanded at the mean to first or second order."""
     # A cast, because isinstance of a Protocol at every step takes as long as the step.
     motion = cast(DifferentiableMotion, model.motion)
     transition = assumed.transition(model, state.mean, k)
+    if order == 2:
+        transition = _with_curvature(transition, motion, state, k)
     return kalman.predict(state, motion.jacobian(state.mean, k), transition.cov, transition.mean)
 
 
-def extended_transition(model: Model, state: Gaussian, k: int, assumed: AssumedNoise) -> Transition:
-    """Return the prediction of x_k and its covariance with x_{k-1}, P F', linearized at the mean."""
+def extended_transition(
+    model: Model, state: Gaussian, k: int, assumed: AssumedNoise, order: int = 1
+) -> Transition:
+    """Return the prediction of x_k and its covariance with x_{k-1}, P F', by derivatives at the mean."""
     F = cast(DifferentiableMotion, model.motion).jacobian(state.mean, k)
     # cov(x_{k-1}, x_k) = P F'
     cross = linalg.matmul(state.cov, linalg.transpose(F))
-    return Transition(extended_prediction(model, state, k, assumed), cross)
+    return Transition(extended_prediction(model, state, k, assumed, order), cross)
 
 
 def extended_step(
-    model: Model, state: Gaussian, z: Array, k: int, assumed: AssumedNoise
+    model: Model, state: Gaussian, z: Array, k: int, assumed: AssumedNoise, order: int = 1
 ) -> Updated:
-    """Predict to k and update with z (n_z, M), linearized at the mean and at the prediction."""
+    """Predict to k and update with z (n_z, M), expanded at the mean and at the prediction."""
     sensor = cast(DifferentiableSensor, model.sensor)
-    predicted = extended_prediction(model, state, k, assumed)
+    predicted = extended_prediction(model, state, k, assumed, order)
     measurement = assumed.measurement(model, predicted.mean, k)
+    if order == 2:
+        measurement = _with_curvature(measurement, sensor, predicted, k)
     # nu = z - h(m^-)
     nu = sensor.innovation(with_trailing(z, measurement.mean.ndim - 1), measurement.mean)
     return kalman.update(predicted, nu, sensor.jacobian(predicted.mean, k), measurement.cov)
