@@ -133,3 +133,17 @@ def test_eigenvalues_of_a_singular_matrix() -> None:
     w, _ = linalg.eigen(np.stack([ones, nan], axis=-1))
     np.testing.assert_allclose(np.sort(w[:, 0]), [0, 0, 0, 4], atol=1e-15)
     assert np.isnan(w[:, 1]).any()
+
+
+@pytest.mark.parametrize(("n", "m"), [(1, 1), (1, 3), (3, 3), (4, 9)])
+def test_a_triangular_factor_agrees_with_numpy(n: int, m: int, rng: np.random.Generator) -> None:
+    A = rng.standard_normal((n, m, 3))
+    A[-1, :, 1] = 0.0  # of a singular product
+    L = linalg.triangular(A)
+    for i in range(3):
+        R = np.linalg.qr(A[..., i].T)[1].T
+        np.testing.assert_allclose(
+            L[..., i], R * np.sign(np.diag(R) + (np.diag(R) == 0)), atol=1e-13
+        )
+        assert L[..., i].tobytes() == linalg.triangular(A[..., i : i + 1])[..., 0].tobytes()
+        np.testing.assert_allclose(linalg.triangular(A[..., i]), L[..., i], atol=1e-14)

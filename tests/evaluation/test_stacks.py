@@ -88,6 +88,8 @@ def test_training_blocks_have_the_same_bytes_beside_others(kind: str) -> None:
         ("ekf", {"fading": 1.1, "smooth": True}),
         ("ckf", {"fading": 1.1}),
         ("ekf", {"order": 2, "smooth": True}),
+        ("ekf", {"order": 2, "form": "square-root"}),
+        ("ukf", {"form": "square-root", "smooth": True}),
         ("enkf", {"form": "etkf", "rotation": True, "N": 6}),
     ],
 )

@@ -10,7 +10,7 @@ from math import nan, sqrt
 
 import numpy as np
 
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.memoize import once
 
 _SINGULAR = 1e-14  # share of its variance below which a pivot is rounding
@@ -216,11 +216,11 @@ def _inverse_of_two(S: Array) -> Array:
     return np.array([[1.0 / a - ratio * off, off], [off, d]])
 
 
-def mahalanobis(e: Array, P: Array) -> Array:
-    """Return ``e' P^-1 e`` for e (n, *batch) and P (n, n[, *batch]); shape (*batch)."""
-    if len(P) == 1:
+def mahalanobis(e: Array, P: Array, root: Array | None = None) -> Array:
+    """Return ``e' P^-1 e`` (*batch) for e (n, *batch) and P (n, n[, *batch]), or its lower root."""
+    if root is None and len(P) == 1:
         return np.asarray(e[0] * e[0] / np.where(P[0, 0] > 0.0, P[0, 0], np.nan))
-    return _sum_of([row * row for row in whiten(cholesky(P), e)])
+    return _sum_of([row * row for row in whiten(cholesky(P) if root is None else root, e)])
 
 
 def _constant_product(A: Array, B: Array) -> Array:
@@ -269,19 +269,9 @@ def solve_singular(P: Array, C: Array) -> Array:
 
 
 def eigen(A: Array) -> tuple[Array, Array]:
-    """Return eigenvalues w and eigenvectors V of a symmetric matrix, ``A = V diag(w) V'``.
+    """Return eigenvalues w (n, *batch) and vectors V of symmetric A (n, n[, *batch]), A = V diag(w) V'.
 
     Cyclic Jacobi rotations (Golub & Van Loan 2013, section 8.5) of each batch member by itself.
-
-    Parameters
-    ----------
-    A : (n, n[, *batch])
-        Symmetric matrix, of finite numbers.
-
-    Returns
-    -------
-    w, V : (n, *batch), (n, n, *batch)
-        Eigenvalues in no order, and eigenvectors as columns.
     """
     n = len(A)
     A = A.copy()
@@ -315,3 +305,31 @@ def _rotate(A: Array, V: Array, p: int, q: int) -> bool:
     A[p, p], A[q, q] = a - t * off, b + t * off
     A[p, q] = A[q, p] = np.where(turn, 0.0, off)
     return True
+
+
+def beside(*blocks: Array) -> Array:
+    """Return ``[A B ...]`` of matrices (n, m[, *batch]) with the batch axes of all."""
+    batch = np.broadcast_shapes(*(A.shape[2:] for A in blocks))
+    wide = [with_trailing(A, len(batch), leading=2) for A in blocks]
+    return np.concatenate([np.broadcast_to(A, (*A.shape[:2], *batch)) for A in wide], axis=1)
+
+
+@once
+def triangular(A: Array) -> Array:
+    """Return lower L with ``L L' = A A'`` for A (n, m[, *batch]), m >= n, without forming A A'.
+
+    Householder reflections make ``A Q = [L 0]`` (Golub & Van Loan 2013, section 5.2).
+    """
+    A = A.copy()
+    for i in range(len(A)):
+        # v = a + sign(a_1) |a| e_1 of row i, from the diagonal on
+        v = A[i, i:].copy()
+        sign = np.where(v[0] < 0.0, -1.0, 1.0)
+        v[0] += sign * np.sqrt(_sum_of(list(v * v)))
+        square = _sum_of(list(v * v))
+        # A <- A (I - 2 v v' / v'v), with a positive diagonal
+        factor = 2.0 / np.where(square == 0.0, 1.0, square)
+        A[i:, i:] -= outer(factor * matvec(A[i:, i:], v), v)
+        A[i:, i] *= -sign
+        A[i, i + 1 :] = 0.0
+    return A[:, : len(A)]

@@ -54,8 +54,8 @@ class EKF(NonlinearFilter):
         motion, sensor = cast(Differentiable, scenario.model)
         x, k = np.ones((len(motion.components), 1)), int(scenario.steps[-1])
         linear = all(part.jacobian(x, k).ndim == 2 for part in (motion, sensor))
-        order = {"order": "as motion and sensor are linear"} if linear else {}
-        return super().idle_keys(scenario) | order
+        why = "as motion and sensor are linear"
+        return super().idle_keys(scenario) | ({"order": why} if linear else {})
 
     def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
         """Predict and update by the derivatives."""
@@ -180,7 +180,7 @@ def _regression(
     ``z = at + slope (x - m) + N(0, cov)``.
     """
     # Measured points, as innovations about one of them: angles are averaged away from their cut.
-    points = rule.points(over.mean, over.cov)
+    points = rule.points(over)
     z = model.sensor.measurement(points.x, k).mean
     center = z[:, :1]
     offsets = model.sensor.innovation(z, center)

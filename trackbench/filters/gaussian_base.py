@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cache
-from typing import Annotated, ClassVar, NamedTuple
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from annotated_types import Ge, Interval
@@ -10,7 +10,13 @@ from numpy.random import Generator
 
 from trackbench.core.arrays import Array, Mask, fixed
 from trackbench.core.conversions import Conversion
-from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
+from trackbench.core.distributions import (
+    Distribution,
+    Gaussian,
+    from_root,
+    per_run_moments,
+    root_of,
+)
 from trackbench.core.kalman import Innovation, Updated
 from trackbench.core.smoothing import Transition, smooth
 from trackbench.field_types import Count, NonNegative, OpenShare, Positive
@@ -56,8 +62,10 @@ class GaussianFilter(InnovationFilter[Tracked]):
     """estimate each step from all measurements of the run, or from so many later ones: {lag: 5}"""
 
     fading: Annotated[float, Ge(1), Interval(lt=float("inf"))] = 1.0
-    """factor a of a fading memory, ``a^2 F P F' + Q``: a measurement loses weight by a^-2 per step
-    (Anderson & Moore 1979, section 6.2; Simon 2006, section 7.4)"""
+    """factor of a fading memory, ``a^2 F P F' + Q`` (Anderson & Moore 1979; Simon 2006, section 7.4)"""
+
+    form: Literal["covariance", "square-root"] = "covariance"
+    """recursion of covariances, or of their triangular factors, which has twice the digits"""
 
     summed_diagnostics: ClassVar[frozenset[str]] = frozenset({"gated"})
     deterministic: ClassVar[bool] = True
@@ -90,7 +98,9 @@ class GaussianFilter(InnovationFilter[Tracked]):
         return Tracked(posterior, nis, innovation, gated)
 
     def prepared(self, state: Gaussian) -> Gaussian:
-        """Return a posterior as the next prediction takes it: N(m, a^2 P) with a fading memory."""
+        """Return a posterior as the next prediction takes it: N(m, a^2 P), with its factor if needed."""
+        if self.form == "square-root":
+            return from_root(state.mean, self.fading * root_of(state))
         if self.fading == 1.0:
             return state
         return Gaussian(state.mean, self.fading * self.fading * state.cov)

@@ -10,7 +10,7 @@ import numpy as np
 from trackbench.core import kalman, linalg
 from trackbench.core.arrays import Array, with_axes_of, with_trailing
 from trackbench.core.counting import note
-from trackbench.core.distributions import Gaussian, per_run_moments
+from trackbench.core.distributions import Factored, Gaussian, from_root, per_run_moments, root_of
 from trackbench.core.kalman import Innovation, Updated
 from trackbench.core.smoothing import Transition
 from trackbench.core.unscented import PointRule, SigmaPoints, Unscented
@@ -154,21 +154,22 @@ def augmented_step(
     transition = assumed.transition(model, state.mean, k)
     R = assumed.measurement(model, transition.mean, k).cov
     augmented = _augment(state, transition.cov, R)
-    points = rule.points(augmented.mean, augmented.cov)
+    points = rule.points(augmented)
     x, v, n = points.x[:n_x], points.x[n_x : 2 * n_x], points.x[2 * n_x :]
     # Step 2: predict each point, f(x) + v; condition on z = h(f(x) + v) + n.
     predicted = assumed.transition(model, x, k).mean + v
-    return _condition(model, points, predicted, points.moments(predicted), z, k, n, None)
+    moments = points.moments(predicted, roots=isinstance(state, Factored))
+    return _condition(model, points, predicted, moments, z, k, n, None)
 
 
 def point_prediction(
     model: Model, state: Gaussian, k: int, assumed: AssumedNoise, rule: PointRule
 ) -> Gaussian:
     """Return the prediction of x_k by points of the state, plus the covariance Q of the noise."""
-    points = rule.points(state.mean, state.cov)
+    points = rule.points(state)
     Q = assumed.transition(model, state.mean, k).cov
-    moments = points.moments(assumed.transition(model, points.x, k).mean)
-    return Gaussian(moments.mean, moments.cov + with_trailing(Q, state.mean.ndim - 1, leading=2))
+    moved = assumed.transition(model, points.x, k).mean
+    return points.moments(moved, Q, isinstance(state, Factored))
 
 
 def point_transition(
@@ -184,18 +185,16 @@ def point_transition(
         R = assumed.measurement(model, state.mean, k).cov
         # Points of state and noises (x, v, n): the process noise moves the points.
         joint = _augment(state, Q, R)
-        points = rule.points(joint.mean, joint.cov)
+        points = rule.points(joint)
         x = points.x[:n_x]
         moved = assumed.transition(model, x, k).mean + points.x[n_x : 2 * n_x]
         predicted = points.moments(moved)
     else:
         # Points of the state alone: Q is added to their covariance.
-        points = rule.points(state.mean, state.cov)
+        points = rule.points(state)
         x = points.x
         moved = assumed.transition(model, x, k).mean
-        moments = points.moments(moved)
-        Q = with_trailing(Q, state.mean.ndim - 1, leading=2)
-        predicted = Gaussian(moments.mean, moments.cov + Q)
+        predicted = points.moments(moved, Q)
     # C = sum w (x - m)(f(x) - m_pred)'
     cross = points.cross(x - state.mean[:, None], moved - predicted.mean[:, None])
     return Transition(predicted, cross)
@@ -216,7 +215,7 @@ def _additive_update(
     model: Model, predicted: Gaussian, z: Array, k: int, assumed: AssumedNoise, rule: PointRule
 ) -> Updated:
     # New points of the prediction; R is added to the covariance of their measurements.
-    points = rule.points(predicted.mean, predicted.cov)
+    points = rule.points(predicted)
     R = assumed.measurement(model, predicted.mean, k).cov
     R = with_trailing(R, predicted.mean.ndim - 1, leading=2)
     return _condition(model, points, points.x, predicted, z, k, None, R)
@@ -260,6 +259,13 @@ def _condition(
     if missing.any():
         rows, S = kalman.drop_missing(linalg.transpose(C), S, missing)
         C = linalg.transpose(rows)
+    if isinstance(predicted, Factored):
+        noise = np.zeros(S.shape[:2]) if R is None else R
+        noise, dz = kalman.drop_missing_cov(noise, missing), np.where(missing[:, None], 0.0, dz)
+        known = np.where(missing, 0.0, nu)
+        D = points.columns(dx), points.columns(dz)
+        posterior, root = kalman.update_roots(predicted.mean, known, *D, noise)
+        return posterior, Innovation(nu, S, root=root)
     # Step 4: K = C S^-1, m + K nu, P - K S K'.
     note("covariances", S, components=2)
     K = linalg.matmul(C, linalg.inverse(S))
@@ -268,13 +274,15 @@ def _condition(
 
 
 def _augment(state: Gaussian, Q: Array, R: Array) -> Gaussian:
-    n_x, n_v, n_n = state.mean.shape[0], Q.shape[0], R.shape[0]
-    n, batch = n_x + n_v + n_n, state.mean.shape[1:]
+    roots = isinstance(state, Factored)
+    blocks = (root_of(state), linalg.root(Q), linalg.root(R)) if roots else (state.cov, Q, R)
+    n, batch = sum(map(len, blocks)), state.mean.shape[1:]
     mean = np.zeros((n, *batch))
     cov = np.zeros((n, n, *batch))
-    mean[:n_x] = state.mean
-    # P = [P 0 0; 0 Q 0; 0 0 R]
-    cov[:n_x, :n_x] = with_trailing(state.cov, len(batch), leading=2)
-    cov[n_x : n_x + n_v, n_x : n_x + n_v] = with_trailing(Q, len(batch), leading=2)
-    cov[n_x + n_v :, n_x + n_v :] = with_trailing(R, len(batch), leading=2)
-    return Gaussian(mean, cov)
+    mean[: len(state.mean)] = state.mean
+    # P = [P 0 0; 0 Q 0; 0 0 R], or its root
+    end = 0
+    for block in blocks:
+        part = slice(end, end := end + len(block))
+        cov[part, part] = with_trailing(block, len(batch), leading=2)
+    return from_root(mean, cov) if roots else Gaussian(mean, cov)

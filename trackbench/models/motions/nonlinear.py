@@ -166,17 +166,12 @@ def sum_of_slopes(k1: Array, k2: Array, k3: Array, k4: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class AdditiveNoise:
-    """Motion over T seconds with noise N(0, Q), Q (n, n)."""
+class SteppedMotion:
+    """Base of a motion over T seconds: a step without noise and its derivatives."""
 
     components: tuple[str, ...]
     T: float
     step: Step
-    Q: Array
-
-    def transition(self, x: Array, k: int) -> Gaussian:
-        """Return N(f(x, k), Q) for x (n, *batch)."""
-        return Gaussian(self.step(x, k), self.Q)
 
     def jacobian(self, x: Array, k: int) -> Array:
         """Return df/dx (n, n[, *batch])."""
@@ -188,25 +183,25 @@ class AdditiveNoise:
 
 
 @dataclass(frozen=True, eq=False)
-class StateNoise:
+class AdditiveNoise(SteppedMotion):
+    """Motion over T seconds with noise N(0, Q), Q (n, n)."""
+
+    Q: Array
+
+    def transition(self, x: Array, k: int) -> Gaussian:
+        """Return N(f(x, k), Q) for x (n, *batch)."""
+        return Gaussian(self.step(x, k), self.Q)
+
+
+@dataclass(frozen=True, eq=False)
+class StateNoise(SteppedMotion):
     """Motion over T seconds whose noise N(0, Q(x)) depends on the state before the step."""
 
-    components: tuple[str, ...]
-    T: float
-    step: Step
     cov: ArrayProgram
 
     def transition(self, x: Array, k: int) -> Gaussian:
         """Return N(f(x, k), Q(x, k)) for x (n, *batch)."""
         return Gaussian(self.step(x, k), self.cov(x, k, k * self.T))
-
-    def jacobian(self, x: Array, k: int) -> Array:
-        """Return df/dx (n, n[, *batch])."""
-        return self.step.jacobian(x, k)
-
-    def hessian(self, x: Array, k: int) -> Array:
-        """Return the second derivatives of f (n, n, n[, *batch])."""
-        return self.step.hessian(x, k)
 
 
 @dataclass(frozen=True, kw_only=True)
