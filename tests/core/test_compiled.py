@@ -138,7 +138,7 @@ def test_matrices(batch: tuple[int, ...], both: Callable[..., None]) -> None:
     if len(batch) == 1:
         cloud = rng.standard_normal((4, *batch, 30))
         both(lambda: linalg.lower_product(A, cloud))
-    points = unscented.Unscented(0.5, 2.0, 0.0).points(x, P)
+    points = unscented.Unscented(0.5, 2.0, 0.0).points(Gaussian(x, P))
     both(lambda: points.moments(np.cos(points.x)))
     both(lambda: points.cross(points.x, np.cos(points.x[:2])))
 

@@ -109,3 +109,41 @@ def test_a_run_does_not_depend_on_the_runs_beside_it(rng: np.random.Generator) -
         assert (linalg.sandwich(A, P[..., :runs]) == linalg.sandwich(A, P)[..., :runs]).all()
         assert (linalg.cholesky(P[..., :runs]) == linalg.cholesky(P)[..., :runs]).all()
         assert (linalg.inverse(P[..., :runs]) == linalg.inverse(P)[..., :runs]).all()
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 12])
+def test_eigenvalues_agree_with_numpy(n: int, rng: np.random.Generator) -> None:
+    scale = np.logspace(0, -6, n)[:, None, None]
+    A = scale * np.stack([random_covariance(rng, n) for _ in range(3)], axis=-1)
+    A = A * scale[:, 0]
+    A[..., 1] = np.diag(np.arange(n))  # two equal in no case, one zero, nothing to turn
+    w, V = linalg.eigen(A)
+    for i in range(3):
+        exact = np.linalg.eigvalsh(A[..., i])
+        np.testing.assert_allclose(np.sort(w[:, i]), exact, rtol=1e-9, atol=1e-15)
+        np.testing.assert_allclose(V[..., i] @ V[..., i].T, np.eye(n), atol=1e-14)
+        np.testing.assert_allclose(V[..., i] * w[:, i] @ V[..., i].T, A[..., i], atol=1e-14 * n)
+        alone = linalg.eigen(A[..., i])
+        assert alone[0].tobytes() == w[:, i].tobytes()
+        assert alone[1].tobytes() == np.ascontiguousarray(V[..., i]).tobytes()
+
+
+def test_eigenvalues_of_a_singular_matrix() -> None:
+    ones, nan = np.ones((4, 4)), np.full((4, 4), np.nan)
+    w, _ = linalg.eigen(np.stack([ones, nan], axis=-1))
+    np.testing.assert_allclose(np.sort(w[:, 0]), [0, 0, 0, 4], atol=1e-15)
+    assert np.isnan(w[:, 1]).any()
+
+
+@pytest.mark.parametrize(("n", "m"), [(1, 1), (1, 3), (3, 3), (4, 9)])
+def test_a_triangular_factor_agrees_with_numpy(n: int, m: int, rng: np.random.Generator) -> None:
+    A = rng.standard_normal((n, m, 3))
+    A[-1, :, 1] = 0.0  # of a singular product
+    L = linalg.triangular(A)
+    for i in range(3):
+        R = np.linalg.qr(A[..., i].T)[1].T
+        np.testing.assert_allclose(
+            L[..., i], R * np.sign(np.diag(R) + (np.diag(R) == 0)), atol=1e-13
+        )
+        assert L[..., i].tobytes() == linalg.triangular(A[..., i : i + 1])[..., 0].tobytes()
+        np.testing.assert_allclose(linalg.triangular(A[..., i]), L[..., i], atol=1e-14)

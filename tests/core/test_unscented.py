@@ -14,7 +14,7 @@ def test_linear_maps_are_exact(
     parameters: tuple[float, float, float], rng: np.random.Generator
 ) -> None:
     P, m, A = random_covariance(rng, 3, 5), rng.standard_normal((3, 5)), rng.standard_normal((2, 3))
-    sigma = Unscented(*parameters).points(m, P)
+    sigma = Unscented(*parameters).points(Gaussian(m, P))
     got = sigma.moments(np.einsum("ij,jsb->isb", A, sigma.x))
     np.testing.assert_allclose(got.mean, A @ m, rtol=1e-7, atol=1e-9)
     np.testing.assert_allclose(got.cov, np.einsum("ij,jkb,lk->ilb", A, P, A), rtol=1e-6)
@@ -23,7 +23,7 @@ def test_linear_maps_are_exact(
 def test_square_of_a_scalar_has_its_exact_mean_and_variance() -> None:
     """E x^2 = m^2 + P and Var x^2 = 4 m^2 P + 2 P^2, with n + kappa = 3 (Julier & Uhlmann 1997)."""
     m, P = np.array([[0.3, 1.0, -2.0]]), np.array([[[0.5, 1.0, 2.0]]])
-    sigma = Unscented(alpha=1.0, beta=0.0, kappa=2.0).points(m, P)
+    sigma = Unscented(alpha=1.0, beta=0.0, kappa=2.0).points(Gaussian(m, P))
     got = sigma.moments(sigma.x**2)
     np.testing.assert_allclose(got.mean[0], m[0] ** 2 + P[0, 0])
     np.testing.assert_allclose(got.cov[0, 0], 4 * m[0] ** 2 * P[0, 0] + 2 * P[0, 0] ** 2)

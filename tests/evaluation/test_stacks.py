@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -79,6 +80,26 @@ def test_training_blocks_have_the_same_bytes_beside_others(kind: str) -> None:
     scenario = maneuver(duration=60.0, legs=(), score_from=0.0) if kind == "kf" else merwe(T=10)
     task = BlockTask(scenario, make_filter(kind), 3, -2, WIDTH, 3)
     assert all(equal_bytes(*pair) for pair in stacked_and_alone(task))
+
+
+@pytest.mark.parametrize(
+    ("kind", "keys"),
+    [
+        ("ekf", {"fading": 1.1, "smooth": True}),
+        ("ckf", {"fading": 1.1}),
+        ("ekf", {"order": 2, "smooth": True}),
+        ("ekf", {"order": 2, "form": "square-root"}),
+        ("ukf", {"form": "square-root", "smooth": True}),
+        ("enkf", {"form": "etkf", "rotation": True, "N": 6}),
+    ],
+)
+def test_forms_of_a_filter_have_the_same_bytes_beside_others(
+    kind: str, keys: dict[str, Any]
+) -> None:
+    task = BlockTask(merwe(T=10), make_filter(kind, **keys), 3, 0, WIDTH, WIDTH)
+    results = list(stacked_and_alone(task))
+    assert all(equal_bytes(*pair) for pair in results)
+    assert np.isfinite(results[0][0].per_run["rmse"]).all()
 
 
 def test_streams_side_by_side_draw_what_each_draws_alone() -> None:

@@ -8,6 +8,7 @@ import pytest
 
 from tests.conftest import track
 from trackbench.core.arrays import Array
+from trackbench.core.distributions import Gaussian
 from trackbench.core.random_streams import RunStreams
 from trackbench.core.unscented import GaussHermite
 from trackbench.filters.ekf import EKF
@@ -209,7 +210,7 @@ def test_gauss_hermite_against_quadrature(order: int, f: Any) -> None:
     from scipy.integrate import quad
 
     mean, variance = 0.7, 1.3
-    points = GaussHermite(order).points(np.array([[mean]]), np.array([[[variance]]]))
+    points = GaussHermite(order).points(Gaussian(np.array([[mean]]), np.array([[[variance]]])))
     ours = points.mean(f(points.x))[0, 0]
 
     def integrand(x: float) -> float:

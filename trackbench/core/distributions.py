@@ -106,6 +106,23 @@ class Gaussian(Symmetric):
         return zero_mean_log_prob(x - self.mean, self.cov, self._root)
 
 
+@dataclass(frozen=True)
+class Factored(Gaussian):
+    """N(mean, L L') with the factor L (n, n[, *batch]) that a square-root filter carries."""
+
+    root: Array
+
+
+def from_root(mean: Array, root: Array) -> Factored:
+    """Return N(mean, L L') with its lower factor."""
+    return Factored(mean, linalg.matmul(root, linalg.transpose(root)), root)
+
+
+def root_of(state: Gaussian) -> Array:
+    """Return the lower factor that a Gaussian carries, or that of its covariance."""
+    return state.root if isinstance(state, Factored) else linalg.root(state.cov)
+
+
 def per_run_moments(of: Distribution) -> Gaussian:
     """Return the moments with a covariance per run (n, n, M), which is read-only if runs share one."""
     n, runs = of.mean.shape

@@ -11,7 +11,7 @@ import numpy as np
 from trackbench.core import linalg
 from trackbench.core.arrays import Array, Mask, with_axes_of, with_trailing
 from trackbench.core.counting import note
-from trackbench.core.distributions import LOG_2PI, Gaussian, zero_mean_log_prob
+from trackbench.core.distributions import LOG_2PI, Factored, Gaussian, from_root, zero_mean_log_prob
 from trackbench.core.elementary import log
 from trackbench.core.memoize import once
 
@@ -23,6 +23,8 @@ class Innovation(NamedTuple):
     S: Array
     volume_ratio: Array | float = 1.0
     """volume of converted measurements per volume of measurements (*batch), if ``nu`` is converted"""
+    root: Array | None = None
+    """lower factor of S, if it was computed without S"""
 
     @property
     def nis(self) -> Array:
@@ -32,13 +34,14 @@ class Innovation(NamedTuple):
         """
         missing = np.isnan(self.nu)
         if not missing.any():
-            return linalg.mahalanobis(self.nu, self.S)
-        nis = linalg.mahalanobis(np.where(missing, 0.0, self.nu), self.S)
+            return linalg.mahalanobis(self.nu, self.S, self.root)
+        nis = linalg.mahalanobis(np.where(missing, 0.0, self.nu), self.S, self.root)
         return np.where(missing.all(axis=0), np.nan, nis)
 
     def nis_and_scale(self) -> tuple[Array, Array]:
         """Return NIS (*batch) and the square root of det S, from one Cholesky factor."""
-        L, missing = linalg.cholesky(self.S), np.isnan(self.nu)
+        L = linalg.cholesky(self.S) if self.root is None else self.root
+        missing = np.isnan(self.nu)
         rows = linalg.whiten(L, np.where(missing, 0.0, self.nu) if missing.any() else self.nu)
         # NIS is the sum of squares of L^-1 nu; sqrt(det S) is the product of the diagonal of L.
         nis, scale = rows[0] * rows[0], L[0, 0]
@@ -54,10 +57,10 @@ class Innovation(NamedTuple):
         """
         missing = np.isnan(self.nu)
         if not missing.any():
-            value = zero_mean_log_prob(self.nu, self.S)
+            value = zero_mean_log_prob(self.nu, self.S, self.root)
         else:
             # Leave out the missing components of each run.
-            value = log_prob_of_measured(self.nu, self.S, missing)
+            value = log_prob_of_measured(self.nu, self.S, missing, self.root)
             value = np.where(missing.all(axis=0), np.nan, value)
         # Change of variables: a converted measurement adds the log of the volume ratio.
         return value if isinstance(self.volume_ratio, float) else value + log(self.volume_ratio)
@@ -85,6 +88,10 @@ def predict(state: Gaussian, F: Array, Q: Array, mean: Array | None = None) -> G
         Prediction.
     """
     predicted = linalg.matvec(F, state.mean) if mean is None else mean
+    if isinstance(state, Factored):
+        # [F L, Q^1/2] = [L_pred 0] Q'
+        columns = linalg.beside(linalg.matmul(F, state.root), linalg.root(Q))
+        return from_root(predicted, linalg.triangular(columns))
     return Gaussian(predicted, _predicted_cov(F, state.cov, Q))
 
 
@@ -116,16 +123,34 @@ def update(predicted: Gaussian, nu: Array, H: Array, R: Array) -> Updated:
     Updated
         Posterior, and the innovation with S.
     """
-    nan = np.isnan(nu)
-    if not nan.any():
-        S, K = gain(predicted.cov, H, R)
-        return _with_gain(predicted, nu, K, H, R), Innovation(nu, S)
-    # A component is missing if it is NaN for another reason than a diverged prediction.
-    missing = nan & np.isfinite(predicted.mean).all(axis=0)
-    H, R = drop_missing(H, R, missing)
+    nan, known = np.isnan(nu), nu
+    if nan.any():
+        # A component is missing if it is NaN for another reason than a diverged prediction.
+        missing = nan & np.isfinite(predicted.mean).all(axis=0)
+        H, R = drop_missing(H, R, missing)
+        known = np.where(missing, 0.0, nu)
+    if isinstance(predicted, Factored):
+        L = predicted.root
+        posterior, root = update_roots(predicted.mean, known, L, linalg.matmul(H, L), R)
+        return posterior, Innovation(nu, linalg.matmul(root, linalg.transpose(root)), root=root)
     S, K = gain(predicted.cov, H, R)
-    posterior = _with_gain(predicted, np.where(missing, 0.0, nu), K, H, R)
-    return posterior, Innovation(nu, S)
+    return _with_gain(predicted, known, K, H, R), Innovation(nu, S)
+
+
+def update_roots(m: Array, nu: Array, dx: Array, dz: Array, R: Array) -> tuple[Factored, Array]:
+    """Return the posterior, and the root of S, of ``P = dx dx'``, ``C = dx dz'``, ``S = dz dz' + R``.
+
+    ``[dz R^1/2; dx 0] = [S^1/2 0; G P^1/2] Q'``, mean ``m + G S^-1/2 nu`` (Kaminski, Bryson & Schmidt
+    1971; for points Arasaratnam & Haykin 2009, appendix).
+    """
+    n_z = len(dz)
+    # Blocks below each other are transposed blocks beside each other.
+    T, noise = linalg.transpose, linalg.root(R)
+    columns = linalg.beside(T(dz), T(dx)), linalg.beside(T(noise), np.zeros((n_z, len(dx))))
+    L = linalg.triangular(linalg.beside(*map(T, columns)))
+    S_root, G, root = L[:n_z, :n_z], L[n_z:, :n_z], L[n_z:, n_z:]
+    note("covariances", root, components=2)
+    return from_root(m + linalg.matvec(G, linalg.solve_lower(S_root, nu)), root), S_root
 
 
 def drop_missing(H: Array, R: Array, missing: Mask) -> tuple[Array, Array]:
@@ -153,9 +178,9 @@ def drop_missing_cov(R: Array, missing: Mask) -> Array:
     return np.where(either, eye, with_trailing(R, batch, leading=2))
 
 
-def log_prob_of_measured(nu: Array, cov: Array, missing: Mask) -> Array:
+def log_prob_of_measured(nu: Array, cov: Array, missing: Mask, root: Array | None = None) -> Array:
     """Return log N(nu; 0, cov) (*batch) of the measured components of nu (n_z, *batch)."""
-    value = zero_mean_log_prob(np.where(missing, 0.0, nu), cov)
+    value = zero_mean_log_prob(np.where(missing, 0.0, nu), cov, root)
     # Each missing component has entered with the density of N(0, 1) at zero.
     value += 0.5 * LOG_2PI * missing.sum(axis=0)
     return value

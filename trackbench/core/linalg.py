@@ -11,10 +11,12 @@ from math import nan, sqrt
 import numpy as np
 
 from trackbench.core import compiled
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.memoize import once
 
 _SINGULAR = 1e-14  # share of its variance below which a pivot is rounding
+_ROUNDING = 2.0**-52  # share of the diagonal below which a rotation changes nothing
+_SWEEPS = 40  # of rotations; convergence is quadratic, after some ten
 
 
 def matvec(A: Array, x: Array) -> Array:
@@ -97,6 +99,11 @@ def identity_minus(A: Array) -> Array:
 def diagonal(A: Array) -> Array:
     """Return the diagonal as a vector (n, *batch)."""
     return np.stack([A[i, i] for i in range(A.shape[0])])
+
+
+def trace(A: Array) -> Array:
+    """Return the sum of the diagonal (*batch)."""
+    return _sum_of([A[i, i] for i in range(A.shape[0])])
 
 
 @once
@@ -233,11 +240,11 @@ def _inverse_of_two(S: Array) -> Array:
     return np.array([[1.0 / a - ratio * off, off], [off, d]])
 
 
-def mahalanobis(e: Array, P: Array) -> Array:
-    """Return ``e' P^-1 e`` for e (n, *batch) and P (n, n[, *batch]); shape (*batch)."""
-    if len(P) == 1:
+def mahalanobis(e: Array, P: Array, root: Array | None = None) -> Array:
+    """Return ``e' P^-1 e`` (*batch) for e (n, *batch) and P (n, n[, *batch]), or its lower root."""
+    if root is None and len(P) == 1:
         return np.asarray(e[0] * e[0] / np.where(P[0, 0] > 0.0, P[0, 0], np.nan))
-    return _sum_of([row * row for row in whiten(cholesky(P), e)])
+    return _sum_of([row * row for row in whiten(cholesky(P) if root is None else root, e)])
 
 
 def _constant_product(A: Array, B: Array) -> Array:
@@ -283,3 +290,70 @@ def solve_singular(P: Array, C: Array) -> Array:
             rows[i] = rows[i] - L[j, i] * rows[j]
         rows[i] = rows[i] * scale[i]
     return np.array(rows)
+
+
+def eigen(A: Array) -> tuple[Array, Array]:
+    """Return eigenvalues w (n, *batch) and vectors V of symmetric A (n, n[, *batch]), A = V diag(w) V'.
+
+    Cyclic Jacobi rotations (Golub & Van Loan 2013, section 8.5) of each batch member by itself.
+    """
+    n = len(A)
+    A = A.copy()
+    V = np.broadcast_to(np.eye(n).reshape((n, n) + (1,) * (A.ndim - 2)), A.shape).copy()
+    for _ in range(_SWEEPS):
+        rotated = [_rotate(A, V, p, q) for p in range(n) for q in range(p + 1, n)]
+        # A sweep without a rotation leaves every entry as it is.
+        if not any(rotated):
+            break
+    # -0 becomes 0: sweeps for the sake of another batch member may change the sign of a zero.
+    return diagonal(A) + 0.0, V + 0.0
+
+
+def _rotate(A: Array, V: Array, p: int, q: int) -> bool:
+    """Make A_pq zero by a rotation, in place; return whether any batch member needs it."""
+    a, b, off = A[p, p].copy(), A[q, q].copy(), A[p, q].copy()
+    with np.errstate(all="ignore"):
+        turn = np.abs(off) > _ROUNDING * np.sqrt(np.abs(a * b))
+        if not turn.any():
+            return False
+        # t = tan of the angle: the smaller root of t^2 + 2 theta t - 1 = 0
+        theta = (b - a) / (2.0 * off)
+        t = np.where(theta < 0.0, -1.0, 1.0) / (np.abs(theta) + np.sqrt(theta * theta + 1.0))
+    t = np.where(turn, t, 0.0)
+    c = 1.0 / np.sqrt(t * t + 1.0)
+    s = t * c
+    V[:, p], V[:, q] = c * V[:, p] - s * V[:, q], s * V[:, p] + c * V[:, q]
+    A[p], A[q] = c * A[p] - s * A[q], s * A[p] + c * A[q]
+    # The columns are the rows; a' = a - t A_pq, b' = b + t A_pq.
+    A[:, p], A[:, q] = A[p], A[q]
+    A[p, p], A[q, q] = a - t * off, b + t * off
+    A[p, q] = A[q, p] = np.where(turn, 0.0, off)
+    return True
+
+
+def beside(*blocks: Array) -> Array:
+    """Return ``[A B ...]`` of matrices (n, m[, *batch]) with the batch axes of all."""
+    batch = np.broadcast_shapes(*(A.shape[2:] for A in blocks))
+    wide = [with_trailing(A, len(batch), leading=2) for A in blocks]
+    return np.concatenate([np.broadcast_to(A, (*A.shape[:2], *batch)) for A in wide], axis=1)
+
+
+@once
+def triangular(A: Array) -> Array:
+    """Return lower L with ``L L' = A A'`` for A (n, m[, *batch]), m >= n, without forming A A'.
+
+    Householder reflections make ``A Q = [L 0]`` (Golub & Van Loan 2013, section 5.2).
+    """
+    A = A.copy()
+    for i in range(len(A)):
+        # v = a + sign(a_1) |a| e_1 of row i, from the diagonal on
+        v = A[i, i:].copy()
+        sign = np.where(v[0] < 0.0, -1.0, 1.0)
+        v[0] += sign * np.sqrt(_sum_of(list(v * v)))
+        square = _sum_of(list(v * v))
+        # A <- A (I - 2 v v' / v'v), with a positive diagonal
+        factor = 2.0 / np.where(square == 0.0, 1.0, square)
+        A[i:, i:] -= outer(factor * matvec(A[i:, i:], v), v)
+        A[i:, i] *= -sign
+        A[i, i + 1 :] = 0.0
+    return A[:, : len(A)]

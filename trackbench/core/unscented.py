@@ -9,14 +9,14 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from trackbench.core import compiled, linalg
-from trackbench.core.arrays import Array, with_axes_of
-from trackbench.core.distributions import Gaussian
+from trackbench.core.arrays import Array, with_axes_of, with_trailing
+from trackbench.core.distributions import Gaussian, from_root, root_of
 
 
 class PointRule(Protocol):
     """Rule for the points and weights of a Gaussian."""
 
-    def points(self, mean: Array, cov: Array) -> "SigmaPoints":
+    def points(self, of: Gaussian) -> "SigmaPoints":
         """Return points of N(mean, cov): mean (n, *batch), cov (n, n, *batch)."""
 
 
@@ -33,26 +33,24 @@ class Unscented:
     beta: float
     kappa: float
 
-    def points(self, mean: Array, cov: Array) -> "SigmaPoints":
-        """Return the 2 n + 1 sigma points of N(mean, cov).
+    def points(self, of: Gaussian) -> "SigmaPoints":
+        """Return the 2 n + 1 sigma points of N(m, P).
 
         Parameters
         ----------
-        mean : (n, *batch)
-            Mean m.
-        cov : (n, n[, *batch])
-            Covariance P, which may be singular.
+        of : Gaussian
+            Mean m (n, *batch), covariance P (n, n[, *batch]), which may be singular.
 
         Returns
         -------
         SigmaPoints
             Points (n, 2 n + 1, *batch), weights of the mean and of the covariance (2 n + 1,).
         """
-        n = mean.shape[0]
+        mean, n = of.mean, len(of.mean)
         spread = self.alpha * self.alpha * (n + self.kappa)  # n + lambda
         center = 1.0 - n / spread  # lambda / (n + lambda)
         # Step 1: m, then m + columns of the root, then m - columns.
-        columns = np.sqrt(spread) * linalg.transpose(linalg.root(cov))
+        columns = np.sqrt(spread) * linalg.transpose(root_of(of))
         x = np.empty((n, 2 * n + 1, *mean.shape[1:]))
         x[:, 0] = mean
         for i in range(n):
@@ -83,10 +81,10 @@ class GaussHermite:
         norm = factorial(n) / (n * n)
         return [(x, norm / _hermite(n - 1, x) ** 2) for x in _hermite_roots(n)]
 
-    def points(self, mean: Array, cov: Array) -> "SigmaPoints":
+    def points(self, of: Gaussian) -> "SigmaPoints":
         """Return order^n points of N(mean, cov): mean (n, *batch), cov (n, n, *batch)."""
+        mean, root = of.mean, root_of(of)
         grid = list(product(self.nodes, repeat=len(mean)))
-        root = linalg.root(cov)
         unit = np.array([[x for x, _ in point] for point in grid])
         # x_i = m + L e_i, and a weight is the product of the axes' weights.
         steps = [linalg.matvec(root, with_axes_of(mean, e)) for e in unit]
@@ -147,11 +145,19 @@ class SigmaPoints(NamedTuple):
             return out
         return np.stack([_weighted(self.cov_weights, row * b) for row in a])
 
-    def moments(self, values: Array) -> Gaussian:
-        """Return the mean and covariance of transformed points."""
+    def moments(self, values: Array, noise: Array | None = None, roots: bool = False) -> Gaussian:
+        """Return moments of transformed points plus this noise, with a root if ``roots``."""
         mean = self.mean(values)
         deviation = values - mean[:, None]
-        return Gaussian(mean, self.cross(deviation, deviation))
+        if roots:
+            columns = [self.columns(deviation)] + ([] if noise is None else [linalg.root(noise)])
+            return from_root(mean, linalg.triangular(linalg.beside(*columns)))
+        cov = self.cross(deviation, deviation)
+        return Gaussian(mean, cov if noise is None else cov + with_axes_of(cov, noise))
+
+    def columns(self, deviation: Array) -> Array:
+        """Return D with ``D D'`` the weighted sum of squares of deviations (m, P, *batch)."""
+        return deviation * with_trailing(np.sqrt(self.cov_weights), deviation.ndim - 2)
 
 
 def _weighted(weights: Array, values: Array) -> Array:

@@ -1,7 +1,7 @@
 """Kalman filters that linearize the model: EKF, IEKF, MCAEKF by Jacobians, IPLF by regression."""
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, cast
+from typing import Annotated, ClassVar, Literal, cast
 
 import numpy as np
 from annotated_types import Interval
@@ -17,11 +17,12 @@ from trackbench.core.unscented import PointRule, Unscented, gauss_hermite
 from trackbench.field_types import Count, NonNegative, Positive
 from trackbench.filters.cmkf import polar_moments
 from trackbench.filters.gaussian_base import MAX_ORDER, NonlinearFilter
-from trackbench.models.base import DifferentiableSensor, Model
+from trackbench.models.base import Differentiable, DifferentiableSensor, Model, Scene
 from trackbench.models.gaussian_steps import (
     AssumedNoise,
     extended_prediction,
     extended_step,
+    extended_transition,
     point_prediction,
     point_transition,
 )
@@ -36,14 +37,33 @@ MERWE_DEMO: dict[str, object] = {"Q": 0.75, "R": 1e-5, "P0": 0.75, "noise_mean":
 @register("filters", "ekf")
 @dataclass(frozen=True, kw_only=True)
 class EKF(NonlinearFilter):
-    """Extended Kalman filter: first-order linearization at the mean (Anderson & Moore 1979)."""
+    """Extended Kalman filter: first-order linearization at the mean (Anderson & Moore 1979).
 
+    The second-order filter (Athans, Wishner & Bertolini 1968) adds the bias and the covariance of the
+    second derivatives. They are expressions for the motion ``map`` and the sensor ``function``, else
+    differences of the Jacobian.
+    """
+
+    order: Literal[1, 2] = 1
+    """order of the expansion; 2 has the exact moments of a quadratic function"""
     requires: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.jacobian")
     presets: ClassVar[dict[str, dict[str, object]]] = {"merwe-demo": MERWE_DEMO}
 
+    def idle_keys(self, scenario: Scene) -> dict[str, str]:
+        """Return also ``order`` if the Jacobians are constant."""
+        motion, sensor = cast(Differentiable, scenario.model)
+        x, k = np.ones((len(motion.components), 1)), int(scenario.steps[-1])
+        linear = all(part.jacobian(x, k).ndim == 2 for part in (motion, sensor))
+        why = "as motion and sensor are linear"
+        return super().idle_keys(scenario) | ({"order": why} if linear else {})
+
     def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
-        """Predict and update by the Jacobians."""
-        return extended_step(model, state, z, k, self.assumed)
+        """Predict and update by the derivatives."""
+        return extended_step(model, state, z, k, self.assumed, self.order)
+
+    def transition(self, model: Model, state: Gaussian, k: int) -> Transition:
+        """Return the prediction to step k by the derivatives, and its covariance with x_{k-1}."""
+        return extended_transition(model, state, k, self.assumed, self.order)
 
 
 @register("filters", "iekf")
@@ -160,7 +180,7 @@ def _regression(
     ``z = at + slope (x - m) + N(0, cov)``.
     """
     # Measured points, as innovations about one of them: angles are averaged away from their cut.
-    points = rule.points(over.mean, over.cov)
+    points = rule.points(over)
     z = model.sensor.measurement(points.x, k).mean
     center = z[:, :1]
     offsets = model.sensor.innovation(z, center)

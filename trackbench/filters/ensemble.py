@@ -1,7 +1,7 @@
 """Filters that use only moments of draws: Gaussian particle, ensemble Kalman, particle flow."""
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, NamedTuple, cast
+from typing import Annotated, ClassVar, Literal, NamedTuple, cast
 
 import numpy as np
 from annotated_types import Ge, Interval
@@ -17,7 +17,7 @@ from trackbench.core.posterior_scores import ParticlePosterior, Posterior
 from trackbench.core.sums import dot, mean
 from trackbench.filters.base import InnovationFilter
 from trackbench.filters.particle_base import PFState, WeightedParticlesFilter
-from trackbench.models.base import DifferentiableSensor, Model, log_likelihood
+from trackbench.models.base import DifferentiableSensor, Model, Scene, log_likelihood
 from trackbench.registry import register
 
 
@@ -95,19 +95,28 @@ class EnsembleFilter(InnovationFilter[Ensemble]):
 @register("filters", "enkf")
 @dataclass(frozen=True, kw_only=True)
 class EnKF(EnsembleFilter):
-    """Ensemble Kalman filter with perturbed measurements.
+    """Ensemble Kalman filter with perturbed measurements, or the ensemble transform filter.
 
     Evensen 1994; Burgers, van Leeuwen & Evensen 1998. The gain comes from the members' covariances,
-    without a linearization of motion or sensor.
+    without a linearization of motion or sensor. The transform (Bishop, Etherton & Majumdar 2001; Hunt,
+    Kostelich & Szunyogh 2007) gives the members the exact covariance of the update.
     """
 
+    form: Literal["perturbed", "etkf"] = "perturbed"
+    """measurement errors drawn for each member, or the ensemble transform by a symmetric root"""
+    rotation: bool = False
+    """rotate the transformed deviations at random about their mean (Sakov & Oke 2008)"""
     centered: bool = False
     """draw measurement errors whose mean over the members is zero, which helps small ensembles"""
     inflation: Annotated[float, Ge(1), Interval(lt=float("inf"))] = 1.0
     """factor on the members' deviations from their mean after each update"""
 
+    def idle_keys(self, scenario: Scene) -> dict[str, str]:
+        """Return the key of the other form."""
+        return {"rotation" if self.form == "perturbed" else "centered": f"with `form: {self.form}`"}
+
     def step(self, model: Model, state: Ensemble, z: Array, k: int, rng: Generator) -> Ensemble:
-        """Move every member, and correct it by a measurement with an error drawn for it."""
+        """Move every member, and correct it by the gain of the members' covariances."""
         # Step 1: move the members.
         x = model.motion.transition(state.x, k).sample(rng)
         # Step 2: predicted measurements, as innovations about one point: angles are averaged away from
@@ -126,19 +135,71 @@ class EnKF(EnsembleFilter):
         )
         note("covariances", S, components=2)
         K = linalg.matmul(linalg.transpose(C), linalg.inverse(S))
-        # Step 4: x_i + K (z + e_i - z_i), e_i ~ N(0, R).
-        error = Gaussian(np.zeros_like(nu), R).sample(rng, self.N)
-        if self.centered:
-            # Without their mean the errors have (N - 1) / N of the variance.
-            error = np.sqrt(self.N / (self.N - 1)) * (error - mean(error)[..., None])
-        each = np.where(missing, 0.0, nu)[..., None] - dz + error
-        x = x + linalg.matvec(K[..., None], each)
+        # Step 4: correct the members.
+        if self.form == "etkf":
+            R = kalman.drop_missing_cov(R, missing)
+            dx = _transformed(dx, np.where(missing[..., None], 0.0, dz), S, R)
+            dx = _rotated(dx, rng) if self.rotation else dx
+            x = (mean(x) + linalg.matvec(K, np.where(missing, 0.0, nu)))[..., None] + dx
+        else:
+            x = self._perturbed(x, dz, np.where(missing, 0.0, nu), K, R, rng)
         # Step 5: widen the ensemble about its mean.
         if self.inflation != 1.0:
             m = mean(x)[..., None]
             x = m + self.inflation * (x - m)
         innovation = Innovation(nu, S)
         return Ensemble(x, innovation.nis, innovation)
+
+    def _perturbed(
+        self, x: Array, dz: Array, nu: Array, K: Array, R: Array, rng: Generator
+    ) -> Array:
+        """Return x_i + K (z + e_i - z_i), e_i ~ N(0, R)."""
+        error = Gaussian(np.zeros_like(nu), R).sample(rng, self.N)
+        if self.centered:
+            # Without their mean the errors have (N - 1) / N of the variance.
+            error = np.sqrt(self.N / (self.N - 1)) * (error - mean(error)[..., None])
+        each = nu[..., None] - dz + error
+        return x + linalg.matvec(K[..., None], each)
+
+
+def _transformed(dx: Array, dz: Array, S: Array, R: Array) -> Array:
+    """Return the deviations dx T, T = (I + dz' R^-1 dz / (N - 1))^-1/2 the symmetric root."""
+    # With S = L L' and W = L^-1 dz / sqrt(N - 1) it is T = (I - W' W)^1/2 = I - W' (I + E^1/2)^-1 W,
+    # E = I - W W' = L^-1 R L'^-1 = V diag(w) V'.
+    L = linalg.cholesky(S)
+    E = linalg.solve_lower(L[:, :, None], R)
+    E = linalg.symmetrize(linalg.solve_lower(L[:, :, None], linalg.transpose(E)))
+    w, V = linalg.eigen(E)
+    G = linalg.matmul(V / (1.0 + np.sqrt(np.maximum(w, 0.0))), linalg.transpose(V))
+    whitened = linalg.solve_lower(L[..., None], dz)
+    gain = linalg.matmul(_cross_cov(dx, whitened), G)
+    return dx - linalg.matvec(gain[..., None], whitened)
+
+
+def _rotated(dx: Array, rng: Generator) -> Array:
+    """Return deviations dx (n, M, N) of mean zero times a random orthogonal matrix that keeps it.
+
+    The matrix is uniform: a product of reflections (Stewart 1980) in the space of mean zero.
+    """
+    runs, N = dx.shape[1:]
+    # Step 1: y = dx B, B the reflection with B e_1 = (1, ..., 1) / sqrt(N): y_1 is the mean.
+    to_mean = np.full(N, 1.0 / np.sqrt(N))
+    to_mean[0] -= 1.0
+    y = _reflected(dx, to_mean)
+    # Step 2: from each axis on, the reflection that maps it to a normal vector's direction.
+    for i in range(1, N):
+        v = rng.standard_normal((runs, N - i))
+        sign = np.where(v[:, 0] < 0.0, -1.0, 1.0)
+        v[:, 0] += sign * np.sqrt(dot(v, v))
+        y[..., i:] = _reflected(y[..., i:], v)
+        y[..., i] *= -sign
+    # Step 3: back to the members.
+    return _reflected(y, to_mean)
+
+
+def _reflected(y: Array, v: Array) -> Array:
+    """Return ``y (I - 2 v v' / v'v)`` for rows y (n, M, m) and v (m,) or (M, m)."""
+    return y - (2.0 * dot(y, v) / dot(v, v))[..., None] * v
 
 
 @register("filters", "edh")

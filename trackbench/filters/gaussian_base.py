@@ -2,14 +2,21 @@
 
 from dataclasses import dataclass
 from functools import cache
-from typing import ClassVar, NamedTuple
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
+from annotated_types import Ge, Interval
 from numpy.random import Generator
 
 from trackbench.core.arrays import Array, Mask, fixed
 from trackbench.core.conversions import Conversion
-from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
+from trackbench.core.distributions import (
+    Distribution,
+    Gaussian,
+    from_root,
+    per_run_moments,
+    root_of,
+)
 from trackbench.core.kalman import Innovation, Updated
 from trackbench.core.smoothing import Transition, smooth
 from trackbench.field_types import Count, NonNegative, OpenShare, Positive
@@ -54,6 +61,12 @@ class GaussianFilter(InnovationFilter[Tracked]):
     smooth: bool | FixedLag = False
     """estimate each step from all measurements of the run, or from so many later ones: {lag: 5}"""
 
+    fading: Annotated[float, Ge(1), Interval(lt=float("inf"))] = 1.0
+    """factor of a fading memory, ``a^2 F P F' + Q`` (Anderson & Moore 1979; Simon 2006, section 7.4)"""
+
+    form: Literal["covariance", "square-root"] = "covariance"
+    """recursion of covariances, or of their triangular factors, which has twice the digits"""
+
     summed_diagnostics: ClassVar[frozenset[str]] = frozenset({"gated"})
     deterministic: ClassVar[bool] = True
 
@@ -71,7 +84,8 @@ class GaussianFilter(InnovationFilter[Tracked]):
 
     def step(self, model: Model, state: Tracked, z: Array, k: int, rng: Generator) -> Tracked:
         """Predict and update; predict only where the gate refuses the measurement."""
-        posterior, innovation = self.update(model, state.posterior, z, k)
+        before = self.prepared(state.posterior)
+        posterior, innovation = self.update(model, before, z, k)
         nis = innovation.nis
         if self.gate is None:
             return Tracked(posterior, nis, innovation)
@@ -80,8 +94,16 @@ class GaussianFilter(InnovationFilter[Tracked]):
         gated = nis > _gate_limits(self.gate, len(z))[measured_components]
         # Update again with the refused measurements as missing: predict only.
         if gated.any():
-            posterior, _ = self.update(model, state.posterior, np.where(gated, np.nan, z), k)
+            posterior, _ = self.update(model, before, np.where(gated, np.nan, z), k)
         return Tracked(posterior, nis, innovation, gated)
+
+    def prepared(self, state: Gaussian) -> Gaussian:
+        """Return a posterior as the next prediction takes it: N(m, a^2 P), with its factor if needed."""
+        if self.form == "square-root":
+            return from_root(state.mean, self.fading * root_of(state))
+        if self.fading == 1.0:
+            return state
+        return Gaussian(state.mean, self.fading * self.fading * state.cov)
 
     def estimate(self, state: Tracked) -> Gaussian:
         """Return the posterior."""
@@ -95,7 +117,12 @@ class GaussianFilter(InnovationFilter[Tracked]):
     def smoothed(self, model: Model, states: list[Tracked], k: int) -> list[Gaussian]:
         """Return the estimates of every step by the Rauch-Tung-Striebel recursion."""
         posteriors = [per_run_moments(state.posterior) for state in states]
-        transitions = [self.transition(model, x, k + 1 + i) for i, x in enumerate(posteriors[:-1])]
+        transitions = [
+            # cov(x', f(x')) of the faded x' ~ N(m, a^2 P) is a^2 cov(x, f(x')).
+            Transition(step.predicted, step.cross / (self.fading * self.fading))
+            for i, x in enumerate(posteriors[:-1])
+            for step in [self.transition(model, self.prepared(x), k + 1 + i)]
+        ]
         lag = self.smooth.lag if isinstance(self.smooth, FixedLag) else None
         return smooth(posteriors, transitions, lag)
 

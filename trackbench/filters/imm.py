@@ -122,7 +122,7 @@ class IMM(JumpMarkov[ModelBank]):
             ]
             # Step 3: filter with model j.
             mixed = combine(filled, mixing[:, j], self._without_spread(names, j))
-            posterior, innovation = self.filter.update(model_j, mixed, z, k)
+            posterior, innovation = self.filter.update(model_j, self.filter.prepared(mixed), z, k)
             states.append(posterior)
             innovations.append(innovation)
         # Step 4: weights mu_j ~ c_j N(nu_j; 0, S_j).

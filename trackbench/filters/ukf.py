@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
+import numpy as np
 from annotated_types import Interval
 
 from trackbench.core.arrays import Array
@@ -16,6 +17,7 @@ from trackbench.filters.gaussian_base import MAX_ORDER, NonlinearFilter
 from trackbench.models.base import Model, Scene
 from trackbench.models.gaussian_steps import (
     additive_step,
+    augmented_size,
     augmented_step,
     point_transition,
     spread_conflicts,
@@ -67,9 +69,15 @@ class UKF(SigmaPointFilter):
     presets: ClassVar[dict[str, dict[str, object]]] = {"merwe-demo": MERWE_DEMO}
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Return also sigma points without spread."""
-        spread = spread_conflicts(self.alpha, self.kappa, scenario.model, self.augmented)
-        return super().conflicts(scenario) | spread
+        """Return also sigma points without spread, and a square root of a negative weight."""
+        out = super().conflicts(scenario)
+        out |= spread_conflicts(self.alpha, self.kappa, scenario.model, self.augmented)
+        if self.form == "square-root" and not out:
+            n_x = len(scenario.model.motion.components)
+            n = augmented_size(scenario.model) if self.augmented else n_x
+            if self.rule.points(Gaussian(np.zeros(n), np.eye(n))).cov_weights[0] < 0.0:
+                out["form"] = "square-root needs a center weight >= 0; enlarge kappa or beta"
+        return out
 
     def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
         """Predict and update by sigma points."""

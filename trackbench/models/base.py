@@ -31,6 +31,7 @@ UNSUPPORTED_KEYS = (
 )
 """Keys of models that do not exist, with the reason."""
 _STEP = 1e-6  # of central differences, relative to a component or to its unit if that is larger
+_SECOND_STEP = 1e-4  # of differences of Jacobians, which may have errors of 1e-10 by differences
 
 
 def position_velocity_names(axes: int) -> tuple[str, ...]:
@@ -60,6 +61,7 @@ def central_differences(
     function: Callable[[Array], Array],
     x: Array,
     difference: Callable[[Array, Array], Array] = np.subtract,
+    step: float = _STEP,
 ) -> Array:
     """Return the derivatives (m, n, *batch) of a function of states x (n, *batch), values (m, *batch).
 
@@ -68,12 +70,23 @@ def central_differences(
     columns = []
     for i, value in enumerate(x):
         # df/dx_i = (f(x + h e_i) - f(x - h e_i)) / (2 h)
-        h = _STEP * np.maximum(np.abs(value), 1.0)
+        h = step * np.maximum(np.abs(value), 1.0)
         ahead, behind = x.copy(), x.copy()
         ahead[i] += h
         behind[i] -= h
         columns.append(difference(function(ahead), function(behind)) / (2.0 * h))
     return np.stack(columns, axis=1)
+
+
+def hessian_by_differences(jacobian: Callable[[Array, int], Array], x: Array, k: int) -> Array:
+    """Return the second derivatives (m, n, n, *batch) at x by differences of a Jacobian at step k."""
+    J = jacobian(x, k)
+    if J.ndim == 2:  # constant
+        return np.zeros((*J.shape, len(x)))
+    rows = central_differences(
+        lambda states: jacobian(states, k).reshape(-1, *x.shape[1:]), x, step=_SECOND_STEP
+    )
+    return rows.reshape(*J.shape[:2], *x.shape)
 
 
 class SampledMotion(Protocol):
@@ -175,6 +188,14 @@ class DifferentiableSensor(Sensor, Protocol):
 
     def jacobian(self, x: Array, k: int) -> Array:
         """Return d E[z_k] / d x_k at x (n_x, *batch); (n_z, n_x[, *batch])."""
+
+
+@runtime_checkable
+class TwiceDifferentiable(Protocol):
+    """A motion or sensor with second derivatives in closed form."""
+
+    def hessian(self, x: Array, k: int) -> Array:
+        """Return the second derivatives of the mean (m, n_x, n_x[, *batch]) at x (n_x, *batch)."""
 
 
 Differentiable: TypeAlias = tuple[DifferentiableMotion, DifferentiableSensor]

@@ -2,6 +2,7 @@
 
 import keyword
 from collections.abc import Iterable, Mapping, Sequence
+from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
@@ -93,11 +94,6 @@ class Equations:
         """Return expressions (n,) as a function of x and the scalars."""
         return ArrayProgram(self, nodes, (len(nodes),))
 
-    def jacobian(self, nodes: Sequence[Node]) -> "ArrayProgram":
-        """Return the derivatives (n, n_x) of expressions (n,) by the components."""
-        slopes = [derivative(node, name) for node in nodes for name in self.components]
-        return ArrayProgram(self, slopes, (len(nodes), len(self.components)))
-
     def covariance(
         self, given: Covariance, components: Sequence[str], *path: str | int
     ) -> "ArrayProgram":
@@ -156,7 +152,7 @@ class ArrayProgram:
     """Expressions that fill an array (*shape, *batch) for states x (n_x, *batch)."""
 
     def __init__(self, equations: Equations, nodes: Sequence[Node], shape: tuple[int, ...]) -> None:
-        self.shape = shape
+        self.shape, self._equations, self._nodes = shape, equations, nodes
         self.constant: Array | None = None
         if all(map(is_constant, nodes)):
             self.constant = fixed(np.array([node.value for node in nodes]).reshape(shape))
@@ -181,6 +177,13 @@ class ArrayProgram:
             ):
                 out[i] = computed
         return out.reshape(*self.shape, *batch)
+
+    @cached_property
+    def jacobian(self) -> "ArrayProgram":
+        """Return the derivatives (*shape, n_x) by the components."""
+        names = self._equations.components
+        slopes = [derivative(node, name) for node in self._nodes for name in names]
+        return ArrayProgram(self._equations, slopes, (*self.shape, len(names)))
 
     def uses(self, name: str) -> bool:
         """Return whether a value depends on a variable."""

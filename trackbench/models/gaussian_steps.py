@@ -8,9 +8,9 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from trackbench.core import kalman, linalg
-from trackbench.core.arrays import Array, with_trailing
+from trackbench.core.arrays import Array, with_axes_of, with_trailing
 from trackbench.core.counting import note
-from trackbench.core.distributions import Gaussian, per_run_moments
+from trackbench.core.distributions import Factored, Gaussian, from_root, per_run_moments, root_of
 from trackbench.core.kalman import Innovation, Updated
 from trackbench.core.smoothing import Transition
 from trackbench.core.unscented import PointRule, SigmaPoints, Unscented
@@ -20,6 +20,8 @@ from trackbench.models.base import (
     Model,
     NormalMotion,
     Scene,
+    TwiceDifferentiable,
+    hessian_by_differences,
 )
 
 
@@ -63,29 +65,59 @@ def _assumed_cov(variance: float | None, cov: Array) -> Array:
     return cov if variance is None else variance * np.eye(cov.shape[0])
 
 
-def extended_prediction(model: Model, state: Gaussian, k: int, assumed: AssumedNoise) -> Gaussian:
-    """Return the prediction of x_k, with the motion linearized at the mean."""
+def _with_curvature(
+    linear: Gaussian, part: DifferentiableMotion | DifferentiableSensor, at: Gaussian, k: int
+) -> Gaussian:
+    """Add the second-order terms of a function of ``at`` to mean and noise covariance.
+
+    They are ``tr(H_i P) / 2`` and ``tr(H_i P H_j P) / 2`` (Bar-Shalom, Li & Kirubarajan 2001, section
+    10.3.2), with the Hessian H_i of component i.
+    """
+    if isinstance(part, TwiceDifferentiable):
+        hessian = part.hessian(at.mean, k)
+    else:
+        hessian = hessian_by_differences(part.jacobian, at.mean, k)
+    HP = [linalg.matmul(H_i, at.cov) for H_i in hessian]
+    bias = 0.5 * np.stack([linalg.trace(A) for A in HP])
+    cov = 0.5 * np.stack([np.stack([linalg.trace(linalg.matmul(A, B)) for B in HP]) for A in HP])
+    cov = linalg.symmetrize(cov)
+    return Gaussian(
+        linear.mean + with_axes_of(linear.mean, bias),
+        with_axes_of(cov, linear.cov) + with_axes_of(linear.cov, cov),
+    )
+
+
+def extended_prediction(
+    model: Model, state: Gaussian, k: int, assumed: AssumedNoise, order: int = 1
+) -> Gaussian:
+    """Return the prediction of x_k, with the motion expanded at the mean to first or second order."""
     # A cast, because isinstance of a Protocol at every step takes as long as the step.
     motion = cast(DifferentiableMotion, model.motion)
     transition = assumed.transition(model, state.mean, k)
+    if order == 2:
+        transition = _with_curvature(transition, motion, state, k)
     return kalman.predict(state, motion.jacobian(state.mean, k), transition.cov, transition.mean)
 
 
-def extended_transition(model: Model, state: Gaussian, k: int, assumed: AssumedNoise) -> Transition:
-    """Return the prediction of x_k and its covariance with x_{k-1}, P F', linearized at the mean."""
+def extended_transition(
+    model: Model, state: Gaussian, k: int, assumed: AssumedNoise, order: int = 1
+) -> Transition:
+    """Return the prediction of x_k and its covariance with x_{k-1}, P F', by derivatives at the mean."""
     F = cast(DifferentiableMotion, model.motion).jacobian(state.mean, k)
     # cov(x_{k-1}, x_k) = P F'
     cross = linalg.matmul(state.cov, linalg.transpose(F))
-    return Transition(extended_prediction(model, state, k, assumed), cross)
+    return Transition(extended_prediction(model, state, k, assumed, order), cross)
 
 
 def extended_step(
-    model: Model, state: Gaussian, z: Array, k: int, assumed: AssumedNoise
+    model: Model, state: Gaussian, z: Array, k: int, assumed: AssumedNoise, order: int = 1
 ) -> Updated:
-    """Predict to k and update with z (n_z, M), linearized at the mean and at the prediction."""
+    """Predict to k and update with z (n_z, M), expanded at the mean and at the prediction."""
     sensor = cast(DifferentiableSensor, model.sensor)
-    predicted = extended_prediction(model, state, k, assumed)
+    predicted = extended_prediction(model, state, k, assumed, order)
     measurement = assumed.measurement(model, predicted.mean, k)
+    if order == 2:
+        measurement = _with_curvature(measurement, sensor, predicted, k)
     # nu = z - h(m^-)
     nu = sensor.innovation(with_trailing(z, measurement.mean.ndim - 1), measurement.mean)
     return kalman.update(predicted, nu, sensor.jacobian(predicted.mean, k), measurement.cov)
@@ -122,21 +154,22 @@ def augmented_step(
     transition = assumed.transition(model, state.mean, k)
     R = assumed.measurement(model, transition.mean, k).cov
     augmented = _augment(state, transition.cov, R)
-    points = rule.points(augmented.mean, augmented.cov)
+    points = rule.points(augmented)
     x, v, n = points.x[:n_x], points.x[n_x : 2 * n_x], points.x[2 * n_x :]
     # Step 2: predict each point, f(x) + v; condition on z = h(f(x) + v) + n.
     predicted = assumed.transition(model, x, k).mean + v
-    return _condition(model, points, predicted, points.moments(predicted), z, k, n, None)
+    moments = points.moments(predicted, roots=isinstance(state, Factored))
+    return _condition(model, points, predicted, moments, z, k, n, None)
 
 
 def point_prediction(
     model: Model, state: Gaussian, k: int, assumed: AssumedNoise, rule: PointRule
 ) -> Gaussian:
     """Return the prediction of x_k by points of the state, plus the covariance Q of the noise."""
-    points = rule.points(state.mean, state.cov)
+    points = rule.points(state)
     Q = assumed.transition(model, state.mean, k).cov
-    moments = points.moments(assumed.transition(model, points.x, k).mean)
-    return Gaussian(moments.mean, moments.cov + with_trailing(Q, state.mean.ndim - 1, leading=2))
+    moved = assumed.transition(model, points.x, k).mean
+    return points.moments(moved, Q, isinstance(state, Factored))
 
 
 def point_transition(
@@ -152,18 +185,16 @@ def point_transition(
         R = assumed.measurement(model, state.mean, k).cov
         # Points of state and noises (x, v, n): the process noise moves the points.
         joint = _augment(state, Q, R)
-        points = rule.points(joint.mean, joint.cov)
+        points = rule.points(joint)
         x = points.x[:n_x]
         moved = assumed.transition(model, x, k).mean + points.x[n_x : 2 * n_x]
         predicted = points.moments(moved)
     else:
         # Points of the state alone: Q is added to their covariance.
-        points = rule.points(state.mean, state.cov)
+        points = rule.points(state)
         x = points.x
         moved = assumed.transition(model, x, k).mean
-        moments = points.moments(moved)
-        Q = with_trailing(Q, state.mean.ndim - 1, leading=2)
-        predicted = Gaussian(moments.mean, moments.cov + Q)
+        predicted = points.moments(moved, Q)
     # C = sum w (x - m)(f(x) - m_pred)'
     cross = points.cross(x - state.mean[:, None], moved - predicted.mean[:, None])
     return Transition(predicted, cross)
@@ -184,7 +215,7 @@ def _additive_update(
     model: Model, predicted: Gaussian, z: Array, k: int, assumed: AssumedNoise, rule: PointRule
 ) -> Updated:
     # New points of the prediction; R is added to the covariance of their measurements.
-    points = rule.points(predicted.mean, predicted.cov)
+    points = rule.points(predicted)
     R = assumed.measurement(model, predicted.mean, k).cov
     R = with_trailing(R, predicted.mean.ndim - 1, leading=2)
     return _condition(model, points, points.x, predicted, z, k, None, R)
@@ -228,6 +259,13 @@ def _condition(
     if missing.any():
         rows, S = kalman.drop_missing(linalg.transpose(C), S, missing)
         C = linalg.transpose(rows)
+    if isinstance(predicted, Factored):
+        noise = np.zeros(S.shape[:2]) if R is None else R
+        noise, dz = kalman.drop_missing_cov(noise, missing), np.where(missing[:, None], 0.0, dz)
+        known = np.where(missing, 0.0, nu)
+        D = points.columns(dx), points.columns(dz)
+        posterior, root = kalman.update_roots(predicted.mean, known, *D, noise)
+        return posterior, Innovation(nu, S, root=root)
     # Step 4: K = C S^-1, m + K nu, P - K S K'.
     note("covariances", S, components=2)
     K = linalg.matmul(C, linalg.inverse(S))
@@ -236,13 +274,15 @@ def _condition(
 
 
 def _augment(state: Gaussian, Q: Array, R: Array) -> Gaussian:
-    n_x, n_v, n_n = state.mean.shape[0], Q.shape[0], R.shape[0]
-    n, batch = n_x + n_v + n_n, state.mean.shape[1:]
+    roots = isinstance(state, Factored)
+    blocks = (root_of(state), linalg.root(Q), linalg.root(R)) if roots else (state.cov, Q, R)
+    n, batch = sum(map(len, blocks)), state.mean.shape[1:]
     mean = np.zeros((n, *batch))
     cov = np.zeros((n, n, *batch))
-    mean[:n_x] = state.mean
-    # P = [P 0 0; 0 Q 0; 0 0 R]
-    cov[:n_x, :n_x] = with_trailing(state.cov, len(batch), leading=2)
-    cov[n_x : n_x + n_v, n_x : n_x + n_v] = with_trailing(Q, len(batch), leading=2)
-    cov[n_x + n_v :, n_x + n_v :] = with_trailing(R, len(batch), leading=2)
-    return Gaussian(mean, cov)
+    mean[: len(state.mean)] = state.mean
+    # P = [P 0 0; 0 Q 0; 0 0 R], or its root
+    end = 0
+    for block in blocks:
+        part = slice(end, end := end + len(block))
+        cov[part, part] = with_trailing(block, len(batch), leading=2)
+    return from_root(mean, cov) if roots else Gaussian(mean, cov)

@@ -11,7 +11,12 @@ from trackbench.core import linalg
 from trackbench.core.arrays import Array, fixed, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.field_types import Count, Finite, InvalidKeyError, freeze_mappings
-from trackbench.models.base import Motion, SampledMotion, central_differences
+from trackbench.models.base import (
+    Motion,
+    SampledMotion,
+    central_differences,
+    hessian_by_differences,
+)
 from trackbench.models.equations import ArrayProgram, Covariance, Equations, Term
 from trackbench.models.motions.kinematic import Linear
 from trackbench.registry import register
@@ -57,9 +62,8 @@ class EquationMotion(Motion):
         for name in self.components:
             if name not in terms:
                 raise InvalidKeyError(f"there is no expression for {name!r}", key)
-        nodes = [equations.parse(terms[name], key, name) for name in self.components]
-        Q = equations.covariance(self.Q, self.components, "Q")
-        return equations.vector(nodes), equations.jacobian(nodes), Q
+        f = equations.vector([equations.parse(terms[name], key, name) for name in self.components])
+        return f, f.jacobian, equations.covariance(self.Q, self.components, "Q")
 
     @property
     def uses_time(self) -> bool:
@@ -94,6 +98,18 @@ class Step:
     def jacobian(self, x: Array, k: int) -> Array:
         """Return the derivative (n, n[, *batch]) at x (n, *batch)."""
         return self.J(x, k, k * self.T)
+
+    def hessian(self, x: Array, k: int) -> Array:
+        """Return the second derivatives (n, n, n, *batch) at x (n, *batch), by differences."""
+        return hessian_by_differences(self.jacobian, x, k)
+
+
+class MapStep(Step):
+    """A step by a map whose second derivatives are expressions."""
+
+    def hessian(self, x: Array, k: int) -> Array:
+        """Return the second derivatives (n, n, n[, *batch]) at x (n, *batch)."""
+        return self.J.jacobian(x, k, k * self.T)
 
 
 class RungeKuttaStep(Step):
@@ -150,39 +166,42 @@ def sum_of_slopes(k1: Array, k2: Array, k3: Array, k4: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class AdditiveNoise:
-    """Motion over T seconds with noise N(0, Q), Q (n, n)."""
+class SteppedMotion:
+    """Base of a motion over T seconds: a step without noise and its derivatives."""
 
     components: tuple[str, ...]
     T: float
     step: Step
+
+    def jacobian(self, x: Array, k: int) -> Array:
+        """Return df/dx (n, n[, *batch])."""
+        return self.step.jacobian(x, k)
+
+    def hessian(self, x: Array, k: int) -> Array:
+        """Return the second derivatives of f (n, n, n[, *batch])."""
+        return self.step.hessian(x, k)
+
+
+@dataclass(frozen=True, eq=False)
+class AdditiveNoise(SteppedMotion):
+    """Motion over T seconds with noise N(0, Q), Q (n, n)."""
+
     Q: Array
 
     def transition(self, x: Array, k: int) -> Gaussian:
         """Return N(f(x, k), Q) for x (n, *batch)."""
         return Gaussian(self.step(x, k), self.Q)
 
-    def jacobian(self, x: Array, k: int) -> Array:
-        """Return df/dx (n, n[, *batch])."""
-        return self.step.jacobian(x, k)
-
 
 @dataclass(frozen=True, eq=False)
-class StateNoise:
+class StateNoise(SteppedMotion):
     """Motion over T seconds whose noise N(0, Q(x)) depends on the state before the step."""
 
-    components: tuple[str, ...]
-    T: float
-    step: Step
     cov: ArrayProgram
 
     def transition(self, x: Array, k: int) -> Gaussian:
         """Return N(f(x, k), Q(x, k)) for x (n, *batch)."""
         return Gaussian(self.step(x, k), self.cov(x, k, k * self.T))
-
-    def jacobian(self, x: Array, k: int) -> Array:
-        """Return df/dx (n, n[, *batch])."""
-        return self.step.jacobian(x, k)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -262,7 +281,7 @@ class MapMotion(EquationMotion):
         return super().sampled(T, axes)
 
     def _step(self, T: float, f: ArrayProgram, jacobian: ArrayProgram) -> Step:
-        return Step(T, f, jacobian)
+        return MapStep(T, f, jacobian)
 
 
 @register("motions", "ode")

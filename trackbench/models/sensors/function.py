@@ -116,9 +116,9 @@ class FunctionSensor(SensorBase):
     def _programs(self) -> tuple[ArrayProgram, ArrayProgram, ArrayProgram]:
         """Return h (n_z,), its Jacobian (n_z, n_x) and R (n_z, n_z); raises InvalidKeyError."""
         equations = Equations(self.state, ("k",), self.parameters, self.where)
-        nodes = [equations.parse(term, "h", name) for name, term in self.h.items()]
+        h = equations.vector([equations.parse(term, "h", name) for name, term in self.h.items()])
         R = equations.covariance(1.0 if self.R is None else self.R, self.components, "R")
-        return equations.vector(nodes), equations.jacobian(nodes), R
+        return h, h.jacobian, R
 
     def measurement(self, x: Array, k: int) -> Gaussian:
         """Return N(h(x, k), R) for x (n_x, *batch), of which the first components are the state's.
@@ -202,6 +202,12 @@ class FunctionSensor(SensorBase):
         # Columns of zeros for the further components of a filter's state.
         padding = [(0, 0), (0, len(x) - len(self.state)), *[(0, 0)] * (H.ndim - 2)]
         return np.pad(H, padding)
+
+    def hessian(self, x: Array, k: int) -> Array:
+        """Return the second derivatives of h (n_z, n_x, n_x[, *batch]), padded as `jacobian`."""
+        second = self._programs[1].jacobian(x[: len(self.state)], k)
+        more = (0, len(x) - len(self.state))
+        return np.pad(second, [(0, 0), more, more, *[(0, 0)] * (second.ndim - 3)])
 
     @property
     def H(self) -> "Constant":
