@@ -14,9 +14,11 @@ from trackbench.core.distributions import Distribution, Gaussian, draw_covering
 from trackbench.core.kalman import Innovation
 from trackbench.core.particles import Evidence, Particles, equal_weights
 from trackbench.core.posterior_scores import ParticlePosterior, Posterior
+from trackbench.core.smoothing import Transition, backwards
 from trackbench.core.sums import dot, mean
 from trackbench.filters.base import InnovationFilter
 from trackbench.filters.particle_base import PFState, WeightedParticlesFilter
+from trackbench.filters.smoother_base import FixedLag, SmoothingFilter
 from trackbench.models.base import DifferentiableSensor, Model, log_likelihood
 from trackbench.registry import register
 
@@ -67,6 +69,8 @@ class Ensemble(NamedTuple):
     x: Array
     nis: Array
     innovation: Innovation | None = None
+    predicted: Array | None = None
+    """members before the last measurement, for a smoother"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,22 +98,24 @@ class EnsembleFilter(InnovationFilter[Ensemble]):
 
 @register("filters", "enkf")
 @dataclass(frozen=True, kw_only=True)
-class EnKF(EnsembleFilter):
+class EnKF(SmoothingFilter[Ensemble], EnsembleFilter):
     """Ensemble Kalman filter with perturbed measurements.
 
     Evensen 1994; Burgers, van Leeuwen & Evensen 1998. The gain comes from the members' covariances,
-    without a linearization of motion or sensor.
+    without a linearization of motion or sensor. The smoother is the ensemble RTS smoother.
     """
 
     centered: bool = False
     """draw measurement errors whose mean over the members is zero, which helps small ensembles"""
     inflation: Annotated[float, Ge(1), Interval(lt=float("inf"))] = 1.0
     """factor on the members' deviations from their mean after each update"""
+    smooth: bool | FixedLag = False
+    """estimate each step from all measurements of the run, or from so many later ones: {lag: 5}"""
 
     def step(self, model: Model, state: Ensemble, z: Array, k: int, rng: Generator) -> Ensemble:
         """Move every member, and correct it by a measurement with an error drawn for it."""
         # Step 1: move the members.
-        x = model.motion.transition(state.x, k).sample(rng)
+        x = moved = model.motion.transition(state.x, k).sample(rng)
         # Step 2: predicted measurements, as innovations about one point: angles are averaged away from
         # their cut.
         center = model.sensor.measurement(mean(x), k)
@@ -138,7 +144,29 @@ class EnKF(EnsembleFilter):
             m = mean(x)[..., None]
             x = m + self.inflation * (x - m)
         innovation = Innovation(nu, S)
-        return Ensemble(x, innovation.nis, innovation)
+        return Ensemble(x, innovation.nis, innovation, moved)
+
+    def smoothed(
+        self, model: Model, states: list[Ensemble], k: int, rng: Generator
+    ) -> list[Ensemble]:
+        """Return members of every step by the ensemble RTS smoother (Raanes 2016)."""
+
+        def one_back(i: int, later: Array) -> Array:
+            x, predicted = states[i].x, states[i + 1].predicted
+            assert predicted is not None
+            dx, dp = x - mean(x)[..., None], predicted - mean(predicted)[..., None]
+            # G = C P_pred^-1 of the members; x_i + G (x_later_i - x_pred_i)
+            P = Gaussian(mean(predicted), _cross_cov(dp, dp))
+            G = Transition(P, _cross_cov(dx, dp)).gain
+            return x + linalg.matvec(G[..., None], later - predicted)
+
+        smoothed = backwards([state.x for state in states], one_back, self.lag)
+        return [s._replace(x=x) for s, x in zip(states, smoothed, strict=True)]
+
+    def smoother_memory(self, model: Model, steps: int) -> int:
+        """Return the members of all steps: filtered, predicted and smoothed."""
+        n = len(model.motion.components)
+        return steps * (3 * n * self.N + 5 * n * (n + 1))
 
 
 @register("filters", "edh")

@@ -6,8 +6,9 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 import numpy as np
 from numpy.random import Generator
 
+from trackbench.core import linalg
 from trackbench.core.arrays import Array, Index
-from trackbench.core.distributions import Distribution, Gaussian
+from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.kalman import Innovation
 from trackbench.core.mixtures import (
     combine,
@@ -17,11 +18,13 @@ from trackbench.core.mixtures import (
     predict_weights,
     update_weights,
 )
+from trackbench.core.smoothing import Transition, backwards, smooth_step
 from trackbench.core.sums import total
 from trackbench.field_types import InvalidKeyError, Registered
 from trackbench.filters.ekf import EKF
 from trackbench.filters.gaussian_base import GaussianFilter
 from trackbench.filters.jump_markov import JumpMarkov, shared_components
+from trackbench.filters.smoother_base import FixedLag, SmoothingFilter
 from trackbench.models.base import Model, Scene, extra_std
 from trackbench.models.priors import augment_gaussian
 from trackbench.registry import register
@@ -46,10 +49,11 @@ class ModelBank(NamedTuple):
 
 @register("filters", "imm")
 @dataclass(frozen=True, kw_only=True)
-class IMM(JumpMarkov[ModelBank]):
+class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
     """Interacting multiple model filter (Blom & Bar-Shalom 1988).
 
-    The first motion is the quiescent one: ``mode`` reports the weight of all others.
+    The first motion is the quiescent one: ``mode`` reports the weight of all others. The smoother is
+    that of Kim 1994: a mode of step k depends on later measurements through the mode of step k + 1 only.
     """
 
     mixing: Literal["unbiased", "zero", "zero-mean"] = "unbiased"
@@ -58,6 +62,8 @@ class IMM(JumpMarkov[ModelBank]):
     filter: Annotated[GaussianFilter, Registered("filters")] = _EKF
     """filter of each model: ekf, ukf, {kind: cmkf, conversion: mucm}; for a linear model ekf is the
     Kalman filter"""
+    smooth: bool | FixedLag = False
+    """estimate each step from all measurements of the run, or from so many later ones: {lag: 5}"""
     contract_exemptions: ClassVar[dict[str, str]] = {"kalman": "has motions of its own"}
     diagnostic_names = frozenset({"nis", "mode"})
 
@@ -70,7 +76,7 @@ class IMM(JumpMarkov[ModelBank]):
                 "must be left out: the models of an IMM use every measurement", "filter", "gate"
             )
         if self.filter.smooths:
-            what = "must be left out: an IMM has no smoother here"
+            what = "must be left out: set `smooth` beside `filter`"
             raise InvalidKeyError(what, "filter", "smooth")
 
     @property
@@ -137,6 +143,55 @@ class IMM(JumpMarkov[ModelBank]):
         return ModelBank(
             tuple(states), weights, mean_nis, state.reported, tuple(innovations), predicted
         )
+
+    def smoothed(
+        self, model: Model, states: list[ModelBank], k: int, rng: Generator
+    ) -> list[ModelBank]:
+        """Return states and weights of the models at every step (Kim 1994)."""
+
+        def one_back(step: int, later: ModelBank) -> ModelBank:
+            bank = states[step]
+            # Step 1: Pr(i at k, j at k + 1 | all z) = mu_j|T p_ij mu_i / c_j, summed over j.
+            _, mixing = predict_weights(bank.weights, np.array(self.transition))
+            joint = mixing * later.weights
+            weights = total(joint.swapaxes(0, 1), axis=0)
+            smoothed = []
+            for i, (weight, row) in enumerate(zip(weights, self.transition, strict=True)):
+                # Step 2: smooth state i by each model j of the next step, and collapse over j.
+                by_next = self._one_back(self.models(model), bank, i, later, k + 1 + step)
+                prior = np.array(row)[:, None]
+                share = np.where(
+                    weight > 0.0, joint[i] / np.where(weight > 0.0, weight, 1.0), prior
+                )
+                smoothed.append(combine(by_next, share))
+            return bank._replace(states=tuple(smoothed), weights=weights)
+
+        return backwards(states, one_back, self.lag)
+
+    def _one_back(
+        self, models: list[Model], bank: ModelBank, i: int, later: ModelBank, k: int
+    ) -> list[Gaussian]:
+        """Return state i smoothed by the state of each model j at step k."""
+        state, out = per_run_moments(bank.states[i]), []
+        names = [m.motion.components for m in models]
+        for j, model_j in enumerate(models):
+            # Step 1: predict by model j from the state y in its components; G = cov(y, x_k) P^-1.
+            shared = common_components(names[i], names[j])
+            y = per_run_moments(pad(state, bank.states[j], shared, self.mixing == "unbiased"))
+            transition = self.filter.transition(model_j, y, k)
+            G = transition.gain
+            # Step 2: where the components differ, regress the state on y.
+            if names[i] != names[j]:
+                cross = np.zeros((len(state.mean), *y.cov.shape[1:]))
+                cross[:, list(shared[1])] = state.cov[:, list(shared[0])]
+                G = linalg.matmul(Transition(y, cross).gain, G)
+            out.append(smooth_step(state, transition.predicted, G, later.states[j]))
+        return out
+
+    def smoother_memory(self, model: Model, steps: int) -> int:
+        """Return the memory of a smoother per model."""
+        models = self.models(model)
+        return sum(self.filter.smoother_memory(each, steps) for each in models)
 
     def _without_spread(self, names: list[tuple[str, ...]], j: int) -> list[list[int]]:
         """Return the components of model j that each state lacks, if they enter without spread."""
