@@ -122,7 +122,7 @@ def test_the_last_steps_of_a_lag_are_those_of_all_measurements(tmp_path: Path) -
         (
             "{kind: imm, filter: {kind: ekf, smooth: true}, "
             "motions: [{kind: cv, q: 1}, {kind: cv, q: 9}], transition: [[0.9, 0.1], [0.1, 0.9]]}",
-            "set `smooth` beside `filter`",
+            "must stand beside `filter`",
         ),
     ],
 )

@@ -35,17 +35,9 @@ class Transition(NamedTuple):
 def backwards(
     filtered: Sequence[S], one_back: Callable[[int, S], S], lag: int | None = None
 ) -> list[S]:
-    """Return the smoothed state of every step.
+    """Return the smoothed state of every step, from all measurements or from ``lag`` later ones.
 
-    Parameters
-    ----------
-    filtered : sequence
-        State of every step given the measurements up to it.
-    one_back : callable
-        Function of k and of the state of step k + 1 given later measurements; it returns the state of
-        step k given the same measurements.
-    lag : int, optional
-        Number of later measurements that a state may use; default: all.
+    ``one_back(k, later)`` returns state k given the measurements that ``later``, of step k + 1, has used.
     """
     last = len(filtered) - 1
     if lag is None:

@@ -164,11 +164,9 @@ class Filter(Part, Generic[State]):
         return 0
 
     def smoother_memory(self, model: Model, steps: int) -> int:
-        """Return how many numbers per run a smoother stores: five Gaussians of each step."""
+        """Return how many numbers per run a smoother stores: per step five Gaussians, three clouds."""
         n = len(model.motion.components)
-        return (
-            steps * 5 * n * (n + 1)
-        )  # posterior, prediction, their covariance, smoothed, innovation
+        return steps * (5 * n * (n + 1) + 3 * (n + 1) * self.particle_count)
 
 
 AnyFilter = Filter[Any]

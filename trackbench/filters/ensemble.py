@@ -64,13 +64,12 @@ _GROWTH = 1.2  # of the steps in the flow's pseudo-time (Li & Coates 2017, secti
 
 
 class Ensemble(NamedTuple):
-    """Members x (n, M, N) of equal weight; NIS (M,) and innovation of the last measurement."""
+    """Members x (n, M, N) of equal weight, now and before the last measurement; its NIS, innovation."""
 
     x: Array
     nis: Array
     innovation: Innovation | None = None
     predicted: Array | None = None
-    """members before the last measurement, for a smoother"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,11 +161,6 @@ class EnKF(SmoothingFilter[Ensemble], EnsembleFilter):
 
         smoothed = backwards([state.x for state in states], one_back, self.lag)
         return [s._replace(x=x) for s, x in zip(states, smoothed, strict=True)]
-
-    def smoother_memory(self, model: Model, steps: int) -> int:
-        """Return the members of all steps: filtered, predicted and smoothed."""
-        n = len(model.motion.components)
-        return steps * (3 * n * self.N + 5 * n * (n + 1))
 
 
 @register("filters", "edh")

@@ -76,8 +76,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
                 "must be left out: the models of an IMM use every measurement", "filter", "gate"
             )
         if self.filter.smooths:
-            what = "must be left out: set `smooth` beside `filter`"
-            raise InvalidKeyError(what, "filter", "smooth")
+            raise InvalidKeyError("must stand beside `filter`, not in it", "filter", "smooth")
 
     @property
     def all_requirements(self) -> tuple[str, ...]:
@@ -156,14 +155,10 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
             joint = mixing * later.weights
             weights = total(joint.swapaxes(0, 1), axis=0)
             smoothed = []
-            for i, (weight, row) in enumerate(zip(weights, self.transition, strict=True)):
+            for i, weight in enumerate(weights):
                 # Step 2: smooth state i by each model j of the next step, and collapse over j.
                 by_next = self._one_back(self.models(model), bank, i, later, k + 1 + step)
-                prior = np.array(row)[:, None]
-                share = np.where(
-                    weight > 0.0, joint[i] / np.where(weight > 0.0, weight, 1.0), prior
-                )
-                smoothed.append(combine(by_next, share))
+                smoothed.append(combine(by_next, joint[i] / np.where(weight > 0.0, weight, 1.0)))
             return bank._replace(states=tuple(smoothed), weights=weights)
 
         return backwards(states, one_back, self.lag)
@@ -189,9 +184,8 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         return out
 
     def smoother_memory(self, model: Model, steps: int) -> int:
-        """Return the memory of a smoother per model."""
-        models = self.models(model)
-        return sum(self.filter.smoother_memory(each, steps) for each in models)
+        """Return the numbers of the models' smoothers."""
+        return sum(self.filter.smoother_memory(each, steps) for each in self.models(model))
 
     def _without_spread(self, names: list[tuple[str, ...]], j: int) -> list[list[int]]:
         """Return the components of model j that each state lacks, if they enter without spread."""

@@ -57,8 +57,7 @@ class SimulatingSmoother(SmoothingFilter[PFState], ParticleFilter):
     """Base of the particle filters that smooth by backward simulation (Godsill et al. 2004)."""
 
     smooth: bool | Trajectories = False
-    """estimate each step from all measurements of the run, by 100 trajectories drawn backwards through
-    the particles; another number, and a fixed lag: {trajectories: 50, lag: 5}"""
+    """estimate each step from all measurements of the run, or otherwise: {trajectories: 50, lag: 5}"""
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Return that a smoother needs the density of the motion, if it has none."""
@@ -79,10 +78,11 @@ class SimulatingSmoother(SmoothingFilter[PFState], ParticleFilter):
             return draw_predecessors(cloud, transition.log_prob, later, rng)
 
         # Step 1: draw the last states from each posterior; a run that diverged stays NaN.
-        ends = []
-        for x, w in (state.weighted for state in states):
-            index = ancestors(w, rng, size=self._trajectories)
-            ends.append(select(np.where(np.isnan(w), np.nan, x), index))
+        count = self._keys.trajectories
+        ends = [
+            select(np.where(np.isnan(w), np.nan, x), ancestors(w, rng, size=count))
+            for x, w in (state.weighted for state in states)
+        ]
         # Step 2: draw the states before them, step by step.
         paths = backwards(ends, one_back, self.lag)
         clouds = [Particles(x, equal_weights(*x.shape[1:])) for x in paths]
@@ -92,11 +92,11 @@ class SimulatingSmoother(SmoothingFilter[PFState], ParticleFilter):
         ]
 
     def smoother_memory(self, model: Model, steps: int) -> int:
-        """Return the particles of all steps, before and after resampling, and the trajectories."""
-        n = len(model.motion.components)
-        particles = self.N * steps + (self.max_particle_count - self.N) * self.boost_scans
-        return particles * (2 * n + 4) + steps * (2 * n * self._trajectories + 2 * n * (n + 1))
+        """Return also the numbers of boosted particles and of the trajectories."""
+        n, boosted = len(model.motion.components), self.max_particle_count - self.N
+        more = 3 * (n + 1) * boosted * self.boost_scans + 2 * n * self._keys.trajectories * steps
+        return super().smoother_memory(model, steps) + more
 
     @property
-    def _trajectories(self) -> int:
-        return (Trajectories() if isinstance(self.smooth, bool) else self.smooth).trajectories
+    def _keys(self) -> Trajectories:
+        return Trajectories() if isinstance(self.smooth, bool) else self.smooth

@@ -1,0 +1,141 @@
+"""The smoother of the IMM against Kalman smoothers and all sequences of models."""
+
+from itertools import product
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.conftest import make_filter, track
+from tests.papers import seen_as
+from trackbench.evaluation.block import simulate
+from trackbench.filters.imm import IMM, ModelBank
+from trackbench.filters.kf import KF
+from trackbench.models.base import Motion
+from trackbench.models.motions.kinematic import Singer, WhiteAcceleration
+from trackbench.models.sensors.position import PositionSensor
+from trackbench.scenarios.starts.without_scans import GaussianStart
+from trackbench.scenarios.targets.base import Launch
+from trackbench.scenarios.targets.driven import Driven
+from trackbench.scenarios.tracking import Tracking
+
+T, RUNS, SIGMA, START = 5, 60, 20.0, (60.0, 4.0, 60.0, 4.0)
+SLOW, QUICK = WhiteAcceleration(q=0.5), WhiteAcceleration(q=2000.0)
+FADING = Singer(sigma=3.0, tau=20.0)
+P = np.array([[0.8, 0.2], [0.3, 0.7]])
+SCENARIO = Tracking(
+    target=Driven(motion=WhiteAcceleration(q=300.0), launch=Launch(x=900.0, y=700.0, vx=-5.0)),
+    sensor=PositionSensor(sigma=SIGMA, detection=0.8),
+    start=GaussianStart(sigma=START),
+    last=T,
+)
+
+
+def make_imm(
+    motions: tuple[Motion, Motion],
+    transition: Any,
+    initial: tuple[float, float],
+    smooth: Any = True,
+) -> Any:
+    rows = tuple(tuple(map(float, row)) for row in transition)
+    return make_filter("imm", motions=motions, transition=rows, initial=initial, smooth=smooth)
+
+
+def assert_same(imm: IMM, motion: Motion) -> None:
+    """Compare an IMM that smooths with the Kalman smoother of one motion."""
+    found = track(SCENARIO, imm, RUNS, covariances=RUNS)
+    expected = track(seen_as(SCENARIO, motion), KF(smooth=True), RUNS, covariances=RUNS)
+    assert found.cov is not None
+    assert expected.cov is not None
+    np.testing.assert_allclose(found.mean, expected.mean[:4], rtol=1e-9)
+    np.testing.assert_allclose(found.cov, expected.cov[:4, :4], rtol=1e-7, atol=1e-7)
+
+
+def test_one_model_of_two_is_a_kalman_smoother() -> None:
+    assert_same(make_imm((SLOW, QUICK), np.eye(2), (1, 0)), SLOW)
+    assert_same(make_imm((SLOW, QUICK), np.eye(2), (0, 1)), QUICK)
+
+
+@pytest.mark.parametrize(("number", "other"), [(1, SLOW), (0, FADING)])
+def test_a_switch_to_another_state_is_a_kalman_smoother(number: int, other: Motion) -> None:
+    """The first step is certainly in one model and the others in one of more or fewer components."""
+    motions, row = (SLOW, FADING), [float(number == 0), float(number == 1)]
+    initial = (row[1], row[0])
+    assert_same(make_imm(motions, [row, row], initial), motions[number])
+
+
+def all_sequences(z: np.ndarray, mean: np.ndarray, steps: int) -> tuple[np.ndarray, ...]:
+    """Return means (T + 1, 4), variances and model probabilities (T + 1, 2), by all 2^(T + 1) sequences.
+
+    Given a sequence, all states and the measurements of the first steps are jointly Gaussian.
+    """
+    models = [m.sampled(1.0) for m in (SLOW, QUICK)]
+    seen = [k for k in range(1, steps + 1) if np.isfinite(z[0, k - 1])]
+    H = np.zeros((2 * len(seen), 4 * (T + 1)))
+    for i, k in enumerate(seen):
+        H[2 * i, 4 * k] = H[2 * i + 1, 4 * k + 2] = 1.0
+    values = np.concatenate([z[:, k - 1] for k in seen])
+    logs, means, variances, sequences = [], [], [], list(product(range(2), repeat=T + 1))
+    for sequence in sequences:
+        m, C = np.zeros(4 * (T + 1)), np.zeros((4 * (T + 1),) * 2)
+        m[:4], C[:4, :4] = mean, np.diag(np.square(START))
+        log_w = np.log(0.5)
+        for k in range(1, T + 1):
+            log_w += np.log(P[sequence[k - 1], sequence[k]])
+            F, Q = models[sequence[k]].F, models[sequence[k]].Q
+            a, b = slice(4 * k - 4, 4 * k), slice(4 * k, 4 * k + 4)
+            m[b], C[b] = F @ m[a], F @ C[a]
+            C[:, b] = C[b].T
+            C[b, b] = F @ C[a, a] @ F.T + Q
+        S, nu = H @ C @ H.T + SIGMA**2 * np.eye(len(H)), values - H @ m
+        K = C @ H.T @ np.linalg.inv(S)
+        logs.append(log_w - 0.5 * (nu @ np.linalg.solve(S, nu) + np.linalg.slogdet(S)[1]))
+        means.append((m + K @ nu).reshape(T + 1, 4))
+        variances.append(np.diag(C - K @ H @ C).reshape(T + 1, 4))
+    w = np.exp(np.array(logs) - max(logs))
+    w /= w.sum()
+    weighted = np.einsum("s,ski->ki", w, np.array(means))
+    spread = np.array(variances) + np.square(np.array(means) - weighted)
+    number = np.array(sequences).T[..., None] == np.arange(2)
+    return weighted, np.einsum("s,ski->ki", w, spread), np.einsum("s,ksj->kj", w, number)
+
+
+def banks(tracker: IMM, data: Any) -> tuple[list[ModelBank], list[ModelBank]]:
+    """Return the banks of the filter and of the smoother at every step."""
+    rng = np.random.default_rng(1)
+    states = [tracker.init(SCENARIO.model, data.prior, rng)]
+    for k in range(1, T + 1):
+        z = data.measurements[:, k - 1]
+        states.append(tracker.step(SCENARIO.model, states[-1], z, k, rng))
+    return states, tracker.smoothed(SCENARIO.model, states, 0, rng)
+
+
+@pytest.mark.parametrize("lag", [None, 2])
+def test_two_models_are_near_all_sequences_of_models(lag: int | None) -> None:
+    """The IMM merges what differs by the models before, so that neither filter nor smoother is exact."""
+    from trackbench.filters.smoother_base import FixedLag
+
+    data = simulate(SCENARIO, 1, 0, RUNS)
+    tracker = make_imm((SLOW, QUICK), P, (0.5, 0.5), True if lag is None else FixedLag(lag=lag))
+    filtered, smoothed = banks(tracker, data)
+    rows = []
+    for run in range(RUNS):
+        z, mean = data.measurements[..., run], data.prior.mean[:, run]
+        by_end = {
+            e: all_sequences(z, mean, e) for e in range(1, T + 1) if np.isfinite(z[0, :e]).any()
+        }
+        for k in range(T):
+            end = T if lag is None else min(k + lag, T)
+            if end not in by_end:
+                continue
+            m, v, p = (a[k] for a in by_end[end])
+            for banks_of in (filtered, smoothed):
+                found = tracker.estimate(banks_of[k])
+                error = (found.mean[:, run] - m) / np.sqrt(v)
+                ratio = np.diag(found.cov[..., run]) / v
+                rows.append([*error, *ratio, banks_of[k].weights[0, run] - p[0]])
+    table = np.array(rows).reshape(-1, 2, 9)
+    rms = np.sqrt(np.mean(np.square(table[..., :4]), axis=(0, 2)))
+    ratios = np.exp(np.mean(np.log(table[..., 4:8]), axis=(0, 2)))
+    weight = np.sqrt(np.mean(np.square(table[..., 8]), axis=0))
+    print(rms, ratios, weight)
