@@ -8,9 +8,12 @@ import pytest
 
 from tests.conftest import make_filter, track
 from tests.papers import seen_as
+from trackbench.core.distributions import Gaussian
+from trackbench.core.mixtures import combine, given_later
 from trackbench.evaluation.block import simulate
 from trackbench.filters.imm import IMM, ModelBank
 from trackbench.filters.kf import KF
+from trackbench.filters.smoother_base import FixedLag
 from trackbench.models.base import Motion
 from trackbench.models.motions.kinematic import Singer, WhiteAcceleration
 from trackbench.models.sensors.position import PositionSensor
@@ -112,30 +115,85 @@ def banks(tracker: IMM, data: Any) -> tuple[list[ModelBank], list[ModelBank]]:
 
 @pytest.mark.parametrize("lag", [None, 2])
 def test_two_models_are_near_all_sequences_of_models(lag: int | None) -> None:
-    """The IMM merges what differs by the models before, so that neither filter nor smoother is exact."""
-    from trackbench.filters.smoother_base import FixedLag
+    """An IMM merges states that differ by earlier models; its smoother adds little to that error.
 
+    Errors are in exact deviations of each component: the filter's of what it estimates, x_k given the
+    measurements up to k, then the filter's and the smoother's given the later ones as well.
+    """
     data = simulate(SCENARIO, 1, 0, RUNS)
-    tracker = make_imm((SLOW, QUICK), P, (0.5, 0.5), True if lag is None else FixedLag(lag=lag))
+    smooth = True if lag is None else FixedLag(lag=lag)
+    tracker = make_imm((SLOW, QUICK), P, (0.5, 0.5), smooth)
     filtered, smoothed = banks(tracker, data)
     rows = []
     for run in range(RUNS):
         z, mean = data.measurements[..., run], data.prior.mean[:, run]
-        by_end = {
-            e: all_sequences(z, mean, e) for e in range(1, T + 1) if np.isfinite(z[0, :e]).any()
+        exact = {
+            end: all_sequences(z, mean, end)
+            for end in range(1, T + 1)
+            if np.isfinite(z[0, :end]).any()
         }
-        for k in range(T):
-            end = T if lag is None else min(k + lag, T)
-            if end not in by_end:
+        for k in range(1, T):
+            ends = k, min(k + (lag or T), T)
+            if not set(ends) <= exact.keys():
                 continue
-            m, v, p = (a[k] for a in by_end[end])
-            for banks_of in (filtered, smoothed):
-                found = tracker.estimate(banks_of[k])
-                error = (found.mean[:, run] - m) / np.sqrt(v)
-                ratio = np.diag(found.cov[..., run]) / v
-                rows.append([*error, *ratio, banks_of[k].weights[0, run] - p[0]])
-    table = np.array(rows).reshape(-1, 2, 9)
-    rms = np.sqrt(np.mean(np.square(table[..., :4]), axis=(0, 2)))
-    ratios = np.exp(np.mean(np.log(table[..., 4:8]), axis=(0, 2)))
-    weight = np.sqrt(np.mean(np.square(table[..., 8]), axis=0))
-    print(rms, ratios, weight)
+            cases = (filtered, ends[0]), (filtered, ends[1]), (smoothed, ends[1])
+            rows.append([compared(tracker, of[k], run, exact[end], k) for of, end in cases])
+    assert len(rows) > 150
+    mean, variance, weight = np.array(rows).transpose(2, 1, 0, 3).reshape(3, 3, -1)
+    by_merging, filters, smoothers = np.sqrt(np.mean(np.square(mean), axis=1))
+    assert smoothers < 1.5 * by_merging < 0.35
+    assert filters > 4.0 * smoothers
+    assert abs(variance[2].mean()) < 0.1
+    assert variance[1].mean() > 0.5
+    of_filter, of_smoother = np.sqrt(np.mean(np.square(weight[1:]), axis=1))
+    assert of_smoother < 0.8 * of_filter
+
+
+def compared(
+    tracker: IMM, bank: ModelBank, run: int, exact: tuple[np.ndarray, ...], k: int
+) -> np.ndarray:
+    """Return errors (3, 4) of mean, log-variance and first model's probability."""
+    mean, variance, weights = (rows[k] for rows in exact)
+    found = tracker.estimate(bank)
+    return np.array(
+        [
+            (found.mean[:, run] - mean) / np.sqrt(variance),
+            np.log(np.diag(found.cov[..., run]) / variance),
+            np.full(4, bank.weights[0, run] - weights[0]),
+        ]
+    )
+
+
+def test_predictions_given_a_later_likelihood() -> None:
+    """By integrals on a line: two predictions, and a likelihood N(y; x, R) of what comes later."""
+    x = np.linspace(-60.0, 60.0, 60001)
+
+    def density(m: float, v: float) -> np.ndarray:
+        return np.exp(-0.5 * (x - m) ** 2 / v) / np.sqrt(2 * np.pi * v)
+
+    parts, mixing, y, R = [(0.0, 1.0), (3.0, 4.0)], np.array([[0.7], [0.3]]), 5.0, 2.0
+    predicted = [Gaussian(np.full((1, 1), m), np.full((1, 1, 1), v)) for m, v in parts]
+    mixed = combine(predicted, mixing)
+    m, v = mixed.mean.item(), mixed.cov.item()
+    K = v / (v + R)
+    later = Gaussian(np.full((1, 1), m + K * (y - m)), np.full((1, 1, 1), v - K * v))
+    given, log_c = given_later(predicted, mixing, later)
+    masses = []
+    for g, (a, b) in zip(given, parts, strict=True):
+        p = density(a, b) * density(y, R)
+        masses.append(p.sum())
+        at = (x @ p) / p.sum()
+        np.testing.assert_allclose([g.mean.item(), g.cov.item()], [at, (x - at) ** 2 @ p / p.sum()])
+    np.testing.assert_allclose(log_c[1] - log_c[0], np.log(masses[1] / masses[0]))
+
+
+def test_a_later_state_of_more_spread_than_predicted_stands_for_itself() -> None:
+    """The second run's quotient is no density: nothing is learned of its predictions."""
+    predicted = [Gaussian(np.zeros((1, 2)), np.full((1, 1, 2), v)) for v in (1.0, 9.0)]
+    later = Gaussian(np.ones((1, 2)), np.array([[[0.5, 90.0]]]))
+    given, log_c = given_later(predicted, np.full((2, 2), 0.5), later)
+    for g in given:
+        assert (g.mean[0, 1], g.cov[0, 0, 1]) == (1.0, 90.0)
+        assert g.cov[0, 0, 0] < 1.0
+    assert (log_c[:, 1] == 0.0).all()
+    assert (log_c[:, 0] != 0.0).all()

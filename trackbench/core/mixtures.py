@@ -108,6 +108,34 @@ def combine(
     return Gaussian(mean, cov)
 
 
+def given_later(
+    predicted: Sequence[Gaussian], mixing: Array, later: Gaussian
+) -> tuple[list[Gaussian], Array]:
+    """Return each of r predictions given later measurements too, and the log (r, M) of their likelihood.
+
+    The likelihood is ``later(x) / mixed(x)``, by the smoothed and the predicted mixture of all r
+    (Heskes & Zoeter 2002). In a run where that has no covariance, ``later`` stands for each (Kim 1994).
+    """
+    mixed = combine(predicted, mixing)
+    future, past = linalg.inverse(later.cov), linalg.inverse(mixed.cov)
+    given, logs = [], []
+    for p in predicted:
+        # P = (P_i^-1 + P_later^-1 - P_mixed^-1)^-1, m_i + P (P_later^-1 e_later - ...)
+        P = linalg.inverse(linalg.inverse(p.cov) + future - past)
+        e = linalg.matvec(future, later.mean - p.mean) - linalg.matvec(past, mixed.mean - p.mean)
+        g = Gaussian(p.mean + linalg.matvec(P, e), P)
+        given.append(g)
+        # c_i = N_i(x) later(x) / (mixed(x) given_i(x)) at any x
+        above, below = (
+            a.log_prob(p.mean) + b.log_prob(p.mean) for a, b in ((p, later), (mixed, g))
+        )
+        logs.append(above - below)
+    proper = np.isfinite(logs).all(axis=0)
+    means = [np.where(proper, g.mean, later.mean) for g in given]
+    covs = [np.where(proper, g.cov, later.cov) for g in given]
+    return list(map(Gaussian, means, covs)), np.where(proper, np.stack(logs), 0.0)
+
+
 @dataclass(frozen=True)
 class GaussianMixture(Symmetric):
     """A mixture, in each of M runs, of r Gaussians with weights (r,), means (n,), covariances (n, n)."""

@@ -6,7 +6,9 @@ it, and the covariance between the two. Particles are drawn backwards (Godsill, 
 """
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple, TypeVar
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 
@@ -19,13 +21,14 @@ from trackbench.core.random_streams import Streams
 S = TypeVar("S")
 
 
-class Transition(NamedTuple):
+@dataclass(frozen=True)
+class Transition:
     """Prediction from a posterior N(m, P): the moments of x_{k+1}, and C = cov(x_k, x_{k+1})."""
 
     predicted: Gaussian
     cross: Array
 
-    @property
+    @cached_property
     def gain(self) -> Array:
         """Regression of x_k on x_{k+1}, ``G = C P_pred^-1`` (n, n, M)."""
         C = linalg.transpose(self.cross)
@@ -37,7 +40,7 @@ def backwards(
 ) -> list[S]:
     """Return the smoothed state of every step, from all measurements or from ``lag`` later ones.
 
-    ``one_back(k, later)`` returns state k given the measurements that ``later``, of step k + 1, has used.
+    ``one_back(k, later)`` returns state k given the measurements that ``later``, of step k + 1, uses.
     """
     last = len(filtered) - 1
     if lag is None:
@@ -57,8 +60,9 @@ def backwards(
     return out
 
 
-def smooth_step(posterior: Gaussian, predicted: Gaussian, G: Array, later: Gaussian) -> Gaussian:
+def smooth_step(posterior: Gaussian, transition: Transition, later: Gaussian) -> Gaussian:
     """Return x_k given the measurements that ``later``, the distribution of x_{k+1}, is given."""
+    predicted, G = transition.predicted, transition.gain
     # m + G (m_later - m_pred), P + G (P_later - P_pred) G'
     mean = posterior.mean + linalg.matvec(G, later.mean - predicted.mean)
     cov = posterior.cov + linalg.sandwich(G, later.cov - predicted.cov)
@@ -84,35 +88,16 @@ def smooth(
     list of Gaussian
         Smoothed distribution of every step.
     """
-    gains = [t.gain for t in transitions]
-
-    def one_back(k: int, later: Gaussian) -> Gaussian:
-        return smooth_step(posteriors[k], transitions[k].predicted, gains[k], later)
-
-    return backwards(posteriors, one_back, lag)
+    return backwards(posteriors, lambda k, x: smooth_step(posteriors[k], transitions[k], x), lag)
 
 
 def draw_predecessors(
     cloud: Particles, log_density: Callable[[Array], Array], later: Array, rng: Streams
 ) -> Array:
-    """Draw the state before each of S later states among weighted particles.
+    """Draw the state before each of S later states (n, M, S) among weighted particles (n, M, N).
 
-    Particle i is drawn with probability ``w_i p(x_{k+1} | x_i)`` (Godsill, Doucet & West 2004).
-
-    Parameters
-    ----------
-    cloud : Particles
-        Weighted particles x (n, M, N) of step k.
-    log_density : callable
-        Log-density (M, N) of a state (n, M, 1) at step k + 1 given each particle.
-    later : (n, M, S)
-        States at step k + 1.
-    rng : Streams
-
-    Returns
-    -------
-    (n, M, S)
-        States at step k; NaN in a run with NaN among its weights.
+    Particle i is drawn with probability ``w_i p(later | x_i)`` (Godsill, Doucet & West 2004), by the
+    ``log_density`` (M, N) of one state (n, M, 1). A run with NaN among its weights draws NaN.
     """
     out, log_w = np.empty_like(later), elementary.log(cloud.w)
     u, runs = rng.random(later.shape[1:]), np.arange(later.shape[1])

@@ -1,6 +1,6 @@
 """Interacting multiple model filter, with any motions and any filter of one Gaussian."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -13,6 +13,7 @@ from trackbench.core.kalman import Innovation
 from trackbench.core.mixtures import (
     combine,
     common_components,
+    given_later,
     log_mixture,
     pad,
     predict_weights,
@@ -53,7 +54,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
     """Interacting multiple model filter (Blom & Bar-Shalom 1988).
 
     The first motion is the quiescent one: ``mode`` reports the weight of all others. The smoother is
-    that of Kim 1994: a mode of step k depends on later measurements through the mode of step k + 1 only.
+    the backward pass of expectation propagation (Heskes & Zoeter 2002).
     """
 
     mixing: Literal["unbiased", "zero", "zero-mean"] = "unbiased"
@@ -146,42 +147,45 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
     def smoothed(
         self, model: Model, states: list[ModelBank], k: int, rng: Generator
     ) -> list[ModelBank]:
-        """Return states and weights of the models at every step (Kim 1994)."""
+        """Return states and weights of the models at every step (Heskes & Zoeter 2002)."""
+        models = self.models(model)
 
         def one_back(step: int, later: ModelBank) -> ModelBank:
-            bank = states[step]
-            # Step 1: Pr(i at k, j at k + 1 | all z) = mu_j|T p_ij mu_i / c_j, summed over j.
+            bank, rows, smoothed = states[step], [], []
+            priors = [per_run_moments(state) for state in bank.states]
             _, mixing = predict_weights(bank.weights, np.array(self.transition))
-            joint = mixing * later.weights
-            weights = total(joint.swapaxes(0, 1), axis=0)
-            smoothed = []
-            for i, weight in enumerate(weights):
-                # Step 2: smooth state i by each model j of the next step, and collapse over j.
-                by_next = self._one_back(self.models(model), bank, i, later, k + 1 + step)
-                smoothed.append(combine(by_next, joint[i] / np.where(weight > 0.0, weight, 1.0)))
-            return bank._replace(states=tuple(smoothed), weights=weights)
+            for j, to in enumerate(models):
+                # Step 1: predict each state i by model j.
+                pairs = zip(models, priors, strict=True)
+                moves = [self._move(of, x, to, priors[j], k + 1 + step) for of, x in pairs]
+                # Step 2: x_{k+1} given i, j and all z; Pr(i, j | all z) = mu_j|T p_ij mu_i c_ij / c_j.
+                predicted = [move.predicted for move in moves]
+                ends, log_c = given_later(predicted, mixing[:, j], later.states[j])
+                share = update_weights(mixing[:, j], -2.0 * log_c, np.ones_like(log_c))
+                rows.append(later.weights[j] * share)
+                # Step 3: smooth each state i.
+                smoothed.append(list(map(smooth_step, priors, moves, ends)))
+            # Step 4: collapse over the models j of the next step.
+            joint = np.stack(rows)
+            weights = total(joint, axis=0)
+            joint /= np.where(weights > 0.0, weights, 1.0)
+            merged = [combine(x, joint[:, i]) for i, x in enumerate(zip(*smoothed, strict=True))]
+            return bank._replace(states=tuple(merged), weights=weights)
 
         return backwards(states, one_back, self.lag)
 
-    def _one_back(
-        self, models: list[Model], bank: ModelBank, i: int, later: ModelBank, k: int
-    ) -> list[Gaussian]:
-        """Return state i smoothed by the state of each model j at step k."""
-        state, out = per_run_moments(bank.states[i]), []
-        names = [m.motion.components for m in models]
-        for j, model_j in enumerate(models):
-            # Step 1: predict by model j from the state y in its components; G = cov(y, x_k) P^-1.
-            shared = common_components(names[i], names[j])
-            y = per_run_moments(pad(state, bank.states[j], shared, self.mixing == "unbiased"))
-            transition = self.filter.transition(model_j, y, k)
-            G = transition.gain
-            # Step 2: where the components differ, regress the state on y.
-            if names[i] != names[j]:
-                cross = np.zeros((len(state.mean), *y.cov.shape[1:]))
-                cross[:, list(shared[1])] = state.cov[:, list(shared[0])]
-                G = linalg.matmul(Transition(y, cross).gain, G)
-            out.append(smooth_step(state, transition.predicted, G, later.states[j]))
-        return out
+    def _move(self, of: Model, state: Gaussian, to: Model, like: Gaussian, k: int) -> Transition:
+        """Return the prediction to step k of a model's state by another, and their covariance."""
+        names, others = of.motion.components, to.motion.components
+        shared = common_components(names, others)
+        y = per_run_moments(pad(state, like, shared, self.mixing == "unbiased"))
+        transition = self.filter.transition(to, y, k)
+        if names == others:
+            return transition
+        # Regress the state on y, which has the other model's components: C = cov(x, y) P_y^-1 C_y.
+        cross = np.zeros((len(names), *y.cov.shape[1:]))
+        cross[:, list(shared[1])] = state.cov[:, list(shared[0])]
+        return replace(transition, cross=linalg.matmul(Transition(y, cross).gain, transition.cross))
 
     def smoother_memory(self, model: Model, steps: int) -> int:
         """Return the numbers of the models' smoothers."""
