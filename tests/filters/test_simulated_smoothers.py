@@ -118,9 +118,9 @@ def test_backward_simulation_is_exact_on_average(
     """The filter is far from it; five standard errors are a chance of 1 in 80 000 for each number."""
     scenario, data = repeated(model, tmp_path)
     moments = exact(f, h, data.measurements[0, :, 0], lag or T)
-    keys = Trajectories(trajectories=200, lag=lag)
+    keys = Trajectories(trajectories=100, lag=lag)
     smoothed = estimates(scenario, data, kind, N=1000, smooth=keys)
-    assert np.abs(deviations(smoothed, moments, 200)).max() < 5.0
+    assert np.abs(deviations(smoothed, moments, 100)).max() < 5.0
     filtered = estimates(scenario, data, kind, N=1000)
     assert np.abs(deviations(filtered, moments, 10**9)).max() > 50.0
 
