@@ -15,6 +15,9 @@ from trackbench.evaluation.run_block import run_stack, run_whole_block
 from trackbench.evaluation.run_filter import run_filter_cached
 from trackbench.execution.plan import make_plan, stack_limit
 from trackbench.extension_points import walk_parts
+from trackbench.filters.smoother_base import FixedLag, Trajectories
+from trackbench.models.motions.kinematic import ConstantAcceleration, WhiteAcceleration
+from trackbench.scenarios.base import Scenario
 
 WIDTH, BLOCKS = 4, 3
 
@@ -73,6 +76,24 @@ def test_a_block_has_the_same_bytes_beside_others(name: str) -> None:
     assert all(equal_bytes(*pair) for pair in results)
     first = results[0][0].per_run
     assert any(np.isfinite(values).any() for values in first.values())
+
+
+@pytest.mark.parametrize("lag", [None, 3])
+@pytest.mark.parametrize("kind", ["pf", "rpf", "apf", "enkf", "imm", "ekf"])
+def test_smoothers_have_the_same_bytes_beside_others(kind: str, lag: int | None) -> None:
+    scenario: Scenario = merwe(T=8)
+    keys: dict[str, Any] = {"smooth": True if lag is None else FixedLag(lag=lag)}
+    if kind in ("pf", "rpf", "apf"):
+        keys["smooth"] = Trajectories(trajectories=20, lag=lag)
+    if kind == "imm":
+        scenario = maneuver(duration=60.0, legs=(), score_from=0.0)
+        motions = (WhiteAcceleration(q=0.1), ConstantAcceleration(q=4.0))
+        keys |= {"motions": motions, "transition": ((0.9, 0.1), (0.2, 0.8))}
+    task = BlockTask(scenario, make_filter(kind, **keys), 3, 2, WIDTH, 3, runs_with_tracks=6)
+    results = list(stacked_and_alone(task))
+    assert all(equal_bytes(*pair) for pair in results)
+    error = "rmse_position" if kind == "imm" else "rmse"
+    assert all(np.isfinite(together.per_run[error]).all() for together, _ in results)
 
 
 @pytest.mark.parametrize("kind", ["kf", "hdepf"])

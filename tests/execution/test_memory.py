@@ -19,10 +19,12 @@ from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.run_block import run_stack, run_whole_block
 from trackbench.execution import plan
 from trackbench.execution.plan import _STEP_ROW, _block_bytes, block_width, check_memory, make_plan
+from trackbench.models.motions.kinematic import ConstantAcceleration, WhiteAcceleration
 from trackbench.os_specific import memory
 from trackbench.registry import kinds
 from trackbench.results.read_csv import read_columns
 
+CWNA, CA = WhiteAcceleration(q=0.1), ConstantAcceleration(q=4.0)
 SCENARIOS = {"merwe": merwe(T=4, R=1.0), "banana": banana(scans=5)}
 
 
@@ -72,6 +74,28 @@ def test_the_exact_posterior_takes_no_more_than_estimated() -> None:
 
 def test_long_tracks_take_no_more_than_estimated() -> None:
     model, tracker = maneuver(duration=400.0, legs=(), score_from=0.0), kinds("filters")["kf"]()
+    task = BlockTask(model, tracker, 0, 0, 40, 40)
+    run_whole_block(replace(task, index=1))  # what only the first block takes
+    taken = peak(run_whole_block, task)
+    assert taken <= _block_bytes(model, tracker, 40, 1) <= 2.5 * taken
+
+
+@pytest.mark.parametrize(
+    ("kind", "keys"),
+    [("pf", {}), ("rpf", {"boost": 4, "boost_scans": 3}), ("apf", {}), ("enkf", {})],
+)
+def test_a_smoother_of_draws_takes_no_more_than_estimated(kind: str, keys: dict[str, Any]) -> None:
+    model, tracker = merwe(T=60, R=1.0), make_filter(kind, N=2000, smooth=True, **keys)
+    task = BlockTask(model, tracker, 0, 0, 4, 4)
+    run_whole_block(replace(task, index=1))  # what only the first block takes
+    taken = peak(run_whole_block, task)
+    assert taken <= _block_bytes(model, tracker, 4, 1) <= 2.5 * taken
+
+
+def test_a_smoother_of_two_models_takes_no_more_than_estimated() -> None:
+    model, motions = maneuver(duration=400.0, legs=(), score_from=0.0), (CWNA, CA)
+    keys = {"motions": motions, "transition": ((0.9, 0.1), (0.2, 0.8)), "smooth": True}
+    tracker = make_filter("imm", **keys)
     task = BlockTask(model, tracker, 0, 0, 40, 40)
     run_whole_block(replace(task, index=1))  # what only the first block takes
     taken = peak(run_whole_block, task)

@@ -120,9 +120,10 @@ def test_the_lorenz_system_of_sakov_oliver_and_bertino() -> None:
     [
         ("form: etkf, centered: true", "centered: has no effect with `form: etkf`"),
         ("rotation: true", "rotation: has no effect with `form: perturbed`"),
+        ("form: etkf, rotation: true, smooth: true", "smooth: follows each member backwards"),
     ],
 )
-def test_a_key_of_the_other_form_is_refused(keys: str, what: str, tmp_path: Path) -> None:
+def test_keys_that_exclude_each_other_are_refused(keys: str, what: str, tmp_path: Path) -> None:
     text = f"name: c\n{PLANE}filters: {{E: {{kind: enkf, {keys}}}}}\n"
     (tmp_path / "c.yaml").write_text(text)
     with pytest.raises(UserError, match=what):

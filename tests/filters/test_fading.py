@@ -58,21 +58,22 @@ def test_the_smoother_is_that_of_the_noise_between_two_steps(
     gain = np.linalg.solve(prior[1:, 1:] + R * np.eye(len(Z)), prior[1:]).T
     mean = M0 + gain @ (Z - M0)
     cov = prior - gain @ prior[1:]
-    smoothed = tracker.smoothed(STILL, steps, 0)
+    smoothed = [s.posterior for s in tracker.smoothed(STILL, steps, 0, np.random.default_rng(0))]
     np.testing.assert_allclose([s.mean.item() for s in smoothed], mean, rtol=1e-9)
     np.testing.assert_allclose([s.cov.item() for s in smoothed], np.diag(cov), rtol=1e-9)
 
 
-def test_an_imm_fades_its_filters() -> None:
+def test_an_imm_fades_its_filters_forwards_and_backwards() -> None:
     """One motion twice is that motion."""
     cv = ConstantVelocity(q=0.5)
     model = Model(cv.sampled(1.0), PositionSensor(sigma=2.0))
     prior = Gaussian(np.ones((4, 3)), 9.0 * np.eye(4))
     rng = np.random.default_rng(1)
     trackers = (
-        make_filter("ekf", fading=A),
+        make_filter("ekf", fading=A, smooth=True),
         make_filter(
             "imm",
+            smooth=True,
             filter=make_filter("ekf", fading=A),
             motions=(cv, cv),
             transition=((0.9, 0.1), (0.1, 0.9)),
@@ -80,10 +81,12 @@ def test_an_imm_fades_its_filters() -> None:
     )
     estimates = []
     for tracker in trackers:
-        state = tracker.init(model, prior, rng)
+        steps = [tracker.init(model, prior, rng)]
         for k in range(1, 5):
-            state = tracker.step(model, state, np.full((2, 3), 1.5 * k), k, rng)
-        estimates.append(tracker.estimate(state))
-    np.testing.assert_allclose(estimates[1].mean, estimates[0].mean, rtol=1e-10)
-    covs = [np.broadcast_to(np.reshape(e.cov, (4, 4, -1)), (4, 4, 3)) for e in estimates]
-    np.testing.assert_allclose(covs[1], covs[0], rtol=1e-10, atol=1e-12)
+            steps.append(tracker.step(model, steps[-1], np.full((2, 3), 1.5 * k), k, rng))
+        smoothed = tracker.smoothed(model, steps, 0, rng)
+        estimates.append([tracker.estimate(state) for state in (steps[-1], *smoothed)])
+    for one, imm in zip(*estimates, strict=True):
+        np.testing.assert_allclose(imm.mean, one.mean, rtol=1e-9)
+        covs = [np.broadcast_to(np.reshape(e.cov, (4, 4, -1)), (4, 4, 3)) for e in (one, imm)]
+        np.testing.assert_allclose(covs[1], covs[0], rtol=1e-9, atol=1e-11)

@@ -116,11 +116,13 @@ def test_the_last_steps_of_a_lag_are_those_of_all_measurements(tmp_path: Path) -
     [
         ("{kind: ekf, smooth: {lag: 0}}", "smooth"),
         ("{kind: ekf, smooth: 3}", "smooth"),
-        ("{kind: pf, N: 10, smooth: true}", "smooth"),
+        ("{kind: kf, smooth: {trajectories: 9}}", "smooth"),
+        ("{kind: pf, smooth: {trajectories: 1}}", "smooth"),
+        ("{kind: mpf, N: 10, smooth: true}", "smooth"),
         (
             "{kind: imm, filter: {kind: ekf, smooth: true}, "
             "motions: [{kind: cv, q: 1}, {kind: cv, q: 9}], transition: [[0.9, 0.1], [0.1, 0.9]]}",
-            "an IMM has no smoother here",
+            "must stand beside `filter`",
         ),
     ],
 )

@@ -14,6 +14,8 @@ from trackbench.core.distributions import Gaussian, Symmetric
 from trackbench.core.random_streams import Streams
 from trackbench.core.sums import total
 
+_ROUNDING = 1e-9  # of a covariance
+
 Common: TypeAlias = tuple[tuple[int, ...], tuple[int, ...]]
 """Indices of the components that two states share, in the one and in the other."""
 
@@ -106,6 +108,39 @@ def combine(
             e[list(without_spread[j])] = 0.0
         cov += w * (with_trailing(s.cov, 1, leading=2) + linalg.outer(e, e))
     return Gaussian(mean, cov)
+
+
+def given_later(
+    predicted: Sequence[Gaussian], mixing: Array, later: Gaussian
+) -> tuple[list[Gaussian], Array]:
+    """Return each of r predictions given later measurements too, and the log (r, M) of their likelihood.
+
+    The likelihood is ``later(x) / mixed(x)``, by the smoothed and the predicted mixture of all r
+    (Heskes & Zoeter 2002). It is taken as 1 in a run where it would widen a prediction.
+    """
+    mixed = combine(predicted, mixing)
+    # A component that the motion leaves without noise is given unit noise in every term, which cancels.
+    known = np.eye(len(mixed.mean))[..., None] * (linalg.diagonal(mixed.cov) == 0.0)
+    mixed, later, *terms = (Gaussian(s.mean, s.cov + known) for s in (mixed, later, *predicted))
+    future, past = linalg.inverse(later.cov), linalg.inverse(mixed.cov)
+    given, logs, proper = [], [], np.ones(later.mean.shape[1], dtype=np.bool_)
+    for p in terms:
+        # P = (P_i^-1 + P_later^-1 - P_mixed^-1)^-1, m_i + P (P_later^-1 e_later - P_mixed^-1 e_mixed)
+        P = linalg.inverse(linalg.inverse(p.cov) + future - past)
+        e = linalg.matvec(future, later.mean - p.mean) - linalg.matvec(past, mixed.mean - p.mean)
+        g = Gaussian(p.mean + linalg.matvec(P, e), P)
+        # c_i = N_i(x) later(x) / (mixed(x) given_i(x)) at any x
+        above, below = (
+            a.log_prob(p.mean) + b.log_prob(p.mean) for a, b in ((p, later), (mixed, g))
+        )
+        narrower = linalg.diagonal(P) <= (1.0 + _ROUNDING) * linalg.diagonal(p.cov)
+        proper &= narrower.all(axis=0) & np.isfinite(above - below)
+        given.append(g)
+        logs.append(above - below)
+    pairs = list(zip(given, predicted, strict=True))
+    means = [np.where(proper, g.mean, p.mean) for g, p in pairs]
+    covs = [np.where(proper, g.cov - known, p.cov) for g, p in pairs]
+    return list(map(Gaussian, means, covs)), np.where(proper, np.stack(logs), 0.0)
 
 
 @dataclass(frozen=True)

@@ -1,23 +1,72 @@
-"""Smoothing of a sequence of Gaussian posteriors backwards in time.
+"""Smoothing of a sequence of posteriors backwards in time.
 
-The recursion is that of Rauch, Tung & Striebel 1965, in the form for any Gaussian filter (Sarkka &
-Svensson 2023, chapters 12 and 13): it needs the posterior of each step, the prediction from it, and the
-covariance between the two.
+The recursion of Gaussians is that of Rauch, Tung & Striebel 1965, in the form for any Gaussian filter
+(Sarkka & Svensson 2023, chapters 12 and 13): it needs the posterior of each step, the prediction from
+it, and the covariance between the two. Particles are drawn backwards (Godsill, Doucet & West 2004).
 """
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeVar
 
-from trackbench.core import linalg
+import numpy as np
+
+from trackbench.core import elementary, linalg
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
+from trackbench.core.particles import Particles, normalize
+from trackbench.core.random_streams import Streams
+
+S = TypeVar("S")
 
 
-class Transition(NamedTuple):
+@dataclass(frozen=True)
+class Transition:
     """Prediction from a posterior N(m, P): the moments of x_{k+1}, and C = cov(x_k, x_{k+1})."""
 
     predicted: Gaussian
     cross: Array
+
+    @cached_property
+    def gain(self) -> Array:
+        """Regression of x_k on x_{k+1}, ``G = C P_pred^-1`` (n, n, M)."""
+        C = linalg.transpose(self.cross)
+        return linalg.transpose(linalg.solve_singular(self.predicted.cov, C))
+
+
+def backwards(
+    filtered: Sequence[S], one_back: Callable[[int, S], S], lag: int | None = None
+) -> list[S]:
+    """Return the smoothed state of every step, from all measurements or from ``lag`` later ones.
+
+    ``one_back(k, later)`` returns state k given the measurements that ``later``, of step k + 1, uses.
+    """
+    last = len(filtered) - 1
+    if lag is None:
+        # All measurements: one pass from the last step back to the first.
+        out = [filtered[last]]
+        for k in reversed(range(last)):
+            out.append(one_back(k, out[-1]))
+        return out[::-1]
+    out = []
+    # Fixed lag: go back from step k + lag for each step k.
+    for k in range(last + 1):
+        end = min(k + lag, last)
+        smoothed = filtered[end]
+        for j in reversed(range(k, end)):
+            smoothed = one_back(j, smoothed)
+        out.append(smoothed)
+    return out
+
+
+def smooth_step(posterior: Gaussian, transition: Transition, later: Gaussian) -> Gaussian:
+    """Return x_k given the measurements that ``later``, the distribution of x_{k+1}, is given."""
+    predicted, G = transition.predicted, transition.gain
+    # m + G (m_later - m_pred), P + G (P_later - P_pred) G'
+    mean = posterior.mean + linalg.matvec(G, later.mean - predicted.mean)
+    cov = posterior.cov + linalg.sandwich(G, later.cov - predicted.cov)
+    return Gaussian(mean, cov)
 
 
 def smooth(
@@ -39,33 +88,25 @@ def smooth(
     list of Gaussian
         Smoothed distribution of every step.
     """
-    # G = C P_pred^-1
-    gains = [
-        linalg.transpose(linalg.solve_singular(t.predicted.cov, linalg.transpose(t.cross)))
-        for t in transitions
-    ]
+    return backwards(posteriors, lambda k, x: smooth_step(posteriors[k], transitions[k], x), lag)
 
-    def one_back(k: int, later: Gaussian) -> Gaussian:
-        """Return x_k given what ``later``, the distribution of x_{k+1}, is given."""
-        predicted, G = transitions[k].predicted, gains[k]
-        # m + G (m_later - m_pred), P + G (P_later - P_pred) G'
-        mean = posteriors[k].mean + linalg.matvec(G, later.mean - predicted.mean)
-        cov = posteriors[k].cov + linalg.sandwich(G, later.cov - predicted.cov)
-        return Gaussian(mean, cov)
 
-    last = len(posteriors) - 1
-    if lag is None:
-        # All measurements: one pass from the last step back to the first.
-        backwards = [posteriors[last]]
-        for k in reversed(range(last)):
-            backwards.append(one_back(k, backwards[-1]))
-        return backwards[::-1]
-    out = []
-    # Fixed lag: go back from step k + lag for each step k.
-    for k in range(last + 1):
-        end = min(k + lag, last)
-        smoothed = posteriors[end]
-        for j in reversed(range(k, end)):
-            smoothed = one_back(j, smoothed)
-        out.append(smoothed)
+def draw_predecessors(
+    cloud: Particles, log_density: Callable[[Array], Array], later: Array, rng: Streams
+) -> Array:
+    """Draw the state before each of S later states (n, M, S) among weighted particles (n, M, N).
+
+    Particle i is drawn with probability ``w_i p(later | x_i)`` (Godsill, Doucet & West 2004), by the
+    ``log_density`` (M, N) of one state (n, M, 1). A run with NaN among its weights draws NaN.
+    """
+    out, log_w = np.empty_like(later), elementary.log(cloud.w)
+    u, runs = rng.random(later.shape[1:]), np.arange(later.shape[1])
+    for s in range(later.shape[2]):
+        # Step 1: weights of the particles given the later state; without any density the filter's.
+        w, collapsed, _ = normalize(log_w + log_density(later[..., s, None]))
+        w = np.where(collapsed[:, None], cloud.w, w)
+        # Step 2: the particle i with C_{i-1} <= u C_N < C_i, C being cumulative weights.
+        C = np.add.accumulate(w, axis=-1)
+        index = (C[:, :-1] <= (u[:, s] * C[:, -1])[:, None]).sum(axis=-1)
+        out[..., s] = np.where(np.isnan(C[:, -1]), np.nan, cloud.x[:, runs, index])
     return out

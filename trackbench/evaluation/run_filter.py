@@ -105,9 +105,9 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
         if tracker.smooths:
             with clock:
                 # Step 3: a smoother goes back through all states; these estimates are recorded.
-                smoothed = tracker.smoothed(model, states, int(task.scenario.steps[0]))
-            for state, found in zip(states, smoothed, strict=True):
-                kept.add(state, found)
+                states = tracker.smoothed(model, states, int(task.scenario.steps[0]), rng)
+            for state in states:
+                kept.add(state, tracker.estimate(state))
         return kept.filtered(telling.series(), clock.cpu_s)
 
 

@@ -221,8 +221,8 @@ def _block_bytes(scenario: Scenario, tracker: AnyFilter, width: int, blocks: int
     n_x, steps = len(scenario.components), len(scenario.steps)
     cloud = tracker.max_particle_count * n_x * _TEMPORARIES
     per_run = cloud + tracker.extra_memory(scenario.model) + steps * (3 * n_x + 6)
-    if tracker.smooths:  # posterior, prediction, covariance of both, and the smoothed ones
-        per_run += steps * 5 * n_x * (n_x + 1)
+    if tracker.smooths:
+        per_run += tracker.smoother_memory(scenario.model, steps)
     reduced = steps * (3 * n_x + 14)
     return 8 * width * (blocks * per_run + reduced) + _STEP_OBJECTS * steps
 

@@ -128,8 +128,8 @@ class Filter(Part, Generic[State]):
         """Return whether the filter's estimates are those of `smoothed`."""
         return False
 
-    def smoothed(self, model: Model, states: list[State], k: int) -> list[Gaussian]:
-        """Return the estimates of every step given also later measurements.
+    def smoothed(self, model: Model, states: list[State], k: int, rng: Generator) -> list[State]:
+        """Return the states of every step given also later measurements.
 
         Parameters
         ----------
@@ -139,8 +139,10 @@ class Filter(Part, Generic[State]):
             State after each step, that before the first measurement included.
         k : int
             Number of the step of the first state.
+        rng : numpy.random.Generator
+            Random numbers of the block of runs, after those of the filter.
         """
-        return [self.estimate(state) for state in states]
+        return states
 
     @property
     def all_requirements(self) -> tuple[str, ...]:
@@ -160,6 +162,11 @@ class Filter(Part, Generic[State]):
     def extra_memory(self, model: Model) -> int:
         """Return how many numbers per run are alive at once beside the particles."""
         return 0
+
+    def smoother_memory(self, model: Model, steps: int) -> int:
+        """Return how many numbers per run a smoother stores: per step five Gaussians, three clouds."""
+        n = len(model.motion.components)
+        return steps * (5 * n * (n + 1) + 3 * (n + 1) * self.particle_count)
 
 
 AnyFilter = Filter[Any]

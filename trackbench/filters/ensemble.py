@@ -14,9 +14,11 @@ from trackbench.core.distributions import Distribution, Gaussian, draw_covering
 from trackbench.core.kalman import Innovation
 from trackbench.core.particles import Evidence, Particles, equal_weights
 from trackbench.core.posterior_scores import ParticlePosterior, Posterior
+from trackbench.core.smoothing import Transition, backwards
 from trackbench.core.sums import dot, mean
 from trackbench.filters.base import InnovationFilter
 from trackbench.filters.particle_base import PFState, WeightedParticlesFilter
+from trackbench.filters.smoother_base import FixedLag, SmoothingFilter
 from trackbench.models.base import DifferentiableSensor, Model, Scene, log_likelihood
 from trackbench.registry import register
 
@@ -62,11 +64,12 @@ _GROWTH = 1.2  # of the steps in the flow's pseudo-time (Li & Coates 2017, secti
 
 
 class Ensemble(NamedTuple):
-    """Members x (n, M, N) of equal weight; NIS (M,) and innovation of the last measurement."""
+    """Members x (n, M, N) of equal weight, now and before the last measurement; its NIS, innovation."""
 
     x: Array
     nis: Array
     innovation: Innovation | None = None
+    predicted: Array | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,12 +97,13 @@ class EnsembleFilter(InnovationFilter[Ensemble]):
 
 @register("filters", "enkf")
 @dataclass(frozen=True, kw_only=True)
-class EnKF(EnsembleFilter):
+class EnKF(SmoothingFilter[Ensemble], EnsembleFilter):
     """Ensemble Kalman filter with perturbed measurements, or the ensemble transform filter.
 
     Evensen 1994; Burgers, van Leeuwen & Evensen 1998. The gain comes from the members' covariances,
     without a linearization of motion or sensor. The transform (Bishop, Etherton & Majumdar 2001; Hunt,
-    Kostelich & Szunyogh 2007) gives the members the exact covariance of the update.
+    Kostelich & Szunyogh 2007) gives the members the exact covariance of the update. The smoother is the
+    ensemble RTS smoother.
     """
 
     form: Literal["perturbed", "etkf"] = "perturbed"
@@ -110,15 +114,24 @@ class EnKF(EnsembleFilter):
     """draw measurement errors whose mean over the members is zero, which helps small ensembles"""
     inflation: Annotated[float, Ge(1), Interval(lt=float("inf"))] = 1.0
     """factor on the members' deviations from their mean after each update"""
+    smooth: bool | FixedLag = False
+    """estimate each step from all measurements of the run, or from so many later ones: {lag: 5}"""
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
         """Return the key of the other form."""
         return {"rotation" if self.form == "perturbed" else "centered": f"with `form: {self.form}`"}
 
+    def conflicts(self, scenario: Scene) -> dict[str, str]:
+        """Return that a smoother follows each member, which a rotation mixes with the others."""
+        out = super().conflicts(scenario)
+        if self.smooths and self.rotation:
+            out["smooth"] = "follows each member backwards, and `rotation: true` mixes the members"
+        return out
+
     def step(self, model: Model, state: Ensemble, z: Array, k: int, rng: Generator) -> Ensemble:
         """Move every member, and correct it by the gain of the members' covariances."""
         # Step 1: move the members.
-        x = model.motion.transition(state.x, k).sample(rng)
+        x = moved = model.motion.transition(state.x, k).sample(rng)
         # Step 2: predicted measurements, as innovations about one point: angles are averaged away from
         # their cut.
         center = model.sensor.measurement(mean(x), k)
@@ -148,7 +161,24 @@ class EnKF(EnsembleFilter):
             m = mean(x)[..., None]
             x = m + self.inflation * (x - m)
         innovation = Innovation(nu, S)
-        return Ensemble(x, innovation.nis, innovation)
+        return Ensemble(x, innovation.nis, innovation, moved)
+
+    def smoothed(
+        self, model: Model, states: list[Ensemble], k: int, rng: Generator
+    ) -> list[Ensemble]:
+        """Return members of every step by the ensemble RTS smoother (Raanes 2016)."""
+
+        def one_back(i: int, later: Array) -> Array:
+            x, predicted = states[i].x, states[i + 1].predicted
+            assert predicted is not None
+            dx, dp = x - mean(x)[..., None], predicted - mean(predicted)[..., None]
+            # G = C P_pred^-1 of the members; x_i + G (x_later_i - x_pred_i)
+            P = Gaussian(mean(predicted), _cross_cov(dp, dp))
+            G = Transition(P, _cross_cov(dx, dp)).gain
+            return x + linalg.matvec(G[..., None], later - predicted)
+
+        smoothed = backwards([state.x for state in states], one_back, self.lag)
+        return [s._replace(x=x) for s, x in zip(states, smoothed, strict=True)]
 
     def _perturbed(
         self, x: Array, dz: Array, nu: Array, K: Array, R: Array, rng: Generator

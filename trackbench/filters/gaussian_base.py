@@ -19,8 +19,9 @@ from trackbench.core.distributions import (
 )
 from trackbench.core.kalman import Innovation, Updated
 from trackbench.core.smoothing import Transition, smooth
-from trackbench.field_types import Count, NonNegative, OpenShare, Positive
+from trackbench.field_types import NonNegative, OpenShare, Positive
 from trackbench.filters.base import InnovationFilter
+from trackbench.filters.smoother_base import FixedLag, SmoothingFilter
 from trackbench.models.base import Model, Scene
 from trackbench.models.gaussian_steps import (
     MODEL_NOISE,
@@ -44,15 +45,7 @@ class Tracked(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FixedLag:
-    """A smoother that estimates a step once a fixed number of later measurements is there."""
-
-    lag: Count
-    """number of later measurements that an estimate uses"""
-
-
-@dataclass(frozen=True, kw_only=True)
-class GaussianFilter(InnovationFilter[Tracked]):
+class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
     """Base of the filters with one Gaussian: each defines `update`, which an IMM calls as well."""
 
     gate: OpenShare | None = None
@@ -109,22 +102,22 @@ class GaussianFilter(InnovationFilter[Tracked]):
         """Return the posterior."""
         return state.posterior
 
-    @property
-    def smooths(self) -> bool:
-        """Return whether the key ``smooth`` is set."""
-        return self.smooth is not False
-
-    def smoothed(self, model: Model, states: list[Tracked], k: int) -> list[Gaussian]:
-        """Return the estimates of every step by the Rauch-Tung-Striebel recursion."""
+    def smoothed(
+        self, model: Model, states: list[Tracked], k: int, rng: Generator
+    ) -> list[Tracked]:
+        """Return the posteriors of every step by the Rauch-Tung-Striebel recursion."""
         posteriors = [per_run_moments(state.posterior) for state in states]
         transitions = [
-            # cov(x', f(x')) of the faded x' ~ N(m, a^2 P) is a^2 cov(x, f(x')).
-            Transition(step.predicted, step.cross / (self.fading * self.fading))
-            for i, x in enumerate(posteriors[:-1])
-            for step in [self.transition(model, self.prepared(x), k + 1 + i)]
+            self.faded_transition(model, x, k + 1 + i) for i, x in enumerate(posteriors[:-1])
         ]
-        lag = self.smooth.lag if isinstance(self.smooth, FixedLag) else None
-        return smooth(posteriors, transitions, lag)
+        smoothed = smooth(posteriors, transitions, self.lag)
+        return [s._replace(posterior=x) for s, x in zip(states, smoothed, strict=True)]
+
+    def faded_transition(self, model: Model, state: Gaussian, k: int) -> Transition:
+        """Return the prediction to step k that `step` makes, and its covariance with the posterior."""
+        # cov(x', f(x')) of the faded x' ~ N(m, a^2 P) is a^2 cov(x, f(x')).
+        step = self.transition(model, self.prepared(state), k)
+        return Transition(step.predicted, step.cross / (self.fading * self.fading))
 
     def transition(self, model: Model, state: Gaussian, k: int) -> Transition:
         """Return the prediction to step k from a posterior, and its covariance with it."""

@@ -1,27 +1,31 @@
 """Interacting multiple model filter, with any motions and any filter of one Gaussian."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
 
+from trackbench.core import linalg
 from trackbench.core.arrays import Array, Index
-from trackbench.core.distributions import Distribution, Gaussian
+from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.kalman import Innovation
 from trackbench.core.mixtures import (
     combine,
     common_components,
+    given_later,
     log_mixture,
     pad,
     predict_weights,
     update_weights,
 )
+from trackbench.core.smoothing import Transition, backwards, smooth_step
 from trackbench.core.sums import total
 from trackbench.field_types import InvalidKeyError, Registered
 from trackbench.filters.ekf import EKF
 from trackbench.filters.gaussian_base import GaussianFilter
 from trackbench.filters.jump_markov import JumpMarkov, shared_components
+from trackbench.filters.smoother_base import FixedLag, SmoothingFilter
 from trackbench.models.base import Model, Scene, extra_std
 from trackbench.models.priors import augment_gaussian
 from trackbench.registry import register
@@ -46,10 +50,11 @@ class ModelBank(NamedTuple):
 
 @register("filters", "imm")
 @dataclass(frozen=True, kw_only=True)
-class IMM(JumpMarkov[ModelBank]):
+class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
     """Interacting multiple model filter (Blom & Bar-Shalom 1988).
 
-    The first motion is the quiescent one: ``mode`` reports the weight of all others.
+    The first motion is the quiescent one: ``mode`` reports the weight of all others. The smoother is
+    the backward pass of expectation propagation (Heskes & Zoeter 2002).
     """
 
     mixing: Literal["unbiased", "zero", "zero-mean"] = "unbiased"
@@ -58,6 +63,8 @@ class IMM(JumpMarkov[ModelBank]):
     filter: Annotated[GaussianFilter, Registered("filters")] = _EKF
     """filter of each model: ekf, ukf, {kind: cmkf, conversion: mucm}; for a linear model ekf is the
     Kalman filter"""
+    smooth: bool | FixedLag = False
+    """estimate each step from all measurements of the run, or from so many later ones: {lag: 5}"""
     contract_exemptions: ClassVar[dict[str, str]] = {"kalman": "has motions of its own"}
     diagnostic_names = frozenset({"nis", "mode"})
 
@@ -70,8 +77,7 @@ class IMM(JumpMarkov[ModelBank]):
                 "must be left out: the models of an IMM use every measurement", "filter", "gate"
             )
         if self.filter.smooths:
-            what = "must be left out: an IMM has no smoother here"
-            raise InvalidKeyError(what, "filter", "smooth")
+            raise InvalidKeyError("must stand beside `filter`, not in it", "filter", "smooth")
 
     @property
     def all_requirements(self) -> tuple[str, ...]:
@@ -137,6 +143,53 @@ class IMM(JumpMarkov[ModelBank]):
         return ModelBank(
             tuple(states), weights, mean_nis, state.reported, tuple(innovations), predicted
         )
+
+    def smoothed(
+        self, model: Model, states: list[ModelBank], k: int, rng: Generator
+    ) -> list[ModelBank]:
+        """Return states and weights of the models at every step (Heskes & Zoeter 2002)."""
+        models = self.models(model)
+
+        def one_back(step: int, later: ModelBank) -> ModelBank:
+            bank, rows, smoothed = states[step], [], []
+            priors = [per_run_moments(state) for state in bank.states]
+            _, mixing = predict_weights(bank.weights, np.array(self.transition))
+            for j, to in enumerate(models):
+                # Step 1: predict each state i by model j.
+                pairs = zip(models, priors, strict=True)
+                moves = [self._move(of, x, to, priors[j], k + 1 + step) for of, x in pairs]
+                # Step 2: x_{k+1} given i, j and all z; Pr(i, j | all z) = mu_j|T p_ij mu_i c_ij / c_j.
+                predicted = [move.predicted for move in moves]
+                ends, log_c = given_later(predicted, mixing[:, j], later.states[j])
+                share = update_weights(mixing[:, j], -2.0 * log_c, np.ones_like(log_c))
+                rows.append(later.weights[j] * share)
+                # Step 3: smooth each state i.
+                smoothed.append(list(map(smooth_step, priors, moves, ends)))
+            # Step 4: collapse over the models j of the next step.
+            joint = np.stack(rows)
+            weights = total(joint, axis=0)
+            joint /= np.where(weights > 0.0, weights, 1.0)
+            merged = [combine(x, joint[:, i]) for i, x in enumerate(zip(*smoothed, strict=True))]
+            return bank._replace(states=tuple(merged), weights=weights)
+
+        return backwards(states, one_back, self.lag)
+
+    def _move(self, of: Model, state: Gaussian, to: Model, like: Gaussian, k: int) -> Transition:
+        """Return the prediction to step k of a model's state by another, and their covariance."""
+        names, others = of.motion.components, to.motion.components
+        shared = common_components(names, others)
+        y = per_run_moments(pad(state, like, shared, self.mixing == "unbiased"))
+        transition = self.filter.faded_transition(to, y, k)
+        if names == others:
+            return transition
+        # Regress the state on y, which has the other model's components: C = cov(x, y) P_y^-1 C_y.
+        cross = np.zeros((len(names), *y.cov.shape[1:]))
+        cross[:, list(shared[1])] = state.cov[:, list(shared[0])]
+        return replace(transition, cross=linalg.matmul(Transition(y, cross).gain, transition.cross))
+
+    def smoother_memory(self, model: Model, steps: int) -> int:
+        """Return the numbers of the models' smoothers."""
+        return sum(self.filter.smoother_memory(each, steps) for each in self.models(model))
 
     def _without_spread(self, names: list[tuple[str, ...]], j: int) -> list[list[int]]:
         """Return the components of model j that each state lacks, if they enter without spread."""

@@ -15,13 +15,14 @@ from trackbench.core.particles import Evidence, Particles, read_likelihood
 from trackbench.core.resampling import select
 from trackbench.field_types import Natural, NonNegative
 from trackbench.filters.particle_base import ParticleFilter, PFState
+from trackbench.filters.smoother_base import SimulatingSmoother
 from trackbench.models.base import Model, Scene
 from trackbench.registry import register
 
 
 @register("filters", "pf")
 @dataclass(frozen=True, kw_only=True)
-class PF(ParticleFilter):
+class PF(SimulatingSmoother):
     """Bootstrap (SIR) particle filter: prior proposal, weights from the likelihood.
 
     Gordon, Salmond & Smith 1993; hdepf paper, eqs. 6-8.
@@ -96,7 +97,7 @@ class PF(ParticleFilter):
 
 @register("filters", "rpf")
 @dataclass(frozen=True, kw_only=True)
-class RPF(ParticleFilter):
+class RPF(SimulatingSmoother):
     """Regularized particle filter: resamples from a kernel density of the posterior.
 
     Musso, Oudjane & Le Gland 2001, section 12.2 (post-regularisation).
@@ -130,7 +131,7 @@ class RPF(ParticleFilter):
 
 @register("filters", "apf")
 @dataclass(frozen=True, kw_only=True)
-class APF(ParticleFilter):
+class APF(SimulatingSmoother):
     """Auxiliary particle filter: picks ancestors by how well they predict the measurement.
 
     Pitt & Shephard 1999 (``stages: 2``); with one stage Carpenter, Clifford & Fearnhead 1999.
