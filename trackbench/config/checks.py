@@ -16,6 +16,7 @@ from trackbench.config.experiment import (
 )
 from trackbench.config.plugin_checks import exhibit_conflicts
 from trackbench.errors import Problem
+from trackbench.evaluation.exact_errors import exact_label, why_not_exact
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.extension_points import field_values, walk_parts
 from trackbench.field_types import InvalidKeyError
@@ -60,6 +61,11 @@ def chosen_labels(source: Source, settings: Settings) -> list[str]:
             add_label_problem(source, settings, ("only", i), label)
     if settings.bound in known:
         source.add_problem(("bound",), f"{settings.bound!r} is already the label of a filter")
+    for i, label in enumerate(settings.exact):
+        if label not in labels_to_run(known, settings.only, settings.reference):
+            add_label_problem(source, settings, ("exact", i), label)
+        if exact_label(label) in (*known, settings.bound):
+            source.add_problem(("exact", i), f"{exact_label(label)!r} is already a label")
     if settings.reference is not None and settings.reference not in known:
         add_label_problem(source, settings, ("reference",), settings.reference)
     return labels_to_run(known, settings.only, settings.reference)
@@ -173,6 +179,19 @@ def check_bound(source: Source, scenario: Scenario) -> None:
         source.add_problem(("bound",), what)
 
 
+def check_exact(source: Source, settings: Settings, point: Point) -> None:
+    """Check that the filters whose exact errors are requested are linear, and so is the scenario."""
+    for i, label in enumerate(settings.exact):
+        tracker, assume = point.filters.get(label), point.assumed.get(label)
+        if settings.hold_out is not None:
+            source.add_problem(("exact", i), "with `hold_out` no exact errors are computed")
+        elif tracker is not None:
+            with plugin_code(tracker, point.scenario, assume):
+                why = why_not_exact(point.scenario, tracker, assume)
+            if why is not None:
+                source.add_problem(("exact", i), f"{label} has no exact errors: {why}")
+
+
 def _add_conflicts(source: Source, keys: Keys, conflicts: dict[str, str]) -> None:
     """Add the problems that a component reports by key; an empty key means the component."""
     for key, what in conflicts.items():
@@ -213,7 +232,7 @@ def check_named_filters(
                 if isinstance(leaf, Measure) and leaf.other:
                     named.append((where, leaf.other))
         for where, label in named:
-            if label not in (*settings.filters, settings.bound):
+            if label not in (*settings.filters, settings.bound, *map(exact_label, settings.exact)):
                 add_label_problem(source, settings, where, label)
 
 

@@ -32,6 +32,8 @@ def resolved(experiment: Experiment, folder: Path) -> PlainData:
     """
     first, without_defaults = experiment.points[0], _with_varied_defaults(experiment)
     out = asdict(experiment.settings)
+    if not out["exact"]:  # configs of older results folders stay as they are
+        del out["exact"]
 
     def relative(path: str) -> str:
         return os.path.relpath(path, folder)

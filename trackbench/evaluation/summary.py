@@ -7,7 +7,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.sums import mean as average
-from trackbench.evaluation.error_series import FOUND, StepSums
+from trackbench.evaluation.error_series import FOUND, StepSums, over_steps
 from trackbench.evaluation.merge import FilterResult
 from trackbench.evaluation.metric_expression import TIME_MEAN, Measure, measured
 from trackbench.evaluation.statistics import (
@@ -136,6 +136,39 @@ def bound_steps(bounds: Mapping[str, Array]) -> Iterator[StepRow]:
     for quantity, bound in bounds.items():
         for i, value in enumerate(bound.tolist()):
             yield StepRow(i, joined("rmse", quantity), value, float("nan"), 0)
+
+
+def exact_summary(
+    means: Mapping[str, Array], sizes: Mapping[str, int], windows: Mapping[str, Mask]
+) -> Iterator[SummaryRow]:
+    """Yield the rows that follow from the exact means (T + 1,) of each series."""
+    per_run = {"lost": np.zeros(1)}
+    for window, mask in windows.items():
+        rows = {name: values[:, None] for name, values in means.items()}
+        per_run |= {in_window(n, window): x for n, x in over_steps(rows, mask, ())}
+    result = _exact_result(means)._replace(per_run=per_run)
+    for row in summary_rows(result, sizes, windows):
+        of = measured(row.metric)
+        # A mean of means, and the root of a mean square; the mean of the runs' roots is unknown.
+        exact = {"mean": "mean", "rms": "rms"}.get(of.family[0].over_steps)
+        if of.statistic in ("", TIME_MEAN, exact):
+            yield row._replace(stderr=float("nan"), runs=0)
+
+
+def exact_steps(means: Mapping[str, Array], sizes: Mapping[str, int]) -> Iterator[StepRow]:
+    """Yield the metrics at every step that follow from the exact means (T + 1,) of each series."""
+    for row in step_rows(_exact_result(means), sizes):
+        yield row._replace(stderr=float("nan"), runs=0)
+
+
+def _exact_result(means: Mapping[str, Array]) -> FilterResult:
+    """Return sums per step as of one run; the mean square of an error gives its spread."""
+    steps = {}
+    for name, values in means.items():
+        squares = means.get(name.replace("error", "squared", 1), values)
+        known = ~np.isnan(values)
+        steps[name] = StepSums(np.where(known, values, 0.0), squares, known.astype(float))
+    return FilterResult({}, steps, {}, None, [])
 
 
 def _step_metrics(

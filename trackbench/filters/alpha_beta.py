@@ -58,6 +58,11 @@ class AlphaBeta(InnovationFilter[Smoothed]):
         """Return the assumed motion: the filter's own has the key `q`."""
         return OWN_MOTION
 
+    @property
+    def is_linear(self) -> bool:
+        """Return True: the gains are fixed beforehand."""
+        return True
+
     def gains(self, T: float, sigma: float) -> tuple[float, float]:
         """Return alpha and beta: the keys, or from the tracking index ``sqrt(q) T^2 / sigma``."""
         if self.alpha is not None and self.beta is not None:

@@ -124,6 +124,11 @@ class Filter(Part, Generic[State]):
         return []
 
     @property
+    def is_linear(self) -> bool:
+        """Return whether gain and covariance are independent of the measurements: exact errors exist."""
+        return False
+
+    @property
     def smooths(self) -> bool:
         """Return whether the filter's estimates are those of `smoothed`."""
         return False

@@ -22,6 +22,11 @@ class KF(GaussianFilter):
 
     requires: ClassVar[tuple[str, ...]] = ("motion.F|linear", "sensor.H")
 
+    @property
+    def is_linear(self) -> bool:
+        """Return whether every measurement is used."""
+        return self.gate is None
+
     def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
         """Predict and update: for a linear model the extended step is the Kalman filter's."""
         return extended_step(model, state, z, k, MODEL_NOISE)

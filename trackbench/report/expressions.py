@@ -11,8 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array, Mask
+from trackbench.core.sums import dot
 from trackbench.evaluation import inference
 from trackbench.evaluation.efficiency import efficiency
+from trackbench.evaluation.exact_errors import exact_label
 from trackbench.evaluation.metric_expression import Measure, measured
 from trackbench.evaluation.run_contributions import statistic_of
 from trackbench.evaluation.statistics import OVER_RUNS, influence, median
@@ -98,6 +100,8 @@ class Evaluator:
             return self.difference(mine, other)
         if m.relation == "win_rate":
             return self._win_rate(mine, other)
+        if m.relation == "controlled":
+            return self._controlled(mine, other)
         if m.family[0].is_score:  # a ratio of logarithms says nothing
             return MISSING
         common = self._common_runs(mine, other)
@@ -105,6 +109,30 @@ class Evaluator:
         if m.is_cpu_time:
             ratio = self._paired_times(mine, other) or ratio
         return ratio if m.relation == "ratio" else gain(ratio)
+
+    @ignore_float_errors
+    def _controlled(self, mine: Measure, other: Measure) -> RunEstimate:
+        """Return a measure with another filter's as control variate, of which the exact value is known.
+
+        Hammersley & Handscomb 1964, section 5.5: a - beta (b - E b), beta = cov(a, b) / var(b).
+        """
+        exact, common = self.exact(other), self._common_runs(mine, other)
+        a, b = (self.term(m, common).influences for m in (mine, other))
+        if exact is None or a is None or b is None:
+            return MISSING
+        both = ~np.isnan(a) & ~np.isnan(b)
+        variance = float(dot(b[both], b[both]))
+        beta = float(dot(a[both], b[both])) / variance if variance else 0.0
+        term = self.difference(mine, other, beta)
+        return term._replace(value=term.value + beta * exact)
+
+    def exact(self, m: Measure) -> float | None:
+        """Return the exact value of a linear filter's measure; None unless the results have it."""
+        label = exact_label(m.filter)
+        if label not in self.results.exact:
+            return None
+        value = self._at_step(m.of(label)) if m.steps else self.stored.get((label, str(m)), MISSING)
+        return None if np.isnan(value.value) else value.value
 
     @cached_property
     def runs(self) -> dict[tuple[str, str], Array]:

@@ -9,6 +9,7 @@ from typing import Any
 from trackbench.config.experiment import labels_to_run
 from trackbench.config.grid import combinations, single_paths
 from trackbench.config.published import Published, read_published
+from trackbench.evaluation.exact_errors import exact_label
 from trackbench.registry import Group, kinds
 from trackbench.report.plotting import style
 from trackbench.yaml_source import Source, read
@@ -65,9 +66,15 @@ class ResultsConfig:
 
     @property
     def labels(self) -> list[str]:
-        """Return filter labels in the config's order, the lower bound's last."""
+        """Return filter labels in the config's order, each before its exact errors; the bound's last."""
         bound = self.config.get("bound")
-        return [*self.filters, *([bound] if bound else [])]
+        labels = [b for f in self.filters for b in (f, exact_label(f)) if b == f or b in self.exact]
+        return [*labels, *([bound] if bound else [])]
+
+    @cached_property
+    def exact(self) -> dict[str, str]:
+        """Return the labels of exact errors, each with that of the filter."""
+        return {exact_label(label): label for label in self.config.get("exact", [])}
 
     def chosen(self, wanted: Container[str] | None) -> list[str]:
         """Return the labels that a table or figure shows: those it names, or all."""
@@ -84,6 +91,8 @@ class ResultsConfig:
 
         The floor or baseline of any figure is drawn as such in all figures.
         """
+        if label in self.exact:
+            return style.EXACT
         own = style.line([*self.config["filters"], label].index(label))
         return self._references.get(label, own)
 

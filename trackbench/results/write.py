@@ -19,21 +19,25 @@ from trackbench.atomic_files import (
     write_text,
 )
 from trackbench.config.dump import as_yaml, resolved
-from trackbench.config.experiment import Experiment
+from trackbench.config.experiment import Experiment, Point
 from trackbench.config.metric_names import is_stored, stored_metrics
 from trackbench.config.requested_metrics import Contributions, requested_contributions
 from trackbench.core.sums import total
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.consistency import sizes
 from trackbench.evaluation.error_series import LOST_BECAUSE, NOT_FINITE
+from trackbench.evaluation.exact_errors import exact_label, exact_series
 from trackbench.evaluation.merge import FilterResult
 from trackbench.evaluation.metric_expression import measured
 from trackbench.evaluation.run_contributions import with_shares
 from trackbench.evaluation.statistics import Estimate, median
 from trackbench.evaluation.summary import (
     StepRow,
+    SummaryRow,
     bound_steps,
     bound_summary,
+    exact_steps,
+    exact_summary,
     step_rows,
     summary_rows,
 )
@@ -132,6 +136,9 @@ def write_results(
                 track_file.add(key, result)
         for name, writer in writers.items():
             writer.writerows(_bound_rows(experiment, name))
+        for point in experiment.points:
+            for label in experiment.settings.exact:
+                _write_exact(writers, experiment, point, label)
     for name, track_file in track_files.items():
         track_file.write(folder / name)
     cpu_s = round(float(total(np.array([*spent.values()]))), 3)
@@ -203,6 +210,23 @@ def _bound_rows(experiment: Experiment, name: str) -> Iterator[Row]:
         for row in rows:
             if is_stored(metrics, measured(row.metric).base):
                 yield [*point.values.values(), label, *_plain(row, DIGITS[name])]
+
+
+def _write_exact(
+    writers: Mapping[str, CsvWriter], experiment: Experiment, point: Point, label: str
+) -> None:
+    """Write the rows of a filter's exact errors, which stand in the files like another filter's."""
+    scenario, settings = point.scenario, experiment.settings
+    means = exact_series(scenario, point.filters[label], point.assumed.get(label))
+    rows: dict[str, Iterable[SummaryRow | TimedRow]] = {
+        "summary.csv": exact_summary(means, sizes(scenario), scenario.windows),
+        "per_step.csv": _timed(exact_steps(means, sizes(scenario)), scenario),
+    }
+    head = [*point.values.values(), exact_label(label)]
+    for name, of_file in rows.items():
+        metrics, digits = stored_metrics(settings, name), DIGITS[name]
+        stored = (row for row in of_file if is_stored(metrics, measured(row.metric).base))
+        writers[name].writerows([*head, *_plain(row, digits)] for row in stored)
 
 
 def _timed(rows: Iterable[StepRow], scenario: Scenario) -> Iterator[TimedRow]:

@@ -125,7 +125,8 @@ class RmseVsTime(OverTime):
         averages = {
             label: float(np.nanmean(values))
             for label, values in rivals.items()
-            if np.isfinite(values).any() and label not in (self.floor, self.baseline)
+            if np.isfinite(values).any()
+            and label not in (self.floor, self.baseline, *results.exact)
         }
         where = f" at {phrases.heading(point)}" if point else ""
         better = self.metric.family[0].better

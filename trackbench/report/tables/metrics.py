@@ -60,6 +60,7 @@ class Metrics(TableKind):
         table = Table(self.title, [*results.grid_heads, "Filter"], list(self.columns), self.digits)
         table.least = [i for i, m in enumerate(self.columns.values()) if _is_least_best(m)]
         table.apart = {str(results.config.get(key)) for key in ("bound", "reference")}
+        table.apart |= {*results.exact}
         for point in results.points():
             expressions = Evaluator(results, point)
             keys = [str(v) for v in point.values()]
