@@ -18,6 +18,7 @@ from trackbench.config.plugin_checks import exhibit_conflicts
 from trackbench.errors import Problem
 from trackbench.evaluation.exact_errors import exact_label, why_not_exact
 from trackbench.evaluation.metric_expression import Measure
+from trackbench.evaluation.summary import has_exact_value
 from trackbench.extension_points import field_values, walk_parts
 from trackbench.field_types import InvalidKeyError
 from trackbench.filters.base import AnyFilter
@@ -231,9 +232,19 @@ def check_named_filters(
             for where, leaf in _leaves(value, (group, name, key)):
                 if isinstance(leaf, Measure) and leaf.other:
                     named.append((where, leaf.other))
+                    _check_controlled(source, settings, where, leaf)
         for where, label in named:
             if label not in (*settings.filters, settings.bound, *map(exact_label, settings.exact)):
                 add_label_problem(source, settings, where, label)
+
+
+def _check_controlled(source: Source, settings: Settings, where: Keys, m: Measure) -> None:
+    """Check that the exact value of a control variate is computed."""
+    if m.relation == "controlled" and not has_exact_value(m):
+        what = f"'{m.plain}' has no exact value; take rms(rmse_...), time-mean(rmse_...) or anees"
+        source.add_problem(where, what)
+    elif m.relation == "controlled" and m.other not in settings.exact:
+        source.add_problem(where, f"the exact error of {m.other!r} is needed; add it to `exact`")
 
 
 def _leaves(value: object, where: Keys) -> Iterator[tuple[Keys, object]]:

@@ -148,11 +148,19 @@ def exact_summary(
         per_run |= {in_window(n, window): x for n, x in over_steps(rows, mask, ())}
     result = _exact_result(means)._replace(per_run=per_run)
     for row in summary_rows(result, sizes, windows):
-        of = measured(row.metric)
-        # A mean of means, and the root of a mean square; the mean of the runs' roots is unknown.
-        exact = {"mean": "mean", "rms": "rms"}.get(of.family[0].over_steps)
-        if of.statistic in ("", TIME_MEAN, exact):
+        if has_exact_value(measured(row.metric)):
             yield row._replace(stderr=float("nan"), runs=0)
+
+
+def has_exact_value(of: Measure) -> bool:
+    """Return whether a measure is a mean over runs of squared errors, or a function of such means.
+
+    The mean of the runs' own roots, ``mean(rmse)``, is not.
+    """
+    metric = of.family[0]
+    is_quadratic = metric.series in ("squared", "error", "nees") or metric.name == "nis"
+    of_runs = metric.over_steps if metric.over_steps in ("mean", "rms") else ""
+    return is_quadratic and of.statistic in ("", TIME_MEAN, of_runs)
 
 
 def exact_steps(means: Mapping[str, Array], sizes: Mapping[str, int]) -> Iterator[StepRow]:
