@@ -217,14 +217,14 @@ def test_other_filters_and_scenarios_are_refused(label: str, tmp_path: Path) -> 
         ({"exact": ["XF"]}, "exact.0: 'XF' is not a filter here; did you mean KF?"),
         ({"only": ["CA"], "exact": ["KF"]}, "exact.0: 'KF' is not a filter here"),
         ({"bound": "KF, exact"}, "'KF, exact' is already a label"),
-        ({"hold_out": 5}, "with `hold_out` no exact errors are computed"),
+        ({"hold_out": 5}, "KF has no exact errors: `hold_out` is set"),
         (
             {"tables": {"t": {"kind": "metrics", "columns": {"A": "controlled(anees, KF)"}}}},
-            "tables.t.columns.A: the exact error of 'KF' is needed; add it to `exact`",
+            "tables.t.columns.A: 'controlled(anees, KF)' needs an exact value; it exists with",
         ),
         (
             {"tables": {"t": {"kind": "metrics", "columns": {"A": "controlled(mean(nci), CA)"}}}},
-            "'mean(nci)' has no exact value",
+            "'controlled(mean(nci), CA)' needs an exact value",
         ),
     ],
 )

@@ -18,7 +18,7 @@ from trackbench.config.plugin_checks import exhibit_conflicts
 from trackbench.errors import Problem
 from trackbench.evaluation.exact_errors import exact_label, why_not_exact
 from trackbench.evaluation.metric_expression import Measure
-from trackbench.evaluation.summary import has_exact_value
+from trackbench.evaluation.summary import is_exact
 from trackbench.extension_points import field_values, walk_parts
 from trackbench.field_types import InvalidKeyError
 from trackbench.filters.base import AnyFilter
@@ -184,13 +184,12 @@ def check_exact(source: Source, settings: Settings, point: Point) -> None:
     """Check that the filters whose exact errors are requested are linear, and so is the scenario."""
     for i, label in enumerate(settings.exact):
         tracker, assume = point.filters.get(label), point.assumed.get(label)
-        if settings.hold_out is not None:
-            source.add_problem(("exact", i), "with `hold_out` no exact errors are computed")
-        elif tracker is not None:
+        why = "`hold_out` is set" if settings.hold_out else None
+        if why is None and tracker is not None:
             with plugin_code(tracker, point.scenario, assume):
                 why = why_not_exact(point.scenario, tracker, assume)
-            if why is not None:
-                source.add_problem(("exact", i), f"{label} has no exact errors: {why}")
+        if why is not None:
+            source.add_problem(("exact", i), f"{label} has no exact errors: {why}")
 
 
 def _add_conflicts(source: Source, keys: Keys, conflicts: dict[str, str]) -> None:
@@ -232,19 +231,15 @@ def check_named_filters(
             for where, leaf in _leaves(value, (group, name, key)):
                 if isinstance(leaf, Measure) and leaf.other:
                     named.append((where, leaf.other))
-                    _check_controlled(source, settings, where, leaf)
+                    known = leaf.other in settings.exact and is_exact(leaf)
+                    if leaf.relation == "controlled" and not known:
+                        what = "with `exact: [LABEL]`, and of a mean of squares: rms(rmse), anees"
+                        source.add_problem(
+                            where, f"'{leaf}' needs an exact value; it exists {what}"
+                        )
         for where, label in named:
             if label not in (*settings.filters, settings.bound, *map(exact_label, settings.exact)):
                 add_label_problem(source, settings, where, label)
-
-
-def _check_controlled(source: Source, settings: Settings, where: Keys, m: Measure) -> None:
-    """Check that the exact value of a control variate is computed."""
-    if m.relation == "controlled" and not has_exact_value(m):
-        what = f"'{m.plain}' has no exact value; take rms(rmse_...), time-mean(rmse_...) or anees"
-        source.add_problem(where, what)
-    elif m.relation == "controlled" and m.other not in settings.exact:
-        source.add_problem(where, f"the exact error of {m.other!r} is needed; add it to `exact`")
 
 
 def _leaves(value: object, where: Keys) -> Iterator[tuple[Keys, object]]:

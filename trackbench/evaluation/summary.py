@@ -8,6 +8,7 @@ import numpy as np
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.sums import mean as average
 from trackbench.evaluation.error_series import FOUND, StepSums, over_steps
+from trackbench.evaluation.exact_errors import QUADRATIC
 from trackbench.evaluation.merge import FilterResult
 from trackbench.evaluation.metric_expression import TIME_MEAN, Measure, measured
 from trackbench.evaluation.statistics import (
@@ -138,45 +139,31 @@ def bound_steps(bounds: Mapping[str, Array]) -> Iterator[StepRow]:
             yield StepRow(i, joined("rmse", quantity), value, float("nan"), 0)
 
 
-def exact_summary(
+def exact_rows(
     means: Mapping[str, Array], sizes: Mapping[str, int], windows: Mapping[str, Mask]
-) -> Iterator[SummaryRow]:
-    """Yield the rows that follow from the exact means (T + 1,) of each series."""
-    per_run = {"lost": np.zeros(1)}
+) -> tuple[list[SummaryRow], list[StepRow]]:
+    """Return the rows, over runs and at every step, that follow from exact means (T + 1,) of series."""
+    columns = {name: values[:, None] for name, values in means.items()}
+    per_run, steps = {"lost": np.zeros(1)}, {}
     for window, mask in windows.items():
-        rows = {name: values[:, None] for name, values in means.items()}
-        per_run |= {in_window(n, window): x for n, x in over_steps(rows, mask, ())}
-    result = _exact_result(means)._replace(per_run=per_run)
-    for row in summary_rows(result, sizes, windows):
-        if has_exact_value(measured(row.metric)):
-            yield row._replace(stderr=float("nan"), runs=0)
-
-
-def has_exact_value(of: Measure) -> bool:
-    """Return whether a measure is a mean over runs of squared errors, or a function of such means.
-
-    The mean of the runs' own roots, ``mean(rmse)``, is not.
-    """
-    metric = of.family[0]
-    is_quadratic = metric.series in ("squared", "error", "nees") or metric.name == "nis"
-    of_runs = metric.over_steps if metric.over_steps in ("mean", "rms") else ""
-    return is_quadratic and of.statistic in ("", TIME_MEAN, of_runs)
-
-
-def exact_steps(means: Mapping[str, Array], sizes: Mapping[str, int]) -> Iterator[StepRow]:
-    """Yield the metrics at every step that follow from the exact means (T + 1,) of each series."""
-    for row in step_rows(_exact_result(means), sizes):
-        yield row._replace(stderr=float("nan"), runs=0)
-
-
-def _exact_result(means: Mapping[str, Array]) -> FilterResult:
-    """Return sums per step as of one run; the mean square of an error gives its spread."""
-    steps = {}
+        per_run |= {in_window(n, window): x for n, x in over_steps(columns, mask, ())}
     for name, values in means.items():
-        squares = means.get(name.replace("error", "squared", 1), values)
-        known = ~np.isnan(values)
+        # Sums as of one run; the mean square of a signed error gives its spread.
+        squares, known = means.get(name.replace("error", "squared", 1), values), ~np.isnan(values)
         steps[name] = StepSums(np.where(known, values, 0.0), squares, known.astype(float))
-    return FilterResult({}, steps, {}, None, [])
+    result = FilterResult(per_run, steps, {}, None, [])
+    over_runs = [r for r in summary_rows(result, sizes, windows) if is_exact(measured(r.metric))]
+    return (
+        [row._replace(stderr=float("nan"), runs=0) for row in over_runs],
+        [row._replace(stderr=float("nan"), runs=0) for row in step_rows(result, sizes)],
+    )
+
+
+def is_exact(of: Measure) -> bool:
+    """Return whether a measure follows from means of squares; ``mean(rmse)``, of roots, does not."""
+    metric = of.family[0]
+    of_runs = metric.over_steps if metric.over_steps in ("mean", "rms") else ""
+    return (metric.series or metric.name) in QUADRATIC and of.statistic in ("", TIME_MEAN, of_runs)
 
 
 def _step_metrics(

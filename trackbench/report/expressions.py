@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array, Mask
-from trackbench.core.sums import dot
+from trackbench.core.sums import total
 from trackbench.evaluation import inference
 from trackbench.evaluation.efficiency import efficiency
 from trackbench.evaluation.exact_errors import exact_label
@@ -112,27 +112,25 @@ class Evaluator:
 
     @ignore_float_errors
     def _controlled(self, mine: Measure, other: Measure) -> RunEstimate:
-        """Return a measure with another filter's as control variate, of which the exact value is known.
+        """Return a measure with a filter of exact errors as control variate.
 
-        Hammersley & Handscomb 1964, section 5.5: a - beta (b - E b), beta = cov(a, b) / var(b).
+        a - beta (b - E b), beta = cov(a, b) / var(b): Hammersley & Handscomb 1964, section 5.5.
         """
         exact, common = self.exact(other), self._common_runs(mine, other)
         a, b = (self.term(m, common).influences for m in (mine, other))
         if exact is None or a is None or b is None:
             return MISSING
-        both = ~np.isnan(a) & ~np.isnan(b)
-        variance = float(dot(b[both], b[both]))
-        beta = float(dot(a[both], b[both])) / variance if variance else 0.0
+        covariance, variance = (float(total(np.nan_to_num(x * b))) for x in (a, b))
+        beta = covariance / variance if variance else 0.0
         term = self.difference(mine, other, beta)
         return term._replace(value=term.value + beta * exact)
 
     def exact(self, m: Measure) -> float | None:
-        """Return the exact value of a linear filter's measure; None unless the results have it."""
-        label = exact_label(m.filter)
-        if label not in self.results.exact:
-            return None
-        value = self._at_step(m.of(label)) if m.steps else self.stored.get((label, str(m)), MISSING)
-        return None if np.isnan(value.value) else value.value
+        """Return the exact value of a linear filter's measure, if the results have it."""
+        of = m.of(exact_label(m.filter))
+        known = of.filter in self.results.exact
+        term = self._at_step(of) if m.steps else self.stored.get((of.filter, str(of)), MISSING)
+        return term.value if known and not np.isnan(term.value) else None
 
     @cached_property
     def runs(self) -> dict[tuple[str, str], Array]:

@@ -19,7 +19,7 @@ from trackbench.atomic_files import (
     write_text,
 )
 from trackbench.config.dump import as_yaml, resolved
-from trackbench.config.experiment import Experiment, Point
+from trackbench.config.experiment import Experiment
 from trackbench.config.metric_names import is_stored, stored_metrics
 from trackbench.config.requested_metrics import Contributions, requested_contributions
 from trackbench.core.sums import total
@@ -33,11 +33,9 @@ from trackbench.evaluation.run_contributions import with_shares
 from trackbench.evaluation.statistics import Estimate, median
 from trackbench.evaluation.summary import (
     StepRow,
-    SummaryRow,
     bound_steps,
     bound_summary,
-    exact_steps,
-    exact_summary,
+    exact_rows,
     step_rows,
     summary_rows,
 )
@@ -134,11 +132,8 @@ def write_results(
             _write_runs(writers["per_run.csv"], experiment, key, result)
             for track_file in track_files.values():
                 track_file.add(key, result)
-        for name, writer in writers.items():
-            writer.writerows(_bound_rows(experiment, name))
-        for point in experiment.points:
-            for label in experiment.settings.exact:
-                _write_exact(writers, experiment, point, label)
+        for name, row in _rows_without_runs(experiment):
+            writers[name].writerow(row)
     for name, track_file in track_files.items():
         track_file.write(folder / name)
     cpu_s = round(float(total(np.array([*spent.values()]))), 3)
@@ -197,36 +192,24 @@ def _write_runs(writer: CsvWriter, experiment: Experiment, key: Key, result: Fil
             writer.write("".join([f"{head},{run},{name},{x}\n" for run, x in enumerate(plain)]))
 
 
-def _bound_rows(experiment: Experiment, name: str) -> Iterator[Row]:
-    """Yield rows of the scenario's lower bounds, which stand in the files like a filter's."""
-    label, metrics = experiment.settings.bound, stored_metrics(experiment.settings, name)
-    for point in experiment.points if label else []:
-        scenario: Scenario = point.scenario
-        rows: Iterable[Any] = ()
-        if name == "summary.csv":
-            rows = bound_summary(scenario.bounds(), scenario.windows)
-        elif name == "per_step.csv":
-            rows = _timed(bound_steps(scenario.bounds()), scenario)
-        for row in rows:
-            if is_stored(metrics, measured(row.metric).base):
-                yield [*point.values.values(), label, *_plain(row, DIGITS[name])]
-
-
-def _write_exact(
-    writers: Mapping[str, CsvWriter], experiment: Experiment, point: Point, label: str
-) -> None:
-    """Write the rows of a filter's exact errors, which stand in the files like another filter's."""
-    scenario, settings = point.scenario, experiment.settings
-    means = exact_series(scenario, point.filters[label], point.assumed.get(label))
-    rows: dict[str, Iterable[SummaryRow | TimedRow]] = {
-        "summary.csv": exact_summary(means, sizes(scenario), scenario.windows),
-        "per_step.csv": _timed(exact_steps(means, sizes(scenario)), scenario),
-    }
-    head = [*point.values.values(), exact_label(label)]
-    for name, of_file in rows.items():
-        metrics, digits = stored_metrics(settings, name), DIGITS[name]
-        stored = (row for row in of_file if is_stored(metrics, measured(row.metric).base))
-        writers[name].writerows([*head, *_plain(row, digits)] for row in stored)
+def _rows_without_runs(experiment: Experiment) -> Iterator[tuple[str, Row]]:
+    """Yield files and rows of lower bounds and exact errors, which stand there like a filter's."""
+    settings = experiment.settings
+    for point in experiment.points:
+        scenario, rows = point.scenario, dict[str, tuple[Iterable[Any], Iterable[StepRow]]]()
+        if settings.bound:
+            bounds = scenario.bounds()
+            rows[settings.bound] = bound_summary(bounds, scenario.windows), bound_steps(bounds)
+        for label in settings.exact:
+            means = exact_series(scenario, point.filters[label], point.assumed.get(label))
+            rows[exact_label(label)] = exact_rows(means, sizes(scenario), scenario.windows)
+        for label, (over_runs, at_steps) in rows.items():
+            files = {"summary.csv": over_runs, "per_step.csv": _timed(at_steps, scenario)}
+            for name, of_file in files.items():
+                metrics = stored_metrics(settings, name)
+                for row in of_file:
+                    if is_stored(metrics, measured(row.metric).base):
+                        yield name, [*point.values.values(), label, *_plain(row, DIGITS[name])]
 
 
 def _timed(rows: Iterable[StepRow], scenario: Scenario) -> Iterator[TimedRow]:

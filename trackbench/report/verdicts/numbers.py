@@ -136,8 +136,7 @@ def _readings(number: PublishedNumber, evidence: Evaluator | None) -> Iterator[C
             measured = measured.scaled(number.factor * measured.value, number.factor)
         judged, why = number, ""
         if exact is not None and not measured.lost:
-            # The paper's own runs have an error still: that of our runs, scaled to their number.
-            if number.runs and number.variance is None:
+            if number.variance is None:  # the paper's error is that of our runs, scaled to its own
                 judged = replace(number, variance=measured.stderr**2 * measured.runs)
             measured = RunEstimate(number.factor * exact, 0.0, None, measured.runs)
             why = "exact, without runs"
