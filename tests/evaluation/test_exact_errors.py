@@ -84,6 +84,7 @@ CASES: dict[str, dict[str, object]] = {
     "recorded": {"target": {"kind": "recorded", "file": "path.csv"}},
     "bias": {"sensor": {**POSITION, "bias": [3, -2]}},
     "every other step": {"sensor": {**POSITION, "period": 2}},
+    "held out": {},
     "two sensors": {"sensor": [POSITION, {**POSITION, "sigma": 20}]},
     "driven": {"target": {"kind": "driven", "motion": {"kind": "cv", "q": 2}}},
 }
@@ -96,6 +97,8 @@ def test_runs_agree_with_exact_errors(
     (tmp_path / "path.csv").write_text("time,x,y\n0,0,0\n15,90,30\n25,99,10\n40,200,-50\n")
     monkeypatch.chdir(tmp_path)
     given = config(**CASES[case])
+    if case == "held out":
+        given["hold_out"] = 3
     if case == "two sensors":
         given["filters"] = {k: v for k, v in FILTERS.items() if k != "Alpha-beta"}
         given["exact"] = [*given["filters"]]  # type: ignore[misc]
@@ -138,12 +141,12 @@ def matched(start: object) -> Point:
 def test_a_matched_filter_is_exactly_consistent(start: str) -> None:
     point = matched(STARTS[start])
     tracker = point.filters["KF"]
-    means = exact_series(point.scenario, tracker, None)
+    task = BlockTask(point.scenario, tracker, 1, index=0, width=2, runs_used=2)
+    means = exact_series(task)
     assert means["nees"][1:] == pytest.approx(4.0, rel=1e-9)
     assert means["nees_position"][1:] == pytest.approx(2.0, rel=1e-9)
     assert means["nis"][1:] == pytest.approx(2.0, rel=1e-9)
     # The mean square error is the trace of the filter's covariance.
-    task = BlockTask(point.scenario, tracker, 1, index=0, width=2, runs_used=2)
     with np.errstate(all="ignore"):
         cov = run_filter(task, task.data, covariances=1).cov
     assert cov is not None
@@ -163,10 +166,9 @@ class Clipped(KF):
 
 def test_a_filter_that_is_wrongly_declared_linear_is_refused() -> None:
     scenario = matched(STARTS["gaussian"]).scenario
-    assert why_not_exact(scenario, KF(), None) is None
-    why = why_not_exact(scenario, Clipped(), None)
-    assert why is not None
-    assert "are not linear in the measurements" in why
+    linear, clipped = (BlockTask(scenario, tracker, 0, 0, 1, 1) for tracker in (KF(), Clipped()))
+    assert why_not_exact(linear) is None
+    assert why_not_exact(clipped) == "estimates not linear in the noise of motion and sensor"
 
 
 REFUSED = {
@@ -192,7 +194,7 @@ REFUSED = {
     "R": (
         {"kind": "kf", "assume": {"sensor": POSITION}},
         {"sensor": {"kind": "polar-position", "sigma_range": 5, "sigma_azimuth_mrad": 20}},
-        "take a linear sensor and motion",
+        "measurements not linear in the noise",
     ),
 }
 
@@ -217,14 +219,13 @@ def test_other_filters_and_scenarios_are_refused(label: str, tmp_path: Path) -> 
         ({"exact": ["XF"]}, "exact.0: 'XF' is not a filter here; did you mean KF?"),
         ({"only": ["CA"], "exact": ["KF"]}, "exact.0: 'KF' is not a filter here"),
         ({"bound": "KF, exact"}, "'KF, exact' is already a label"),
-        ({"hold_out": 5}, "KF has no exact errors: `hold_out` is set"),
         (
             {"tables": {"t": {"kind": "metrics", "columns": {"A": "controlled(anees, KF)"}}}},
-            "tables.t.columns.A: 'controlled(anees, KF)' needs an exact value; it exists with",
+            "tables.t.columns.A: 'controlled(anees, KF)' needs a filter of `exact` and a mean",
         ),
         (
             {"tables": {"t": {"kind": "metrics", "columns": {"A": "controlled(mean(nci), CA)"}}}},
-            "'controlled(mean(nci), CA)' needs an exact value",
+            "'controlled(mean(nci), CA)' needs a filter of `exact`",
         ),
     ],
 )

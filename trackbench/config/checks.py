@@ -16,6 +16,7 @@ from trackbench.config.experiment import (
 )
 from trackbench.config.plugin_checks import exhibit_conflicts
 from trackbench.errors import Problem
+from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.exact_errors import exact_label, why_not_exact
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.evaluation.summary import is_exact
@@ -184,12 +185,11 @@ def check_exact(source: Source, settings: Settings, point: Point) -> None:
     """Check that the filters whose exact errors are requested are linear, and so is the scenario."""
     for i, label in enumerate(settings.exact):
         tracker, assume = point.filters.get(label), point.assumed.get(label)
-        why = "`hold_out` is set" if settings.hold_out else None
-        if why is None and tracker is not None:
+        if tracker is not None:
             with plugin_code(tracker, point.scenario, assume):
-                why = why_not_exact(point.scenario, tracker, assume)
-        if why is not None:
-            source.add_problem(("exact", i), f"{label} has no exact errors: {why}")
+                why = why_not_exact(BlockTask(point.scenario, tracker, 0, 0, 1, 1, assume=assume))
+            if why is not None:
+                source.add_problem(("exact", i), f"{label} has no exact errors: {why}")
 
 
 def _add_conflicts(source: Source, keys: Keys, conflicts: dict[str, str]) -> None:
@@ -233,10 +233,8 @@ def check_named_filters(
                     named.append((where, leaf.other))
                     known = leaf.other in settings.exact and is_exact(leaf)
                     if leaf.relation == "controlled" and not known:
-                        what = "with `exact: [LABEL]`, and of a mean of squares: rms(rmse), anees"
-                        source.add_problem(
-                            where, f"'{leaf}' needs an exact value; it exists {what}"
-                        )
+                        what = f"'{leaf}' needs a filter of `exact` and a mean of squares"
+                        source.add_problem(where, f"{what}, such as rms(rmse) or anees")
         for where, label in named:
             if label not in (*settings.filters, settings.bound, *map(exact_label, settings.exact)):
                 add_label_problem(source, settings, where, label)

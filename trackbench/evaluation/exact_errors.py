@@ -10,6 +10,7 @@ q(0) is the squared bias, and the sum is the trace of the errors' covariance (Ku
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import lru_cache
 from math import prod
 from typing import cast
@@ -22,9 +23,8 @@ from trackbench.core.sums import total
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.error_series import series
 from trackbench.evaluation.run_filter import FilterOutput, run_filter
-from trackbench.filters.base import AnyFilter
-from trackbench.models.assumed_sensor import Assume
-from trackbench.scenarios.base import Scenario, Simulation
+from trackbench.filters.gaussian_base import GaussianFilter
+from trackbench.scenarios.base import Simulation
 
 QUADRATIC = ("squared", "error", "nees", "nis")
 """Series that are polynomials of degree two at most in the errors."""
@@ -35,10 +35,6 @@ _TOLERANCE = 1e-9  # of rounding, as a share of the largest number
 def exact_label(label: str) -> str:
     """Return the label under which the exact errors of a filter stand in tables and figures."""
     return f"{label}, exact"
-
-
-class _NotNormalError(ValueError):
-    """A scenario draws variates that are not normal."""
 
 
 class _FixedNormals:
@@ -55,39 +51,37 @@ class _FixedNormals:
 
     def random(self, *size: object) -> Array:
         """Reject uniform and gamma variates."""
-        raise _NotNormalError
+        raise NotImplementedError
 
     standard_gamma = random
 
 
 def _filtered(
-    scenario: Scenario, tracker: AnyFilter, assume: Assume | None, streams: _FixedNormals, runs: int
+    task: BlockTask, streams: _FixedNormals, runs: int
 ) -> tuple[Simulation, FilterOutput]:
     """Return the data of the streams' variates, and what the filter makes of them."""
-    data = freeze(scenario.simulate(cast(RunStreams, streams), runs))
-    task = BlockTask(scenario, tracker, 0, index=0, width=runs, runs_used=runs, assume=assume)
-    return data, run_filter(task, data)
+    data = freeze(task.scenario.simulate(cast(RunStreams, streams), runs))
+    return data, run_filter(replace(task, width=runs, runs_used=runs), data)
 
 
 @lru_cache(maxsize=64)
 @np.errstate(all="ignore")
-def why_not_exact(scenario: Scenario, tracker: AnyFilter, assume: Assume | None) -> str | None:
+def why_not_exact(task: BlockTask) -> str | None:
     """Return the reason why a filter has no exact errors; None if it has."""
-    if not tracker.is_linear:
+    tracker, scenario = task.filter, task.scenario
+    if not tracker.is_linear or (isinstance(tracker, GaussianFilter) and tracker.gate):
         what = f"the gain of `{tracker.kind}` depends on the measurements, or may do so"
         return f"{what}; take a `kf` without `gate`, or an `alpha-beta`"
     if scenario.recorded_runs is not None:
         return "the measurements are recorded: nothing of them is random"
     try:
-        data, output = _filtered(scenario, tracker, assume, _FixedNormals(_dense), 4)
-    except _NotNormalError:
+        data, output = _filtered(task, _FixedNormals(_dense), 4)
+    except NotImplementedError:
         what = "the scenario draws more than normal noise: a random path, `detection` below 1"
         return f"{what}, `outliers`, noise or a first state of another law"
-    if not (_is_affine(data.truth) and _is_affine(data.measurements)):
-        return "path or measurements are not linear in the noise; take a linear sensor and motion"
-    if not _is_affine(output.mean):
-        return f"the estimates of `{tracker.kind}` are not linear in the measurements"
-    return None
+    numbers = {"path": data.truth, "measurements": data.measurements, "estimates": output.mean}
+    bent = (name for name, x in numbers.items() if not _is_affine(x))
+    return next((f"{name} not linear in the noise of motion and sensor" for name in bent), None)
 
 
 def _dense(rows: Index) -> Array:
@@ -104,20 +98,19 @@ def _is_affine(x: Array) -> bool:
 
 
 @np.errstate(all="ignore")
-def exact_series(scenario: Scenario, tracker: AnyFilter, assume: Assume | None) -> dict[str, Array]:
+def exact_series(task: BlockTask) -> dict[str, Array]:
     """Return the mean (T + 1,) over all possible runs of each quadratic series, by its name."""
     means: dict[str, Array] = {}
     first, streams = 0, _FixedNormals(_dense)
     while not first or first < streams.drawn:
         # Step 1: filter no noise (u = 0), each unit vector u_j and its negative.
-        places = np.arange(first, first + _UNITS).repeat(2)
+        places = np.append(-1, np.arange(first, first + _UNITS).repeat(2))
         u = np.array([0.0, *([1.0, -1.0] * _UNITS)])
-        places = np.append(-1, places)
         streams = _FixedNormals(lambda rows: np.where(rows[:, None] == places, u, 0.0))  # noqa: B023
-        data, output = _filtered(scenario, tracker, assume, streams, len(u))
-        values = series(scenario, data.truth, output.mean, output.nees, None) | output.diagnostics
+        data, output = _filtered(task, streams, len(u))
+        values = series(task.scenario, data.truth, output.mean, output.nees, None)
         # Step 2: E q = q(0) + sum_j [ (q(u_j) + q(-u_j)) / 2 - q(0) ]
-        for name, q in values.items():
+        for name, q in (values | output.diagnostics).items():
             if name.partition("_")[0] in QUADRATIC:
                 at_zero, up, down = q[:, :1], q[:, 1::2], q[:, 2::2]
                 means.setdefault(name, at_zero[:, 0].copy())

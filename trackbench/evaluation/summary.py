@@ -153,10 +153,7 @@ def exact_rows(
         steps[name] = StepSums(np.where(known, values, 0.0), squares, known.astype(float))
     result = FilterResult(per_run, steps, {}, None, [])
     over_runs = [r for r in summary_rows(result, sizes, windows) if is_exact(measured(r.metric))]
-    return (
-        [row._replace(stderr=float("nan"), runs=0) for row in over_runs],
-        [row._replace(stderr=float("nan"), runs=0) for row in step_rows(result, sizes)],
-    )
+    return over_runs, [*step_rows(result, sizes)]
 
 
 def is_exact(of: Measure) -> bool:

@@ -46,6 +46,7 @@ class AlphaBeta(InnovationFilter[Smoothed]):
     growing: bool = True
     """whether the first steps use least-squares gains"""
     requires: ClassVar[tuple[str, ...]] = PLANAR_POSITION
+    is_linear: ClassVar[bool] = True
     contract_exemptions: ClassVar[dict[str, str]] = {"kalman": "its gains are fixed"}
 
     def __post_init__(self) -> None:
@@ -57,11 +58,6 @@ class AlphaBeta(InnovationFilter[Smoothed]):
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
         """Return the assumed motion: the filter's own has the key `q`."""
         return OWN_MOTION
-
-    @property
-    def is_linear(self) -> bool:
-        """Return True: the gains are fixed beforehand."""
-        return True
 
     def gains(self, T: float, sigma: float) -> tuple[float, float]:
         """Return alpha and beta: the keys, or from the tracking index ``sqrt(q) T^2 / sigma``."""

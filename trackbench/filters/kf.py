@@ -21,11 +21,7 @@ class KF(GaussianFilter):
     """
 
     requires: ClassVar[tuple[str, ...]] = ("motion.F|linear", "sensor.H")
-
-    @property
-    def is_linear(self) -> bool:
-        """Return whether every measurement is used."""
-        return self.gate is None
+    is_linear: ClassVar[bool] = True
 
     def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
         """Predict and update: for a linear model the extended step is the Kalman filter's."""

@@ -112,10 +112,7 @@ class Evaluator:
 
     @ignore_float_errors
     def _controlled(self, mine: Measure, other: Measure) -> RunEstimate:
-        """Return a measure with a filter of exact errors as control variate.
-
-        a - beta (b - E b), beta = cov(a, b) / var(b): Hammersley & Handscomb 1964, section 5.5.
-        """
+        """Return a - beta (b - E b), with exact E b (Hammersley & Handscomb 1964, section 5.5)."""
         exact, common = self.exact(other), self._common_runs(mine, other)
         a, b = (self.term(m, common).influences for m in (mine, other))
         if exact is None or a is None or b is None:

@@ -196,20 +196,24 @@ def _rows_without_runs(experiment: Experiment) -> Iterator[tuple[str, Row]]:
     """Yield files and rows of lower bounds and exact errors, which stand there like a filter's."""
     settings = experiment.settings
     for point in experiment.points:
-        scenario, rows = point.scenario, dict[str, tuple[Iterable[Any], Iterable[StepRow]]]()
+        scenario, rows = point.scenario, dict[str, tuple[Iterable[Any], Iterable[Any]]]()
         if settings.bound:
             bounds = scenario.bounds()
             rows[settings.bound] = bound_summary(bounds, scenario.windows), bound_steps(bounds)
         for label in settings.exact:
-            means = exact_series(scenario, point.filters[label], point.assumed.get(label))
+            tracker, assume = point.filters[label], point.assumed.get(label)
+            task = BlockTask(
+                scenario, tracker, 0, 0, 1, 1, assume=assume, hold_out=settings.hold_out
+            )
+            means = exact_series(task)
             rows[exact_label(label)] = exact_rows(means, sizes(scenario), scenario.windows)
-        for label, (over_runs, at_steps) in rows.items():
-            files = {"summary.csv": over_runs, "per_step.csv": _timed(at_steps, scenario)}
-            for name, of_file in files.items():
+        for label, found in rows.items():
+            for name, of_file in zip(("summary.csv", "per_step.csv"), found, strict=True):
                 metrics = stored_metrics(settings, name)
-                for row in of_file:
+                for row in of_file if name == "summary.csv" else _timed(of_file, scenario):
                     if is_stored(metrics, measured(row.metric).base):
-                        yield name, [*point.values.values(), label, *_plain(row, DIGITS[name])]
+                        plain = _plain(row._replace(stderr=np.nan, runs=0), DIGITS[name])
+                        yield name, [*point.values.values(), label, *plain]
 
 
 def _timed(rows: Iterable[StepRow], scenario: Scenario) -> Iterator[TimedRow]:
