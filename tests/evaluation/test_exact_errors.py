@@ -168,18 +168,22 @@ def test_a_filter_that_is_wrongly_declared_linear_is_refused() -> None:
     scenario = matched(STARTS["gaussian"]).scenario
     linear, clipped = (BlockTask(scenario, tracker, 0, 0, 1, 1) for tracker in (KF(), Clipped()))
     assert why_not_exact(linear) is None
-    assert why_not_exact(clipped) == "estimates not linear in the noise of motion and sensor"
+    assert why_not_exact(clipped) == "estimates are not linear in the noise of motion and sensor"
 
 
 REFUSED = {
-    "U": ({"kind": "ukf"}, {}, "U has no exact errors: the gain of `ukf` depends"),
+    "U": ({"kind": "ukf"}, {}, "`ukf` is not linear"),
     "G": ({"kind": "kf", "gate": 0.99}, {}, "take a `kf` without `gate`"),
-    "D": ({"kind": "kf"}, {"sensor": {**POSITION, "detection": 0.9}}, "`detection` below 1"),
+    "D": (
+        {"kind": "kf"},
+        {"sensor": {**POSITION, "detection": 0.9}},
+        "noise: `detection`",
+    ),
     "O": ({"kind": "kf"}, {"sensor": {**POSITION, "outliers": {"share": 0.1}}}, "`outliers`"),
     "T": (
         {"kind": "kf"},
         {"sensor": {**POSITION, "outliers": {"degrees": 4}}},
-        "not linear in the noise",
+        "measurements are not linear in the noise",
     ),
     "L": (
         {"kind": "kf"},
@@ -194,7 +198,7 @@ REFUSED = {
     "R": (
         {"kind": "kf", "assume": {"sensor": POSITION}},
         {"sensor": {"kind": "polar-position", "sigma_range": 5, "sigma_azimuth_mrad": 20}},
-        "measurements not linear in the noise",
+        "measurements are not linear in the noise",
     ),
 }
 

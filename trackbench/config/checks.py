@@ -184,12 +184,11 @@ def check_bound(source: Source, scenario: Scenario) -> None:
 def check_exact(source: Source, settings: Settings, point: Point) -> None:
     """Check that the filters whose exact errors are requested are linear, and so is the scenario."""
     for i, label in enumerate(settings.exact):
-        tracker, assume = point.filters.get(label), point.assumed.get(label)
-        if tracker is not None:
-            with plugin_code(tracker, point.scenario, assume):
-                why = why_not_exact(BlockTask(point.scenario, tracker, 0, 0, 1, 1, assume=assume))
-            if why is not None:
-                source.add_problem(("exact", i), f"{label} has no exact errors: {why}")
+        tracker, assume = point.filters[label], point.assumed.get(label)
+        with plugin_code(tracker, point.scenario, assume):
+            why = why_not_exact(BlockTask(point.scenario, tracker, 0, 0, 1, 1, assume=assume))
+        if why is not None:
+            source.add_problem(("exact", i), f"{label} has no exact errors: {why}")
 
 
 def _add_conflicts(source: Source, keys: Keys, conflicts: dict[str, str]) -> None:

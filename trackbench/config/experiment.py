@@ -78,8 +78,7 @@ class Settings:
     bound: Label | None = None
     """label of the scenario's lower bounds in tables and figures; default: they are left out"""
     exact: list[Label] = field(default_factory=list)
-    """labels of linear filters (`kf`, `alpha-beta`) whose exact errors are computed without runs and
-    stand beside the measured ones, `KF, exact`; default: none"""
+    """labels of linear filters whose exact errors stand beside the measured ones; default: none"""
     hold_out: Annotated[int, Ge(2)] | None = None
     """hold back every n-th measurement of a run from the filters, and predict it instead, such as 5"""
     medians: list[str] = field(default_factory=list)

@@ -26,10 +26,8 @@ from trackbench.evaluation.run_filter import FilterOutput, run_filter
 from trackbench.filters.gaussian_base import GaussianFilter
 from trackbench.scenarios.base import Simulation
 
-QUADRATIC = ("squared", "error", "nees", "nis")
-"""Series that are polynomials of degree two at most in the errors."""
+QUADRATIC = ("squared", "error", "nees", "nis")  # series of degree two at most in the errors
 _UNITS = 256  # unit vectors that are filtered together
-_TOLERANCE = 1e-9  # of rounding, as a share of the largest number
 
 
 def exact_label(label: str) -> str:
@@ -44,7 +42,6 @@ class _FixedNormals:
         self._variates, self.drawn = variates, 0
 
     def standard_normal(self, size: tuple[int, ...]) -> Array:
-        """Return the next variates."""
         rows = np.arange(self.drawn, self.drawn + prod(size[:-1]))
         self.drawn += len(rows)
         return self._variates(rows).reshape(size)
@@ -56,10 +53,7 @@ class _FixedNormals:
     standard_gamma = random
 
 
-def _filtered(
-    task: BlockTask, streams: _FixedNormals, runs: int
-) -> tuple[Simulation, FilterOutput]:
-    """Return the data of the streams' variates, and what the filter makes of them."""
+def _run(task: BlockTask, streams: _FixedNormals, runs: int) -> tuple[Simulation, FilterOutput]:
     data = freeze(task.scenario.simulate(cast(RunStreams, streams), runs))
     return data, run_filter(replace(task, width=runs, runs_used=runs), data)
 
@@ -68,20 +62,18 @@ def _filtered(
 @np.errstate(all="ignore")
 def why_not_exact(task: BlockTask) -> str | None:
     """Return the reason why a filter has no exact errors; None if it has."""
-    tracker, scenario = task.filter, task.scenario
+    tracker = task.filter
     if not tracker.is_linear or (isinstance(tracker, GaussianFilter) and tracker.gate):
-        what = f"the gain of `{tracker.kind}` depends on the measurements, or may do so"
-        return f"{what}; take a `kf` without `gate`, or an `alpha-beta`"
-    if scenario.recorded_runs is not None:
+        return f"`{tracker.kind}` is not linear; take a `kf` without `gate`, or an `alpha-beta`"
+    if task.scenario.recorded_runs is not None:
         return "the measurements are recorded: nothing of them is random"
     try:
-        data, output = _filtered(task, _FixedNormals(_dense), 4)
+        data, output = _run(task, _FixedNormals(_dense), 4)
     except NotImplementedError:
-        what = "the scenario draws more than normal noise: a random path, `detection` below 1"
-        return f"{what}, `outliers`, noise or a first state of another law"
-    numbers = {"path": data.truth, "measurements": data.measurements, "estimates": output.mean}
+        return "its scenario draws more than normal noise: `detection`, `outliers`, a random path"
+    numbers = {"states": data.truth, "measurements": data.measurements, "estimates": output.mean}
     bent = (name for name, x in numbers.items() if not _is_affine(x))
-    return next((f"{name} not linear in the noise of motion and sensor" for name in bent), None)
+    return next((f"{name} are not linear in the noise of motion and sensor" for name in bent), None)
 
 
 def _dense(rows: Index) -> Array:
@@ -94,7 +86,7 @@ def _is_affine(x: Array) -> bool:
     """Return whether f(a + b) + f(0) = f(a) + f(b), of values (..., 4) at 0, a, b and a + b."""
     known = x[~np.isnan(x).all(axis=-1)]
     difference = known[..., 3] + known[..., 0] - known[..., 1] - known[..., 2]
-    return bool(np.all(np.abs(difference) <= _TOLERANCE * np.abs(known).max(initial=0.0)))
+    return bool(np.all(np.abs(difference) <= 1e-9 * np.abs(known).max(initial=0.0)))
 
 
 @np.errstate(all="ignore")
@@ -107,7 +99,7 @@ def exact_series(task: BlockTask) -> dict[str, Array]:
         places = np.append(-1, np.arange(first, first + _UNITS).repeat(2))
         u = np.array([0.0, *([1.0, -1.0] * _UNITS)])
         streams = _FixedNormals(lambda rows: np.where(rows[:, None] == places, u, 0.0))  # noqa: B023
-        data, output = _filtered(task, streams, len(u))
+        data, output = _run(task, streams, len(u))
         values = series(task.scenario, data.truth, output.mean, output.nees, None)
         # Step 2: E q = q(0) + sum_j [ (q(u_j) + q(-u_j)) / 2 - q(0) ]
         for name, q in (values | output.diagnostics).items():

@@ -72,9 +72,9 @@ class ResultsConfig:
         return [*labels, *([bound] if bound else [])]
 
     @cached_property
-    def exact(self) -> dict[str, str]:
-        """Return the labels of exact errors, each with that of the filter."""
-        return {exact_label(label): label for label in self.config.get("exact", [])}
+    def exact(self) -> list[str]:
+        """Return the labels of exact errors."""
+        return [*map(exact_label, self.config.get("exact", []))]
 
     def chosen(self, wanted: Container[str] | None) -> list[str]:
         """Return the labels that a table or figure shows: those it names, or all."""
@@ -91,14 +91,12 @@ class ResultsConfig:
 
         The floor or baseline of any figure is drawn as such in all figures.
         """
-        if label in self.exact:
-            return style.EXACT
         own = style.line([*self.config["filters"], label].index(label))
         return self._references.get(label, own)
 
     @cached_property
     def _references(self) -> dict[str, dict[str, Any]]:
-        return {
+        return dict.fromkeys(self.exact, style.EXACT) | {
             figure[key]: look
             for key, look in (("baseline", style.BASELINE), ("floor", style.FLOOR))
             for figure in self.figure_configs.values()

@@ -123,10 +123,9 @@ class RmseVsTime(OverTime):
         found = self.lines(results, point, self.metric)
         rivals = {look["label"]: rows["value"] for rows, look in found}
         averages = {
-            label: float(np.nanmean(values))
-            for label, values in rivals.items()
-            if np.isfinite(values).any()
-            and label not in (self.floor, self.baseline, *results.exact)
+            b: float(np.nanmean(values))
+            for b, values in rivals.items()
+            if np.isfinite(values).any() and b not in (self.floor, self.baseline, *results.exact)
         }
         where = f" at {phrases.heading(point)}" if point else ""
         better = self.metric.family[0].better

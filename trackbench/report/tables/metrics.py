@@ -59,8 +59,10 @@ class Metrics(TableKind):
         labels = results.chosen(self.filters)
         table = Table(self.title, [*results.grid_heads, "Filter"], list(self.columns), self.digits)
         table.least = [i for i, m in enumerate(self.columns.values()) if _is_least_best(m)]
-        table.apart = {str(results.config.get(key)) for key in ("bound", "reference")}
-        table.apart |= {*results.exact}
+        table.apart = {
+            *results.exact,
+            *(str(results.config.get(b)) for b in ("bound", "reference")),
+        }
         for point in results.points():
             expressions = Evaluator(results, point)
             keys = [str(v) for v in point.values()]

@@ -131,17 +131,17 @@ def _readings(number: PublishedNumber, evidence: Evaluator | None) -> Iterator[C
         return
     for label in number.labels:
         measured = evidence.term(number.expression.of(label))
-        exact = evidence.exact(number.expression.of(label))
+        exact = None if measured.lost else evidence.exact(number.expression.of(label))
         if number.factor != 1.0:
             measured = measured.scaled(number.factor * measured.value, number.factor)
-        judged, why = number, ""
-        if exact is not None and not measured.lost:
+        judged = number
+        if exact is not None:
             if number.variance is None:  # the paper's error is that of our runs, scaled to its own
                 judged = replace(number, variance=measured.stderr**2 * measured.runs)
             measured = RunEstimate(number.factor * exact, 0.0, None, measured.runs)
-            why = "exact, without runs"
         parts = measured.parts(evidence.batches)
         deterministic = label in evidence.results.deterministic
         verdict = rules.number_verdict(judged, measured, parts, deterministic)
-        note = noted(measured.losses, why, number.chosen, number.reading, number.note)
+        source = "" if exact is None else "exact, without runs"
+        note = noted(measured.losses, source, number.chosen, number.reading, number.note)
         yield Compared(number, label, measured, verdict, note)
