@@ -158,9 +158,8 @@ def exact_rows(
 
 def is_exact(of: Measure) -> bool:
     """Return whether a measure follows from means of squares; ``mean(rmse)``, of roots, does not."""
-    metric = of.family[0]
-    of_squares = (metric.series or metric.name) in QUADRATIC
-    return of_squares and of.statistic in ("", TIME_MEAN, metric.over_steps)
+    m = of.family[0]
+    return (m.series or m.name) in QUADRATIC and of.statistic in ("", TIME_MEAN, m.over_steps)
 
 
 def _step_metrics(

@@ -59,10 +59,8 @@ class Metrics(TableKind):
         labels = results.chosen(self.filters)
         table = Table(self.title, [*results.grid_heads, "Filter"], list(self.columns), self.digits)
         table.least = [i for i, m in enumerate(self.columns.values()) if _is_least_best(m)]
-        table.apart = {
-            *results.exact,
-            *(str(results.config.get(b)) for b in ("bound", "reference")),
-        }
+        bound, reference = (str(results.config.get(key)) for key in ("bound", "reference"))
+        table.apart = {bound, reference, *results.exact}
         for point in results.points():
             expressions = Evaluator(results, point)
             keys = [str(v) for v in point.values()]
