@@ -272,6 +272,35 @@ def test_a_verdict_takes_the_exact_number(tmp_path: Path) -> None:
     assert float(rows["Mean"]["stderr"]) > 0.0
 
 
+def test_tables_and_figures_show_it_where_it_exists(tmp_path: Path) -> None:
+    errors = {"kind": "metrics", "columns": {"Position": "rms(rmse_position)", "ANEES": "anees"}}
+    tables = {"errors": errors, "consistency": {"kind": "consistency"}}
+    curve = {"kind": "rmse-vs-time", "metric": "rmse_position"}
+    figures = {
+        "curve": curve,
+        "named": {**curve, "filters": ["KF, exact"]},
+        "without": {**curve, "filters": ["KF", "CA"]},
+        "anees": {"kind": "anees", "n_x": 4},
+        "spread": {"kind": "mean-and-std"},
+        "runs": {"kind": "rmse-per-run", "metric": "rmse_position"},
+    }
+    given = config() | {"exact": ["KF"], "tables": tables, "figures": figures}
+    options = api.Options(engine="serial", quiet=True, out=tmp_path / "out", formats=())
+    results = api.run(given | {"runs": 20, "block": 20}, options).results
+    rows = {name: [label for (label,) in table.keys] for name, table in results.tables.items()}
+    assert rows["errors"] == ["KF", "KF, exact", *list(FILTERS)[1:]]
+    assert rows["consistency"] == [*FILTERS]
+    dashed = {}
+    for name in figures:
+        lines = [line for ax in results.figure(name).axes for line in ax.get_lines()]
+        dashed[name] = {line.get_label(): line.get_color() for line in lines}.get("KF, exact")
+    shown = {"curve", "named", "anees", "spread"}
+    assert {name for name, color in dashed.items() if color == "black"} == shown
+    assert {name for name, color in dashed.items() if color is None} == {*figures} - shown
+    captions = [part.default_caption(results) for part in results.parts("figures").values()]
+    assert "exact" not in "".join(captions)
+
+
 def test_a_control_variate_of_a_near_filter(tmp_path: Path) -> None:
     near = {"kind": "kf", "assume": {"motion": {"kind": "cv", "q": 0.25}}}
     filters = {"KF": {"kind": "kf"}, "Near": near}

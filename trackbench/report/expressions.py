@@ -117,8 +117,7 @@ class Evaluator:
         a, b = (self.term(m, common).influences for m in (mine, other))
         if exact is None or a is None or b is None:
             return MISSING
-        covariance, variance = (float(total(np.nan_to_num(x * b))) for x in (a, b))
-        beta = covariance / variance if variance else 0.0
+        beta = float(total(np.nan_to_num(a * b)) / total(np.nan_to_num(b * b)))
         term = self.difference(mine, other, beta)
         return term._replace(value=term.value + beta * exact)
 

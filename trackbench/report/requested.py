@@ -76,9 +76,10 @@ class ResultsConfig:
         """Return the labels of exact errors."""
         return [*map(exact_label, self.config.get("exact", []))]
 
-    def chosen(self, wanted: Container[str] | None) -> list[str]:
-        """Return the labels that a table or figure shows: those it names, or all."""
-        return [label for label in self.labels if wanted is None or label in wanted]
+    def chosen(self, wanted: Container[str] | None, exact: bool = False) -> list[str]:
+        """Return the labels that a table or figure shows: those it names, or all, perhaps the exact."""
+        every = [label for label in self.labels if exact or label not in self.exact]
+        return every if wanted is None else [label for label in self.labels if label in wanted]
 
     @property
     def filters(self) -> list[str]:

@@ -56,7 +56,7 @@ class Metrics(TableKind):
 
     def table(self, results: Results) -> Table:
         """Return the table of a results folder."""
-        labels = results.chosen(self.filters)
+        labels = results.chosen(self.filters, exact=True)
         table = Table(self.title, [*results.grid_heads, "Filter"], list(self.columns), self.digits)
         table.least = [i for i, m in enumerate(self.columns.values()) if _is_least_best(m)]
         bound, reference = (str(results.config.get(key)) for key in ("bound", "reference"))
