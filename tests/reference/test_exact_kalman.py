@@ -6,10 +6,12 @@ accelerations that the filter leaves out, and a noise, whose covariance follows 
 """
 
 import csv
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tests.commands import trackbench
 from tests.conftest import EXPERIMENTS, ROOT
 from trackbench.config.load import load
 
@@ -51,3 +53,22 @@ def test_the_stored_error_is_the_exact_one(label: str, q: float) -> None:
             if (row["filter"], row["metric"]) == (label, "rms(rmse_position)")
         )
     assert abs(float(row["value"]) - exact_rms(q)) < 3.5 * float(row["stderr"])
+
+
+def test_the_program_computes_the_exact_errors(tmp_path: Path) -> None:
+    labels = {"KF": (0.0, 2366.757), "KF (best Q)": (0.3, 43.58551)}
+    done = trackbench(
+        *("run", "adaptive-kf", "--runs", "2", "--out", str(tmp_path / "out"), "--workers", "1"),
+        *("--set", "exact=[KF, KF (best Q)]", "--set", "block=fit", "--set", "figures={}"),
+        *("--set", "key_figure=null", "--only", "KF", "--only", "KF (best Q)"),
+        *("--set", "tables={rms: {kind: metrics, columns: {RMS: rms(rmse_position)}}}"),
+    )
+    assert done.returncode == 0, done.stderr
+    with (tmp_path / "out" / "summary.csv").open() as file:
+        rows = {(row["filter"], row["metric"]): float(row["value"]) for row in csv.DictReader(file)}
+    for label, (q, value) in labels.items():
+        exact = rows[f"{label}, exact", "rms(rmse_position)"]
+        assert exact == value
+        assert exact == pytest.approx(exact_rms(q), rel=5e-7)
+    assert "| KF, exact | 2367 |" in done.stdout
+    assert "| KF (best Q), exact | 43.59 |" in done.stdout

@@ -16,7 +16,10 @@ from trackbench.config.experiment import (
 )
 from trackbench.config.plugin_checks import exhibit_conflicts
 from trackbench.errors import Problem
+from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.exact_errors import exact_label, why_not_exact
 from trackbench.evaluation.metric_expression import Measure
+from trackbench.evaluation.summary import is_exact
 from trackbench.extension_points import field_values, walk_parts
 from trackbench.field_types import InvalidKeyError
 from trackbench.filters.base import AnyFilter
@@ -60,6 +63,11 @@ def chosen_labels(source: Source, settings: Settings) -> list[str]:
             add_label_problem(source, settings, ("only", i), label)
     if settings.bound in known:
         source.add_problem(("bound",), f"{settings.bound!r} is already the label of a filter")
+    for i, label in enumerate(settings.exact):
+        if label not in labels_to_run(known, settings.only, settings.reference):
+            add_label_problem(source, settings, ("exact", i), label)
+        if exact_label(label) in (*known, settings.bound):
+            source.add_problem(("exact", i), f"{exact_label(label)!r} is already a label")
     if settings.reference is not None and settings.reference not in known:
         add_label_problem(source, settings, ("reference",), settings.reference)
     return labels_to_run(known, settings.only, settings.reference)
@@ -173,6 +181,16 @@ def check_bound(source: Source, scenario: Scenario) -> None:
         source.add_problem(("bound",), what)
 
 
+def check_exact(source: Source, settings: Settings, point: Point) -> None:
+    """Check that the filters whose exact errors are requested are linear, and so is the scenario."""
+    for i, label in enumerate(settings.exact):
+        tracker, assume = point.filters[label], point.assumed.get(label)
+        with plugin_code(tracker, point.scenario, assume):
+            why = why_not_exact(BlockTask(point.scenario, tracker, 0, 0, 1, 1, assume=assume))
+        if why is not None:
+            source.add_problem(("exact", i), f"{label} has no exact errors: {why}")
+
+
 def _add_conflicts(source: Source, keys: Keys, conflicts: dict[str, str]) -> None:
     """Add the problems that a component reports by key; an empty key means the component."""
     for key, what in conflicts.items():
@@ -212,8 +230,12 @@ def check_named_filters(
             for where, leaf in _leaves(value, (group, name, key)):
                 if isinstance(leaf, Measure) and leaf.other:
                     named.append((where, leaf.other))
+                    known = leaf.other in settings.exact and is_exact(leaf)
+                    if leaf.relation == "controlled" and not known:
+                        what = f"'{leaf}' needs a filter of `exact` and a mean of squares"
+                        source.add_problem(where, f"{what}, such as rms(rmse) or anees")
         for where, label in named:
-            if label not in (*settings.filters, settings.bound):
+            if label not in (*settings.filters, settings.bound, *map(exact_label, settings.exact)):
                 add_label_problem(source, settings, where, label)
 
 

@@ -31,7 +31,8 @@ def resolved(experiment: Experiment, folder: Path) -> PlainData:
     config is to be written.
     """
     first, without_defaults = experiment.points[0], _with_varied_defaults(experiment)
-    out = asdict(experiment.settings)
+    # Without `exact`, configs stay as they are in older results folders.
+    out = {key: x for key, x in asdict(experiment.settings).items() if x or key != "exact"}
 
     def relative(path: str) -> str:
         return os.path.relpath(path, folder)

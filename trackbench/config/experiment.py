@@ -77,6 +77,8 @@ class Settings:
     """labels of the filters to run, beside the reference; default: all"""
     bound: Label | None = None
     """label of the scenario's lower bounds in tables and figures; default: they are left out"""
+    exact: list[Label] = field(default_factory=list)
+    """labels of linear filters whose exact errors stand beside the measured ones; default: none"""
     hold_out: Annotated[int, Ge(2)] | None = None
     """hold back every n-th measurement of a run from the filters, and predict it instead, such as 5"""
     medians: list[str] = field(default_factory=list)

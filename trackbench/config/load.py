@@ -17,6 +17,7 @@ from trackbench.config.checks import (
     check_assumed,
     check_bound,
     check_drawable,
+    check_exact,
     check_figures,
     check_fit,
     check_idle,
@@ -171,6 +172,8 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
     points = [point for point in built if point is not None]
     whole_grid = points if len(points) == len(built) else []
     check_idle(source, whole_grid)
+    for point in points if not source.problems else ():
+        check_exact(source, settings, point)
     check_idle_settings(source, settings)
     left_out = _filters(source, [label for label in settings.filters if label not in labels])
     if whole:

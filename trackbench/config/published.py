@@ -83,7 +83,7 @@ class PublishedNumber:
     whose verdict is that of the best"""
     expression: Measure | None = None
     """what to measure: `mean(rmse)`, `rmse@20`, `ratio(cpu_s_per_run, PF)`, `gain(...)`, `minus(...)`,
-    `win_rate(rmse, PF)`: the share of the runs in which it is less than PF's"""
+    `win_rate(rmse, PF)`: the share of the runs in which it is less than PF's; `controlled(...)`"""
     factor: Positive = 1.0
     """the measured number is multiplied by it: 0.5 where the paper prints the mean over two axes"""
     point: str = ""

@@ -8,6 +8,7 @@
 ``anees``, ``cpu_s_per_run``   what summary.csv and timing.csv call so; a filter's key
 ``gain(mean(rmse), PF)``       percent below the filter PF; ``ratio`` to it, ``minus`` it
 ``win_rate(rmse, PF)``            share of the runs in which the metric is below PF's
+``controlled(rms(rmse), KF)``  with KF, of which the exact error is known, as control variate
 =============================  ==================================================================
 """
 
@@ -26,7 +27,7 @@ TIME_MEAN = "time-mean"
 _NAME = r"[\w.-]*[A-Za-z_][\w.-]*"
 _STEPS = r"(?:\d+(?:\.\.(?:\d+|last))?|last)"
 _GRAMMAR = re.compile(
-    r"(?:(?P<relation>gain|ratio|minus|win_rate)\()?"
+    r"(?:(?P<relation>gain|ratio|minus|win_rate|controlled)\()?"
     rf"(?:(?P<statistic>[a-z-]+)\()?(?P<metric>{_NAME})"
     rf"(?:\[(?P<window>.+?)\]|@(?P<at>{_STEPS}))?(?(statistic)\)(?:@(?P<step>{_STEPS}))?)"
     r"(?(relation), (?P<other>.+)\))"
@@ -57,7 +58,7 @@ class Measure(NamedTuple):
     statistic: str = ""
     """over the runs; nothing if the metric itself is meant"""
     steps: Steps | None = None
-    relation: Literal["gain", "ratio", "minus", "win_rate", ""] = ""
+    relation: Literal["gain", "ratio", "minus", "win_rate", "controlled", ""] = ""
     other: str = ""
     """label of the filter that it is related to"""
     filter: str = ""

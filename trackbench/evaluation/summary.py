@@ -7,7 +7,8 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.sums import mean as average
-from trackbench.evaluation.error_series import FOUND, StepSums
+from trackbench.evaluation.error_series import FOUND, StepSums, over_steps
+from trackbench.evaluation.exact_errors import QUADRATIC
 from trackbench.evaluation.merge import FilterResult
 from trackbench.evaluation.metric_expression import TIME_MEAN, Measure, measured
 from trackbench.evaluation.statistics import (
@@ -136,6 +137,29 @@ def bound_steps(bounds: Mapping[str, Array]) -> Iterator[StepRow]:
     for quantity, bound in bounds.items():
         for i, value in enumerate(bound.tolist()):
             yield StepRow(i, joined("rmse", quantity), value, float("nan"), 0)
+
+
+def exact_rows(
+    means: Mapping[str, Array], sizes: Mapping[str, int], windows: Mapping[str, Mask]
+) -> tuple[list[SummaryRow], list[StepRow]]:
+    """Return the rows, over runs and at every step, that follow from exact means (T + 1,) of series."""
+    columns = {name: values[:, None] for name, values in means.items()}
+    per_run, steps = {"lost": np.zeros(1)}, {}
+    for window, mask in windows.items():
+        per_run |= {in_window(n, window): x for n, x in over_steps(columns, mask, ())}
+    for name, values in means.items():
+        # Sums as of one run; the mean square of a signed error gives its spread.
+        squares, known = means.get(name.replace("error", "squared", 1), values), ~np.isnan(values)
+        steps[name] = StepSums(np.where(known, values, 0.0), squares, known.astype(float))
+    result = FilterResult(per_run, steps, {}, None, [])
+    over_runs = [r for r in summary_rows(result, sizes, windows) if is_exact(measured(r.metric))]
+    return over_runs, [*step_rows(result, sizes)]
+
+
+def is_exact(of: Measure) -> bool:
+    """Return whether a measure follows from means of squares; ``mean(rmse)``, of roots, does not."""
+    m = of.family[0]
+    return (m.series or m.name) in QUADRATIC and of.statistic in ("", TIME_MEAN, m.over_steps)
 
 
 def _step_metrics(

@@ -38,6 +38,7 @@ NO_PART_OF_BLOCKS = {
     "__init__.py": "names the version and the functions of the API",
     "evaluation/inference.py": _AFTER_BLOCKS,
     "evaluation/efficiency.py": _AFTER_BLOCKS,
+    "evaluation/exact_errors.py": _AFTER_BLOCKS,
     "evaluation/metric_expression.py": _AFTER_BLOCKS,
     "evaluation/merge.py": _AFTER_BLOCKS,
     "evaluation/precision_check.py": _AFTER_BLOCKS,

@@ -46,6 +46,7 @@ class AlphaBeta(InnovationFilter[Smoothed]):
     growing: bool = True
     """whether the first steps use least-squares gains"""
     requires: ClassVar[tuple[str, ...]] = PLANAR_POSITION
+    is_linear: ClassVar[bool] = True
     contract_exemptions: ClassVar[dict[str, str]] = {"kalman": "its gains are fixed"}
 
     def __post_init__(self) -> None:

@@ -38,6 +38,8 @@ class Filter(Part, Generic[State]):
     """a run's last digits depend on the other runs of its block: such blocks are filtered one by one"""
     deterministic: ClassVar[bool] = False
     """the filter draws no random numbers: on recorded data a published number is equal or differs"""
+    is_linear: ClassVar[bool] = False
+    """the gain depends on no measurement (apart from a key `gate`): errors have exact means"""
 
     @abstractmethod
     def init(self, model: Model, prior: Distribution, rng: Generator) -> State:

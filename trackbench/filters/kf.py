@@ -21,6 +21,7 @@ class KF(GaussianFilter):
     """
 
     requires: ClassVar[tuple[str, ...]] = ("motion.F|linear", "sensor.H")
+    is_linear: ClassVar[bool] = True
 
     def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
         """Predict and update: for a linear model the extended step is the Kalman filter's."""

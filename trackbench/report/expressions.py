@@ -11,8 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array, Mask
+from trackbench.core.sums import total
 from trackbench.evaluation import inference
 from trackbench.evaluation.efficiency import efficiency
+from trackbench.evaluation.exact_errors import exact_label
 from trackbench.evaluation.metric_expression import Measure, measured
 from trackbench.evaluation.run_contributions import statistic_of
 from trackbench.evaluation.statistics import OVER_RUNS, influence, median
@@ -98,6 +100,8 @@ class Evaluator:
             return self.difference(mine, other)
         if m.relation == "win_rate":
             return self._win_rate(mine, other)
+        if m.relation == "controlled":
+            return self._controlled(mine, other)
         if m.family[0].is_score:  # a ratio of logarithms says nothing
             return MISSING
         common = self._common_runs(mine, other)
@@ -105,6 +109,24 @@ class Evaluator:
         if m.is_cpu_time:
             ratio = self._paired_times(mine, other) or ratio
         return ratio if m.relation == "ratio" else gain(ratio)
+
+    @ignore_float_errors
+    def _controlled(self, mine: Measure, other: Measure) -> RunEstimate:
+        """Return a - beta (b - E b), with exact E b (Hammersley & Handscomb 1964, section 5.5)."""
+        exact, common = self.exact(other), self._common_runs(mine, other)
+        a, b = (self.term(m, common).influences for m in (mine, other))
+        if exact is None or a is None or b is None:
+            return MISSING
+        beta = float(total(np.nan_to_num(a * b)) / total(np.nan_to_num(b * b)))
+        term = self.difference(mine, other, beta)
+        return term._replace(value=term.value + beta * exact)
+
+    def exact(self, m: Measure) -> float | None:
+        """Return the exact value of a linear filter's measure, if the results have it."""
+        of = m.of(exact_label(m.filter))
+        known = of.filter in self.results.exact
+        term = self._at_step(of) if m.steps else self.stored.get((of.filter, str(of)), MISSING)
+        return term.value if known and not np.isnan(term.value) else None
 
     @cached_property
     def runs(self) -> dict[tuple[str, str], Array]:

@@ -9,6 +9,7 @@ from typing import Any
 from trackbench.config.experiment import labels_to_run
 from trackbench.config.grid import combinations, single_paths
 from trackbench.config.published import Published, read_published
+from trackbench.evaluation.exact_errors import exact_label
 from trackbench.registry import Group, kinds
 from trackbench.report.plotting import style
 from trackbench.yaml_source import Source, read
@@ -65,13 +66,20 @@ class ResultsConfig:
 
     @property
     def labels(self) -> list[str]:
-        """Return filter labels in the config's order, the lower bound's last."""
+        """Return filter labels in the config's order, each before its exact errors; the bound's last."""
         bound = self.config.get("bound")
-        return [*self.filters, *([bound] if bound else [])]
+        labels = [b for f in self.filters for b in (f, exact_label(f)) if b == f or b in self.exact]
+        return [*labels, *([bound] if bound else [])]
 
-    def chosen(self, wanted: Container[str] | None) -> list[str]:
-        """Return the labels that a table or figure shows: those it names, or all."""
-        return [label for label in self.labels if wanted is None or label in wanted]
+    @cached_property
+    def exact(self) -> list[str]:
+        """Return the labels of exact errors."""
+        return [*map(exact_label, self.config.get("exact", []))]
+
+    def chosen(self, wanted: Container[str] | None, exact: bool = False) -> list[str]:
+        """Return the labels that a table or figure shows: those it names, or all, perhaps the exact."""
+        every = [label for label in self.labels if exact or label not in self.exact]
+        return every if wanted is None else [label for label in self.labels if label in wanted]
 
     @property
     def filters(self) -> list[str]:
@@ -89,7 +97,7 @@ class ResultsConfig:
 
     @cached_property
     def _references(self) -> dict[str, dict[str, Any]]:
-        return {
+        return dict.fromkeys(self.exact, style.EXACT) | {
             figure[key]: look
             for key, look in (("baseline", style.BASELINE), ("floor", style.FLOOR))
             for figure in self.figure_configs.values()

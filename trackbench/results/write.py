@@ -26,6 +26,7 @@ from trackbench.core.sums import total
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.consistency import sizes
 from trackbench.evaluation.error_series import LOST_BECAUSE, NOT_FINITE
+from trackbench.evaluation.exact_errors import exact_label, exact_series
 from trackbench.evaluation.merge import FilterResult
 from trackbench.evaluation.metric_expression import measured
 from trackbench.evaluation.run_contributions import with_shares
@@ -34,6 +35,7 @@ from trackbench.evaluation.summary import (
     StepRow,
     bound_steps,
     bound_summary,
+    exact_rows,
     step_rows,
     summary_rows,
 )
@@ -130,8 +132,8 @@ def write_results(
             _write_runs(writers["per_run.csv"], experiment, key, result)
             for track_file in track_files.values():
                 track_file.add(key, result)
-        for name, writer in writers.items():
-            writer.writerows(_bound_rows(experiment, name))
+        for name, row in _rows_without_runs(experiment):
+            writers[name].writerow(row)
     for name, track_file in track_files.items():
         track_file.write(folder / name)
     cpu_s = round(float(total(np.array([*spent.values()]))), 3)
@@ -190,19 +192,28 @@ def _write_runs(writer: CsvWriter, experiment: Experiment, key: Key, result: Fil
             writer.write("".join([f"{head},{run},{name},{x}\n" for run, x in enumerate(plain)]))
 
 
-def _bound_rows(experiment: Experiment, name: str) -> Iterator[Row]:
-    """Yield rows of the scenario's lower bounds, which stand in the files like a filter's."""
-    label, metrics = experiment.settings.bound, stored_metrics(experiment.settings, name)
-    for point in experiment.points if label else []:
-        scenario: Scenario = point.scenario
-        rows: Iterable[Any] = ()
-        if name == "summary.csv":
-            rows = bound_summary(scenario.bounds(), scenario.windows)
-        elif name == "per_step.csv":
-            rows = _timed(bound_steps(scenario.bounds()), scenario)
-        for row in rows:
-            if is_stored(metrics, measured(row.metric).base):
-                yield [*point.values.values(), label, *_plain(row, DIGITS[name])]
+def _rows_without_runs(experiment: Experiment) -> Iterator[tuple[str, Row]]:
+    """Yield files and rows of lower bounds and exact errors, which stand there like a filter's."""
+    settings = experiment.settings
+    for point in experiment.points:
+        scenario, rows = point.scenario, dict[str, tuple[Iterable[Any], Iterable[Any]]]()
+        if settings.bound:
+            bounds = scenario.bounds()
+            rows[settings.bound] = bound_summary(bounds, scenario.windows), bound_steps(bounds)
+        for label in settings.exact:
+            tracker, assume = point.filters[label], point.assumed.get(label)
+            task = BlockTask(
+                scenario, tracker, 0, 0, 1, 1, assume=assume, hold_out=settings.hold_out
+            )
+            means = exact_series(task)
+            rows[exact_label(label)] = exact_rows(means, sizes(scenario), scenario.windows)
+        for label, found in rows.items():
+            for name, of_file in zip(("summary.csv", "per_step.csv"), found, strict=True):
+                metrics = stored_metrics(settings, name)
+                for row in of_file if name == "summary.csv" else _timed(of_file, scenario):
+                    if is_stored(metrics, measured(row.metric).base):
+                        plain = _plain(row._replace(stderr=np.nan, runs=0), DIGITS[name])
+                        yield name, [*point.values.values(), label, *plain]
 
 
 def _timed(rows: Iterable[StepRow], scenario: Scenario) -> Iterator[TimedRow]:

@@ -196,7 +196,7 @@ def compare_runs(results: Results, again: Results, experiment: Experiment) -> It
     for name in ("shown.npz", "tracks.npz"):
         if (again.folder / name).is_file() and (results.folder / name).is_file():
             yield from compare_arrays(results, again, name, steady)
-    bound = {str(experiment.settings.bound)}
+    bound = {str(experiment.settings.bound), *results.exact}
     yield from compare_rows(results, again, bound | steady if is_whole else bound, equal)
 
 

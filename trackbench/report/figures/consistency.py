@@ -33,7 +33,7 @@ class Anees(OverTime):
         """Return how often each filter is inside the band."""
         point, parts = results.points()[0], []
         for rows, look in self.lines(results, point, self.metric):
-            if len(rows):
+            if len(rows) and look["label"] not in results.exact:
                 low, high = anees_band(self.n_x, int(rows["runs"].max()), self.level)
                 inside = (low <= rows["value"]) & (rows["value"] <= high)
                 parts.append((float(inside.mean()), look["label"]))
@@ -102,7 +102,7 @@ class Dots(FigureKind):
     def draw(self, results: Results) -> Figure:
         """Return a column of panels per metric."""
         points = results.points()[: style.MOST_PANELS]
-        labels = results.chosen(self.filters)
+        labels = results.chosen(self.filters, exact=True)
         height = (0.6 + 0.2 * len(labels)) * len(points) + 0.5
         figure, axes = style.subplots(
             len(points), len(self.columns), height, sharey=True, squeeze=False

@@ -41,10 +41,10 @@ class Curves(FigureKind):
     baseline: str | None = None
     """label of the filter that every other should beat: drawn grey and dotted"""
 
-    def labels(self, results: Results) -> Iterator[tuple[str, GridPoint]]:
+    def labels(self, results: Results, exact: bool = False) -> Iterator[tuple[str, GridPoint]]:
         """Yield each label to draw with its line style; the floor and the baseline last."""
         references = {self.baseline: style.BASELINE, self.floor: style.FLOOR}
-        drawn = results.chosen(self.filters)
+        drawn = results.chosen(self.filters, exact)
         for label in (b for b in drawn if b not in references):
             yield label, results.line_style(label)
         for name, look in references.items():
@@ -82,7 +82,7 @@ class Curves(FigureKind):
     ) -> Iterator[tuple[Columns, dict[str, Any]]]:
         """Yield each label's series of a metric at a grid point, and its line style."""
         rows = results.columns("per_step", point).where(metric=str(metric))
-        for label, look in self.labels(results):
+        for label, look in self.labels(results, exact=True):
             yield rows.where(filter=label), {"label": label, **look}
 
     def finish(self, figure: Figure) -> Figure:
@@ -123,9 +123,9 @@ class RmseVsTime(OverTime):
         found = self.lines(results, point, self.metric)
         rivals = {look["label"]: rows["value"] for rows, look in found}
         averages = {
-            label: float(np.nanmean(values))
-            for label, values in rivals.items()
-            if np.isfinite(values).any() and label not in (self.floor, self.baseline)
+            b: float(np.nanmean(values))
+            for b, values in rivals.items()
+            if np.isfinite(values).any() and b not in (self.floor, self.baseline, *results.exact)
         }
         where = f" at {phrases.heading(point)}" if point else ""
         better = self.metric.family[0].better

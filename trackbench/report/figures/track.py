@@ -158,7 +158,7 @@ class MeanAndStd(FigureKind):
         figure, axes = style.subplots(2, 2, 4.4, sharex=True, sharey="row")
         point = results.points()[0]
         frame = results.columns("per_step", point)
-        labels = results.chosen(self.filters)
+        labels = results.chosen(self.filters, exact=True)
         rows = (("bias", -1.0, "Mean error of {} (m)"), ("std", 1.0, "Std. deviation of {} (m)"))
         for (metric, sign, words), row in zip(rows, axes, strict=True):
             for quantity, ax in zip(_AXES, row, strict=True):

@@ -27,6 +27,7 @@ DASHES: tuple[Any, ...] = (
 LineStyle: TypeAlias = dict[str, Any]
 """Keyword arguments with which matplotlib draws a line or a marker."""
 FLOOR: LineStyle = {"color": "black", "linestyle": (0, (6, 2)), "linewidth": 1.0}
+EXACT: LineStyle = {"color": "black", "linestyle": (0, (4, 3)), "linewidth": 0.9}
 BASELINE: LineStyle = {"color": "#777777", "linestyle": (0, (1, 1.6)), "linewidth": 1.4}
 ANY, MANEUVER = "#555555", "#f3d9a4"
 """Colours of what is no filter's own: of any filter in a legend, of spans of maneuvers."""

@@ -56,10 +56,11 @@ class Metrics(TableKind):
 
     def table(self, results: Results) -> Table:
         """Return the table of a results folder."""
-        labels = results.chosen(self.filters)
+        labels = results.chosen(self.filters, exact=True)
         table = Table(self.title, [*results.grid_heads, "Filter"], list(self.columns), self.digits)
         table.least = [i for i, m in enumerate(self.columns.values()) if _is_least_best(m)]
-        table.apart = {str(results.config.get(key)) for key in ("bound", "reference")}
+        bound, reference = (str(results.config.get(key)) for key in ("bound", "reference"))
+        table.apart = {bound, reference, *results.exact}
         for point in results.points():
             expressions = Evaluator(results, point)
             keys = [str(v) for v in point.values()]

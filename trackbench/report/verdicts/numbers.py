@@ -5,7 +5,7 @@ The rules are in `agreement`: all runs together, and without each of the experim
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from math import inf, isfinite, nan
 from typing import Any, NamedTuple
@@ -131,10 +131,17 @@ def _readings(number: PublishedNumber, evidence: Evaluator | None) -> Iterator[C
         return
     for label in number.labels:
         measured = evidence.term(number.expression.of(label))
+        exact = None if measured.lost else evidence.exact(number.expression.of(label))
         if number.factor != 1.0:
             measured = measured.scaled(number.factor * measured.value, number.factor)
+        judged = number
+        if exact is not None:
+            if number.variance is None:  # the paper's error is that of our runs, scaled to its own
+                judged = replace(number, variance=measured.stderr**2 * measured.runs)
+            measured = RunEstimate(number.factor * exact, 0.0, None, measured.runs)
         parts = measured.parts(evidence.batches)
         deterministic = label in evidence.results.deterministic
-        verdict = rules.number_verdict(number, measured, parts, deterministic)
-        note = noted(measured.losses, number.chosen, number.reading, number.note)
+        verdict = rules.number_verdict(judged, measured, parts, deterministic)
+        source = "" if exact is None else "exact, without runs"
+        note = noted(measured.losses, source, number.chosen, number.reading, number.note)
         yield Compared(number, label, measured, verdict, note)

@@ -1,0 +1,111 @@
+"""Exact mean square errors of linear filters, computed without Monte Carlo runs.
+
+If estimates are affine in the normal variates w of a run, every squared error q(w) is quadratic, and its
+mean follows from the values at the unit vectors u_j::
+
+    E q(w) = q(0) + sum_j [ (q(u_j) + q(-u_j)) / 2 - q(0) ]
+
+q(0) is the squared bias, and the sum is the trace of the errors' covariance (Kurt & Orguner 2025, arXiv
+2511.22034). Scenario and filter are run as they are, on streams that return these vectors.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache
+from math import prod
+from typing import cast
+
+import numpy as np
+
+from trackbench.core.arrays import Array, Index, freeze
+from trackbench.core.random_streams import RunStreams
+from trackbench.core.sums import total
+from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.error_series import series
+from trackbench.evaluation.run_filter import FilterOutput, run_filter
+from trackbench.filters.gaussian_base import GaussianFilter
+from trackbench.scenarios.base import Simulation
+
+QUADRATIC = ("squared", "error", "nees", "nis")  # series of degree two at most in the errors
+_UNITS = 256  # unit vectors that are filtered together
+
+
+def exact_label(label: str) -> str:
+    """Return the label under which the exact errors of a filter stand in tables and figures."""
+    return f"{label}, exact"
+
+
+class _FixedNormals:
+    """Streams of fixed normal variates: ``variates`` returns the rows j (J, M) of all runs."""
+
+    def __init__(self, variates: Callable[[Index], Array]) -> None:
+        self._variates, self.drawn = variates, 0
+
+    def standard_normal(self, size: tuple[int, ...]) -> Array:
+        rows = np.arange(self.drawn, self.drawn + prod(size[:-1]))
+        self.drawn += len(rows)
+        return self._variates(rows).reshape(size)
+
+    def random(self, *size: object) -> Array:
+        """Reject uniform and gamma variates."""
+        raise NotImplementedError
+
+    standard_gamma = random
+
+
+def _run(task: BlockTask, streams: _FixedNormals, runs: int) -> tuple[Simulation, FilterOutput]:
+    data = freeze(task.scenario.simulate(cast(RunStreams, streams), runs))
+    return data, run_filter(replace(task, width=runs, runs_used=runs), data)
+
+
+@lru_cache(maxsize=64)
+@np.errstate(all="ignore")
+def why_not_exact(task: BlockTask) -> str | None:
+    """Return the reason why a filter has no exact errors; None if it has."""
+    tracker = task.filter
+    if not tracker.is_linear or (isinstance(tracker, GaussianFilter) and tracker.gate):
+        return f"`{tracker.kind}` is not linear; take a `kf` without `gate`, or an `alpha-beta`"
+    if task.scenario.recorded_runs is not None:
+        return "the measurements are recorded: nothing of them is random"
+    try:
+        data, output = _run(task, _FixedNormals(_dense), 4)
+    except NotImplementedError:
+        return "its scenario draws more than normal noise: `detection`, `outliers`, a random path"
+    numbers = {"states": data.truth, "measurements": data.measurements, "estimates": output.mean}
+    bent = (name for name, x in numbers.items() if not _is_affine(x))
+    return next((f"{name} are not linear in the noise of motion and sensor" for name in bent), None)
+
+
+def _dense(rows: Index) -> Array:
+    """Return variates (J, 4): zeros, two vectors a and b, and a + b."""
+    a, b = (37 * rows % 11 - 5) / 3.0, (23 * rows % 7 - 3) / 2.0
+    return np.stack([np.zeros(len(rows)), a, b, a + b], axis=1)
+
+
+def _is_affine(x: Array) -> bool:
+    """Return whether f(a + b) + f(0) = f(a) + f(b), of values (..., 4) at 0, a, b and a + b."""
+    known = x[~np.isnan(x).all(axis=-1)]
+    difference = known[..., 3] + known[..., 0] - known[..., 1] - known[..., 2]
+    return bool(np.all(np.abs(difference) <= 1e-9 * np.abs(known).max(initial=0.0)))
+
+
+@np.errstate(all="ignore")
+def exact_series(task: BlockTask) -> dict[str, Array]:
+    """Return the mean (T + 1,) over all possible runs of each quadratic series, by its name."""
+    means: dict[str, Array] = {}
+    first, streams = 0, _FixedNormals(_dense)
+    while not first or first < streams.drawn:
+        # Step 1: filter no noise (u = 0), each unit vector u_j and its negative.
+        places = np.append(-1, np.arange(first, first + _UNITS).repeat(2))
+        u = np.array([0.0, *([1.0, -1.0] * _UNITS)])
+        streams = _FixedNormals(lambda rows: np.where(rows[:, None] == places, u, 0.0))  # noqa: B023
+        data, output = _run(task, streams, len(u))
+        values = series(task.scenario, data.truth, output.mean, output.nees, None)
+        # Step 2: E q = q(0) + sum_j [ (q(u_j) + q(-u_j)) / 2 - q(0) ]
+        for name, q in (values | output.diagnostics).items():
+            if name.partition("_")[0] in QUADRATIC:
+                at_zero, up, down = q[:, :1], q[:, 1::2], q[:, 2::2]
+                means.setdefault(name, at_zero[:, 0].copy())
+                means[name] += total(0.5 * (up + down) - at_zero)
+        first += _UNITS
+    return means
