@@ -51,7 +51,7 @@ class EKF(NonlinearFilter):
 class FadingEKF(EKF):
     """Extended Kalman filter with fading memory: P^- = a F P F' + Q (Simon 2006, section 7.4)."""
 
-    inflation: Annotated[float, Interval(ge=1, lt=float("inf"))] = 1.1
+    inflation: Annotated[float, Interval(ge=1, lt=float("inf"))] = 1.0
     """factor a on the covariance at each prediction"""
 
     def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
