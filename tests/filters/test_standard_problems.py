@@ -136,6 +136,24 @@ def test_imm_of_the_air_traffic() -> None:
         np.testing.assert_allclose(mean[:, k], expected, rtol=1e-6, atol=1e-6)
 
 
+def test_ckf_of_the_moving_observer() -> None:
+    """The observer's place is the sum of its minutes at 5 knots."""
+    z, mean, _, m, P = filtered("moving-observer", "CKF")
+    headings = np.deg2rad(np.repeat([140, 18, 90, 180, -18, -60], [12, 11, 6, 5, 5, 10]))
+    minutes = 5 * 1852 / 60 * np.stack([np.sin(headings), np.cos(headings)])
+    at = np.c_[np.zeros(2), np.cumsum(minutes, axis=1)]
+    G = np.kron(np.eye(2), np.array([[1800.0], [60.0]]))
+    F = np.kron(np.eye(2), np.array([[1.0, 60.0], [0.0, 1.0]]))
+
+    def bearing(x: Any, k: int) -> Any:
+        return np.arctan2(x[2:3] - at[1, k], x[0:1] - at[0, k])
+
+    R = np.deg2rad(1.0) ** 2 * np.eye(1)
+    expected = sigma_points(m, P, z, lambda x, k: F @ x, bearing, 1.6e-6 * G @ G.T, R, (4, 0))
+    assert np.abs(np.diff(z[0])).max() < 3.0  # no bearing crosses the cut
+    np.testing.assert_allclose(mean.T, expected, rtol=1e-6, atol=1e-5)
+
+
 def test_jitter_pf_comes_close_to_the_kalman_filter() -> None:
     errors, ratios = in_deviations("jitter-pf", N=1000, ess_threshold=0.5, bandwidth_scale=0.3)
     assert np.sqrt(np.mean(errors**2)) < 10.0 / np.sqrt(1000)
