@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import pytest
 
 from tests.conftest import ROOT, make_filter
 from tests.filters.test_ekfukf import sigma_points
@@ -182,15 +183,20 @@ def test_jitter_moves_copies_alone_by_a_kernel_of_the_posterior() -> None:
     )
 
 
-def test_one_particle_with_all_the_weight_is_spread_as_all_are() -> None:
-    x = np.arange(6.0).reshape(1, 1, 6)
-    tracker: Any = make_filter("jitter-pf", N=6, ess_threshold=0.5, bandwidth_scale=1.0)
-    draws = []
-    for seed in range(300):
-        cloud = Particles(x, np.eye(6)[2:3])
-        draws.append(
-            tracker._resample_if_needed(cloud, np.random.default_rng(seed), 6).x[0, 0] - 2.0
-        )
-    # Variance of 0..5 over n - 1 is 3.5; h = (4 / 3 / 6)^(1 / 5).
-    expected = 3.5 * (4 / 3 / 6) ** 0.4
-    np.testing.assert_allclose(np.var(draws), expected, rtol=6 * np.sqrt(2 / 1800))
+@pytest.mark.parametrize(
+    ("weights", "variance"),
+    [((0, 0, 1, 0, 0, 0), 3.5), ((0, 0, 0.6, 0.4, 0, 0), 0.5)],
+    ids=["one with all the weight: that of 0..5", "two with the weight: (1 - 0)^2 / 2"],
+)
+def test_variance_of_the_jitter_of_few_particles(
+    weights: tuple[float, ...], variance: float
+) -> None:
+    x, w = np.arange(6.0).reshape(1, 1, 6), np.array([weights])
+
+    def resampled(seed: int, scale: float) -> Any:
+        tracker: Any = make_filter("jitter-pf", N=6, ess_threshold=0.5, bandwidth_scale=scale)
+        return tracker._resample_if_needed(Particles(x, w), np.random.default_rng(seed), 6).x
+
+    steps = [resampled(seed, 1.0) - resampled(seed, 0.0) for seed in range(1000)]
+    expected = variance * (4 / 3 / 6) ** 0.4
+    np.testing.assert_allclose(np.var(steps), expected, rtol=6 * np.sqrt(2 / 6000))
