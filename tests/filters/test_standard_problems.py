@@ -89,6 +89,13 @@ def test_ckf_of_lorenz_96() -> None:
     np.testing.assert_allclose(mean[:, :steps].T, expected, rtol=1e-6, atol=1e-6)
 
 
+def test_step_of_lorenz_96_with_40_components() -> None:
+    scenario: Any = load(ROOT / "experiments" / "lorenz96-40.yaml").points[0].scenario
+    x = 3.0 + np.random.default_rng(1).standard_normal((40, 5))
+    moved = scenario.model.motion.transition(x, 1).mean
+    np.testing.assert_allclose(moved, runge_kutta(lorenz96, x, 0.05, 1), rtol=1e-12)
+
+
 def turn(x: Any, k: int) -> Any:
     px, vx, py, vy, w = x
     s, c = np.sin(w), np.cos(w)
