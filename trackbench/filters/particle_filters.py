@@ -100,8 +100,7 @@ class PF(ParticleFilter):
 class JitterPF(PF):
     """Bootstrap filter that moves the copies of a particle apart after resampling.
 
-    Regularization (Musso, Oudjane & Le Gland 2001) of the copies alone, as in DAPPER's ``PartFilt``: a
-    motion without noise would leave them together for good.
+    Post-regularisation (Musso et al. 2001) of the copies alone, as in ``PartFilt`` of DAPPER.
     """
 
     bandwidth_scale: NonNegative = 1.0
@@ -109,11 +108,9 @@ class JitterPF(PF):
 
     def _resample_if_needed(self, cloud: Particles, rng: Generator, size: int) -> Particles:
         resampled = super()._resample_if_needed(cloud, rng, size)
-        # Step 1: the unbiased covariance of the weighted particles, P / (1 - sum w^2), or that of equal
-        # weights where one particle has all the weight.
+        # Step 1: unbiased covariance P / (1 - sum w^2), of equal weights where one particle has it all.
         rest = 1.0 - 1.0 / particles.effective_sample_size(cloud.w)
-        equal = particles.equal_weights(*cloud.w.shape)
-        w = np.where((rest > 1e-10)[:, None], cloud.w, equal)
+        w = np.where((rest > 1e-10)[:, None], cloud.w, 1.0 / cloud.w.shape[1])
         P = Particles(cloud.x, w).moments().cov / (1.0 - 1.0 / particles.effective_sample_size(w))
         # Step 2: add scale h e, e ~ N(0, P), to each particle that equals a neighbor.
         h = self.bandwidth_scale * bandwidth(len(cloud.x), size, "gaussian")
