@@ -24,7 +24,19 @@ NEEDED: dict[str, dict[str, Any]] = {
     "gaussian-sum": {"split": 9, "span": 2.0},
     **{
         kind: {"N": 60}
-        for kind in ("pf", "rpf", "apf", "epf", "upf", "mpf", "los-rbpf", "gpf", "enkf", "edh")
+        for kind in (
+            "pf",
+            "rpf",
+            "jitter-pf",
+            "apf",
+            "epf",
+            "upf",
+            "mpf",
+            "los-rbpf",
+            "gpf",
+            "enkf",
+            "edh",
+        )
     },
     **{kind: {"N": 20, "G": 3} for kind in ("pfde", "hdepf")},
 }

@@ -9,7 +9,8 @@ from numpy.random import Generator
 
 from trackbench.core import elementary, particles, resampling
 from trackbench.core.arrays import Array
-from trackbench.core.kernel_smoothing import Kernel, jitter
+from trackbench.core.distributions import Gaussian
+from trackbench.core.kernel_smoothing import Kernel, bandwidth, jitter
 from trackbench.core.metropolis import independence_moves
 from trackbench.core.particles import Evidence, Particles, read_likelihood
 from trackbench.core.resampling import select
@@ -93,6 +94,31 @@ class PF(SimulatingSmoother):
             np.where(keep[:, None], cloud.x, resampled.x),
             np.where(keep[:, None], cloud.w, resampled.w),
         )
+
+
+@register("filters", "jitter-pf")
+@dataclass(frozen=True, kw_only=True)
+class JitterPF(PF):
+    """Bootstrap filter that moves the copies of a particle apart after resampling.
+
+    Post-regularisation (Musso et al. 2001) of the copies alone, as in ``PartFilt`` of DAPPER.
+    """
+
+    bandwidth_scale: NonNegative = 1.0
+    """factor on the optimal bandwidth of a Gaussian kernel"""
+
+    def _resample_if_needed(self, cloud: Particles, rng: Generator, size: int) -> Particles:
+        resampled = super()._resample_if_needed(cloud, rng, size)
+        # Step 1: unbiased covariance P / (1 - sum w^2), of equal weights where one particle has it all.
+        rest = 1.0 - 1.0 / particles.effective_sample_size(cloud.w)
+        w = np.where((rest > 1e-10)[:, None], cloud.w, 1.0 / cloud.w.shape[1])
+        P = Particles(cloud.x, w).moments().cov / (1.0 - 1.0 / particles.effective_sample_size(w))
+        # Step 2: add scale h e, e ~ N(0, P), to each particle that equals a neighbor.
+        h = self.bandwidth_scale * bandwidth(len(cloud.x), size, "gaussian")
+        e = Gaussian(np.zeros(P.shape[1:]), P).sample(rng, size)
+        first = resampled.x[0]
+        copied = (first == np.roll(first, 1, axis=-1)) | (first == np.roll(first, -1, axis=-1))
+        return resampled._replace(x=np.where(copied, resampled.x + h * e, resampled.x))
 
 
 @register("filters", "rpf")
