@@ -66,19 +66,6 @@ class EKF(NonlinearFilter):
         return extended_transition(model, state, k, self.assumed, self.order)
 
 
-@register("filters", "fading-ekf")
-@dataclass(frozen=True, kw_only=True)
-class FadingEKF(EKF):
-    """Extended Kalman filter with fading memory: P^- = a F P F' + Q (Simon 2006, section 7.4)."""
-
-    inflation: Annotated[float, Interval(ge=1, lt=float("inf"))] = 1.0
-    """factor a on the covariance at each prediction"""
-
-    def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
-        """Inflate the covariance, predict and update by the Jacobians."""
-        return super().update(model, Gaussian(state.mean, self.inflation * state.cov), z, k)
-
-
 @register("filters", "iekf")
 @dataclass(frozen=True, kw_only=True)
 class IEKF(NonlinearFilter):
