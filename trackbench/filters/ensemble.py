@@ -194,14 +194,20 @@ class EnKF(SmoothingFilter[Ensemble], EnsembleFilter):
 
 def _transformed(dx: Array, dz: Array, S: Array, R: Array) -> Array:
     """Return the deviations dx T, T = (I + dz' R^-1 dz / (N - 1))^-1/2 the symmetric root."""
-    # With S = L L' and W = L^-1 dz / sqrt(N - 1) it is T = (I - W' W)^1/2 = I - W' (I + E^1/2)^-1 W,
     # E = I - W W' = L^-1 R L'^-1 = V diag(w) V'.
     L = linalg.cholesky(S)
+    whitened = linalg.solve_lower(L[..., None], dz)
+    if dz.shape[-1] <= len(dz):
+        # As many measurements as members or more: the root itself, a matrix (N, N, runs).
+        rows = np.moveaxis(whitened, 2, 0)
+        square = linalg.matmul(rows, linalg.transpose(rows)) / (dz.shape[-1] - 1.0)
+        w, V = linalg.eigen(linalg.identity_minus(square))
+        T = linalg.matmul(V * np.sqrt(np.maximum(w, 0.0)), linalg.transpose(V))
+        return np.moveaxis(linalg.matmul(np.moveaxis(dx, 2, 1), T), 1, 2)
     E = linalg.solve_lower(L[:, :, None], R)
     E = linalg.symmetrize(linalg.solve_lower(L[:, :, None], linalg.transpose(E)))
     w, V = linalg.eigen(E)
     G = linalg.matmul(V / (1.0 + np.sqrt(np.maximum(w, 0.0))), linalg.transpose(V))
-    whitened = linalg.solve_lower(L[..., None], dz)
     gain = linalg.matmul(_cross_cov(dx, whitened), G)
     return dx - linalg.matvec(gain[..., None], whitened)
 
