@@ -63,6 +63,9 @@ def chosen_labels(source: Source, settings: Settings) -> list[str]:
             add_label_problem(source, settings, ("only", i), label)
     if settings.bound in known:
         source.add_problem(("bound",), f"{settings.bound!r} is already the label of a filter")
+    for i, label in enumerate(settings.smoothed):
+        if label not in known:
+            add_label_problem(source, settings, ("smoothed", i), label)
     for i, label in enumerate(settings.exact):
         if label not in labels_to_run(known, settings.only, settings.reference):
             add_label_problem(source, settings, ("exact", i), label)

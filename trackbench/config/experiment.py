@@ -79,6 +79,8 @@ class Settings:
     """label of the scenario's lower bounds in tables and figures; default: they are left out"""
     exact: list[Label] = field(default_factory=list)
     """labels of linear filters whose exact errors stand beside the measured ones; default: none"""
+    smoothed: list[Label] = field(default_factory=list)
+    """labels of filters whose smoothers run beside them, as `EKF, smoothed`; default: none"""
     hold_out: Annotated[int, Ge(2)] | None = None
     """hold back every n-th measurement of a run from the filters, and predict it instead, such as 5"""
     medians: list[str] = field(default_factory=list)

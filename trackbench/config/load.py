@@ -35,6 +35,7 @@ from trackbench.config.published import Published, read_published
 from trackbench.config.requested_metrics import check_metrics, check_trained_metrics
 from trackbench.config.tuned_entries import (
     Chosen,
+    add_smoothed,
     add_tuned,
     training_point,
     tuned_axes,
@@ -101,6 +102,7 @@ def load(
         add_axis(source, axis)
     _set_only(source, only)
     add_tuned(source, tuned_values or {})
+    add_smoothed(source)
     # Step 2: run the plugins' code, so that their kinds are known, and validate.
     plugins = load_plugins(source, home, allow_plugins)
     try:
