@@ -277,9 +277,18 @@ def _published(source: Source, settings: Settings, folder: Path, points: list[Po
 
 
 def _add_default_exhibits(source: Source, settings: Settings, points: list[Point]) -> None:
-    """Add tables and figures of innovations to recordings without ground truth that name none."""
+    """Add a track of the first run, or tables and figures of innovations, to configs that name none.
+
+    The latter is for recordings without ground truth.
+    """
     chosen = settings.metrics is not None or settings.per_step is not None
-    if chosen or not points or any(p.scenario.has_truth for p in points):
+    if chosen or not points:
+        return
+    planar = points[0].scenario.components[:4] == position_velocity_names(2)
+    if any(p.scenario.has_truth for p in points):
+        if planar and not settings.grid and not settings.tables and not settings.figures:
+            track = {"kind": "track", "filters": list(points[0].filters)[:4], "runs": 1}
+            override(source, ("figures",), {"track": track}, Mark("default in the plane"))
         return
     mark = Mark("default without ground truth")
     if "tables" not in source.data:
@@ -289,7 +298,7 @@ def _add_default_exhibits(source: Source, settings: Settings, points: list[Point
             "nis": {"kind": "nis"},
             "whiteness": {"kind": "autocorrelation"},
         }
-        if points[0].scenario.components[:4] == position_velocity_names(2):
+        if planar:
             figures["track"] = {"kind": "track", "filters": list(points[0].filters)[:4]}
         else:
             figures["estimates"] = {"kind": "estimates"}
