@@ -24,6 +24,7 @@ from trackbench.config.checks import (
     check_idle_settings,
     check_key_figure,
     check_named_filters,
+    check_problem,
     chosen_labels,
     with_recorded_runs,
 )
@@ -54,6 +55,9 @@ _INDEPENDENT = {
     *("name", "title", "seed", "runs", "verdict_seeds", "block"),
     *("medians", "metrics", "per_step", "published"),
 }
+
+_OF_PROBLEM = ("scenario", "filters", "grid")
+"""Overrides after which an experiment is no longer the standard problem of its name."""
 
 
 class UnknownNamesError(UserError):
@@ -92,6 +96,8 @@ def load(
     unread = inline_parts(source, home)
     for text in overrides:
         override(source, *assignment(source, text))
+    if grid or any(text.startswith(_OF_PROBLEM) for text in overrides):
+        source.data.pop("problem", None)
     for key, number in {"runs": runs, "seed": seed}.items():
         if number is not None:
             override(source, (key,), number, Mark(f"--{key}"))
@@ -175,6 +181,7 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
     for point in points if not source.problems else ():
         check_exact(source, settings, point)
     check_idle_settings(source, settings)
+    check_problem(source, settings)
     left_out = _filters(source, [label for label in settings.filters if label not in labels])
     if whole:
         settings = with_recorded_runs(source, settings, points)
