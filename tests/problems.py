@@ -1,8 +1,8 @@
 """Digests of the standard problems: ``python -m tests.problems`` writes ``tests/problems.json`` anew.
 
-A digest covers what moves a number of a problem: its resolved config but titles, tables and figures, the
-recordings, and the published rows. A test fails where a digest differs: raise ``version`` in the config's
-``problem`` and run the command. Where no number moves, the command alone is enough.
+A digest covers what moves a number of a problem: its resolved config but titles, tables and figures,
+the recordings, and the published rows. A test fails where a digest differs: raise ``version`` in the
+config's ``problem`` and run the command. Where no number moves, the command alone is enough.
 
 Keys that are younger than the file and that a config leaves at their defaults are outside its digest.
 """
@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 from tests.conftest import EXPERIMENTS, shipped
 from trackbench.config.dump import as_yaml, resolved
 from trackbench.config.experiment import Experiment
-from trackbench.config.shipped_experiments import with_parts
 from trackbench.config.shipped_experiments import problems as listed
+from trackbench.config.shipped_experiments import with_parts
 
 FILE = Path(__file__).with_name("problems.json")
 SHOWN = {
