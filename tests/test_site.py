@@ -1,23 +1,35 @@
 """The site: everything is on it, it is built without a warning, and it asks nothing of the net."""
 
+import csv
+import io
 import re
 import subprocess
 import sys
 from functools import cache
+from itertools import takewhile
+from math import isfinite
 from pathlib import Path
 
 import pytest
+import yaml
 
 import trackbench
-from docs.site import gallery, reference
+from docs.site import gallery, problems, reference
 from docs.site.pages import pages, rewritten
 from tests.conftest import ROOT
 from tests.test_shipped import NAMES
+from trackbench.config import shipped_experiments
 from trackbench.help import kinds as help_kinds
 from trackbench.metrics import METRICS
 from trackbench.registry import GROUPS, kinds
 
 PAGES = cache(reference.pages)
+
+
+def read(path: Path, only: str = "") -> str:
+    """A file's text, or the lines at its top that begin so."""
+    text = path.read_text(encoding="utf-8") if path.is_file() else ""
+    return "\n".join(takewhile(lambda line: line.startswith(only), text.splitlines())) + "\n"
 
 
 @pytest.mark.parametrize("group", GROUPS)
@@ -69,6 +81,54 @@ def test_the_gallery_has_every_experiment() -> None:
     assert all(path.is_file() for path in files.values())
 
 
+def test_every_problem_has_its_picture_verdicts_and_finding() -> None:
+    for row in problems.rows():
+        page = gallery.pages()[f"gallery/{row.problem.name}.md"]
+        e = next(e for e in gallery.experiments() if e.name == row.problem.name)
+        assert f'Cite as "trackbench/{e.name} v{row.problem.version}, ' in page
+        assert page.count("<figure") == len(e.figures) >= 1
+        assert "](../findings/" in page
+        comment = read(ROOT / "experiments" / f"{e.name}.yaml", "#")
+        assert comment.removeprefix("# ").split(". ")[0].replace("\n# ", " ") in page
+        for row_of in csv.DictReader(io.StringIO(read(e.folder / "comparison.csv"))):
+            assert f"| {row_of['verdict']}" in page
+
+
+def test_the_table_of_problems_has_the_numbers_of_the_results() -> None:
+    lines = problems.table("gallery/").splitlines()
+    heads = [head.strip() for head in lines[0].strip("|").split("|")]
+    assert len(lines) - 2 == len(problems.rows()) == len(shipped_experiments.problems())
+    cells = 0
+    for line in lines[2:]:
+        columns = dict(zip(heads, (c.strip() for c in line.strip("|").split("|")), strict=True))
+        name = columns["Problem"].split("]")[0].strip("[")
+        config = yaml.load(read(ROOT / "results" / name / "config.yaml"), yaml.CSafeLoader)
+        summary = list(csv.DictReader(io.StringIO(read(ROOT / "results" / name / "summary.csv"))))
+        for label, shown, ratio in re.findall(
+            r'<span title="(.*?)">(.*?)</span>(?: \((.*?)\))?', line
+        ):
+            rows = [
+                row for row in summary
+                if row["filter"] == label and row["metric"] == columns["Error"].strip("`")
+            ]  # fmt: skip
+            assert not config["filters"][label].get("smooth")
+            assert float(shown) == pytest.approx(float(rows[0]["value"]), rel=1e-3)
+            alike = [
+                float(row["value"]) for row in summary
+                if row["metric"] == columns["Error"].strip("`")
+                and (keys := config["filters"].get(row["filter"], {"kind": ""}))["kind"]
+                == config["filters"][label]["kind"]
+                and not keys.get("smooth") and isfinite(float(row["value"]))
+            ]  # fmt: skip
+            best = max if "score" in columns["Error"] else min
+            assert config["grid"] or float(rows[0]["value"]) == best(alike)
+            if ratio:
+                floor = float(columns["Reference"].split()[-1])
+                assert float(ratio) == pytest.approx(float(shown) / floor, rel=0.01)
+            cells += 1
+    assert cells > 60
+
+
 def test_links_are_those_of_the_site() -> None:
     known = pages() | {"results/hdepf/": "gallery/hdepf.md"}
     text = '[a](../results/hdepf/ "PF; mean(rmse)") [`b`](decisions/verdicts.md) [c](../LICENSE)'
@@ -92,7 +152,10 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_site_is_built_and_asks_nothing_of_the_net(site: Path) -> None:
-    for uri in [*pages().values(), *PAGES(), *gallery.pages()]:
+    front = (site / "index.html").read_text(encoding="utf-8")
+    for row in problems.rows():
+        assert f'<a href="gallery/{row.problem.name}.html">' in front
+    for uri in [*pages().values(), *PAGES(), *gallery.pages(), *problems.pages()]:
         page = (site / uri).with_suffix(".html").read_text(encoding="utf-8")
         assert not re.search(
             r'(<script|<img|<link(?! rel="canonical"))[^>]*(src|href)="https?:', page

@@ -21,7 +21,7 @@ def plugin_ranks(results: Results) -> Iterator[str]:
     """Yield a sentence for each filter of a plugin, in each scenario of the grid."""
     filters = results.config["filters"]
     for label in results.filters:
-        if is_builtin("filters", filters[label]["kind"]):
+        if is_builtin("filters", filters[label].get("kind", "ekf")):
             continue
         # A smoother uses later measurements, so filters and smoothers are ranked apart.
         smooths = bool(filters[label].get("smooth"))
