@@ -1,6 +1,7 @@
 """The site: everything is on it, it is built without a warning, and it asks nothing of the net."""
 
 import csv
+import html
 import io
 import re
 import subprocess
@@ -95,38 +96,33 @@ def test_every_problem_has_its_picture_verdicts_and_finding() -> None:
 
 
 def test_the_table_of_problems_has_the_numbers_of_the_results() -> None:
-    lines = problems.table("gallery/").splitlines()
-    heads = [head.strip() for head in lines[0].strip("|").split("|")]
-    assert len(lines) - 2 == len(problems.rows()) == len(shipped_experiments.problems())
-    cells = 0
-    for line in lines[2:]:
-        columns = dict(zip(heads, (c.strip() for c in line.strip("|").split("|")), strict=True))
-        name = columns["Problem"].split("]")[0].strip("[")
+    lines = problems.table("gallery/").splitlines()[2:]
+    assert len(lines) == len(problems.rows()) == len(shipped_experiments.problems())
+    entries = 0
+    for line in lines:
+        problem, reference, filters = (cell.strip() for cell in line.strip("|").split(" | "))
+        name = problem.split("]")[0].strip("[")
         config = yaml.load(read(ROOT / "results" / name / "config.yaml"), yaml.CSafeLoader)
-        summary = list(csv.DictReader(io.StringIO(read(ROOT / "results" / name / "summary.csv"))))
-        for label, shown, ratio in re.findall(
-            r'<span title="(.*?)">(.*?)</span>(?: \((.*?)\))?', line
-        ):
-            rows = [
-                row for row in summary
-                if row["filter"] == label and row["metric"] == columns["Error"].strip("`")
-            ]  # fmt: skip
-            assert not config["filters"][label].get("smooth")
-            assert float(shown) == pytest.approx(float(rows[0]["value"]), rel=1e-3)
-            alike = [
-                float(row["value"]) for row in summary
-                if row["metric"] == columns["Error"].strip("`")
-                and (keys := config["filters"].get(row["filter"], {"kind": ""}))["kind"]
-                == config["filters"][label]["kind"]
-                and not keys.get("smooth") and isfinite(float(row["value"]))
-            ]  # fmt: skip
-            best = max if "score" in columns["Error"] else min
-            assert config["grid"] or float(rows[0]["value"]) == best(alike)
+        expression = problem.split("`")[1]
+        values: dict[str, float] = {}
+        for row in csv.DictReader(io.StringIO(read(ROOT / "results" / name / "summary.csv"))):
+            if row["metric"] == expression and isfinite(float(row["value"])):
+                values.setdefault(row["filter"], float(row["value"]))
+        shown = re.findall(r'class="entry">(.*?) (-?[\d.e+-]+)(?: \(([\d.e+-]+)\))?<', filters)
+        labels = [html.unescape(label) for label, _, _ in shown]
+        floor = reference.rpartition(" ")
+        smoothers = {b for b, keys in config["filters"].items() if keys.get("smooth")}
+        assert {*labels, floor[0]} >= values.keys() - smoothers - {config.get("bound")}
+        assert not smoothers & {*labels}
+        for label, (_, number, ratio) in zip(labels, shown, strict=True):
+            assert float(number) == pytest.approx(values[label], rel=1e-3)
+            assert (ratio != "") == (floor[2] != "" and "score" not in expression)
             if ratio:
-                floor = float(columns["Reference"].split()[-1])
-                assert float(ratio) == pytest.approx(float(shown) / floor, rel=0.01)
-            cells += 1
-    assert cells > 60
+                assert float(ratio) == pytest.approx(values[label] / float(floor[2]), rel=0.01)
+        ranked = [values[label] for label in labels]
+        assert ranked == sorted(ranked, reverse="score" in expression)
+        entries += len(labels)
+    assert entries > 100
 
 
 def test_links_are_those_of_the_site() -> None:

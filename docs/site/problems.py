@@ -1,18 +1,17 @@
 """The standard problems: a table of filters and errors, and pictures."""
 
 import csv
-from collections import Counter
+import html
+from collections.abc import Iterator
 from functools import cache
-from math import isfinite, nan
+from math import isfinite
+from operator import itemgetter
 from typing import NamedTuple
 
 from docs.site import gallery
 from trackbench.config.shipped_experiments import ShippedProblem, problems
 from trackbench.errors import counted
 from trackbench.evaluation.metric_expression import measured
-
-_COLUMNS = 7
-"""Kinds with a column of their own: those that most problems have."""
 
 
 class Row(NamedTuple):
@@ -21,29 +20,21 @@ class Row(NamedTuple):
     problem: ShippedProblem
     expression: str
     values: dict[str, float]
-    """by label; of filters, and of the reference"""
-    kinds: dict[str, str]
-    """kinds of its filters by label, without smoothers"""
+    """by label: filters that are no smoothers, best first, and the reference"""
 
     @property
     def is_score(self) -> bool:
         """Return whether more is better, and a ratio means nothing."""
         return measured(self.expression).family[0].is_score
 
-    def best(self, kind: str) -> str:
-        """Return the label of the best filter of a kind; empty if there is none."""
-        sign = -1.0 if self.is_score else 1.0
-        labels = [label for label in self.values if self.kinds.get(label) == kind]
-        return min(labels, key=lambda label: sign * self.values[label], default="")
-
-    def cell(self, kind: str) -> str:
-        """Return the smallest error of a kind, and its ratio to the reference in parentheses."""
-        label = self.best(kind)
-        if not label:
-            return ""
-        value, floor = self.values[label], self.values.get(self.problem.reference, nan)
-        ratio = f" ({value / floor:.3g})" if isfinite(floor) and not self.is_score else ""
-        return f'<span title="{label}">{_number(value)}</span>{ratio}'
+    @property
+    def entries(self) -> Iterator[str]:
+        """Yield each filter's error, and its ratio to the reference in parentheses."""
+        floor = self.values.get(self.problem.reference)
+        for label, value in self.values.items():
+            ratio = f" ({value / floor:.3g})" if floor is not None and not self.is_score else ""
+            if label != self.problem.reference:
+                yield f'<span class="entry">{html.escape(label)} {_number(value)}{ratio}</span>'
 
 
 @cache
@@ -64,29 +55,26 @@ def _row(problem: ShippedProblem, e: gallery.Experiment) -> Row:
             if row["metric"] == expression
             and tuple(row[path] for path in e.config["grid"]) == point
         }
-    filters = e.config["filters"]
-    kinds = {b: keys["kind"] for b, keys in filters.items() if not keys.get("smooth")}
-    finite = {label: value for label, value in values.items() if isfinite(value)}
-    return Row(problem, expression, finite, kinds)
+    filters = {b for b, keys in e.config["filters"].items() if not keys.get("smooth")}
+    shown = [b for b, x in values.items() if b in {*filters, problem.reference} and isfinite(x)]
+    row = Row(problem, expression, {label: values[label] for label in shown})
+    ranked = sorted(row.values.items(), key=itemgetter(1), reverse=row.is_score)
+    return row._replace(values=dict(ranked))
 
 
 def table(folder: str = "") -> str:
-    """Return problems by filters as Markdown; ``folder`` leads to the gallery."""
-    counts = Counter(kind for row in rows() for kind in {*row.kinds.values()} if row.best(kind))
-    kinds = [kind for kind, _ in counts.most_common(_COLUMNS)]
-    lines = [["Problem", "Error", "Reference", *(f"`{kind}`" for kind in kinds), "Others"]]
-    lines += [["---"] * len(lines[0])]
+    """Return problems with their filters as Markdown; ``folder`` leads to the gallery."""
+    lines = [
+        ["Problem", "Reference", "Filters, best first: error (error / reference)"],
+        ["---"] * 3,
+    ]
     for row in rows():
-        one = row.problem
-        others = [kind for kind in counts if kind not in kinds and row.best(kind)]
-        reference = row.values.get(one.reference)
+        one, reference = row.problem, row.values.get(row.problem.reference)
         lines.append(
             [
-                f"[{one.name}]({folder}{one.name}.md) v{one.version}",
-                f"`{row.expression}`",
+                f"[{one.name}]({folder}{one.name}.md) v{one.version}<br>`{row.expression}`",
                 f"{one.reference} {_number(reference)}" if reference is not None else "",
-                *map(row.cell, kinds),
-                ", ".join(f"`{kind}` {row.cell(kind)}" for kind in others),
+                " · ".join(row.entries),
             ]
         )
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
@@ -97,8 +85,8 @@ def _number(value: float) -> str:
 
 
 NOTE = (
-    "Each error is that of the best filter of its kind, smoothers aside, at the first point of a grid. "
-    "Its label shows at the pointer. Parentheses hold its ratio to the error of the reference or bound."
+    "Under each problem stands its error, at the first point of a grid. The table leaves smoothers out. "
+    "Problems with a reference filter or a bound have the ratio of each error to it in parentheses."
 )
 
 
