@@ -208,6 +208,13 @@ def check_idle_settings(source: Source, settings: Settings) -> None:
         source.add_key_problem(("tuning",), "has no effect without `tune`; leave it out")
 
 
+def check_problem(source: Source, settings: Settings) -> None:
+    """Check that a standard problem's reference is a filter or the bound."""
+    label = settings.problem.reference if settings.problem else None
+    if label not in (None, *settings.filters, settings.bound):
+        add_label_problem(source, settings, ("problem", "reference"), str(label))
+
+
 def check_key_figure(source: Source, settings: Settings) -> None:
     """Check that the report's key figure is one of the experiment's."""
     name = settings.key_figure

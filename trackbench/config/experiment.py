@@ -44,6 +44,16 @@ Label = Annotated[str, StringConstraints(pattern=ONE_LINE, max_length=80)]
 
 
 @dataclass(frozen=True, kw_only=True)
+class StandardProblem:
+    """Mark of an experiment that is cited by name and version."""
+
+    version: Count
+    """version, raised with every change that moves a number"""
+    reference: Label | None = None
+    """label of the filter or bound that listings compare errors with; default: `reference` or `bound`"""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Settings:
     """The top level of an experiment file."""
 
@@ -53,6 +63,8 @@ class Settings:
     """one line for people; {runs} stands for the number of runs, here and in titles of exhibits"""
     paper: str = ""
     """paper that it reproduces: authors and title"""
+    problem: StandardProblem | None = None
+    """mark of a standard problem, cited as trackbench/NAME vVERSION: {version: 1}"""
     seed: Natural = 0
     """seed of every random number"""
     runs: Count = 100
