@@ -62,8 +62,11 @@ def test_kalman_filter_of_the_car() -> None:
 
 @pytest.mark.parametrize(
     ("name", "label", "u", "q", "a", "r"),
-    [("nile-models", "EKF", 0.0, 0.0, 0.0, 28351.5675), ("nile-diffuse", "KF", 0.0, 1469.1, 0.0, 15099.0)],
-)  # fmt: skip
+    [
+        ("nile-models", "EKF", 0.0, 0.0, 0.0, 28351.5675),
+        ("nile-diffuse", "KF", 0.0, 1469.1, 0.0, 15099.0),
+    ],
+)
 def test_level_of_the_nile(name: str, label: str, u: float, q: float, a: float, r: float) -> None:
     z, mean, scores, m, P = filtered(name, label)
     one = np.eye(1)
