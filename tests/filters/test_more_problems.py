@@ -209,18 +209,26 @@ def test_step_of_lorenz_96_in_twenty_parts() -> None:
     np.testing.assert_allclose(moved, runge_kutta(lorenz96, x, 0.02, 20), rtol=1e-9)
 
 
-def test_ekf_of_the_radar_turns() -> None:
-    z, mean, _, m, P = filtered("radar-turns", "EKF")
-    F = np.kron(np.eye(2), np.array([[1.0, 2.0], [0.0, 1.0]]))
-    G = np.kron(np.eye(2), np.array([[2.0], [2.0]]))
-    m, P, R = m.reshape(4), P.reshape(4, 4), np.diag([2500.0, 9e-6])
-    steps = mean.shape[1]
+@pytest.mark.parametrize(
+    ("name", "T", "Q", "R", "at"),
+    [
+        ("radar-turns", 2.0, [[16.0, 16.0], [16.0, 16.0]], [2500.0, 9e-6], (0.0, 0.0)),
+        ("uav-radar", 1.0, [[2 / 3, 1.0], [1.0, 2.0]], [100.0, 64e-6], (-1500.0, -1500.0)),
+    ],
+)
+def test_ekf_of_a_radar(name: str, T: float, Q: Any, R: Any, at: tuple[float, float]) -> None:
+    z, mean, _, m, P = filtered(name, "EKF")
+    F, Q = straight(T), np.kron(np.eye(2), Q)
+    m, P = m.reshape(4), P.reshape(4, 4)
+    steps = min(mean.shape[1], 100)
+    first = z.shape[1] - mean.shape[1]
     for k in range(steps):
-        m, P = F @ m, F @ P @ F.T + 4.0 * G @ G.T
-        (x, _, y, _), r = m, np.hypot(m[0], m[2])
+        m, P = F @ m, F @ P @ F.T + Q
+        x, y = m[0] - at[0], m[2] - at[1]
+        r = np.hypot(x, y)
         H = np.array([[x / r, 0, y / r, 0], [-y / r**2, 0, x / r**2, 0]])
-        nu = z[:, -steps + k] - [r, np.arctan2(y, x)]
-        K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
+        nu = z[:, first + k] - [r, np.arctan2(y, x)]
+        K = P @ H.T @ np.linalg.inv(H @ P @ H.T + np.diag(R))
         m, P = m + K @ nu, P - K @ H @ P
         np.testing.assert_allclose(mean[:, k], m, rtol=1e-6, atol=1e-6)
 
