@@ -22,7 +22,7 @@ def filtered(name: str, label: str) -> tuple[Any, Any, Any, Any, Any]:
     point = load(ROOT / "experiments" / f"{name}.yaml").points[0]
     task = BlockTask(
         point.scenario, point.filters[label], seed=3, index=0, width=1, runs_used=1,
-        predictive_metrics=("score",),
+        predictive_metrics=("score",), assume=point.assumed.get(label),
     )  # fmt: skip
     data = task.data
     got, prior = run_filter(task, data), data.prior

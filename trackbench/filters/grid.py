@@ -82,6 +82,9 @@ class Grid(Filter[Resolved]):
     """nodes per root of the measurement equation"""
     deviations: Annotated[float, Ge(4)] = 6.5
     """half the span of the nodes, in standard deviations of the measurement noise"""
+    reach: Annotated[float, Ge(4)] | None = None
+    """half the span of the states that are moved on, in standard deviations about their mean; default:
+    all. A measurement that excludes no large states lets the nodes spread without it"""
 
     density_only: ClassVar[bool] = True
 
@@ -165,7 +168,7 @@ class Grid(Filter[Resolved]):
     ) -> quadrature.Posterior:
         motion, sensor = model
         # Intervals of x that z allows, within the support of the prediction.
-        support = _support(motion, old, k)
+        support = _support(motion, old, k, self.reach)
         if isinstance(sensor, SensorWithPreimage):
             intervals = sensor.preimage(z, self.deviations, k)
         else:
@@ -232,9 +235,16 @@ def _support_if_missing(
     return [first, *((np.where(missing, low, a), np.where(missing, low, b)) for a, b in others)]
 
 
-def _support(motion: SampledMotion, old: quadrature.Posterior, k: int) -> quadrature.Interval:
+def _support(
+    motion: SampledMotion, old: quadrature.Posterior, k: int, deviations: float | None
+) -> quadrature.Interval:
     """Return the interval (M,), (M,) that the prediction from a posterior reaches."""
     low, high = quadrature.hull(old)
+    if deviations is not None:
+        # Leave out states in the posterior's far tails.
+        moments = quadrature.moments(old)
+        mean, span = moments.mean[0], deviations * np.sqrt(moments.cov[0, 0])
+        low, high = np.maximum(low, mean - span), np.minimum(high, mean + span)
     if isinstance(motion, BoundedMotion):
         return motion.support(low, high, k)
     # Where the motion takes states from end to end, with the gap between neighbors as a margin.
