@@ -1,0 +1,173 @@
+"""Commands on several results: two folders, a gate for continuous integration, a history."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from trackbench.cli.options import (
+    AllowPlugins,
+    Config,
+    Json,
+    Only,
+    Runs,
+    Seed,
+    Set,
+    Workers,
+    api_options,
+)
+from trackbench.cli.output import echo_line
+
+if TYPE_CHECKING:
+    from trackbench.commands.gate import Verdict
+    from trackbench.report.compare_folders import Row
+    from trackbench.report.text import TextTable
+
+Figure = Annotated[
+    Path | None, typer.Option("--out", metavar="FILE", help="figure: .png, .svg or .pdf")
+]
+
+
+def compare_two(first: Path, second: Path, out: Path | None, json: bool) -> None:
+    """Print how the numbers of two folders differ, and draw a figure."""
+    from trackbench.errors import UserError, counted
+    from trackbench.report import compare_views as views
+    from trackbench.report.compare_folders import ALPHA, EQUAL, compare_folders
+    from trackbench.report.open import open_with_notes
+
+    a, b = open_with_notes(first), open_with_notes(second)
+    rows, why = compare_folders(a, b)
+    if not rows:
+        raise UserError(f"{first} and {second} have no filter, metric and grid point in common")
+    names = (first.name, second.name) if first.name != second.name else (str(first), str(second))
+    if out is not None:
+        views.save(views.draw(rows, names), out)
+    if json:
+        _echo_rows(rows)
+        return
+    runs = counted(max(row.runs for row in rows), "common run")
+    title = (
+        f"{names[1]} against {names[0]}, {f'independent: {why}' if why else f'paired on {runs}'}"
+    )
+    hidden = [r for r in rows if r.how != EQUAL and not (r.is_primary or r.p_holm < ALPHA)]
+    table = views.table_of(title, [row for row in rows if row not in hidden], names)
+    if hidden:
+        table.notes.append(f"{counted(len(hidden), 'further number')} differ by chance: --json")
+    typer.echo(table.aligned())
+    typer.echo(views.conclusion(rows, names))
+
+
+def gate(
+    config: Config,
+    against: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="stored results, or the folder that holds those of several experiments",
+        ),
+    ] = None,
+    against_ref: Annotated[
+        str,
+        typer.Option(
+            metavar="REF", help="git revision of config and filter file, which is run, too"
+        ),
+    ] = "",
+    filter_: Annotated[
+        Path | None,
+        typer.Option("--filter", metavar="FILE", help="Python file of filters; its code is run"),
+    ] = None,
+    worse: Annotated[
+        str,
+        typer.Option(
+            metavar="LIMIT",
+            help="3sigma, or 3sigma,1%: normal tail of the gate's false alarms, least change",
+        ),
+    ] = "3sigma",
+    cost: Annotated[
+        float,
+        typer.Option(
+            min=0,
+            metavar="RATIO",
+            help="also fail if evaluations, or CPU times on the same machine, grow beyond this ratio",
+        ),
+    ] = 0.0,
+    md: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="write a comment for a pull request")
+    ] = None,
+    set_: Set = None,
+    only: Only = None,
+    runs: Runs = None,
+    seed: Seed = None,
+    workers: Workers = None,
+    allow_plugins: AllowPlugins = False,
+    json: Json = False,
+) -> None:
+    """Fail with exit code 1 if a filter is worse than in stored results or at a git revision."""
+    from trackbench.atomic_files import write_text
+    from trackbench.commands.gate import gate as judged
+    from trackbench.commands.gate import limit_of
+
+    if (against is None) == (not against_ref):
+        raise typer.BadParameter("name either --against DIR or --against-ref REF")
+    limit, options = limit_of(worse), api_options(locals())
+    verdict = judged(config, options, limit, against, against_ref, filter_, cost)
+    table = _gate_table(verdict, against_ref or str(against), worse)
+    if md is not None:
+        write_text(md, table.markdown())
+    if json:
+        _echo_rows(verdict.rows)
+    else:
+        typer.echo(table.aligned())
+    raise typer.Exit(int(verdict.is_worse))
+
+
+def _gate_table(verdict: "Verdict", name: str, worse: str) -> "TextTable":
+    """Return the numbers of the changed filters, with a headline and notes."""
+    from trackbench.errors import counted
+    from trackbench.report import compare_views as views
+    from trackbench.report.compare_folders import EQUAL, WORSE
+    from trackbench.report.findings import phrases
+
+    bad = views.changes(verdict.rows, WORSE) + verdict.failed
+    tests = [row.runs for row in verdict.rows if row.how != EQUAL]
+    title = f"Worse: {phrases.listed(bad)}" if bad else "Not worse" if tests else "Unchanged"
+    table = views.table_of(title, verdict.rows, (name, "now"))
+    if tests:
+        on = f"{counted(len(tests), 'number')} on {counted(max(tests), 'run')}"
+        table.notes.append(f"{on}; limit {worse} for all together (Holm's correction).")
+    table.notes += verdict.notes
+    return table
+
+
+def _echo_rows(rows: "Sequence[Row]") -> None:
+    for row in rows:
+        echo_line(row._asdict())
+
+
+def history(
+    folders: Annotated[list[Path], typer.Argument(metavar="DIR...", help="results folders")],
+    metric: Annotated[str, typer.Option(help="row of summary.csv, as rms(rmse_position)")] = "",
+    out: Figure = None,
+    json: Json = False,
+) -> None:
+    """Show a metric of each filter over results folders, in the order of their dates."""
+    from trackbench.errors import UserError
+    from trackbench.report import history as of_folders
+    from trackbench.report.compare_views import save
+    from trackbench.report.open import open_results
+
+    good = [folder for folder in folders if (folder / "config.yaml").is_file()]
+    for folder in folders:
+        if folder not in good and (folder.is_dir() or not folder.exists()):
+            typer.echo(f"note: {folder}: is no results folder", err=True)
+    if not good:
+        raise UserError("no results folder is named; trackbench history results/*")
+    histories = of_folders.history([open_results(folder) for folder in good], metric)
+    if out is not None:
+        save(of_folders.draw(histories), out)
+    for h in histories:
+        for line in h.lines() if json else ():
+            echo_line(line)
+        if not json:
+            typer.echo(h.table().texts().aligned())

@@ -1,0 +1,239 @@
+"""A gate for continuous integration: is a filter worse than stored, or than at a git revision?"""
+
+import json
+import os
+import re
+import subprocess
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from math import isnan, nan
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
+
+import numpy as np
+
+from trackbench.commands.prepare import Options, file_of, prepare
+from trackbench.commands.run_experiment import run_all
+from trackbench.errors import Mark, Problem, UserError, reason
+from trackbench.evaluation.inference import holm
+from trackbench.plugins.errors import PluginError
+from trackbench.plugins.load import load_plugin, read_plugin
+from trackbench.registry import registered
+from trackbench.report.compare_folders import (
+    ALIKE,
+    BETTER,
+    EQUAL,
+    UNTESTED,
+    WORSE,
+    Row,
+    compare_folders,
+)
+from trackbench.report.open import open_results
+from trackbench.report.results import Results
+from trackbench.results.folder_contents import TIMING
+from trackbench.yaml_source import read
+
+_LIMIT = re.compile(r"(\d+(?:\.\d+)?)sigma(?:,(\d+(?:\.\d+)?)%)?")
+
+
+class Limit(NamedTuple):
+    """Family-wise false alarm rate as standard deviations, and the share of a value that matters."""
+
+    sigmas: float
+    share: float
+
+
+class Verdict(NamedTuple):
+    """Result of a gate: its tests, and lines on filters and folders that could not be compared."""
+
+    rows: list[Row]
+    failed: list[str]
+    notes: list[str]
+
+    @property
+    def is_worse(self) -> bool:
+        """Return whether any number is worse beyond the limit, or a filter fails that did not."""
+        return bool(self.failed) or any(row.verdict == WORSE for row in self.rows)
+
+
+def limit_of(text: str) -> Limit:
+    """Parse ``3sigma`` or ``3sigma,1%``; raises UserError."""
+    match = _LIMIT.fullmatch(text.replace(" ", ""))
+    if match is None:
+        what = "is no limit such as 3sigma, or 3sigma,1% (both must be exceeded)"
+        raise UserError(Problem(Mark(f"--worse {text}"), "", what))
+    return Limit(float(match[1]), float(match[2] or 0.01) / 100.0)
+
+
+def gate(
+    config: Path, options: Options, limit: Limit, against: Path | None = None, ref: str = "",
+    file: Path | None = None, cost: float = 0.0,
+) -> Verdict:  # fmt: skip
+    """Run a config and compare it with stored results, or with the config at a git revision.
+
+    Nothing is written but the cache. ``cost`` is the largest ratio of costs, 0 for any.
+    """
+    config = Path(str(file_of(config, options)))
+    options = replace(options, times=cost > 0.0, formats=())
+    with TemporaryDirectory() as home:
+        job = with_filter(config, file, options)
+        name = prepare(config, job).settings.name
+        if against is not None:
+            inner = against / name
+            stored = open_results(inner if (inner / "config.yaml").is_file() else against)
+        else:
+            with _at_ref(ref, config, file, Path(home)) as (old_config, old_file):
+                old = with_filter(old_config, old_file, options)
+                stored = _run(old_config, old, Path(home, "old"))
+        now = _run(config, with_filter(config, file, options), Path(home, "new"))
+        return _judged(stored, now, limit, cost)
+
+
+def with_filter(config: Path, file: Path | None, options: Options) -> Options:
+    """Return the options that add a filter file to a config: as a plugin, with an entry per kind.
+
+    A plugin of this name in the config is replaced, and kinds that its filters name have no new entry.
+    """
+    if file is None:
+        return options
+    try:
+        plugin = read_plugin(file)
+        load_plugin(plugin)
+    except (OSError, PluginError) as error:
+        what = reason(error) if isinstance(error, OSError) else str(error)
+        raise UserError(Problem(Mark(f"--filter {file}"), "", what)) from error
+    data = read(config).data
+    data = data if isinstance(data, dict) else {}
+    others = [p for p in data.get("plugins") or [] if Path(str(p)).name != file.name]
+    filters = data.get("filters")
+    entries = filters.values() if isinstance(filters, dict) else ()
+    named = {part.get("kind") for part in entries if isinstance(part, dict)}
+    kinds = [
+        k for group, k, _ in registered(plugin.module) if group == "filters" and k not in named
+    ]
+    words = [f"plugins={json.dumps([*others, str(file.absolute())])}"]
+    words += [f"filters.{kind}={{kind: {kind}}}" for kind in kinds]
+    allowed = options.allow_plugins or not others
+    return replace(options, set=(*words, *options.set), allow_plugins=allowed)
+
+
+def _run(config: Path, options: Options, folder: Path) -> Results:
+    words = ("figures={}", "key_figure=null", *options.set)
+    (report,) = run_all([config], replace(options, set=words, out=folder))
+    return report.results
+
+
+@contextmanager
+def _at_ref(
+    ref: str, config: Path, file: Path | None, home: Path
+) -> Iterator[tuple[Path, Path | None]]:
+    """Check out a revision of the repository of the config or filter; yield their paths in it.
+
+    The repository stays as it is: the index of the revision is a temporary file.
+    """
+    top = next(filter(None, (_top(path) for path in (config, file) if path)), None)
+    if top is None:
+        raise UserError(
+            Problem(Mark(f"--against-ref {ref}"), "", f"{config} is in no git repository")
+        )
+    tree = home / "tree"
+    _git(ref, top, home, "read-tree", f"{ref}^{{commit}}")
+    _git(ref, top, home, "checkout-index", "--all", f"--prefix={tree}/")
+
+    def moved(path: Path) -> Path:
+        inside = path.resolve().is_relative_to(top)
+        new = tree / path.resolve().relative_to(top) if inside else path
+        if not new.is_file():
+            raise UserError(Problem(Mark(f"--against-ref {ref}"), "", f"has no file {path}"))
+        return new
+
+    try:
+        yield moved(config), moved(file) if file else None
+    except UserError as error:  # with the names that a user knows
+        lines = (str(p).replace(f"{tree}{os.sep}", f"{ref}:") for p in error.problems)
+        raise UserError(*lines) from error
+
+
+def _top(path: Path) -> Path | None:
+    """Return the top folder of a file's git repository, if it is in one."""
+    command = ["git", "-C", str(path.resolve().parent), "rev-parse", "--show-toplevel"]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return Path(done.stdout.strip()).resolve()
+
+
+def _git(ref: str, top: Path, home: Path, *words: str) -> None:
+    env = {**os.environ, "GIT_INDEX_FILE": str(home / "index")}
+    done = subprocess.run(["git", "-C", str(top), *words], capture_output=True, text=True, env=env)
+    if done.returncode:
+        lines = done.stderr.strip().splitlines() or ["git failed"]
+        raise UserError(
+            Problem(Mark(f"--against-ref {ref}"), "", lines[-1].removeprefix("fatal: "))
+        )
+
+
+def _judged(stored: Results, now: Results, limit: Limit, cost: float) -> Verdict:
+    """Return the verdict on the primary metrics of the filters that both have."""
+    rows, why = compare_folders(stored, now)
+    before = {*stored.columns("summary")["filter"].tolist()}
+    notes = [f"not paired: {why}"] if why else []
+    notes += [
+        f"{label}: new, it has no stored results"
+        for label in now.filters
+        if label not in stored.filters
+    ]
+    failed = [
+        f"{label} failed: {failure['reason']}"
+        for failure in now.failed
+        if (label := failure["filter"]) in before
+    ]
+    rows = judge([row for row in rows if row.is_primary], limit)
+    if not rows and not failed:
+        what = f"{stored.folder} has no filter of this config at a point of its grid"
+        raise UserError(Problem(Mark("gate"), "", what))
+    return Verdict(rows + _costs(stored, now, cost), failed, notes)
+
+
+def judge(rows: Sequence[Row], limit: Limit) -> list[Row]:
+    """Return the rows with one-sided p-values by Holm, and a verdict each.
+
+    The probability that any number of unchanged filters is called worse is at most the normal tail
+    beyond the limit, for any dependence of the numbers.
+    """
+    from scipy.special import ndtr
+
+    z = np.array([nan if row.how == EQUAL else row.z_worse for row in rows])
+    worse, better = (holm(ndtr(sign * z)).tolist() for sign in (-1.0, 1.0))
+    tail = float(ndtr(-limit.sigmas))
+    judged = []
+    for row, p, q in zip(rows, worse, better, strict=True):
+        matters = row.is_event or abs(row.difference) > limit.share * abs(row.a)
+        word = UNTESTED if isnan(row.z_worse) else ALIKE
+        if matters and min(p, q) <= tail:
+            word = WORSE if p <= tail else BETTER
+        judged.append(row._replace(p_holm=p, verdict=EQUAL if row.how == EQUAL else word))
+    return judged
+
+
+def _costs(stored: Results, now: Results, most: float) -> list[Row]:
+    """Return a row for each cost: evaluations, and CPU times if both are of this machine."""
+    both = (stored, now)
+    if not most or not all((r.folder / TIMING).is_file() for r in both):
+        return []
+    same = len({(r.manifest.get("processor"), r.manifest.get("platform")) for r in both}) == 1
+    old, new = (
+        {(*map(row.get, r.grid), row["filter"]): row for row in r.columns("timing").records()}
+        for r in both
+    )
+    rows = []
+    for kind in ("likelihoods", "covariances", *(["cpu_s_per_run"] if same else [])):
+        for key in (key for key in new if key in old):
+            a, b = (nan if row[key][kind] == "-" else float(row[key][kind]) for row in (old, new))
+            point = dict(zip(now.grid, key, strict=False))
+            word = WORSE if b > most * a else EQUAL if a == b else ALIKE
+            rows.append(Row(point, key[-1], kind, a, b, 1, word, b - a, nan, verdict=word))
+    return [row for row in rows if row.a > 0.0]
