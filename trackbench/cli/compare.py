@@ -131,8 +131,8 @@ def _gate_table(verdict: "Verdict", name: str, worse: str) -> "TextTable":
 
     bad = views.changes(verdict.rows, WORSE) + verdict.failed
     tests = [row.runs for row in verdict.rows if row.how != EQUAL]
-    title = f"Worse: {phrases.listed(bad)}" if bad else "Not worse" if tests else "Unchanged"
-    table = views.table_of(title, verdict.rows, (name, "now"))
+    title = f"worse: {phrases.listed(bad)}" if bad else "not worse" if tests else "unchanged"
+    table = views.table_of(f"{verdict.name} is {title}", verdict.rows, (name, "now"))
     if tests:
         on = f"{counted(len(tests), 'number')} on {counted(max(tests), 'run')}"
         table.notes.append(f"{on}; limit {worse} for all together (Holm's correction).")

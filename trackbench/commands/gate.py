@@ -25,6 +25,7 @@ from trackbench.report.compare_folders import (
     ALIKE,
     BETTER,
     EQUAL,
+    NEGLIGIBLE,
     UNTESTED,
     WORSE,
     Row,
@@ -48,6 +49,7 @@ class Limit(NamedTuple):
 class Verdict(NamedTuple):
     """Result of a gate: its tests, and lines on filters and folders that could not be compared."""
 
+    name: str
     rows: list[Row]
     failed: list[str]
     notes: list[str]
@@ -195,7 +197,7 @@ def _judged(stored: Results, now: Results, limit: Limit, cost: float) -> Verdict
     if not rows and not failed:
         what = f"{stored.folder} has no filter of this config at a point of its grid"
         raise UserError(Problem(Mark("gate"), "", what))
-    return Verdict(rows + _costs(stored, now, cost), failed, notes)
+    return Verdict(now.config["name"], rows + _costs(stored, now, cost), failed, notes)
 
 
 def judge(rows: Sequence[Row], limit: Limit) -> list[Row]:
@@ -211,10 +213,10 @@ def judge(rows: Sequence[Row], limit: Limit) -> list[Row]:
     tail = float(ndtr(-limit.sigmas))
     judged = []
     for row, p, q in zip(rows, worse, better, strict=True):
-        matters = row.is_event or abs(row.difference) > limit.share * abs(row.a)
         word = UNTESTED if isnan(row.z_worse) else ALIKE
-        if matters and min(p, q) <= tail:
-            word = WORSE if p <= tail else BETTER
+        if min(p, q) <= tail:
+            matters = row.is_event or abs(row.difference) > limit.share * abs(row.a)
+            word = NEGLIGIBLE if not matters else WORSE if p <= tail else BETTER
         judged.append(row._replace(p_holm=p, verdict=EQUAL if row.how == EQUAL else word))
     return judged
 

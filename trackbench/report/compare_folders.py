@@ -34,7 +34,7 @@ from trackbench.results.point_facts import GridPoint
 ALPHA = 0.01
 """Level of a significant difference, after Holm's correction over all numbers of the comparison."""
 EQUAL, WORSE, BETTER, DIFFERS = "equal", "worse", "better", "differs"
-ALIKE, UNTESTED = "no significant difference", "untested"
+ALIKE, UNTESTED, NEGLIGIBLE = "no significant difference", "untested", "negligible"
 INFINITE = " infinite"
 """End of the name of a row: share of the runs in which the metric is infinite."""
 
@@ -92,7 +92,7 @@ def compare_folders(a: Results, b: Results) -> tuple[list[Row], str]:
         first, second = (_samples(results, point, stored, runs) for results in (a, b))
         for (label, metric), sample in first.items():
             if other := second.get((label, metric)):
-                rows += _rows((point, label, metric), sample, other, not why, label in exact)
+                rows += rows_of((point, label, metric), sample, other, not why, label in exact)
     adjusted = holm(np.array([two_sided(row.z) for row in rows])).tolist()
     return [
         row._replace(p_holm=p, verdict=_verdict(row, p)) for row, p in zip(rows, adjusted, strict=True)
@@ -154,7 +154,7 @@ def _samples(
 
 
 @np.errstate(all="ignore")
-def _rows(
+def rows_of(
     key: tuple[GridPoint, str, str], a: Sample, b: Sample, paired: bool, is_exact: bool
 ) -> Iterator[Row]:
     """Yield the metric's row, before it one of the share of infinite values if these differ."""
@@ -164,9 +164,9 @@ def _rows(
     else:
         equal = np.array_equal(a.values, b.values, equal_nan=True)
         x, y = (np.isinf(values) * 1.0 for values in (a.values, b.values))
-        if not np.array_equal(x, y):
+        if (x.any() or y.any()) and not np.array_equal(x, y) and not row.is_event:
             shares = Sample(mean(x), len(x), x), Sample(mean(y), len(y), y)
-            yield from _rows((*key[:2], key[2] + INFINITE), *shares, paired, is_exact)
+            yield from rows_of((*key[:2], key[2] + INFINITE), *shares, paired, is_exact)
     if equal:
         yield row
     elif paired and a.values is not None and b.values is not None:

@@ -50,13 +50,11 @@ def _series(row: Row) -> str:
 
 def _change(row: Row) -> str:
     """Return the change in percent; that of a share in percent of the runs, of a score nothing."""
-    if row.is_event:
-        return f"{100 * row.difference:+.2g} % of runs"
-    return (
-        f"{100 * row.difference / row.a:+.2g} %"
-        if row.a > 0.0 and "score" not in row.metric
-        else "–"
-    )
+    if not row.is_event and (not row.a > 0.0 or "score" in row.metric):
+        return "–"
+    share = row.difference / (1.0 if row.is_event else row.a)
+    text = phrases.percent(share) + " of runs" * row.is_event
+    return text if share < 0.0 else f"+{text}"
 
 
 def changes(rows: Sequence[Row], verdict: str) -> list[str]:
