@@ -114,7 +114,8 @@ def gate(
     verdict = judged(config, options, limit, against, against_ref, filter_, cost)
     table = _gate_table(verdict, against_ref or str(against), worse)
     if md is not None:
-        write_text(md, table.markdown())
+        lines = "\n\n".join([f"**{table.title}**", *table.notes, ""])
+        write_text(md, table.markdown() if table.rows else lines)
     if json:
         _echo_rows(verdict.rows)
     else:
