@@ -136,11 +136,13 @@ def test_history_over_folders(folders: dict[str, Path], tmp_path: Path) -> None:
     done = trackbench("history", folders["first"], folders["tight"], "--out", picture)
     assert done.returncode == 0, done.stderr
     assert picture.read_bytes()[1:4] == b"PNG"
-    assert done.stdout.splitlines()[0] == "plane: rms(rmse_position)"
+    assert "rms(rmse_position)" in done.stdout.splitlines()[1]
     words = ("--metric", "anees", "--json")
-    lines = trackbench("history", folders["tight"], folders["first"], *words).stdout.splitlines()
-    found = [json.loads(line) for line in lines]
-    assert [f["folder"] for f in found if f["filter"] == "KF"] == ["tight", "first"]
+    (line,) = trackbench("history", folders["tight"], folders["first"], *words).stdout.splitlines()
+    rows = [row for row in json.loads(line)["rows"] if row["Filter"] == "KF"]
+    assert [row["Folder"] for row in rows] == ["tight", "first"]
+    stored = Results(folders["first"]).columns("summary").where(filter="KF", metric="anees")
+    assert [row["anees"] for row in rows] == [stored["value"][0]] * 2
     wrong = trackbench("history", folders["first"], "--metric", "nothing")
     assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1)
     assert trackbench("history", tmp_path / "nothing").returncode == 2
@@ -208,7 +210,7 @@ def test_a_gate_with_20_metrics_seldom_raises_a_false_alarm(tail: float) -> None
 
 
 if __name__ == "__main__":
-    for tail in (0.0, 0.7, 1.0):
+    for tail in (0.0, 0.7):
         for runs in (50, 200):
             for sigmas in (2.0, 3.0):
                 counts = false_alarms(runs, sigmas, 10_000, tail)

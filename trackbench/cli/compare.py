@@ -17,7 +17,7 @@ from trackbench.cli.options import (
     Workers,
     api_options,
 )
-from trackbench.cli.output import echo_line
+from trackbench.cli.output import echo_line, table_rows
 
 if TYPE_CHECKING:
     from trackbench.commands.gate import Verdict
@@ -114,7 +114,7 @@ def gate(
     verdict = judged(config, options, limit, against, against_ref, filter_, cost)
     table = _gate_table(verdict, against_ref or str(against), worse)
     if md is not None:
-        lines = "\n\n".join([f"**{table.title}**", *table.notes, ""])
+        lines = "\n\n".join([f"**{table.title}**", *table.notes]) + "\n"
         write_text(md, table.markdown() if table.rows else lines)
     if json:
         _echo_rows(verdict.rows)
@@ -164,11 +164,11 @@ def history(
             typer.echo(f"note: {folder}: is no results folder", err=True)
     if not good:
         raise UserError("no results folder is named; trackbench history results/*")
-    histories = of_folders.history([open_results(folder) for folder in good], metric)
+    tables = of_folders.history([open_results(folder) for folder in good], metric)
     if out is not None:
-        save(of_folders.draw(histories), out)
-    for h in histories:
-        for line in h.lines() if json else ():
-            echo_line(line)
-        if not json:
-            typer.echo(h.table().texts().aligned())
+        save(of_folders.draw(tables), out)
+    for table in tables:
+        if json:
+            echo_line({"experiment": table.title, **table_rows(table)})
+        else:
+            typer.echo(table.texts().aligned())

@@ -203,8 +203,8 @@ def _judged(stored: Results, now: Results, limit: Limit, cost: float) -> Verdict
 def judge(rows: Sequence[Row], limit: Limit) -> list[Row]:
     """Return the rows with one-sided p-values by Holm, and a verdict each.
 
-    The probability that any number of unchanged filters is called worse is at most the normal tail
-    beyond the limit, for any dependence of the numbers.
+    The probability that any number of equally good filters is called worse is about the normal tail
+    beyond the limit or less, for any dependence of the numbers (docs/statistics.md).
     """
     from scipy.special import ndtr
 

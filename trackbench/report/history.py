@@ -1,8 +1,7 @@
 """A metric of each filter over results folders, in the order of their dates."""
 
-from collections.abc import Iterator, Sequence
-from math import nan
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,91 +17,61 @@ from trackbench.report.table import Cell, Table
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_MISSING = Estimate(nan, nan)
 
+def history(every: Sequence[Results], metric: str = "") -> list[Table]:
+    """Return a table for each experiment; raises UserError if no folder has the metric.
 
-class History(NamedTuple):
-    """A metric of an experiment: folders in order, and each filter's values there."""
-
-    experiment: str
-    metric: str
-    folders: list[tuple[str, str, str]]
-    """name, date and commit of each"""
-    values: dict[str, list[Estimate]]
-
-    def table(self) -> Table:
-        """Return a row for each folder, a column for each filter."""
-        title = f"{self.experiment}: {self.metric}"
-        if len(self.values) > max(len(self.folders), 6):  # beside each other there is no room
-            table = Table(title, ["Filter"], [folder for folder, _, _ in self.folders], 4)
-            for label, values in self.values.items():
-                table.add([label], [Cell(value, 0, 0) for value in values])
-            return table
-        table = Table(title, ["Folder", "Date", "Commit"], list(self.values), 4)
-        for i, folder in enumerate(self.folders):
-            table.add([*folder], [Cell(values[i], 0, 0) for values in self.values.values()])
-        return table
-
-    def lines(self) -> Iterator[dict[str, str | float]]:
-        """Yield a value of a filter in a folder as plain data."""
-        for label, series in self.values.items():
-            for (folder, date, commit), estimate in zip(self.folders, series, strict=True):
-                place = {"folder": folder, "date": date, "commit": commit}
-                named = {"experiment": self.experiment, "filter": label, "metric": self.metric}
-                yield {**named, **place, **estimate._asdict()}
-
-
-def history(every: Sequence[Results], metric: str = "") -> list[History]:
-    """Return the history of each experiment; raises UserError if no folder has the metric.
-
-    Folders are ordered by date if all have one (a clone has none), else as they are named.
+    Folders are ordered by date if all have one (a clone has none), else as they are named. Of several
+    experiments those with several folders are shown.
     """
     dates = [results.manifest.get("date", "") for results in every]
     if all(dates):
         every = [every[i] for i in np.argsort(dates, kind="stable").tolist()]
-    by_name: dict[str, list[Results]] = {}
+    tables: dict[str, Table] = {}
+    is_clear = len({results.folder.name for results in every}) == len(every)
     for results in every:
-        by_name.setdefault(results.config["name"], []).append(results)
-    histories = [_history(name, group, metric) for name, group in by_name.items()]
-    if metric and not any(h.values for h in histories):
-        known = ", ".join(dict.fromkeys(every[0].columns("summary")["metric"].tolist()))
-        raise UserError(
-            Problem(Mark(f"--metric {metric}"), "", f"no folder has it; known: {known}")
-        )
-    return [h for h in histories if h.values]
+        name, summary = results.config["name"], results.columns("summary")
+        names = list(dict.fromkeys(summary["metric"].tolist()))
+        if name not in tables:
+            default = next((n for n in names if n.startswith("rms(rmse")), names[0])
+            heads = ["Filter", "Folder", "Date", "Commit"]
+            tables[name] = Table(name, heads, [metric or default], digits=4)
+        table, facts = tables[name], results.manifest
+        for row in summary.where(metric=table.value_headers[0]).records():
+            point = phrases.heading({path: row[path] for path in results.grid})
+            label = ", ".join(filter(None, [row["filter"], point]))
+            name = results.folder.name if is_clear else str(results.folder)
+            place = name, facts.get("date", "–"), (facts.get("commit") or "–")[:7]
+            cell = Cell(Estimate(row["value"], row["stderr"]), row["runs"], row["lost"])
+            table.add([label, *place], [cell])
+    if not any(table.keys for table in tables.values()):
+        what = f"no folder has it; known: {', '.join(names)}"
+        raise UserError(Problem(Mark(f"--metric {metric}"), "", what))
+    for table in tables.values():
+        rows = sorted(zip(table.keys, table.cells, strict=True), key=lambda row: row[0][0])
+        table.keys, table.cells = [keys for keys, _ in rows], [cells for _, cells in rows]
+    series = [table for table in tables.values() if len({keys[1] for keys in table.keys}) > 1]
+    if len(tables) > 1 and not series:
+        raise UserError("no experiment has several of these folders")
+    return series or [*tables.values()]
 
 
-def _history(name: str, group: Sequence[Results], metric: str) -> History:
-    names = group[-1].columns("summary")["metric"].tolist()
-    metric = metric or next((n for n in names if n.startswith("rms(rmse")), names[0])
-    values: dict[str, list[Estimate]] = {}
-    for i, results in enumerate(group):
-        for row in results.columns("summary").where(metric=metric).records():
-            point = {path: row[path] for path in results.grid}
-            label = ", ".join(filter(None, [row["filter"], phrases.heading(point)]))
-            series = values.setdefault(label, [_MISSING] * len(group))
-            series[i] = Estimate(row["value"], row["stderr"])
-    facts = [(r.folder.name, r.manifest.get("date"), r.manifest.get("commit")) for r in group]
-    places = [(folder, day or "–", (commit or "–")[:7]) for folder, day, commit in facts]
-    return History(name, metric, places, values)
-
-
-def draw(histories: Sequence[History]) -> "Figure":
+def draw(tables: Sequence[Table]) -> "Figure":
     """Return a panel for each experiment: values with two standard errors over the folders."""
-    shown = histories[: style.MOST_PANELS]
     with style.rc_context():
-        figure, axes = style.panel_grid(len(shown), 2.6, 0.6)
-        for ax, h in zip(axes, shown, strict=False):
-            places = range(len(h.folders))
-            for i, (label, series) in enumerate(h.values.items()):
-                value, stderr = (np.array(column) for column in zip(*series, strict=True))
-                look = style.line(i)
-                error = 2.0 * np.nan_to_num(stderr)
+        figure, axes = style.panel_grid(len(tables[: style.MOST_PANELS]), 2.6, 0.6)
+        for ax, table in zip(axes, tables, strict=False):
+            folders = list(dict.fromkeys(folder for _, folder, _, _ in table.keys))
+            for i, label in enumerate(dict.fromkeys(keys[0] for keys in table.keys)):
+                rows = [j for j, keys in enumerate(table.keys) if keys[0] == label]
+                places = [folders.index(table.keys[j][1]) for j in rows]
+                value, stderr = np.array([table.cells[j][0].estimate for j in rows]).T
+                error, look = 2.0 * np.nan_to_num(stderr), style.line(i)
                 ax.errorbar(places, value, yerr=error, marker="o", ms=3, label=label, **look)
-            ax.set_xticks(places, [name for name, _, _ in h.folders], rotation=30, ha="right")
-            ax.set_title(h.experiment if len(shown) > 1 else "", fontsize="medium")
-            ax.set_ylabel(
-                f"{h.metric} ({unit})" if (unit := unit_of(measured(h.metric).metric)) else h.metric
-            )
+            ax.set_xticks(range(len(folders)), folders, rotation=30, ha="right")
+            ax.set_title(table.title if len(tables) > 1 else "", fontsize="medium")
+            (metric,) = table.value_headers
+            unit = unit_of(measured(metric).metric)
+            ax.set_ylabel(f"{metric} ({unit})" if unit not in ("", "1") else metric)
         style.legend_outside(figure)
         return style.lay_out(figure)
