@@ -150,3 +150,22 @@ def test_costs_are_compared_on_one_machine_beyond_the_ratio(tmp_path: Path) -> N
     elsewhere = trackbench("gate", *words, "--cost", 0.01, cwd=tmp_path)
     assert "cpu_s_per_run" not in elsewhere.stdout
     assert trackbench("gate", *words, "--cost", 20, cwd=tmp_path).returncode == 0
+
+
+def test_a_filter_of_a_file_joins_a_config_without_plugins(
+    repository: Path, tmp_path: Path
+) -> None:
+    """At the revision it is read, too; added and removed filters are notes."""
+    text = (repository / "my_own.yaml").read_text()
+    config = re.sub(r'  my-own: .*\n|  "my-own, q = 10": .*\n|plugins: .*\n', "", text)
+    (repository / "plain.yaml").write_text(config.replace("runs: 50", "runs: 10"))
+    git(repository, "add", "plain.yaml")
+    git(repository, "commit", "--message=A config without the filter")
+    words = ("gate", "plain.yaml", "--against-ref", "HEAD", "--workers", 1)
+    out = trackbench(*words, "--filter", "my_own.py", cwd=repository)
+    assert out.stdout.splitlines()[-1] == "KF, IMM, my-own: unchanged, byte for byte."
+    (repository / "plain.yaml").write_text(config.replace("  KF:", "  Kalman:"))
+    out = trackbench(*words, "--runs", 10, cwd=repository)
+    assert out.returncode == 0, out.stderr
+    assert out.stdout.splitlines()[-2:] == ["Kalman: new, not compared", "KF: removed"]
+    git(repository, "reset", "--hard", "--quiet", "HEAD~1")

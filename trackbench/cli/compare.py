@@ -24,9 +24,20 @@ if TYPE_CHECKING:
     from trackbench.report.compare_folders import Row
     from trackbench.report.text import TextTable
 
-Figure = Annotated[
-    Path | None, typer.Option("--out", metavar="FILE", help="figure: .png, .svg or .pdf")
+_AGAINST = "stored results, or the folder that holds those of several experiments"
+_WORSE = "3sigma, or 3sigma,1%: normal tail of the gate's false alarms, least change"
+_COST = "also fail if times on one machine, or evaluations, grow beyond this"
+Figure = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="png, svg or pdf")]
+Against = Annotated[Path | None, typer.Option(metavar="DIR", help=_AGAINST)]
+Ref = Annotated[str, typer.Option(metavar="REF", help="git revision, which is run, too")]
+File = Annotated[
+    Path | None, typer.Option("--filter", metavar="FILE", help="filters; runs its code")
 ]
+Worse = Annotated[str, typer.Option(metavar="LIMIT", help=_WORSE)]
+Cost = Annotated[float, typer.Option(min=0, metavar="RATIO", help=_COST)]
+Md = Annotated[Path | None, typer.Option(metavar="FILE", help="comment for a pull request")]
+Metric = Annotated[str, typer.Option(help="row of summary.csv, as rms(rmse_position)")]
+Folders = Annotated[list[Path], typer.Argument(metavar="DIR...", help="results folders")]
 
 
 def compare_two(first: Path, second: Path, out: Path | None, json: bool) -> None:
@@ -46,10 +57,8 @@ def compare_two(first: Path, second: Path, out: Path | None, json: bool) -> None
     if json:
         _echo_rows(rows)
         return
-    runs = counted(max(row.runs for row in rows), "common run")
-    title = (
-        f"{names[1]} against {names[0]}, {f'independent: {why}' if why else f'paired on {runs}'}"
-    )
+    paired = f"paired on {counted(max(row.runs for row in rows), 'common run')}"
+    title = f"{names[1]} against {names[0]}, {f'independent: {why}' if why else paired}"
     hidden = [r for r in rows if r.how != EQUAL and not (r.is_primary or r.p_holm < ALPHA)]
     table = views.table_of(title, [row for row in rows if row not in hidden], names)
     if hidden:
@@ -60,41 +69,12 @@ def compare_two(first: Path, second: Path, out: Path | None, json: bool) -> None
 
 def gate(
     config: Config,
-    against: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR",
-            help="stored results, or the folder that holds those of several experiments",
-        ),
-    ] = None,
-    against_ref: Annotated[
-        str,
-        typer.Option(
-            metavar="REF", help="git revision of config and filter file, which is run, too"
-        ),
-    ] = "",
-    filter_: Annotated[
-        Path | None,
-        typer.Option("--filter", metavar="FILE", help="Python file of filters; its code is run"),
-    ] = None,
-    worse: Annotated[
-        str,
-        typer.Option(
-            metavar="LIMIT",
-            help="3sigma, or 3sigma,1%: normal tail of the gate's false alarms, least change",
-        ),
-    ] = "3sigma",
-    cost: Annotated[
-        float,
-        typer.Option(
-            min=0,
-            metavar="RATIO",
-            help="also fail if evaluations, or CPU times on the same machine, grow beyond this ratio",
-        ),
-    ] = 0.0,
-    md: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="write a comment for a pull request")
-    ] = None,
+    against: Against = None,
+    against_ref: Ref = "",
+    filter_: File = None,
+    worse: Worse = "3sigma",
+    cost: Cost = 0.0,
+    md: Md = None,
     set_: Set = None,
     only: Only = None,
     runs: Runs = None,
@@ -110,6 +90,8 @@ def gate(
 
     if (against is None) == (not against_ref):
         raise typer.BadParameter("name either --against DIR or --against-ref REF")
+    if md is not None and not md.absolute().parent.is_dir():
+        raise typer.BadParameter(f"--md {md}: there is no such folder")
     limit, options = limit_of(worse), api_options(locals())
     verdict = judged(config, options, limit, against, against_ref, filter_, cost)
     table = _gate_table(verdict, against_ref or str(against), worse)
@@ -131,11 +113,12 @@ def _gate_table(verdict: "Verdict", name: str, worse: str) -> "TextTable":
     from trackbench.report.findings import phrases
 
     bad = views.changes(verdict.rows, WORSE) + verdict.failed
-    tests = [row.runs for row in verdict.rows if row.how != EQUAL]
-    title = f"worse: {phrases.listed(bad)}" if bad else "not worse" if tests else "unchanged"
+    tests = [row.runs for row in verdict.rows if row.how in ("paired", "independent")]
+    same = all(row.how == EQUAL for row in verdict.rows)
+    title = f"worse: {phrases.listed(bad)}" if bad else "unchanged" if same else "not worse"
     table = views.table_of(f"{verdict.name} is {title}", verdict.rows, (name, "now"))
     if tests:
-        on = f"{counted(len(tests), 'number')} on {counted(max(tests), 'run')}"
+        on = f"{counted(len(tests), 'number')} tested on {counted(max(tests), 'run')}"
         table.notes.append(f"{on}; limit {worse} for all together (Holm's correction).")
     table.notes += verdict.notes
     return table
@@ -146,12 +129,7 @@ def _echo_rows(rows: "Sequence[Row]") -> None:
         echo_line(row._asdict())
 
 
-def history(
-    folders: Annotated[list[Path], typer.Argument(metavar="DIR...", help="results folders")],
-    metric: Annotated[str, typer.Option(help="row of summary.csv, as rms(rmse_position)")] = "",
-    out: Figure = None,
-    json: Json = False,
-) -> None:
+def history(folders: Folders, metric: Metric = "", out: Figure = None, json: Json = False) -> None:
     """Show a metric of each filter over results folders, in the order of their dates."""
     from trackbench.errors import UserError
     from trackbench.report import history as of_folders

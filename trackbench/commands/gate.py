@@ -79,18 +79,16 @@ def gate(
     """
     config = Path(str(file_of(config, options)))
     options = replace(options, times=cost > 0.0, formats=())
+    now = with_filter(config, file, options)
+    name = prepare(config, now).settings.name
     with TemporaryDirectory() as home:
-        job = with_filter(config, file, options)
-        name = prepare(config, job).settings.name
         if against is not None:
             inner = against / name
             stored = open_results(inner if (inner / "config.yaml").is_file() else against)
         else:
-            with _at_ref(ref, config, file, Path(home)) as (old_config, old_file):
-                old = with_filter(old_config, old_file, options)
-                stored = _run(old_config, old, Path(home, "old"))
-        now = _run(config, with_filter(config, file, options), Path(home, "new"))
-        return _judged(stored, now, limit, cost)
+            with _at_ref(ref, config, file, Path(home)) as paths:
+                stored = _run(paths[0], with_filter(*paths, options), Path(home, "old"))
+        return _judged(stored, _run(config, now, Path(home, "new")), limit, cost)
 
 
 def with_filter(config: Path, file: Path | None, options: Options) -> Options:
@@ -112,11 +110,10 @@ def with_filter(config: Path, file: Path | None, options: Options) -> Options:
     filters = data.get("filters")
     entries = filters.values() if isinstance(filters, dict) else ()
     named = {part.get("kind") for part in entries if isinstance(part, dict)}
-    kinds = [
-        k for group, k, _ in registered(plugin.module) if group == "filters" and k not in named
-    ]
     words = [f"plugins={json.dumps([*others, str(file.absolute())])}"]
-    words += [f"filters.{kind}={{kind: {kind}}}" for kind in kinds]
+    for group, kind, _ in registered(plugin.module):
+        if group == "filters" and kind not in named:
+            words.append(f"filters.{kind}={{kind: {kind}}}")
     allowed = options.allow_plugins or not others
     return replace(options, set=(*words, *options.set), allow_plugins=allowed)
 
@@ -137,9 +134,7 @@ def _at_ref(
     """
     top = next(filter(None, (_top(path) for path in (config, file) if path)), None)
     if top is None:
-        raise UserError(
-            Problem(Mark(f"--against-ref {ref}"), "", f"{config} is in no git repository")
-        )
+        raise _ref_error(ref, f"{config} is in no git repository")
     tree = home / "tree"
     _git(ref, top, home, "read-tree", f"{ref}^{{commit}}")
     _git(ref, top, home, "checkout-index", "--all", f"--prefix={tree}/")
@@ -148,7 +143,7 @@ def _at_ref(
         inside = path.resolve().is_relative_to(top)
         new = tree / path.resolve().relative_to(top) if inside else path
         if not new.is_file():
-            raise UserError(Problem(Mark(f"--against-ref {ref}"), "", f"has no file {path}"))
+            raise _ref_error(ref, f"has no file {path}")
         return new
 
     try:
@@ -173,9 +168,11 @@ def _git(ref: str, top: Path, home: Path, *words: str) -> None:
     done = subprocess.run(["git", "-C", str(top), *words], capture_output=True, text=True, env=env)
     if done.returncode:
         lines = done.stderr.strip().splitlines() or ["git failed"]
-        raise UserError(
-            Problem(Mark(f"--against-ref {ref}"), "", lines[-1].removeprefix("fatal: "))
-        )
+        raise _ref_error(ref, lines[-1].removeprefix("fatal: "))
+
+
+def _ref_error(ref: str, what: str) -> UserError:
+    return UserError(Problem(Mark(f"--against-ref {ref}"), "", what))
 
 
 def _judged(stored: Results, now: Results, limit: Limit, cost: float) -> Verdict:
@@ -183,20 +180,12 @@ def _judged(stored: Results, now: Results, limit: Limit, cost: float) -> Verdict
     rows, why = compare_folders(stored, now)
     before = {*stored.columns("summary")["filter"].tolist()}
     notes = [f"not paired: {why}"] if why else []
-    notes += [
-        f"{label}: new, it has no stored results"
-        for label in now.filters
-        if label not in stored.filters
-    ]
-    failed = [
-        f"{label} failed: {failure['reason']}"
-        for failure in now.failed
-        if (label := failure["filter"]) in before
-    ]
+    notes += [f"{label}: new, not compared" for label in now.filters if label not in before]
+    notes += [f"{label}: removed" for label in stored.filters if label not in now.filters]
+    failed = [f"{f['filter']} failed: {f['reason']}" for f in now.failed if f["filter"] in before]
     rows = judge([row for row in rows if row.is_primary], limit)
     if not rows and not failed:
-        what = f"{stored.folder} has no filter of this config at a point of its grid"
-        raise UserError(Problem(Mark("gate"), "", what))
+        raise UserError("nothing to compare: no filter has an error or score on both sides")
     return Verdict(now.config["name"], rows + _costs(stored, now, cost), failed, notes)
 
 
@@ -237,5 +226,6 @@ def _costs(stored: Results, now: Results, most: float) -> list[Row]:
             a, b = (nan if row[key][kind] == "-" else float(row[key][kind]) for row in (old, new))
             point = dict(zip(now.grid, key, strict=False))
             word = WORSE if b > most * a else EQUAL if a == b else ALIKE
-            rows.append(Row(point, key[-1], kind, a, b, 1, word, b - a, nan, verdict=word))
+            how = EQUAL if a == b else "cost"
+            rows.append(Row(point, key[-1], kind, a, b, 1, how, b - a, nan, verdict=word))
     return [row for row in rows if row.a > 0.0]

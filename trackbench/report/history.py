@@ -48,7 +48,8 @@ def history(every: Sequence[Results], metric: str = "") -> list[Table]:
         what = f"no folder has it; known: {', '.join(names)}"
         raise UserError(Problem(Mark(f"--metric {metric}"), "", what))
     for table in tables.values():
-        rows = sorted(zip(table.keys, table.cells, strict=True), key=lambda row: row[0][0])
+        order = {label: i for i, label in enumerate(dict.fromkeys(k[0] for k in table.keys))}
+        rows = sorted(zip(table.keys, table.cells, strict=True), key=lambda r: order[r[0][0]])
         table.keys, table.cells = [keys for keys, _ in rows], [cells for _, cells in rows]
     series = [table for table in tables.values() if len({keys[1] for keys in table.keys}) > 1]
     if len(tables) > 1 and not series:
