@@ -164,6 +164,11 @@ def test_a_filter_of_a_file_joins_a_config_without_plugins(
     words = ("gate", "plain.yaml", "--against-ref", "HEAD", "--workers", 1)
     out = trackbench(*words, "--filter", "my_own.py", cwd=repository)
     assert out.stdout.splitlines()[-1] == "KF, IMM, my-own: unchanged, byte for byte."
+    new = repository / "new_one.py"
+    new.write_text((repository / "my_own.py").read_text().replace("my-own", "new-one"))
+    out = trackbench(*words, "--filter", new, cwd=repository)
+    assert (out.returncode, out.stdout.splitlines()[-1]) == (0, "new-one: new, not compared")
+    new.unlink()
     (repository / "plain.yaml").write_text(config.replace("  KF:", "  Kalman:"))
     out = trackbench(*words, "--runs", 10, cwd=repository)
     assert out.returncode == 0, out.stderr

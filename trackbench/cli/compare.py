@@ -44,7 +44,7 @@ def compare_two(first: Path, second: Path, out: Path | None, json: bool) -> None
     """Print how the numbers of two folders differ, and draw a figure."""
     from trackbench.errors import UserError, counted
     from trackbench.report import compare_views as views
-    from trackbench.report.compare_folders import ALPHA, EQUAL, compare_folders
+    from trackbench.report.compare_folders import EQUAL, compare_folders
     from trackbench.report.open import open_with_notes
 
     a, b = open_with_notes(first), open_with_notes(second)
@@ -59,10 +59,12 @@ def compare_two(first: Path, second: Path, out: Path | None, json: bool) -> None
         return
     paired = f"paired on {counted(max(row.runs for row in rows), 'common run')}"
     title = f"{names[1]} against {names[0]}, {f'independent: {why}' if why else paired}"
-    hidden = [r for r in rows if r.how != EQUAL and not (r.is_primary or r.p_holm < ALPHA)]
-    table = views.table_of(title, [row for row in rows if row not in hidden], names)
-    if hidden:
-        table.notes.append(f"{counted(len(hidden), 'further number')} differ by chance: --json")
+    changed = [row for row in rows if row.how != EQUAL]
+    main = [row for row in changed if row.is_primary] or changed
+    table = views.table_of(title, [row for row in rows if row in main or row.how == EQUAL], names)
+    if len(changed) > len(main):
+        more = f"{len(changed) - len(main)} more of windows, components and diagnostics: --json"
+        table.notes.append(more)
     typer.echo(table.aligned())
     typer.echo(views.conclusion(rows, names))
 

@@ -141,13 +141,12 @@ def _at_ref(
 
     def moved(path: Path) -> Path:
         inside = path.resolve().is_relative_to(top)
-        new = tree / path.resolve().relative_to(top) if inside else path
-        if not new.is_file():
-            raise _ref_error(ref, f"has no file {path}")
-        return new
+        return tree / path.resolve().relative_to(top) if inside else path
 
-    try:
-        yield moved(config), moved(file) if file else None
+    if not moved(config).is_file():
+        raise _ref_error(ref, f"has no file {config}")
+    try:  # a filter file that is new has nothing to be compared with
+        yield moved(config), moved(file) if file and moved(file).is_file() else None
     except UserError as error:  # with the names that a user knows
         lines = (str(p).replace(f"{tree}{os.sep}", f"{ref}:") for p in error.problems)
         raise UserError(*lines) from error
@@ -178,10 +177,11 @@ def _ref_error(ref: str, what: str) -> UserError:
 def _judged(stored: Results, now: Results, limit: Limit, cost: float) -> Verdict:
     """Return the verdict on the primary metrics of the filters that both have."""
     rows, why = compare_folders(stored, now)
-    before = {*stored.columns("summary")["filter"].tolist()}
+    with_rows = {*stored.columns("summary")["filter"].tolist()}
+    before = [label for label in stored.filters if label in with_rows]
     notes = [f"not paired: {why}"] if why else []
     notes += [f"{label}: new, not compared" for label in now.filters if label not in before]
-    notes += [f"{label}: removed" for label in stored.filters if label not in now.filters]
+    notes += [f"{label}: removed" for label in before if label not in now.config["filters"]]
     failed = [f"{f['filter']} failed: {f['reason']}" for f in now.failed if f["filter"] in before]
     rows = judge([row for row in rows if row.is_primary], limit)
     if not rows and not failed:

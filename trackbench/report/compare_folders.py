@@ -211,7 +211,7 @@ def _with_tests(row: Row, stderr: float, z_of: Callable[[float, float, float], f
     """Return the row with z; ``z_of`` takes a change and its derivatives by both means."""
     a, b, better = row.a, row.b, measured(row.metric).family[0].better
     z = z_of(b - a, 1.0, 1.0)
-    if row.metric == "anees" and a > 0.0 and b > 0.0:  # further from one: |log b| - |log a|
+    if better == "one" and a > 0.0 and b > 0.0:  # further from one: |log b| - |log a|
         u, v = float(log(a)), float(log(b))
         z_worse = z_of(abs(v) - abs(u), copysign(1.0 / a, u), copysign(1.0 / b, v))
     elif better == "zero":

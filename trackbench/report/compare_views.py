@@ -71,8 +71,9 @@ def conclusion(rows: Sequence[Row], names: tuple[str, str]) -> str:
     apart = sum(row.p_holm < ALPHA for row in rows)
     text = f"Of {counted(len(rows), 'number')} {same} are equal, byte for byte, and {apart} of the "
     text += f"others differ significantly (Holm's p < {ALPHA:g})."
+    primary = [row for row in rows if row.is_primary and row.how != EQUAL] or rows
     for verdict in (WORSE, BETTER):
-        if lines := changes(rows, verdict):
+        if lines := changes(primary, verdict):
             text += f" {verdict.capitalize()} in {names[1]}: {phrases.listed(lines)}."
     return text
 
@@ -98,7 +99,7 @@ def draw(rows: Sequence[Row], names: tuple[str, str]) -> "Figure":
             ax.set_title(_with_unit(metric), fontsize="medium")
             ax.locator_params(axis="x", nbins=4)
             ax.ticklabel_format(axis="x", scilimits=(-3, 4))
-        words = f"{names[1]} minus {names[0]}, ± 2 standard errors; orange: worse, green: better"
+        words = f"{names[1]} minus {names[0]}, ± 2 standard errors (orange worse, green better)"
         figure.suptitle(style.wrapped(words), fontsize="medium")
         return style.lay_out(figure)
 
