@@ -177,6 +177,20 @@ def test_anees_is_worse_if_further_from_one() -> None:
         assert (found.z_worse > 0) == worse
 
 
+def test_one_recording_is_exact_or_untested() -> None:
+    """One run has no standard error: a filter without random numbers is compared as it is."""
+    one, two = samples(np.array([2.0])), samples(np.array([2.1]))
+    key = ({}, "A", "rmse_position")
+    for first, second, is_exact, limit, word in (
+        (one, two, True, 0.0, "worse"),
+        (two, one, True, 0.0, "better"),
+        (one, two, True, 0.1, "negligible"),
+        (one, two, False, 0.0, "untested"),
+    ):
+        rows = [*rows_of(key, first, second, True, is_exact)]
+        assert [r.verdict for r in judge(rows, Limit(3.0, limit))] == [word]
+
+
 def false_alarms(
     runs: int, sigmas: float, gates: int, tail: float, seed: int = 1
 ) -> tuple[int, int]:
