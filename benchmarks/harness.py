@@ -70,13 +70,17 @@ class Workload:
 
 
 class Line(NamedTuple):
-    """An entrant's medians: seconds per unit of work, and the mean RMSE of the common runs."""
+    """An entrant's medians: seconds per unit of work, and the mean RMSE of the common runs.
+
+    ``first`` is the seconds per unit of the round that is not counted, which compiles.
+    """
 
     name: str
     per_unit: float
     spread: float
     rmse: float
     stderr: float
+    first: float
 
 
 def timed(job: Callable[[], Array], work: float) -> Entrant:
@@ -104,15 +108,16 @@ def measure(workload: Workload, rounds: int) -> list[Line]:
 def _line(workload: Workload, name: str, outcomes: list[Outcome], runs: int) -> Line:
     per_unit = [o.seconds / o.work for o in outcomes[1:]]
     quarters = statistics.quantiles(per_unit, n=4)
-    median = statistics.median(per_unit)
+    median, first = statistics.median(per_unit), outcomes[0].seconds / outcomes[0].work
     mean = outcomes[-1].mean
     if mean is None or workload.truth is None:
-        return Line(name, median, quarters[2] - quarters[0], np.nan, np.nan)
+        return Line(name, median, quarters[2] - quarters[0], np.nan, np.nan, first)
     at = list(workload.position)
     e = (mean[at] - workload.truth[at][..., : mean.shape[-1]])[..., :runs]
     rmse = np.sqrt(np.square(e).sum(axis=0).mean(axis=0))
     stderr = rmse.std(ddof=1) / np.sqrt(runs)
-    return Line(name, median, quarters[2] - quarters[0], float(rmse.mean()), float(stderr))
+    spread = quarters[2] - quarters[0]
+    return Line(name, median, spread, float(rmse.mean()), float(stderr), first)
 
 
 def verdicts(workload: Workload, lines: list[Line]) -> list[str]:

@@ -33,7 +33,9 @@ def head(rounds: int) -> str:
         "standard error over the first runs, those that every entrant of the table has done: an",
         "entrant that loops over runs is timed on a few. The floor is numpy's own generator and one",
         "`exp` per particle-step; where we draw faster variates the floor with them is shown beside it.",
-        "Bars are held against the first, W1's against both. `make bench` writes this file.",
+        "Bars are held against the first, W1's against both. The first call compiles where a package",
+        "does. C is one scalar loop with a generator of its own, numba the same loop. `make bench`",
+        "writes this file.",
         "",
         f"Processor: {_processor()}. Python {sys.version.split()[0]}.",
         "Versions: " + ", ".join(f"{name} {_version(name)}" for name in PACKAGES) + ".",
@@ -48,16 +50,18 @@ def section(workload: Workload, lines: list[Line]) -> str:
     rows = [
         f"## {workload.name}: {workload.title}",
         "",
-        f"| entrant | {unit} per {workload.unit} | quartiles apart | times {lines[0].name} | RMSE |",
-        "|---|--:|--:|--:|--:|",
+        f"| entrant | {unit} per {workload.unit} | quartiles apart | first call "
+        f"| times {lines[0].name} | RMSE |",
+        "|---|--:|--:|--:|--:|--:|",
     ]
     for line in lines:
         rmse = "" if np.isnan(line.rmse) else f"{line.rmse:.4g} ± {line.stderr:.2g}"
         rows.append(
             f"| {line.name} | {scale * line.per_unit:.3g} | {scale * line.spread:.2g} "
+            f"| {scale * line.first:.3g} "
             f"| {line.per_unit / first:.3g} | {rmse} |"
         )
-    rows += [f"| {name} | {why} | | | |" for name, why in workload.skipped.items()]
+    rows += [f"| {name} | {why} | | | | |" for name, why in workload.skipped.items()]
     found = verdicts(workload, lines)
     return "\n".join([*rows, "", *(f"- {verdict}" for verdict in found)]) + "\n"
 

@@ -2,10 +2,12 @@
 
 from collections.abc import Callable
 from importlib import import_module
+from typing import Any
 
 from benchmarks.floors import floor
 from benchmarks.harness import Bar, Entrant, Workload, timed
 from benchmarks.ours import data, make, numbers, ours, shipped, steps
+from trackbench.core.arrays import Array
 
 RUNS = 200
 MANY = 2000
@@ -16,6 +18,7 @@ BARS = {  # at least so many times as long as we
     "filterpy": {10: 1.0, 100: 1.0, 1000: 1.0},
 }
 PEERS = {"particles": "particles_", "Stone Soup": "stonesoup_", "filterpy": "filterpy_"}
+COMPILED = {"JAX by hand": "jax_", "numba": "numba_", "C": "c_"}  # these get all runs
 
 
 def workloads() -> list[Workload]:
@@ -40,27 +43,34 @@ def _against_peers(N: int) -> Workload:
         truth=seen.truth[:, 1:],
     )
     few = z[..., : SLOW[N]]
-    units = float(few.shape[2] * N * T)
-
-    def peer(module: str) -> Callable[[], Entrant]:
-        def load() -> Entrant:
-            found = import_module(f"benchmarks.peers.{module}")
-            return timed(lambda: found.merwe_pf(numbers(scenario), few, N), units)
-
-        return load
-
-    work.add("numpy, a loop over runs", peer("plain"))
+    work.add("numpy, a loop over runs", _peer("plain", scenario, few, N))
     for name, module in PEERS.items():
-        work.add(name, peer(module))
+        work.add(name, _peer(module, scenario, few, N))
         work.bars.append(Bar(name, "trackbench", BARS[name][N]))
+    _add_compiled(work, scenario, z, N)
     if N >= 100:
+        work.bars.append(Bar("trackbench", "C", 1.5, at_most=True))
         work.bars += _floor_bars(1.6, "trackbench", "trackbench with metrics")
     return work
 
 
+def _peer(module: str, scenario: Any, z: Array, N: int) -> Callable[[], Entrant]:
+    def load() -> Entrant:
+        found = import_module(f"benchmarks.peers.{module}")
+        return timed(lambda: found.merwe_pf(numbers(scenario), z, N), float(z[0].size * N))
+
+    return load
+
+
+def _add_compiled(work: Workload, scenario: Any, z: Array, N: int) -> None:
+    for name, module in COMPILED.items():
+        work.add(name, _peer(module, scenario, z, N))
+    work.bars += [Bar(name, "trackbench", 1.0) for name in ("JAX by hand", "numba")]
+
+
 def _many_runs() -> Workload:
     scenario, tracker = shipped("merwe"), make("filters", "pf", N=10)
-    return Workload(
+    work = Workload(
         "W1 many runs",
         f"Bootstrap filter, Merwe model, N = 10, {MANY} runs x {steps(scenario)} steps",
         "particle-step",
@@ -73,6 +83,8 @@ def _many_runs() -> Workload:
         },
         bars=_floor_bars(3.0, "trackbench", "trackbench with metrics", "trackbench, block: 2000"),
     )
+    _add_compiled(work, scenario, data(scenario, MANY).measurements, 10)
+    return work
 
 
 def _floor_bars(factor: float, *ours: str) -> list[Bar]:

@@ -1,5 +1,6 @@
 """W2: bootstrap and regularised particle filters of a banana-shaped posterior, N = 10000, 100 scans."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
@@ -7,6 +8,7 @@ from typing import Any
 from benchmarks.floors import floor
 from benchmarks.harness import Bar, Entrant, Workload, timed
 from benchmarks.ours import data, make, ours, shipped, steps
+from benchmarks.w1_merwe import COMPILED
 from trackbench.core.random_streams import block_stream
 from trackbench.filters.particle_filters import PF
 
@@ -60,6 +62,8 @@ def _bootstrap() -> Workload:
             Bar("filterpy", "trackbench", 5.0),
             Bar("particles", "trackbench", 1.0),
             Bar("JAX by hand", "trackbench", 1.0),
+            Bar("numba", "trackbench", 1.0),
+            Bar("trackbench", "C", 1.5, at_most=True),
         ],
         truth=seen.truth[:, 1:],
         position=POSITION,
@@ -78,14 +82,18 @@ def _bootstrap() -> Workload:
         peer = import_module("benchmarks.peers.particles_")
         return timed(lambda: peer.banana_pf(F, Q, R, clouds, z), units)
 
-    def jax() -> Entrant:
-        peer = import_module("benchmarks.peers.jax_")
-        return timed(lambda: peer.banana_pf(F, Q, R, start, z), float(RUNS * N * T))
+    def compiled(module: str) -> Callable[[], Entrant]:
+        def load() -> Entrant:
+            peer = import_module(f"benchmarks.peers.{module}")
+            return timed(lambda: peer.banana_pf(F, Q, R, start, z), float(RUNS * N * T))
+
+        return load
 
     work.add("Stone Soup", stonesoup)
     work.add("filterpy", filterpy)
     work.add("particles", particles)
-    work.add("JAX by hand", jax)
+    for name, module in COMPILED.items():
+        work.add(name, compiled(module))
     return work
 
 

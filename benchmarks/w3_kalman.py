@@ -1,5 +1,6 @@
-"""W3: the Kalman filter of a constant-velocity target, 1700 samples, 50 and 1000 runs."""
+"""W3: the Kalman filter of a constant-velocity target, 1700 samples, 50, 200 and 1000 runs."""
 
+from collections.abc import Callable
 from importlib import import_module
 from typing import Any
 
@@ -7,6 +8,7 @@ import numpy as np
 
 from benchmarks.harness import Bar, Entrant, Outcome, Skip, Workload, timed
 from benchmarks.ours import data, make, ours, shipped, steps, with_assumptions
+from benchmarks.w1_merwe import COMPILED
 from trackbench.core.memoize import clear_caches
 
 q = 0.01  # m^2/s^3
@@ -35,7 +37,7 @@ def anew(entrant: Entrant) -> Entrant:
 
 def workloads() -> list[Workload]:
     """Few runs and many."""
-    return [_workload(50), _workload(1000)]
+    return [_workload(50), _workload(200), _workload(1000)]
 
 
 def _workload(runs: int) -> Workload:
@@ -63,7 +65,10 @@ def _workload(runs: int) -> Workload:
         Bar("Stone Soup", "trackbench", 1.0),
         Bar("JAX by hand", "trackbench", 1.0),
         Bar("dynamax", "trackbench", 1.0),
+        Bar("numba", "trackbench", 1.0),
     ]
+    if runs >= 200:
+        work.bars.append(Bar("trackbench", "C", 3.0, at_most=True))
     few, units = np.ascontiguousarray(z[..., :FEW]), float(FEW * T)
 
     def filterpy() -> Entrant:
@@ -74,19 +79,15 @@ def _workload(runs: int) -> Workload:
         peer = import_module("benchmarks.peers.stonesoup_")
         return timed(lambda: peer.kalman_cv(q, R, mean, cov, few, scenario.times), units)
 
-    def jax() -> Entrant:
-        peer = import_module("benchmarks.peers.jax_")
-        return timed(lambda: peer.kalman_cv(F, Q, R, mean, cov, z), float(runs * T))
+    def compiled(module: str) -> Callable[[], Entrant]:
+        def load() -> Entrant:
+            peer = import_module(f"benchmarks.peers.{module}")
+            return timed(lambda: peer.kalman_cv(F, Q, R, mean, cov, z), float(runs * T))
 
-    def dynamax() -> Entrant:
-        peer = import_module("benchmarks.peers.dynamax_")
-        return timed(lambda: peer.kalman_cv(F, Q, R, mean, cov, z), float(runs * T))
+        return load
 
-    for name, load in (
-        ("filterpy", filterpy),
-        ("Stone Soup", stonesoup),
-        ("JAX by hand", jax),
-        ("dynamax", dynamax),
-    ):
-        work.add(name, load)
+    work.add("filterpy", filterpy)
+    work.add("Stone Soup", stonesoup)
+    for name, module in ({"dynamax": "dynamax_"} | COMPILED).items():
+        work.add(name, compiled(module))
     return work

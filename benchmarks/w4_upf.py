@@ -1,10 +1,12 @@
 """W4: the unscented particle filter on the scalar model of the hdepf paper, N = 10."""
 
+from collections.abc import Callable
 from importlib import import_module
 
 from benchmarks.floors import floor
 from benchmarks.harness import Bar, Entrant, Workload, timed
 from benchmarks.ours import data, make, numbers, ours, shipped, steps
+from benchmarks.w1_merwe import COMPILED
 
 RUNS, N = 200, 10
 FEW, FEWER = 10, 2  # runs that an entrant with a loop over runs is timed on
@@ -25,7 +27,10 @@ def workloads() -> list[Workload]:
             "floor": floor(N, RUNS, T, normals=1),
             "trackbench, one run at a time": ours(scenario, tracker, FEW, width=1),
         },
-        bars=[Bar("filterpy, a UKF per particle", "trackbench", 1.0)],
+        bars=[
+            Bar(name, "trackbench", 1.0)
+            for name in ("filterpy, a UKF per particle", "JAX by hand", "numba")
+        ],
         truth=seen.truth[:, 1:],
     )
 
@@ -34,5 +39,14 @@ def workloads() -> list[Workload]:
         few = seen.measurements[..., :FEWER]
         return timed(lambda: peer.merwe_upf(numbers(scenario), few, N), float(FEWER * N * T))
 
+    def compiled(module: str) -> Callable[[], Entrant]:
+        def load() -> Entrant:
+            peer, z = import_module(f"benchmarks.peers.{module}"), seen.measurements
+            return timed(lambda: peer.merwe_upf(numbers(scenario), z, N), float(RUNS * N * T))
+
+        return load
+
     work.add("filterpy, a UKF per particle", filterpy)
+    for name, module in COMPILED.items():
+        work.add(name, compiled(module))
     return [work]

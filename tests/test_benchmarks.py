@@ -64,6 +64,7 @@ def test_modules_are_imported(name: str) -> None:
     importlib.import_module(f"benchmarks.{name}")
 
 
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of packages that peers import
 @pytest.mark.parametrize("file", [*sorted(PEERS.glob("*_.py")), PEERS / "plain.py"])
 def test_peers_are_imported_where_their_packages_are(file: Path) -> None:
     missing = ""
@@ -80,6 +81,7 @@ def test_every_workload_has_a_least_size() -> None:
     assert set(LEAST) == {name for name in OWN if name[0] == "w"}
 
 
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
 @pytest.mark.parametrize("name", sorted(set(LEAST) - set(PROCESSES)))
 def test_workloads_run(name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     for work in _least(name, monkeypatch, tmp_path).workloads():

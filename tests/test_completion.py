@@ -49,6 +49,7 @@ def completed_by(shell: str, line: str) -> list[str]:
         ("trackbench describe range-azimuth-d", ["range-azimuth-doppler"]),
         ("trackbench list sen", ["sensors"]),
         ("trackbench list exp", ["experiments"]),
+        ("trackbench list pro", ["problems"]),
         ("trackbench run merwe2", ["merwe2000"]),
         ("trackbench run experiments/merwe2", ["experiments/merwe2000.yaml"]),
         ("trackbench check experiments/sc", ["experiments/scenarios/"]),

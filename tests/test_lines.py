@@ -37,6 +37,8 @@ def test_list() -> None:
     experiments = [line for line in found if line["group"] == "experiments"]
     assert experiments == lines("list", "experiments")
     assert {"name", "title", "paper", "cpu_s"} <= experiments[0].keys()
+    keys = {"name", "version", "title", "numbers", "reference", "paper", "cpu_s"}
+    assert keys <= lines("list", "problems")[0].keys()
 
 
 def test_describe() -> None:

@@ -1,23 +1,36 @@
 """The site: everything is on it, it is built without a warning, and it asks nothing of the net."""
 
+import csv
+import html
+import io
 import re
 import subprocess
 import sys
 from functools import cache
+from itertools import takewhile
+from math import isfinite
 from pathlib import Path
 
 import pytest
+import yaml
 
 import trackbench
-from docs.site import gallery, reference
+from docs.site import gallery, problems, reference
 from docs.site.pages import pages, rewritten
 from tests.conftest import ROOT
 from tests.test_shipped import NAMES
+from trackbench.config import shipped_experiments
 from trackbench.help import kinds as help_kinds
 from trackbench.metrics import METRICS
 from trackbench.registry import GROUPS, kinds
 
 PAGES = cache(reference.pages)
+
+
+def read(path: Path, only: str = "") -> str:
+    """A file's text, or the lines at its top that begin so."""
+    text = path.read_text(encoding="utf-8") if path.is_file() else ""
+    return "\n".join(takewhile(lambda line: line.startswith(only), text.splitlines())) + "\n"
 
 
 @pytest.mark.parametrize("group", GROUPS)
@@ -69,6 +82,49 @@ def test_the_gallery_has_every_experiment() -> None:
     assert all(path.is_file() for path in files.values())
 
 
+def test_every_problem_has_its_picture_verdicts_and_finding() -> None:
+    for row in problems.rows():
+        page = gallery.pages()[f"gallery/{row.problem.name}.md"]
+        e = next(e for e in gallery.experiments() if e.name == row.problem.name)
+        assert f'Cite as "trackbench/{e.name} v{row.problem.version}, ' in page
+        assert page.count("<figure") == len(e.figures) >= 1
+        assert "](../findings/" in page
+        comment = read(ROOT / "experiments" / f"{e.name}.yaml", "#")
+        assert comment.removeprefix("# ").split(". ")[0].replace("\n# ", " ") in page
+        for row_of in csv.DictReader(io.StringIO(read(e.folder / "comparison.csv"))):
+            assert f"| {row_of['verdict']}" in page
+
+
+def test_the_table_of_problems_has_the_numbers_of_the_results() -> None:
+    lines = problems.table("gallery/").splitlines()[2:]
+    assert len(lines) == len(problems.rows()) == len(shipped_experiments.problems())
+    entries = 0
+    for line in lines:
+        problem, reference, filters = (cell.strip() for cell in line.strip("|").split(" | "))
+        name = problem.split("]")[0].strip("[")
+        config = yaml.load(read(ROOT / "results" / name / "config.yaml"), yaml.CSafeLoader)
+        expression = problem.split("`")[1]
+        values: dict[str, float] = {}
+        for row in csv.DictReader(io.StringIO(read(ROOT / "results" / name / "summary.csv"))):
+            if row["metric"] == expression and isfinite(float(row["value"])):
+                values.setdefault(row["filter"], float(row["value"]))
+        shown = re.findall(r'class="entry">(.*?) (-?[\d.e+-]+)(?: \(([\d.e+-]+)\))?<', filters)
+        labels = [html.unescape(label) for label, _, _ in shown]
+        floor = reference.rpartition(" ")
+        smoothers = {b for b, keys in config["filters"].items() if keys.get("smooth")}
+        assert {*labels, floor[0]} >= values.keys() - smoothers - {config.get("bound")}
+        assert not smoothers & {*labels}
+        for label, (_, number, ratio) in zip(labels, shown, strict=True):
+            assert float(number) == pytest.approx(values[label], rel=1e-3)
+            assert (ratio != "") == (floor[2] != "" and "score" not in expression)
+            if ratio:
+                assert float(ratio) == pytest.approx(values[label] / float(floor[2]), rel=0.01)
+        ranked = [values[label] for label in labels]
+        assert ranked == sorted(ranked, reverse="score" in expression)
+        entries += len(labels)
+    assert entries > 100
+
+
 def test_links_are_those_of_the_site() -> None:
     known = pages() | {"results/hdepf/": "gallery/hdepf.md"}
     text = '[a](../results/hdepf/ "PF; mean(rmse)") [`b`](decisions/verdicts.md) [c](../LICENSE)'
@@ -92,7 +148,10 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_site_is_built_and_asks_nothing_of_the_net(site: Path) -> None:
-    for uri in [*pages().values(), *PAGES(), *gallery.pages()]:
+    front = (site / "index.html").read_text(encoding="utf-8")
+    for row in problems.rows():
+        assert f'<a href="gallery/{row.problem.name}.html">' in front
+    for uri in [*pages().values(), *PAGES(), *gallery.pages(), *problems.pages()]:
         page = (site / uri).with_suffix(".html").read_text(encoding="utf-8")
         assert not re.search(
             r'(<script|<img|<link(?! rel="canonical"))[^>]*(src|href)="https?:', page

@@ -139,6 +139,11 @@ def kinds(group: Group) -> dict[str, type[Part]]:
     return dict(sorted(_kinds[group].items()))
 
 
+def is_builtin(group: Group, kind: str) -> bool:
+    """Return whether the package itself has a kind, and no plugin."""
+    return kind in _homes(group)
+
+
 @cache
 def _homes(group: Group) -> dict[str, str]:
     """Return the modules of the package that register kinds of a group, by kind."""

@@ -1,16 +1,19 @@
 """The gallery: each shipped experiment with its picture, its verdicts and its config."""
 
+import csv
 import html
 from collections.abc import Iterator
 from functools import cache
-from itertools import groupby
+from itertools import groupby, takewhile
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import yaml
 
+from docs.site import findings
 from docs.site.pages import ROOT
 from trackbench.config import shipped_experiments
+from trackbench.errors import counted
 
 
 class Experiment(NamedTuple):
@@ -36,6 +39,26 @@ class Experiment(NamedTuple):
         names = sorted(asked, key=lambda name: name != key) if key else asked
         found = {p.stem: p for folder in self.folders for p in folder.glob("figures/*.svg")}
         return [found.pop(name) for name in names if name in found] + sorted(found.values())
+
+    @property
+    def about(self) -> str:
+        """Return what it is: the comment at the top of its config."""
+        lines = _text(self.name).splitlines()
+        return " ".join(x.lstrip("# ") for x in takewhile(lambda x: x.startswith("#"), lines))
+
+    @property
+    def grid_rows(self) -> Iterator[tuple[str, ...]]:
+        """Yield the values of the grid in summary.csv, row by row."""
+        with (self.folder / "summary.csv").open(encoding="utf-8", newline="") as file:
+            for row in csv.DictReader(file):
+                yield tuple(row[path] for path in self.config["grid"])
+
+    @property
+    def comparison(self) -> str:
+        """Return the tables of published and measured numbers and claims, as Markdown."""
+        path = self.folder / "comparison.md"
+        text = path.read_text(encoding="utf-8") if path.is_file() else ""
+        return text[text.find("**") :].strip()
 
     @property
     def verdict(self) -> list[str]:
@@ -92,18 +115,19 @@ def _index(found: list[Experiment]) -> str:
     ]
     for paper, several in groupby(found, key=lambda e: e.paper):
         parts.append(f"## {paper or 'Beyond the papers'}")
-        cards = "\n".join(map(_card, several))
+        cards = "\n".join(map(card, several))
         parts.append(f'<div class="gallery" markdown="0">\n{cards}\n</div>')
     return "\n\n".join(parts) + "\n"
 
 
-def _card(e: Experiment) -> str:
+def card(e: Experiment, folder: str = "") -> str:
+    """Return an experiment's picture, title and verdicts as a link to its page."""
     picture = "tables only"
     if e.figures:
-        picture = f'<img loading="lazy" alt="" src="{e.name}/{e.figures[0].name}">'
+        picture = f'<img loading="lazy" alt="" src="{folder}{e.name}/{e.figures[0].name}">'
     verdict = "<br>".join(map(html.escape, e.verdict))
     return (
-        f'<a class="card" href="{e.name}.html"><span class="frame">{picture}</span>'
+        f'<a class="card" href="{folder}{e.name}.html"><span class="frame">{picture}</span>'
         f"<strong>{e.name}</strong><span>{html.escape(e.title)}</span><small>{verdict}</small></a>"
     )
 
@@ -115,8 +139,12 @@ def _page(e: Experiment) -> str:
 def _parts(e: Experiment) -> Iterator[str]:
     yield f"# {e.name}"
     yield f"{e.title}."
-    if e.paper:
-        yield f"Of the paper: {e.paper} ([findings](../findings.md))."
+    for problem in shipped_experiments.problems():
+        if problem.name == e.name:
+            runs = counted(e.config["runs"], "run")
+            yield f'Cite as "trackbench/{e.name} v{problem.version}, {runs}".'
+    yield e.about
+    yield " ".join([*([f"{e.paper}."] if e.paper else []), findings.link(e.name)])
     yield "\n".join(f"- {line}" for line in e.verdict)
     for path in e.figures[:1]:
         yield _picture(e, path)
@@ -129,10 +157,16 @@ def _parts(e: Experiment) -> Iterator[str]:
     yield f"That{takes}; `--quick` a fraction. It writes all tables, figures and verdicts to {report}."
     for path in e.figures[1:]:
         yield _picture(e, path)
+    if e.comparison:
+        yield "## Published and measured"
+        yield e.comparison
     yield "## Config"
     yield f"`trackbench copy {e.name}` puts it and its parts into the working folder."
-    text = (shipped_experiments.folder() / f"{e.name}.yaml").read_text(encoding="utf-8")
-    yield f"```yaml\n{text.rstrip()}\n```"
+    yield f"```yaml\n{_text(e.name).rstrip()}\n```"
+
+
+def _text(name: str) -> str:
+    return (shipped_experiments.folder() / f"{name}.yaml").read_text(encoding="utf-8")
 
 
 def _picture(e: Experiment, path: Path) -> str:

@@ -10,9 +10,12 @@ from mkdocs.structure.files import File, Files
 ROOT = Path(__file__).parent.parent.parent
 sys.path.insert(0, str(ROOT))
 
-from docs.site import gallery, reference
+from docs.site import gallery, problems, reference
 from docs.site.blocks import fenced
 from docs.site.pages import pages, rewritten
+
+_BEFORE = "## What it is\n"
+"""Heading of README.md that the table of problems stands before on the front page."""
 
 
 def on_config(config: Any) -> Any:
@@ -32,7 +35,7 @@ def on_files(files: Files, config: Any) -> Files:
     """Bring the pages."""
     for place, uri in pages().items():
         files.append(File.generated(config, uri, abs_src_path=str(ROOT / place)))
-    for uri, text in (reference.pages() | gallery.pages()).items():
+    for uri, text in (reference.pages() | gallery.pages() | problems.pages()).items():
         files.append(File.generated(config, uri, content=text))
     for uri, path in (gallery.files() | _pictures()).items():
         files.append(File.generated(config, uri, abs_src_path=str(path)))
@@ -45,7 +48,10 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     place = places.get(page.file.src_uri)
     if place is None:
         return markdown
-    return rewritten(fenced(markdown), place, page.file.src_uri, _known())
+    text = rewritten(fenced(markdown), place, page.file.src_uri, _known())
+    if place == "README.md":
+        text = text.replace(_BEFORE, problems.section() + _BEFORE)
+    return text
 
 
 @cache

@@ -11,6 +11,9 @@ from trackbench.cli.output import echo_line
 
 if TYPE_CHECKING:
     from trackbench.api import Options
+    from trackbench.config.experiment import Experiment
+
+_PICTURES = (".png", ".svg", ".pdf")
 
 
 def check(
@@ -23,13 +26,22 @@ def check(
     contract: Annotated[
         Path | None, typer.Option(metavar="FILE", help="hold the filters of a Python file to it")
     ] = None,
+    picture: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="draw the scene: path, sensors and one run's measurements"
+        ),
+    ] = None,
     json: Json = False,
 ) -> None:
     """Validate a config without running it, or check your own filter against the contract."""
+    if picture is not None and (config is None or picture.suffix not in _PICTURES):
+        forms = ", ".join(_PICTURES)
+        raise typer.BadParameter(f"--picture draws the scene of a config to a file in {forms}")
     if config is None and contract is None:
         raise typer.BadParameter("name a config, or a Python file with --contract")
     if config is not None:
-        _check_config(config, api_options(locals()), json)
+        _check_config(config, api_options(locals()), json, picture)
     if contract is not None:
         _check_contract(contract, json)
 
@@ -60,7 +72,7 @@ def cache(
         typer.echo(f"drawn before: {told(size.figures, 'figure file')}; they go with the blocks")
 
 
-def _check_config(config: Path, options: "Options", json: bool) -> None:
+def _check_config(config: Path, options: "Options", json: bool, picture: Path | None) -> None:
     from trackbench import api
     from trackbench.config.tuned_entries import training_cautions
     from trackbench.errors import counted
@@ -70,6 +82,8 @@ def _check_config(config: Path, options: "Options", json: bool) -> None:
     check_memory(experiment, workers=1)
     for caution in training_cautions(experiment):
         typer.echo(f"note: {caution}", err=True)
+    if picture is not None:
+        _draw(experiment, picture)
     points, filters = len(experiment.points), list(experiment.points[0].filters)
     if json:
         settings = experiment.settings
@@ -78,6 +92,16 @@ def _check_config(config: Path, options: "Options", json: bool) -> None:
         return
     grid = f" at {points} points" if points > 1 else ""
     typer.echo(f"{config}: good, {counted(len(filters), 'filter')}{grid}")
+
+
+def _draw(experiment: "Experiment", picture: Path) -> None:
+    from trackbench.atomic_files import atomic_write
+    from trackbench.report.figures.scene import draw_scene
+
+    figure = draw_scene(experiment)
+    with atomic_write(picture) as file:
+        figure.savefig(file, format=picture.suffix.removeprefix("."), dpi=150)
+    typer.echo(f"drew {picture}")
 
 
 def _check_contract(path: Path, json: bool) -> None:

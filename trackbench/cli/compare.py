@@ -1,6 +1,7 @@
 """Commands on several results: two folders, a gate for continuous integration, a history."""
 
 from collections.abc import Sequence
+from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -115,7 +116,7 @@ def _gate_table(verdict: "Verdict", name: str, worse: str) -> "TextTable":
     from trackbench.report.findings import phrases
 
     bad = views.changes(verdict.rows, WORSE) + verdict.failed
-    tests = [row.runs for row in verdict.rows if row.how in ("paired", "independent")]
+    tests = [row.runs for row in verdict.rows if not isnan(row.p_holm)]
     same = all(row.how == EQUAL for row in verdict.rows)
     title = f"worse: {phrases.listed(bad)}" if bad else "unchanged" if same else "not worse"
     table = views.table_of(f"{verdict.name} is {title}", verdict.rows, (name, "now"))

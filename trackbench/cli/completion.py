@@ -53,7 +53,7 @@ def groups(ctx: typer.Context, incomplete: str) -> list[str]:
     """Return the words that `trackbench list` accepts."""
     from trackbench.registry import GROUPS
 
-    return [*GROUPS, "experiments"]
+    return [*GROUPS, "experiments", "problems"]
 
 
 @_completing

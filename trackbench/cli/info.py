@@ -15,7 +15,7 @@ def list_(
     group: Annotated[
         str | None,
         typer.Argument(
-            help="filters, ..., metrics, statistics, experiments; default: all groups of kinds",
+            help="filters, ..., metrics, statistics, experiments, problems; default: all groups",
             autocompletion=groups,
         ),
     ] = None,
@@ -33,7 +33,7 @@ def list_(
     from trackbench.help.kinds import rows
     from trackbench.registry import GROUPS
 
-    known = (*GROUPS, "experiments", "metrics", "statistics")
+    known = (*GROUPS, "experiments", "problems", "metrics", "statistics")
     word = None if group is None else one_of("list", group, known)
     asked = config if word == "metrics" else None
     if not json:
@@ -47,7 +47,7 @@ def list_(
 def _listing(word: str | None, config: Path | None, allow_plugins: bool) -> str:
     """Return the listing of one word; without a word, of all groups."""
     from trackbench.help import metrics
-    from trackbench.help.kinds import experiments, listing
+    from trackbench.help.kinds import experiments, listing, problems
     from trackbench.registry import GROUPS
 
     if config:
@@ -58,6 +58,7 @@ def _listing(word: str | None, config: Path | None, allow_plugins: bool) -> str:
         "statistics": metrics.statistics,
         "metrics": metrics.metrics,
         "experiments": experiments,
+        "problems": problems,
     }
     return others[word]() if word in others else listing((word,))
 

@@ -58,6 +58,14 @@ Format = Annotated[
 AllowPlugins = Annotated[
     bool, typer.Option("--allow-plugins", help="run the code of the config's plugins")
 ]
+Filters = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--filter",
+        metavar="FILE",
+        help="run the filters of this Python file, too, into results/NAME-with-FILE",
+    ),
+]
 Grid = Annotated[
     list[str],
     typer.Option(

@@ -14,6 +14,7 @@ import typer
 from trackbench.cli.options import (
     Config,
     Configs,
+    Filters,
     Grid,
     Product,
     Quick,
@@ -36,6 +37,7 @@ def run(
     configs: Configs,
     quick: Quick = False,
     save_tracks: SaveTracks = False,
+    filters: Filters = None,
     watch: Annotated[
         bool, typer.Option("--watch", help="run again when the config or a file it names is saved")
     ] = False,
@@ -43,7 +45,8 @@ def run(
 ) -> None:
     """Run experiments and write tables, figures and CSV files."""
     _begin(given)
-    execute("run", configs, given | {"quick": quick, "save_tracks": save_tracks}, watch)
+    given |= {"quick": quick, "save_tracks": save_tracks, "filters": filters}
+    execute("run", configs, given, watch)
 
 
 @runs_experiments
@@ -149,7 +152,7 @@ def _watch(configs: list[Path], options: "Options", json: bool) -> None:
             print_error(as_reportable(error))
 
     with suppress(KeyboardInterrupt):
-        _run_after_changes(config, go)
+        _run_after_changes(config, go, [Path(file) for file in options.filters])
 
 
 def _print(report: "Report", json: bool, most_rows: int | None) -> None:
@@ -187,11 +190,11 @@ class Stamp(NamedTuple):
 Stamps: TypeAlias = Mapping[Path, Stamp | None]
 
 
-def _run_after_changes(config: Path, go: Callable[[], None]) -> None:
+def _run_after_changes(config: Path, go: Callable[[], None], others: Iterable[Path] = ()) -> None:
     """Call ``go`` now and after each change, until an exception such as Ctrl-C."""
     from trackbench.errors import counted
 
-    files = {config}
+    files = {config, *others}
     while True:
         files |= _named(config, files)
         before = _stamps(files, {})

@@ -1,6 +1,5 @@
 """A gate for continuous integration: is a filter worse than stored, or than at a git revision?"""
 
-import json
 import os
 import re
 import subprocess
@@ -16,11 +15,8 @@ import numpy as np
 
 from trackbench.commands.prepare import Options, file_of, prepare
 from trackbench.commands.run_experiment import run_all
-from trackbench.errors import Mark, Problem, UserError, reason
+from trackbench.errors import Mark, Problem, UserError
 from trackbench.evaluation.inference import holm
-from trackbench.plugins.errors import PluginError
-from trackbench.plugins.load import load_plugin, read_plugin
-from trackbench.registry import registered
 from trackbench.report.compare_folders import (
     ALIKE,
     BETTER,
@@ -34,7 +30,6 @@ from trackbench.report.compare_folders import (
 from trackbench.report.open import open_results
 from trackbench.report.results import Results
 from trackbench.results.folder_contents import TIMING
-from trackbench.yaml_source import read
 
 _LIMIT = re.compile(r"(\d+(?:\.\d+)?)sigma(?:,(\d+(?:\.\d+)?)%)?")
 
@@ -79,43 +74,16 @@ def gate(
     """
     config = Path(str(file_of(config, options)))
     options = replace(options, times=cost > 0.0, formats=())
-    now = with_filter(config, file, options)
+    now = replace(options, filters=[file] if file else [])
     name = prepare(config, now).settings.name
     with TemporaryDirectory() as home:
         if against is not None:
             inner = against / name
             stored = open_results(inner if (inner / "config.yaml").is_file() else against)
         else:
-            with _at_ref(ref, config, file, Path(home)) as paths:
-                stored = _run(paths[0], with_filter(*paths, options), Path(home, "old"))
+            with _at_ref(ref, config, file, Path(home)) as (old, files):
+                stored = _run(old, replace(options, filters=files), Path(home, "old"))
         return _judged(stored, _run(config, now, Path(home, "new")), limit, cost)
-
-
-def with_filter(config: Path, file: Path | None, options: Options) -> Options:
-    """Return the options that add a filter file to a config: as a plugin, with an entry per kind.
-
-    A plugin of this name in the config is replaced, and kinds that its filters name have no new entry.
-    """
-    if file is None:
-        return options
-    try:
-        plugin = read_plugin(file)
-        load_plugin(plugin)
-    except (OSError, PluginError) as error:
-        what = reason(error) if isinstance(error, OSError) else str(error)
-        raise UserError(Problem(Mark(f"--filter {file}"), "", what)) from error
-    data = read(config).data
-    data = data if isinstance(data, dict) else {}
-    others = [p for p in data.get("plugins") or [] if Path(str(p)).name != file.name]
-    filters = data.get("filters")
-    entries = filters.values() if isinstance(filters, dict) else ()
-    named = {part.get("kind") for part in entries if isinstance(part, dict)}
-    words = [f"plugins={json.dumps([*others, str(file.absolute())])}"]
-    for group, kind, _ in registered(plugin.module):
-        if group == "filters" and kind not in named:
-            words.append(f"filters.{kind}={{kind: {kind}}}")
-    allowed = options.allow_plugins or not others
-    return replace(options, set=(*words, *options.set), allow_plugins=allowed)
 
 
 def _run(config: Path, options: Options, folder: Path) -> Results:
@@ -127,7 +95,7 @@ def _run(config: Path, options: Options, folder: Path) -> Results:
 @contextmanager
 def _at_ref(
     ref: str, config: Path, file: Path | None, home: Path
-) -> Iterator[tuple[Path, Path | None]]:
+) -> Iterator[tuple[Path, list[Path]]]:
     """Check out a revision of the repository of the config or filter; yield their paths in it.
 
     The repository stays as it is: the index of the revision is a temporary file.
@@ -146,7 +114,7 @@ def _at_ref(
     if not moved(config).is_file():
         raise _ref_error(ref, f"has no file {config}")
     try:  # a filter file that is new has nothing to be compared with
-        yield moved(config), moved(file) if file and moved(file).is_file() else None
+        yield moved(config), [moved(file)] if file and moved(file).is_file() else []
     except UserError as error:  # with the names that a user knows
         lines = (str(p).replace(f"{tree}{os.sep}", f"{ref}:") for p in error.problems)
         raise UserError(*lines) from error

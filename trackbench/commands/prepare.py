@@ -62,6 +62,8 @@ class Options:
     """of figures and tables: png, svg, pdf, tex"""
     allow_plugins: bool = False
     """run the code of the config's plugins"""
+    filters: Sequence[Path | str] = ()
+    """Python files whose filters run beside those of the config, each under its kind; their code runs"""
     quiet: bool = False
     """say nothing of the progress"""
 
@@ -87,6 +89,7 @@ def prepare(
         options.product,
         options.allow_plugins,
         found,
+        [Path(file) for file in options.filters],
     )
 
 
@@ -133,7 +136,7 @@ def _job(config: Config, options: Options, alone: bool) -> Job:
         experiment = as_sweep(experiment)
     folder = Path("results" if options.out is None else options.out)
     if options.out is None or not alone:
-        folder /= experiment.settings.name
+        folder /= "-".join([experiment.settings.name, *_with(options.filters)])
     _check_out(folder)
     check_memory(experiment, 1, options.save_tracks)
     most = experiment.settings.runs
@@ -143,6 +146,11 @@ def _job(config: Config, options: Options, alone: bool) -> Job:
     line = announced(experiment, plan, workers, needed)
     first = first_batch(experiment)
     return Job(config, first, folder, plan_of(first, most, options), line, most)
+
+
+def _with(files: Sequence[Path | str]) -> list[str]:
+    """Return what files of filters add to the name of a results folder."""
+    return ["with", *(Path(file).stem for file in files)] if files else []
 
 
 def plan_of(experiment: Experiment, most: int, options: Options) -> Plan:

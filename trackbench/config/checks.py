@@ -63,6 +63,9 @@ def chosen_labels(source: Source, settings: Settings) -> list[str]:
             add_label_problem(source, settings, ("only", i), label)
     if settings.bound in known:
         source.add_problem(("bound",), f"{settings.bound!r} is already the label of a filter")
+    for i, label in enumerate(settings.smoothed):
+        if label not in known:
+            add_label_problem(source, settings, ("smoothed", i), label)
     for i, label in enumerate(settings.exact):
         if label not in labels_to_run(known, settings.only, settings.reference):
             add_label_problem(source, settings, ("exact", i), label)
@@ -203,6 +206,13 @@ def check_idle_settings(source: Source, settings: Settings) -> None:
         source.add_key_problem(("min_runs",), "has no effect without `until`; leave it out")
     if settings.tuning != Settings.tuning and "tune" not in source.data:
         source.add_key_problem(("tuning",), "has no effect without `tune`; leave it out")
+
+
+def check_problem(source: Source, settings: Settings) -> None:
+    """Check that a standard problem's reference is a filter or the bound."""
+    label = settings.problem.reference if settings.problem else None
+    if label not in (None, *settings.filters, settings.bound):
+        add_label_problem(source, settings, ("problem", "reference"), str(label))
 
 
 def check_key_figure(source: Source, settings: Settings) -> None:

@@ -31,8 +31,9 @@ def resolved(experiment: Experiment, folder: Path) -> PlainData:
     config is to be written.
     """
     first, without_defaults = experiment.points[0], _with_varied_defaults(experiment)
-    # Without `exact`, configs stay as they are in older results folders.
-    out = {key: x for key, x in asdict(experiment.settings).items() if x or key != "exact"}
+    # Without these keys, configs stay as they are in older results folders.
+    optional = ("exact", "smoothed", "problem")
+    out = {key: x for key, x in asdict(experiment.settings).items() if x or key not in optional}
 
     def relative(path: str) -> str:
         return os.path.relpath(path, folder)

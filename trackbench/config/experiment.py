@@ -44,6 +44,16 @@ Label = Annotated[str, StringConstraints(pattern=ONE_LINE, max_length=80)]
 
 
 @dataclass(frozen=True, kw_only=True)
+class StandardProblem:
+    """Mark of an experiment that is cited by name and version."""
+
+    version: Count
+    """version, raised with every change that moves a number"""
+    reference: Label | None = None
+    """label of the filter or bound that listings compare errors with; default: `reference` or `bound`"""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Settings:
     """The top level of an experiment file."""
 
@@ -53,6 +63,8 @@ class Settings:
     """one line for people; {runs} stands for the number of runs, here and in titles of exhibits"""
     paper: str = ""
     """paper that it reproduces: authors and title"""
+    problem: StandardProblem | None = None
+    """mark of a standard problem, cited as trackbench/NAME vVERSION: {version: 1}"""
     seed: Natural = 0
     """seed of every random number"""
     runs: Count = 100
@@ -79,6 +91,8 @@ class Settings:
     """label of the scenario's lower bounds in tables and figures; default: they are left out"""
     exact: list[Label] = field(default_factory=list)
     """labels of linear filters whose exact errors stand beside the measured ones; default: none"""
+    smoothed: list[Label] = field(default_factory=list)
+    """labels of filters whose smoothers run beside them, as `EKF, smoothed`; default: none"""
     hold_out: Annotated[int, Ge(2)] | None = None
     """hold back every n-th measurement of a run from the filters, and predict it instead, such as 5"""
     medians: list[str] = field(default_factory=list)

@@ -24,17 +24,19 @@ from trackbench.config.checks import (
     check_idle_settings,
     check_key_figure,
     check_named_filters,
+    check_problem,
     chosen_labels,
     with_recorded_runs,
 )
 from trackbench.config.experiment import DrawnExhibit, Exhibit, Experiment, Point, Settings
 from trackbench.config.grid import add_axis, apply_point, grid_points
 from trackbench.config.includes import assignment, inline_parts, override
-from trackbench.config.plugin_checks import load_plugins
+from trackbench.config.plugin_checks import add_filters, load_plugins, show_filters
 from trackbench.config.published import Published, read_published
 from trackbench.config.requested_metrics import check_metrics, check_trained_metrics
 from trackbench.config.tuned_entries import (
     Chosen,
+    add_smoothed,
     add_tuned,
     training_point,
     tuned_axes,
@@ -55,6 +57,9 @@ _INDEPENDENT = {
     *("medians", "metrics", "per_step", "published"),
 }
 
+_OF_PROBLEM = {"scenario", "filters", "grid"}
+"""Overridden keys after which an experiment is no longer the standard problem of its name."""
+
 
 class UnknownNamesError(UserError):
     """Mistakes in names of metrics or rows of published files only; the experiment is complete."""
@@ -74,13 +79,15 @@ def load(
     product: bool = False,
     allow_plugins: bool = False,
     tuned_values: Mapping[str, Chosen] | None = None,
+    filter_files: Sequence[Path] = (),
 ) -> Experiment:
     """Read and validate an experiment; raises UserError with every mistake found.
 
     Paths in a file count from it, those in a mapping from the working folder.
     ``grid`` are assignments of several values (``filters.HDEPF.F=0.5,0.9``) that add to the file's, and
     ``product`` whether every combination of them is a point where the file has no grid;
-    ``tuned_values`` are those that tuning gave the keys of filters, by label.
+    ``tuned_values`` are those that tuning gave the keys of filters, by label; ``filter_files`` are
+    Python files whose filters are added.
     """
     if isinstance(config, Mapping):
         source, home = from_mapping(config), Path()
@@ -90,8 +97,12 @@ def load(
         raise UserError(source.problem((), "an experiment is a mapping of keys to values"))
     # Step 1: put the config together: files that it includes, then options of the command line.
     unread = inline_parts(source, home)
+    added = add_filters(source, filter_files)
     for text in overrides:
-        override(source, *assignment(source, text))
+        keys, value, mark = assignment(source, text)
+        override(source, keys, value, mark)
+        if keys[0] in _OF_PROBLEM and not {*keys[1:2]} & added.keys():
+            source.data.pop("problem", None)
     for key, number in {"runs": runs, "seed": seed}.items():
         if number is not None:
             override(source, (key,), number, Mark(f"--{key}"))
@@ -99,10 +110,13 @@ def load(
         override(source, ("product",), product, Mark("--product"))
     for axis in grid:
         add_axis(source, axis)
+        source.data.pop("problem", None)
     _set_only(source, only)
+    show_filters(source, added)
     add_tuned(source, tuned_values or {})
+    add_smoothed(source)
     # Step 2: run the plugins' code, so that their kinds are known, and validate.
-    plugins = load_plugins(source, home, allow_plugins)
+    plugins = load_plugins(source, home, allow_plugins, filter_files)
     try:
         experiment = _validate_with_plugin_errors(source, home, plugins)
     except UserError as error:
@@ -175,6 +189,7 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
     for point in points if not source.problems else ():
         check_exact(source, settings, point)
     check_idle_settings(source, settings)
+    check_problem(source, settings)
     left_out = _filters(source, [label for label in settings.filters if label not in labels])
     if whole:
         settings = with_recorded_runs(source, settings, points)
@@ -275,9 +290,18 @@ def _published(source: Source, settings: Settings, folder: Path, points: list[Po
 
 
 def _add_default_exhibits(source: Source, settings: Settings, points: list[Point]) -> None:
-    """Add tables and figures of innovations to recordings without ground truth that name none."""
+    """Add a track of the first run, or tables and figures of innovations, to configs that name none.
+
+    The latter is for recordings without ground truth.
+    """
     chosen = settings.metrics is not None or settings.per_step is not None
-    if chosen or not points or any(p.scenario.has_truth for p in points):
+    if chosen or not points:
+        return
+    planar = points[0].scenario.components[:4] == position_velocity_names(2)
+    if any(p.scenario.has_truth for p in points):
+        if planar and not settings.grid and not settings.tables and not settings.figures:
+            track = {"kind": "track", "filters": list(points[0].filters)[:4], "runs": 1}
+            override(source, ("figures",), {"track": track}, Mark("default in the plane"))
         return
     mark = Mark("default without ground truth")
     if "tables" not in source.data:
@@ -287,7 +311,7 @@ def _add_default_exhibits(source: Source, settings: Settings, points: list[Point
             "nis": {"kind": "nis"},
             "whiteness": {"kind": "autocorrelation"},
         }
-        if points[0].scenario.components[:4] == position_velocity_names(2):
+        if planar:
             figures["track"] = {"kind": "track", "filters": list(points[0].filters)[:4]}
         else:
             figures["estimates"] = {"kind": "estimates"}

@@ -1,30 +1,81 @@
 """Load the plugins that a config names, and check their classes and exhibits."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, fields, is_dataclass
 from pathlib import Path
 from typing import cast
 
 from trackbench.config.build import adapter
 from trackbench.config.experiment import DrawnExhibit, Exhibit, Point
-from trackbench.errors import UserError, reason
+from trackbench.config.includes import override
+from trackbench.errors import Mark, Problem, UserError, reason
 from trackbench.extension_points import Part, is_foreign
 from trackbench.filters.base import Filter, WrongReturnError
 from trackbench.plugins.checks import call_hook, check_words
 from trackbench.plugins.errors import PluginError, location_of, plugin_code
 from trackbench.plugins.load import Plugin, load_plugin, read_plugin
 from trackbench.registry import base_of, kinds, registered
-from trackbench.yaml_source import Source
+from trackbench.yaml_source import Source, put
 
 _FILES = {"per_step", "per_run", "summary"}
 _PLAIN = (bool, int, float, str, type(None))
 
 
-def load_plugins(source: Source, folder: Path, allowed: bool) -> tuple[Plugin, ...]:
+def add_filters(source: Source, files: Sequence[Path]) -> dict[str, Mark]:
+    """Add the filters of Python files to the config, each under its kind; return labels and marks.
+
+    The files join the config's plugins. Raises UserError.
+    """
+    labels: dict[str, Mark] = {}
+    for file in files if isinstance(source.data.get("filters"), dict) else ():
+        mark = Mark(f"--filter {file}")
+        try:
+            plugin = load_file(file) if file.suffix == ".py" else None
+        except PluginError as why:
+            raise UserError(*(Problem(mark, "", what) for what in why.args)) from None
+        groups = registered(plugin.module) if plugin else []
+        kinds_in = [kind for group, kind, _ in groups if group == "filters"]
+        if plugin is None or not kinds_in:
+            what = "registers no filter" if plugin else "is not the path of a Python file"
+            raise UserError(Problem(mark, "", f"{what}; `trackbench new filter NAME` writes one"))
+        for kind in kinds_in:
+            if kind in source.data["filters"]:
+                what = f"{kind!r} is already the label of a filter; give this one another kind"
+                raise UserError(Problem(mark, "", what))
+            override(source, ("filters", kind), {"kind": kind}, mark)
+            labels[kind] = mark
+        if not source.data.get("plugins"):
+            override(source, ("plugins",), [], mark)
+        _append(source.data["plugins"], str(file.absolute()), mark)
+    return labels
+
+
+def show_filters(source: Source, labels: Mapping[str, Mark]) -> None:
+    """Add the labels to every list of filters to run, in tables and in figures."""
+    parts = [
+        part
+        for group in ("tables", "figures")
+        for part in (source.data.get(group) or {}).values()
+        if isinstance(part, dict)
+    ]
+    for shown in (source.data.get("only"), *(part.get("filters") for part in parts)):
+        for label, mark in labels.items() if isinstance(shown, list) and shown else ():
+            _append(shown, label, mark)
+
+
+def _append(items: list[object], value: object, mark: Mark) -> None:
+    items.append(None)
+    put(items, len(items) - 1, value, mark)
+
+
+def load_plugins(
+    source: Source, folder: Path, allowed: bool, chosen: Sequence[Path] = ()
+) -> tuple[Plugin, ...]:
     """Load the config's ``plugins``, paths counted from ``folder``; raises UserError.
 
-    A config that names plugins is refused unless their code may be run.
+    A config that names plugins is refused unless their code may be run, or the user chose the file.
     """
+    chosen_paths = {str(file.absolute()) for file in chosen}
     names = source.data.get("plugins") or []
     if not isinstance(names, list):
         return ()  # said by the validation of the whole
@@ -34,7 +85,7 @@ def load_plugins(source: Source, folder: Path, allowed: bool) -> tuple[Plugin, .
         try:
             if not isinstance(name, str) or not name.endswith(".py"):
                 raise PluginError(f"{name!r} is not the path of a Python file")
-            if not allowed:
+            if not allowed and name not in chosen_paths:
                 raise PluginError(f"the code in {name} is run only with --allow-plugins")
             plugins.append(load_file(folder / name))
         except PluginError as why:

@@ -14,6 +14,8 @@ from trackbench.atomic_files import ensure_folder, write_bytes
 from trackbench.errors import Mark, Problem, UserError
 
 _TIMES = "times.csv"
+_PROBLEM = re.compile(r"^problem: \{version: (\d+)(?:, reference: (.+))?\}$", re.MULTILINE)
+_PRINTED_AT = ("paper", "table", "row", "filter", "metric", "point")
 
 
 class Shipped(NamedTuple):
@@ -21,6 +23,20 @@ class Shipped(NamedTuple):
 
     name: str
     title: str
+    paper: str
+    cpu_s: float | None
+
+
+class ShippedProblem(NamedTuple):
+    """A shipped standard problem: what `trackbench list problems` prints."""
+
+    name: str
+    version: int
+    title: str
+    numbers: int
+    """published numbers that it measures"""
+    reference: str
+    """label of the filter or bound that errors are compared with; may be empty"""
     paper: str
     cpu_s: float | None
 
@@ -46,6 +62,32 @@ def listed() -> list[Shipped]:
         Shipped(name, _title(text), _line("paper", text), times.get(name))
         for name, text in texts.items()
     ]
+
+
+def problems() -> list[ShippedProblem]:
+    """Return every standard problem, sorted by name."""
+    found = []
+    for name, title, paper, cpu_s in listed():
+        text = _file(name).read_text(encoding="utf-8")
+        if mark := _PROBLEM.search(text):
+            reference = mark[2] or _line("reference", text) or _line("bound", text)
+            numbers = _published_numbers(name, _line("published", text))
+            found.append(
+                ShippedProblem(name, int(mark[1]), title, numbers, reference, paper, cpu_s)
+            )
+    return found
+
+
+def _published_numbers(name: str, files: str) -> int:
+    """Count the published numbers that an experiment measures, each once."""
+    printed = set()
+    for path in re.findall(r"[^\[\], ]+", files):
+        with (folder() / path).open(encoding="utf-8", newline="") as file:
+            for row in csv.DictReader(file):
+                measured = row.get("label") and name in (row["experiment"] or name).split("; ")
+                if measured and not row["value"].endswith("biased"):
+                    printed.add(tuple(row.get(key) for key in _PRINTED_AT))
+    return len(printed)
 
 
 def located(config: Path, note: Callable[[str], None]) -> Path:

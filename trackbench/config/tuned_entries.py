@@ -1,7 +1,7 @@
-"""Tuned filters in a config, each an entry beside its original, and the scenario they train on."""
+"""Filters beside their originals in a config: tuned ones with their training scenario, smoothed ones."""
 
 import copy
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -44,11 +44,35 @@ def add_tuned(source: Source, tuned_values: Mapping[str, Chosen]) -> None:
             put(filters, tuned_label(label), entry, mark, source.key_mark(("filters", label)))
         _set(source, tuned_label(label), label, tuned_values.get(label, {}))
     # Step 2: each after its original; tables and figures of those that are run.
-    _order(source, tuned)
+    _order(source, {label: tuned_label(label) for label in tuned})
     run = _with_tuned_of_only(source, tuned)
     _add_part(source, "tables", "tuning", {"kind": "tuning"})
     for label in run:
         _add_part(source, "figures", _file_name(label), {"kind": "tuning", "filter": label})
+
+
+def add_smoothed(source: Source) -> None:
+    """Add a copy with ``smooth: true`` after each filter of the key ``smoothed``.
+
+    An existing entry, as in the config of a results folder, stays.
+    """
+    labels = source.data.get("smoothed")
+    copies: dict[str, str] = {}
+    for i, label in enumerate(labels if isinstance(labels, list) else ()):
+        if not isinstance(label, str) or not _is_entry(source, label):
+            continue
+        smoothed = copies[label] = smoothed_label(label)
+        if not _is_entry(source, smoothed):
+            filters, mark = source.data["filters"], source.mark(("smoothed", i))
+            put(filters, smoothed, copy.deepcopy(filters[label]), mark, mark)
+            override(source, ("filters", smoothed, "smooth"), True, mark)
+    if copies:
+        _order(source, copies)
+
+
+def smoothed_label(label: str) -> str:
+    """Return the label of a filter's copy with a smoother."""
+    return f"{label}, smoothed"
 
 
 def _check_tuned_label(source: Source, label: str) -> None:
@@ -82,14 +106,14 @@ def _is_entry(source: Source, label: str) -> bool:
     return source.has(keys) and isinstance(source.at(keys), dict)
 
 
-def _order(source: Source, labels: Iterable[str]) -> None:
-    """Put each tuned filter after its original."""
+def _order(source: Source, copies: Mapping[str, str]) -> None:
+    """Put each copy of a filter after its original, by their labels."""
     filters = source.data["filters"]
-    tuned = {tuned_label(label): filters.pop(tuned_label(label)) for label in labels}
+    entries = {label: filters.pop(copy) for label, copy in copies.items()}
     for label in [*filters]:
         filters[label] = filters.pop(label)
-        if tuned_label(label) in tuned:
-            filters[tuned_label(label)] = tuned[tuned_label(label)]
+        if label in entries:
+            filters[copies[label]] = entries[label]
 
 
 def _with_tuned_of_only(source: Source, labels: list[str]) -> list[str]:

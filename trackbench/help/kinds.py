@@ -43,9 +43,27 @@ def experiments() -> str:
     return "\n".join(parts)
 
 
+def problems() -> str:
+    """Return the standard problems with their versions, published numbers, references and times."""
+    from trackbench.config.shipped_experiments import problems
+
+    heads = ("name", "version", "numbers", "time", "reference", "title")
+    table = [
+        (p.name, f"v{p.version}", str(p.numbers), _time(p.cpu_s), p.reference, p.title)
+        for p in problems()
+    ]
+    widths = [max(map(len, column)) for column in zip(heads, *table, strict=True)]
+    lines = [
+        "  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip()
+        for row in (heads, *table)
+    ]
+    head = "standard problems (trackbench run NAME; cited as trackbench/NAME vVERSION, N runs;"
+    return "\n".join([f"{head} time on one processor):", "", *(f"  {line}" for line in lines)])
+
+
 def rows(groups: Sequence[str]) -> Iterator[JsonRow]:
-    """Yield a row per kind and per shipped experiment."""
-    from trackbench.config.shipped_experiments import listed
+    """Yield a row per kind, per shipped experiment and per standard problem."""
+    from trackbench.config.shipped_experiments import listed, problems
 
     for group in groups:
         if group in ("metrics", "statistics"):
@@ -54,6 +72,9 @@ def rows(groups: Sequence[str]) -> Iterator[JsonRow]:
             continue
         if group == "experiments":
             yield from ({"group": group, **one._asdict()} for one in listed())
+            continue
+        if group == "problems":
+            yield from ({"group": group, **one._asdict()} for one in problems())
             continue
         for kind, doc in documentation(cast(Group, group)).items():
             yield {"group": group, "kind": kind, "text": _paragraphs(doc)[0]}

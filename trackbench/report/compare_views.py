@@ -50,8 +50,10 @@ def _series(row: Row) -> str:
 
 def _change(row: Row) -> str:
     """Return the change in percent; that of a share in percent of the runs, of a score nothing."""
-    if not row.is_event and (not row.a > 0.0 or "score" in row.metric):
+    if not isfinite(row.difference):
         return "–"
+    if not row.is_event and (not row.a > 0.0 or "score" in row.metric):
+        return f"{row.difference:+.2g}"
     share = row.difference / (1.0 if row.is_event else row.a)
     text = phrases.percent(share) + " of runs" * row.is_event
     return text if share < 0.0 else f"+{text}"

@@ -9,6 +9,7 @@ from typing import Any
 from trackbench.config.experiment import labels_to_run
 from trackbench.config.grid import combinations, single_paths
 from trackbench.config.published import Published, read_published
+from trackbench.errors import counted
 from trackbench.evaluation.exact_errors import exact_label
 from trackbench.registry import Group, kinds
 from trackbench.report.plotting import style
@@ -41,6 +42,17 @@ class ResultsConfig:
     def title(self) -> str:
         """Return the experiment's title, or else its name."""
         return self.fill_title(self.config["title"] or self.config["name"])
+
+    @property
+    def citation(self) -> str:
+        """Return ``trackbench/ungm v1, 400 runs`` of a standard problem; else an empty text."""
+        config = self.config
+        problem = config.get("problem")
+        return (
+            f"trackbench/{config['name']} v{problem['version']}, {counted(config['runs'], 'run')}"
+            if problem
+            else ""
+        )
 
     @property
     def figure_configs(self) -> dict[str, dict[str, Any]]:

@@ -11,13 +11,14 @@ from trackbench.config.build import build_kind, unknown
 from trackbench.config.includes import split_path
 from trackbench.config.tuning import tuned_label
 from trackbench.errors import Mark, Problem, UserError, counted
+from trackbench.metrics import unit_of
 from trackbench.registry import Group, kinds
 from trackbench.report.paired import Pair, pairs_at
 from trackbench.report.plotting import style
 from trackbench.report.plugin_exhibits import OutputError, as_table, catch_plugin_errors
 from trackbench.report.result_files import ResultFiles
 from trackbench.report.table import Table, results_html
-from trackbench.results.folder_contents import DEFAULT
+from trackbench.results.folder_contents import DEFAULT, TRACK
 from trackbench.results.point_facts import GridPoint
 from trackbench.tuning.record import Record, read_tuning
 
@@ -43,16 +44,21 @@ def default_keys(group: Group, metrics: Iterable[str], points: int, filters: int
     if group == "figures":
         if points > 1 or not errors:
             return {}
-        words = f"RMSE of {errors[0][2]}" if errors[0][2] else "RMSE"
         metric = measure(errors[0][1])
-        return {"kind": "rmse-vs-time", "x": "time", "metric": metric, "y_label": words}
-    columns = {f"RMSE of {e[2]}" if e[2] else "RMSE": e[0] for e in errors[:2]}
+        return {"kind": "rmse-vs-time", "x": "time", "metric": metric, "y_label": _head(errors[0])}
+    columns = {_head(error): error[0] for error in errors[:2]}
     consistent = {"ANEES": "anees"} if errors else {"NIS": "mean(nis)"}
     columns |= {head: text for head, text in consistent.items() if text in metrics}
     if not columns or points * filters > _MOST_ROWS:
         return {}
     measured = {head: measure(text) for head, text in columns.items()}
     return {"kind": "metrics", "title": "Errors over the whole run", "columns": measured}
+
+
+def _head(error: re.Match[str]) -> str:
+    """Return ``RMSE of position (m)``."""
+    words, unit = f"RMSE of {error[2]}" if error[2] else "RMSE", unit_of(error[1])
+    return f"{words} ({unit})" if unit else words
 
 
 @dataclass(frozen=True, repr=False)
@@ -106,15 +112,22 @@ class Results(ResultFiles):
         return self.out or self.folder
 
     def parts(self, group: Group) -> dict[str, Any]:
-        """Return the experiment's tables or figures, built from the config."""
-        if not self.config.get("tables") and not self.config.get("figures"):
+        """Return the experiment's tables or figures, built from the config.
+
+        A config without tables has the default one, and the default figure if it has no others than
+        the track that `load` adds.
+        """
+        default = {}
+        if not self.config.get("tables") and set(self.config.get("figures") or ()) <= {TRACK}:
+            default = self._default(group)
+        elif group == "tables" and not self.config.get("tables"):
             return self._default(group)
         left_out, source = self.unavailable_kinds(group), replace(self.source, problems=[])
-        names = [name for name in self.config.get(group, {}) if name not in left_out]
+        names = [name for name in self.config.get(group) or {} if name not in left_out]
         built = {name: build_kind(group, source, (group, name)) for name in names}
         source.check()
         titled = {name for name, part in built.items() if "{" in getattr(part, "title", "")}
-        return {
+        return default | {
             name: replace(part, title=self.fill_title(part.title)) if name in titled else part
             for name, part in built.items()
         }

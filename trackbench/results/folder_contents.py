@@ -47,6 +47,8 @@ COLUMNS = {
 TABLE_FORMS, FIGURE_FORMS = ("csv", "md", "tex"), ("png", "svg", "pdf")
 DEFAULT = "results"
 """Name of the table and of the figure of a config that asks for none."""
+TRACK = "track"
+"""Name of the figure that a config in the plane without tables and figures has beside it."""
 _NAMED = {"tables": TABLE_FORMS, "figures": FIGURE_FORMS}
 """Folders of files that the config names, and their formats."""
 _FORMS = {
@@ -139,7 +141,7 @@ def _named_by_config(folder: Path) -> Iterator[str]:
         config = read(folder / "config.yaml").data
         for group, forms in _NAMED.items():
             names = config.get(group) if isinstance(config, dict) else None
-            for name in (names or [DEFAULT]) if isinstance(names, dict) else ():
+            for name in [*names, DEFAULT] if isinstance(names, dict) else ():
                 places = (
                     f"{place}{group}/{name}" for place in ("", "run/") if "/" not in str(name)
                 )

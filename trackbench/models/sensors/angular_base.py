@@ -75,15 +75,16 @@ class AngularSensor(SensorBase):
         target = [x[2 * i] for i in range(self.axes)]
         if self.at_origin:
             return target
-        return [p - sensor for p, sensor in zip(target, self._place(k), strict=True)]
+        return [p - sensor for p, sensor in zip(target, self.place(k), strict=True)]
 
     def absolute_position(self, position: Array, k: int) -> Array:
         """Return positions (axes, M) relative to the sensor in the coordinates of the state."""
         if self.at_origin:
             return position
-        return position + with_trailing(np.array(self._place(k)), 1)
+        return position + with_trailing(np.array(self.place(k)), 1)
 
-    def _place(self, k: int) -> tuple[float, ...]:
+    def place(self, k: int) -> tuple[float, ...]:
+        """Return the position at step k, m; empty at the origin."""
         return self.platform.place(k) if self.platform is not None else self.at
 
     def innovation(self, z: Array, z_pred: Array) -> Array:

@@ -1,6 +1,6 @@
 """Figure kinds of a target in the plane: `track` and `mean-and-std`."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -18,6 +18,7 @@ from trackbench.report.plotting.style import LineStyle
 from trackbench.report.results import Results
 
 _AXES = ("x", "y")
+_LONG_M = 2000.0
 
 
 @register("figures", "track")
@@ -67,26 +68,28 @@ class Track(FigureKind):
         # of the first point where not every filter failed
         point = next(filter(results.tracks, results.grid_points))
         turning, tracks = results.facts(point).spans, results.tracks(point)
-        truth = tracks["truth"][list(self.components), :, 0] / 1000.0
-        seen = tracks["seen"][:2, :, 0] / 1000.0 if self._sees(tracks) else np.empty((2, 0))
-        estimates = [tracks[f"mean/{b}"][list(self.components)] / 1000.0 for b in self.filters
-                     if f"mean/{b}" in tracks]  # fmt: skip
-        width, height = _size(panels, truth, seen, *(mean[..., 0] for mean in estimates))
+        truth = tracks["truth"][list(self.components), :, 0]
+        seen = tracks["seen"][:2, :, 0] if self._sees(tracks) else np.empty((2, 0))
+        estimates = {b: tracks[f"mean/{b}"][list(self.components), :, : self.runs]
+                     for b in self.filters if f"mean/{b}" in tracks}  # fmt: skip
+        first = truth, seen, *(mean[..., 0] for mean in estimates.values())
+        metres, unit = plane_unit(*first)
+        width, height = _size(panels, *(xy / metres for xy in first))
         figure, axes = style.subplots(
             1, panels, height, width, squeeze=False, sharex=True, sharey=True
         )
         for i, ax in enumerate(axes[0]):
             label = self.filters[i] if self.filters else ""
-            ax.plot(*seen, ".", color="#bbbbbb", markersize=2.0, label="Measurements, first run",
-                    rasterized=True, zorder=0)  # fmt: skip
-            if label and f"mean/{label}" in tracks:
-                self._estimates(ax, tracks[f"mean/{label}"], results.line_style(label)["color"])
-            _truth(ax, truth, tracks["times"], turning, thin=bool(label))
+            ax.plot(*(seen / metres), ".", color="#bbbbbb", markersize=2.0,
+                    label="Measurements, first run", rasterized=True, zorder=0)  # fmt: skip
+            if label in estimates:
+                self._estimates(ax, estimates[label] / metres, results.line_style(label)["color"])
+            draw_truth(ax, truth / metres, tracks["times"], turning, thin=bool(label))
             ax.set_aspect("equal")
-            ax.set_xlabel("x (km)")
+            ax.set_xlabel(f"x ({unit})")
             ax.locator_params(nbins=5)
             ax.set_title(style.wrap_label(label))
-        axes[0][0].set_ylabel("y (km)")
+        axes[0][0].set_ylabel(f"y ({unit})")
         style.title(figure, self.title)
         style.legend_outside(figure)
         return figure
@@ -94,14 +97,22 @@ class Track(FigureKind):
     def _sees(self, tracks: dict[str, Array]) -> bool:
         return self.measurements and "seen" in tracks and self.components == (0, 2)
 
-    def _estimates(self, ax: Axes, mean: Array, colour: str) -> None:
-        x, y = mean[list(self.components), :, : self.runs] / 1000.0
+    def _estimates(self, ax: Axes, xy: Array, colour: str) -> None:
+        x, y = xy
         shown = x.shape[1]
         name = f"Estimates, {shown} runs" if shown > 1 else "Estimate"
         opacity = min(1.0, max(0.15, 2.0 / shown))
         ax.plot(x, y, color=colour, linewidth=0.6, alpha=opacity, rasterized=True)
         alone = len(self.filters) == 1
         ax.plot([], [], color=colour if alone else style.ANY, linewidth=1.0, label=name)
+
+
+def plane_unit(*tracks: Array) -> tuple[float, str]:
+    """Return metres per unit of the axes and its name: km for tracks (2, T) of 2 km or more."""
+    points = np.concatenate(tracks, axis=1)
+    points = points[:, np.isfinite(points).all(axis=0)]
+    long = points.size and np.ptp(points, axis=1).max() >= _LONG_M
+    return (1000.0, "km") if long else (1.0, "m")
 
 
 def _size(panels: int, *tracks: Array) -> tuple[float, float]:
@@ -115,7 +126,10 @@ def _size(panels: int, *tracks: Array) -> tuple[float, float]:
     return max(panels * (panel + 0.8), 3.4), panel * shape + 1.3
 
 
-def _truth(ax: Axes, xy: Array, times: Array, turning: list[list[float]], thin: bool) -> None:
+def draw_truth(
+    ax: Axes, xy: Array, times: Array, turning: Iterable[Sequence[float]], thin: bool
+) -> None:
+    """Draw the true path (2, T), its start, and the spans in which it turns."""
     width = 0.7 if thin else 1.4
     there = np.isfinite(xy).all(axis=0)
     if not there.any():

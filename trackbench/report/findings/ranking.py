@@ -4,7 +4,7 @@ Decided as paired.csv has it: differences of the metric's mean per run on common
 correction over all pairs. A filter that loses significantly more runs than another is never the best.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import isfinite
@@ -82,6 +82,8 @@ class Ranking(NamedTuple):
     losing: list[Candidate]
     """filters that lose more runs than another does"""
     reference: Candidate | None
+    order: list[Candidate]
+    """every filter that has a mean and is not among those losing more runs, the best mean first"""
     chosen: bool
     """whether a filter is there with the best of several values that the grid gives it"""
     runs: int
@@ -102,11 +104,17 @@ class Ranking(NamedTuple):
         return self.metric.family[0].more_is_better
 
 
-def rankings(results: Results, metric: str = "") -> list[Ranking]:
-    """Return a ranking for each scenario of the grid, by the first or a given metric."""
+def rankings(
+    results: Results, metric: str = "", labels: Collection[str] | None = None
+) -> list[Ranking]:
+    """Return a ranking for each scenario of the grid, by the first or a given metric.
+
+    ``labels`` are those of the ranked filters; by default all.
+    """
     metric = metric or next(iter(ranking_metrics(results)), "")
     places = scenes(results) if metric else []
-    return [_standing(results, where, metric, len(places)) for where in places]
+    labels = results.filters if labels is None else labels
+    return [_standing(results, where, metric, len(places), labels) for where in places]
 
 
 def best_settings(results: Results) -> list[Ranking]:
@@ -138,9 +146,12 @@ def ranking_metrics(results: Results) -> list[str]:
     return [*errors, *told]
 
 
-def _standing(results: Results, where: GridPoint, metric: str, times: int) -> Ranking:
+def _standing(
+    results: Results, where: GridPoint, metric: str, times: int, labels: Collection[str]
+) -> Ranking:
     """Return the ranking in one scenario of several."""
-    settings = list(_settings(results, points_of(results, where), metric))
+    every = _settings(results, points_of(results, where), metric)
+    settings = [candidate for candidate in every if candidate.label in labels]
     found = ranking_of(settings, metric, results.config.get("reference"), times)
     return found._replace(scene=where)
 
@@ -168,7 +179,7 @@ def ranking_of(
     losing += [c for c in ranked if c not in rivals and c not in losing and c.losses]
     chosen, runs = len(tried) > len(ranked), max((len(c.lost) for c in ranked), default=0)
     # Step 3: compare the first of the others with all the rest on common runs.
-    found = Ranking({}, measure, None, [], [], losing, floor, chosen, runs)
+    found = Ranking({}, measure, None, [], [], losing, floor, rivals, chosen, runs)
     if not rivals or not isfinite(rivals[0].mean.stderr):
         return found
     # Values that were tried and not taken were compared as well.

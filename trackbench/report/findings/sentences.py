@@ -25,6 +25,7 @@ from trackbench.report.findings.phrases import (
     verb,
     with_unit,
 )
+from trackbench.report.findings.plugin_ranks import plugin_ranks
 from trackbench.report.findings.ranking import Candidate, Ranking, ranking_metrics, rankings
 from trackbench.report.paired import Pair
 from trackbench.report.results import Results
@@ -177,6 +178,7 @@ def answer(results: Results) -> list[str]:
             _failed(results),
         ]
         lines += [
+            *plugin_ranks(results),
             cost(results, found[0]),
             calibration(results, found[0]),
         ]
@@ -185,6 +187,7 @@ def answer(results: Results) -> list[str]:
             _over_points(found),
             _losing(found),
             _failed(results),
+            *plugin_ranks(results),
             *_leader_sentence(results, found),
         ]
     if found and max(standing.runs for standing in found) == 1:

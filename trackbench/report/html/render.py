@@ -63,7 +63,8 @@ def key_picture(results: Results) -> bytes | None:
 def _pictures(results: Results) -> Iterator[tuple[str, FigureKind | None, bytes]]:
     """Name, kind and SVG of each figure that is in the folder, or can be drawn."""
     specs, asked = results.parts("figures"), results.figure_configs
-    for name in sorted(asked or specs, key=lambda name: name != results.key_figure):
+    names = [*(name for name in specs if name not in asked), *asked]
+    for name in sorted(names, key=lambda name: name != results.key_figure):
         spec = specs.get(name)
         place = Path("figures" if spec is None else figure_folder(spec)) / f"{name}.svg"
         path, parts = results.folder / place, (place, *place.parents[:-1])

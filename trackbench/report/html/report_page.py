@@ -72,6 +72,7 @@ def _facts(results: Results) -> list[tuple[str, object]]:
     config, manifest = results.config, results.manifest
     scenario = config["scenario"]["kind"]
     facts = [
+        *([("Cite as", results.citation)] if results.citation else []),
         *([("Scenario", scenario)] if scenario != "tracking" else []),
         ("Filters", len(results.filters)),
         ("Runs", config["runs"]),

@@ -1,0 +1,185 @@
+"""numba: the loops of `scalar.c` in Python, compiled at the first call."""
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from benchmarks.peers.c_ import merwe_numbers
+from trackbench.core.arrays import Array
+
+
+@njit
+def _normalize(w):
+    w[:] = np.exp(w - w.max())
+    w /= w.sum()
+
+
+@njit
+def _resample(w, x, y):
+    N, j = len(w), 0
+    u, total = np.random.random(), w[0]
+    for i in range(N):
+        while total < (i + u) / N and j < N - 1:
+            j += 1
+            total += w[j]
+        for c in range(len(x)):
+            y[c, i] = x[c, j]
+
+
+@njit
+def _sensor(p, x, early):
+    return p[3] * x * x if early else p[4] * x - 2.0
+
+
+@njit
+def _merwe_pf(p, steps, z, N):
+    M, T = z.shape
+    out, w = np.empty((M, T)), np.empty(N)
+    for m in range(M):
+        x, y = np.full((1, N), p[0]), np.empty((1, N))
+        for t in range(T):
+            drive, early = 1.0 + np.sin(p[1] * steps[t]), steps[t] <= p[7]
+            for i in range(N):
+                u = np.random.random() * np.random.random() * np.random.random()
+                x[0, i] = drive + p[2] * x[0, i] - np.log(u) / p[6]  # gamma noise of shape 3
+                e = z[m, t] - _sensor(p, x[0, i], early)
+                w[i] = -0.5 * e * e / p[5]
+            _normalize(w)
+            out[m, t] = (w * x[0]).sum()
+            _resample(w, x, y)
+            x, y = y, x
+    return out
+
+
+@njit
+def _merwe_upf(p, steps, z, N):
+    M, T = z.shape
+    out, log_w = np.empty((M, T)), np.empty(N)
+    q_mean, q_var = 3.0 / p[6], 3.0 / (p[6] * p[6])
+    weights, points, h = np.array([2.0 / 3.0, 1.0 / 6.0, 1.0 / 6.0]), np.empty(3), np.empty(3)
+    for m in range(M):
+        x, y = np.zeros((2, N)), np.empty((2, N))  # state and variance
+        x[0] = p[0]
+        for t in range(T):
+            drive, early = 1.0 + np.sin(p[1] * steps[t]), steps[t] <= p[7]
+            for i in range(N):
+                old, mu = x[0, i], drive + p[2] * x[0, i] + q_mean
+                V = p[2] * p[2] * x[1, i] + q_var
+                d = np.sqrt(3.0 * V)
+                points[0], points[1], points[2] = mu, mu + d, mu - d
+                z_mean, S, C = 0.0, p[5], 0.0
+                for j in range(3):
+                    h[j] = _sensor(p, points[j], early)
+                    z_mean += weights[j] * h[j]
+                for j in range(3):
+                    S += weights[j] * (h[j] - z_mean) ** 2
+                    C += weights[j] * (points[j] - mu) * (h[j] - z_mean)
+                K, e = C / S, np.random.standard_normal()
+                P = V - K * K * S
+                x[0, i], x[1, i] = mu + K * (z[m, t] - z_mean) + np.sqrt(P) * e, P
+                v, r = x[0, i] - drive - p[2] * old, z[m, t] - _sensor(p, x[0, i], early)
+                log_w[i] = -1e300
+                if v > 0.0:
+                    log_w[i] = 2.0 * np.log(v) - p[6] * v - 0.5 * r * r / p[5]
+                    log_w[i] += 0.5 * e * e + 0.5 * np.log(P)
+            _normalize(log_w)
+            out[m, t] = (log_w * x[0]).sum()
+            _resample(log_w, x, y)
+            x, y = y, x
+    return out
+
+
+@njit
+def _banana_pf(F, L, sigma, start, z):
+    M, T, N = z.shape[0], z.shape[1], start.shape[2]
+    out, w = np.empty((M, T, 4)), np.empty(N)
+    old, e = np.empty(4), np.empty(4)
+    for m in range(M):
+        x, y = start[m].copy(), np.empty((4, N))
+        for t in range(T):
+            for i in range(N):
+                for c in range(4):
+                    old[c], e[c] = x[c, i], np.random.standard_normal()
+                for c in range(4):
+                    total = 0.0
+                    for d in range(4):
+                        total += F[c, d] * old[d]
+                    for d in range(c + 1):
+                        total += L[c, d] * e[d]
+                    x[c, i] = total
+                r = (z[m, t, 0] - np.sqrt(x[0, i] ** 2 + x[2, i] ** 2)) / sigma[0]
+                turn = z[m, t, 1] - np.arctan2(x[2, i], x[0, i])
+                a = (turn - 2.0 * np.pi * np.rint(turn / (2.0 * np.pi))) / sigma[1]
+                w[i] = -0.5 * (r * r + a * a)
+            _normalize(w)
+            for c in range(4):
+                out[m, t, c] = (w * x[c]).sum()
+            _resample(w, x, y)
+            x, y = y, x
+    return out
+
+
+@njit
+def _kalman_cv(F, Q, R, mean, cov, z):
+    M, T = z.shape[:2]
+    out, K = np.empty((M, T, 4)), np.empty((4, 2))
+    A, y, row = np.empty((4, 4)), np.empty(4), np.empty((2, 4))
+    for m in range(M):
+        x, P = mean[m].copy(), cov.copy()
+        for t in range(T):
+            for i in range(4):
+                y[i] = 0.0
+                for j in range(4):
+                    y[i] += F[i, j] * x[j]
+                    A[i, j] = 0.0
+                    for k in range(4):
+                        A[i, j] += F[i, k] * P[k, j]
+            for i in range(4):
+                for j in range(4):
+                    P[i, j] = Q[i, j]
+                    for k in range(4):
+                        P[i, j] += A[i, k] * F[j, k]
+            a, b, d = P[0, 0] + R[0, 0], P[0, 2] + R[0, 1], P[2, 2] + R[1, 1]
+            det = 1.0 / (a * d - b * b)
+            u, v = z[m, t, 0] - y[0], z[m, t, 1] - y[2]
+            for i in range(4):
+                K[i, 0] = (P[i, 0] * d - P[i, 2] * b) * det
+                K[i, 1] = (P[i, 2] * a - P[i, 0] * b) * det
+                x[i] = y[i] + K[i, 0] * u + K[i, 1] * v
+                row[0, i], row[1, i] = P[0, i], P[2, i]
+            for i in range(4):
+                for j in range(4):
+                    P[i, j] -= K[i, 0] * row[0, j] + K[i, 1] * row[1, j]
+                out[m, t, i] = x[i]
+    return out
+
+
+def _rows(z: Array) -> Array:
+    return np.ascontiguousarray(z.transpose(2, 1, 0))
+
+
+def merwe_pf(scenario: Any, z: Array, N: int) -> Array:
+    """Bootstrap filter; z (1, T, M), estimates (1, T, M)."""
+    steps = np.array(scenario.steps[1:], dtype=float)
+    return _merwe_pf(merwe_numbers(scenario), steps, _rows(z)[..., 0], N).T[None]
+
+
+def merwe_upf(scenario: Any, z: Array, N: int) -> Array:
+    """Unscented particle filter; z (1, T, M), estimates (1, T, M)."""
+    steps = np.array(scenario.steps[1:], dtype=float)
+    return _merwe_upf(merwe_numbers(scenario), steps, _rows(z)[..., 0], N).T[None]
+
+
+def banana_pf(F: Array, Q: Array, R: Array, start: Array, z: Array) -> Array:
+    """Bootstrap filter of z (2, T, M) from clouds (4, M, N); estimates (4, T, M)."""
+    clouds = np.ascontiguousarray(start.swapaxes(0, 1))
+    root, sigma = np.linalg.cholesky(Q), np.sqrt(np.diag(R))
+    return _banana_pf(np.array(F), root, sigma, clouds, _rows(z)).transpose(2, 1, 0)
+
+
+def kalman_cv(F: Array, Q: Array, R: Array, mean: Array, cov: Array, z: Array) -> Array:
+    """Kalman filter of z (2, T, M) from N(mean, cov), mean (4, M); estimates (4, T, M)."""
+    first = np.ascontiguousarray(mean.T)
+    args = (np.array(F), np.array(Q), np.array(R), first, np.array(cov), _rows(z))
+    return _kalman_cv(*args).transpose(2, 1, 0)

@@ -1,0 +1,203 @@
+/* The filters as scalar loops, one run after the other, for `c_.py`. Random numbers: xoshiro256+ and a
+   ziggurat of 128 layers (Marsaglia & Tsang 2000; Doornik 2005). */
+#include <math.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+static uint64_t s[4];
+static double zig_x[129], zig_ratio[128];
+
+static inline uint64_t turn(uint64_t x, int k) { return (x << k) | (x >> (64 - k)); }
+
+static inline uint64_t next(void) {
+    uint64_t result = s[0] + s[3], t = s[1] << 17;
+    s[2] ^= s[0]; s[3] ^= s[1]; s[1] ^= s[2]; s[0] ^= s[3];
+    s[2] ^= t; s[3] = turn(s[3], 45);
+    return result;
+}
+
+static inline double uniform(void) { return ((next() >> 11) + 0.5) * 0x1p-53; }
+
+void seed(uint64_t n) {
+    for (int i = 0; i < 4; i++) {  /* splitmix64 */
+        uint64_t z = (n += 0x9e3779b97f4a7c15u);
+        z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9u;
+        z = (z ^ (z >> 27)) * 0x94d049bb133111ebu;
+        s[i] = z ^ (z >> 31);
+    }
+    const double r = 3.442619855899, v = 9.91256303526217e-3;
+    double f = exp(-0.5 * r * r);
+    zig_x[0] = v / f; zig_x[1] = r; zig_x[128] = 0.0;
+    for (int i = 2; i < 128; i++) {
+        zig_x[i] = sqrt(-2.0 * log(v / zig_x[i - 1] + f));
+        f = exp(-0.5 * zig_x[i] * zig_x[i]);
+    }
+    for (int i = 0; i < 128; i++) zig_ratio[i] = zig_x[i + 1] / zig_x[i];
+}
+
+static double normal(void) {
+    for (;;) {
+        uint64_t bits = next();
+        int i = bits & 127;
+        double u = 2.0 * ((bits >> 11) * 0x1p-53) - 1.0;
+        if (fabs(u) < zig_ratio[i]) return u * zig_x[i];
+        if (i == 0) {
+            double x, y;
+            do { x = log(uniform()) / 3.442619855899; y = log(uniform()); } while (-2.0 * y < x * x);
+            return u < 0.0 ? x - 3.442619855899 : 3.442619855899 - x;
+        }
+        double x = u * zig_x[i];
+        double f0 = exp(-0.5 * (zig_x[i] * zig_x[i] - x * x)), f1 = exp(-0.5 * (zig_x[i + 1] * zig_x[i + 1] - x * x));
+        if (f1 + uniform() * (f0 - f1) < 1.0) return x;
+    }
+}
+
+/* Gamma variate of shape 3 and rate 1. */
+static inline double gamma3(void) { return -log(uniform() * uniform() * uniform()); }
+
+/* Weights from log-weights, and their sum's inverse applied. */
+static void normalize(double *w, int N) {
+    double top = w[0], sum = 0.0;
+    for (int i = 1; i < N; i++) if (w[i] > top) top = w[i];
+    for (int i = 0; i < N; i++) sum += w[i] = exp(w[i] - top);
+    for (int i = 0; i < N; i++) w[i] /= sum;
+}
+
+/* Systematic resampling of n rows x (n, N) into y. */
+static void resample(const double *w, const double *x, double *y, int n, int N) {
+    double u = uniform(), sum = w[0];
+    for (int i = 0, j = 0; i < N; i++) {
+        while (sum < (i + u) / N && j < N - 1) sum += w[++j];
+        for (int c = 0; c < n; c++) y[c * N + i] = x[c * N + j];
+    }
+}
+
+/* p: x1, w pi, phi1, phi2, phi3, R, rate, switch; steps k (T); z and out (M, T). Gamma noise of shape 3. */
+void merwe_pf(const double *p, const double *steps, const double *z, int T, int M, int N, double *out) {
+    double *x = malloc(3 * N * sizeof *x), *y = x + N, *w = y + N;
+    for (int m = 0; m < M; m++) {
+        for (int i = 0; i < N; i++) x[i] = p[0];
+        for (int t = 0; t < T; t++) {
+            double k = steps[t], drive = 1.0 + sin(p[1] * k), seen = z[m * T + t], mean = 0.0;
+            int early = k <= p[7];
+            for (int i = 0; i < N; i++) {
+                x[i] = drive + p[2] * x[i] + gamma3() / p[6];
+                double e = seen - (early ? p[3] * x[i] * x[i] : p[4] * x[i] - 2.0);
+                w[i] = -0.5 * e * e / p[5];
+            }
+            normalize(w, N);
+            for (int i = 0; i < N; i++) mean += w[i] * x[i];
+            out[m * T + t] = mean;
+            resample(w, x, y, 1, N);
+            double *swap = x; x = y; y = swap;
+        }
+    }
+    free(x < y ? x : y);
+}
+
+/* Unscented particle filter: a UKF of one component per particle (alpha 1, beta 0, kappa 2). */
+void merwe_upf(const double *p, const double *steps, const double *z, int T, int M, int N, double *out) {
+    double *x = malloc(5 * N * sizeof *x), *P = x + N, *y = P + N, *log_w = y + 2 * N;
+    double q_mean = 3.0 / p[6], q_var = 3.0 / (p[6] * p[6]);
+    for (int m = 0; m < M; m++) {
+        for (int i = 0; i < N; i++) { x[i] = p[0]; P[i] = 0.0; }
+        for (int t = 0; t < T; t++) {
+            double k = steps[t], drive = 1.0 + sin(p[1] * k), seen = z[m * T + t], mean = 0.0;
+            int early = k <= p[7];
+            for (int i = 0; i < N; i++) {
+                double old = x[i], mu = drive + p[2] * old + q_mean, V = p[2] * p[2] * P[i] + q_var;
+                double d = sqrt(3.0 * V), h[3], points[3] = {mu, mu + d, mu - d}, zm = 0.0, S = p[5], C = 0.0;
+                for (int j = 0; j < 3; j++) {
+                    double a = points[j], weight = j ? 1.0 / 6.0 : 2.0 / 3.0;
+                    h[j] = early ? p[3] * a * a : p[4] * a - 2.0;
+                    zm += weight * h[j];
+                }
+                for (int j = 0; j < 3; j++) {
+                    double weight = j ? 1.0 / 6.0 : 2.0 / 3.0, e = h[j] - zm;
+                    S += weight * e * e; C += weight * (points[j] - mu) * e;
+                }
+                double K = C / S, post = mu + K * (seen - zm), U = V - K * K * S, e = normal();
+                x[i] = post + sqrt(U) * e; P[i] = U;
+                double v = x[i] - drive - p[2] * old;
+                double r = seen - (early ? p[3] * x[i] * x[i] : p[4] * x[i] - 2.0);
+                log_w[i] = v > 0.0 ? 2.0 * log(v) - p[6] * v - 0.5 * r * r / p[5] + 0.5 * e * e + 0.5 * log(U) : -1e300;
+            }
+            normalize(log_w, N);
+            for (int i = 0; i < N; i++) mean += log_w[i] * x[i];
+            out[m * T + t] = mean;
+            resample(log_w, x, y, 2, N);
+            memcpy(x, y, 2 * N * sizeof *x);
+        }
+    }
+    free(x);
+}
+
+/* Banana: x (4, N) per run of start (M, 4, N), F and root of Q (4, 4), sigma (2); z (M, T, 2), out (M, T, 4). */
+void banana_pf(const double *F, const double *L, const double *sigma, const double *start, const double *z,
+               int T, int M, int N, double *out) {
+    double *x = malloc(9 * N * sizeof *x), *y = x + 4 * N, *w = y + 4 * N;
+    for (int m = 0; m < M; m++) {
+        memcpy(x, start + (size_t)m * 4 * N, 4 * N * sizeof *x);
+        for (int t = 0; t < T; t++) {
+            const double *seen = z + 2 * (m * T + t);
+            double *mean = out + 4 * (m * T + t);
+            for (int i = 0; i < N; i++) {
+                double old[4], e[4], new[4];
+                for (int c = 0; c < 4; c++) { old[c] = x[c * N + i]; e[c] = normal(); }
+                for (int c = 0; c < 4; c++) {
+                    double sum = 0.0;
+                    for (int d = 0; d < 4; d++) sum += F[4 * c + d] * old[d];
+                    for (int d = 0; d <= c; d++) sum += L[4 * c + d] * e[d];
+                    x[c * N + i] = new[c] = sum;
+                }
+                double r = (seen[0] - sqrt(new[0] * new[0] + new[2] * new[2])) / sigma[0];
+                double a = seen[1] - atan2(new[2], new[0]);
+                a = (a - 2.0 * M_PI * rint(a / (2.0 * M_PI))) / sigma[1];
+                w[i] = -0.5 * (r * r + a * a);
+            }
+            normalize(w, N);
+            for (int c = 0; c < 4; c++) {
+                double sum = 0.0;
+                for (int i = 0; i < N; i++) sum += w[i] * x[c * N + i];
+                mean[c] = sum;
+            }
+            resample(w, x, y, 4, N);
+            double *swap = x; x = y; y = swap;
+        }
+    }
+    free(x < y ? x : y);
+}
+
+/* Kalman filter of components 0 and 2 of a state of four; mean (M, 4), z (M, T, 2), out (M, T, 4). */
+void kalman_cv(const double *F, const double *Q, const double *R, const double *mean, const double *cov,
+               const double *z, int T, int M, double *out) {
+    for (int m = 0; m < M; m++) {
+        double x[4], P[4][4], A[4][4], y[4];
+        memcpy(x, mean + 4 * m, sizeof x); memcpy(P, cov, sizeof P);
+        for (int t = 0; t < T; t++) {
+            for (int i = 0; i < 4; i++) {
+                y[i] = 0.0;
+                for (int j = 0; j < 4; j++) {
+                    y[i] += F[4 * i + j] * x[j];
+                    A[i][j] = 0.0;
+                    for (int k = 0; k < 4; k++) A[i][j] += F[4 * i + k] * P[k][j];
+                }
+            }
+            for (int i = 0; i < 4; i++) for (int j = 0; j < 4; j++) {
+                P[i][j] = Q[4 * i + j];
+                for (int k = 0; k < 4; k++) P[i][j] += A[i][k] * F[4 * j + k];
+            }
+            double a = P[0][0] + R[0], b = P[0][2] + R[1], d = P[2][2] + R[3], det = 1.0 / (a * d - b * b);
+            const double *seen = z + 2 * (m * T + t);
+            double u = seen[0] - y[0], v = seen[1] - y[2], K[4][2], row[2][4];
+            for (int i = 0; i < 4; i++) {
+                K[i][0] = (P[i][0] * d - P[i][2] * b) * det; K[i][1] = (P[i][2] * a - P[i][0] * b) * det;
+                x[i] = y[i] + K[i][0] * u + K[i][1] * v;
+                row[0][i] = P[0][i]; row[1][i] = P[2][i];
+            }
+            for (int i = 0; i < 4; i++) for (int j = 0; j < 4; j++) P[i][j] -= K[i][0] * row[0][j] + K[i][1] * row[1][j];
+            memcpy(out + 4 * (m * T + t), x, sizeof x);
+        }
+    }
+}

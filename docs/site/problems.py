@@ -1,0 +1,115 @@
+"""The standard problems: a table of filters and errors, and pictures."""
+
+import csv
+import html
+from collections.abc import Iterator
+from functools import cache
+from math import isfinite
+from operator import itemgetter
+from typing import NamedTuple
+
+from docs.site import gallery
+from trackbench.config.shipped_experiments import ShippedProblem, problems
+from trackbench.errors import counted
+from trackbench.evaluation.metric_expression import measured
+
+
+class Row(NamedTuple):
+    """A problem's errors: the first column of its first table, at the first point of its grid."""
+
+    problem: ShippedProblem
+    expression: str
+    values: dict[str, float]
+    """by label: filters that are no smoothers, best first, and the reference"""
+
+    @property
+    def is_score(self) -> bool:
+        """Return whether more is better, and a ratio means nothing."""
+        return measured(self.expression).family[0].is_score
+
+    @property
+    def entries(self) -> Iterator[str]:
+        """Yield each filter's error, and its ratio to the reference in parentheses."""
+        floor = self.values.get(self.problem.reference)
+        for label, value in self.values.items():
+            ratio = f" ({value / floor:.3g})" if floor is not None and not self.is_score else ""
+            if label != self.problem.reference:
+                yield f'<span class="entry">{html.escape(label)} {_number(value)}{ratio}</span>'
+
+
+@cache
+def rows() -> list[Row]:
+    """Return a row for each standard problem that has results."""
+    folders = {e.name: e for e in gallery.experiments()}
+    return [_row(one, folders[one.name]) for one in problems() if one.name in folders]
+
+
+def _row(problem: ShippedProblem, e: gallery.Experiment) -> Row:
+    tables = [table for table in e.config["tables"].values() if table.get("columns")]
+    expression = str(next(iter(tables[0]["columns"].values())))
+    point = next(iter(e.grid_rows), ())
+    with (e.folder / "summary.csv").open(encoding="utf-8", newline="") as file:
+        values = {
+            row["filter"]: float(row["value"])
+            for row in csv.DictReader(file)
+            if row["metric"] == expression
+            and tuple(row[path] for path in e.config["grid"]) == point
+        }
+    filters = {b for b, keys in e.config["filters"].items() if not keys.get("smooth")}
+    shown = [b for b, x in values.items() if b in {*filters, problem.reference} and isfinite(x)]
+    row = Row(problem, expression, {label: values[label] for label in shown})
+    ranked = sorted(row.values.items(), key=itemgetter(1), reverse=row.is_score)
+    return row._replace(values=dict(ranked))
+
+
+def table(folder: str = "") -> str:
+    """Return problems with their filters as Markdown; ``folder`` leads to the gallery."""
+    lines = [
+        ["Problem", "Reference", "Filters, best first: error (error / reference)"],
+        ["---"] * 3,
+    ]
+    for row in rows():
+        one, reference = row.problem, row.values.get(row.problem.reference)
+        lines.append(
+            [
+                f"[{one.name}]({folder}{one.name}.md) v{one.version}<br>`{row.expression}`",
+                f"{one.reference} {_number(reference)}" if reference is not None else "",
+                " · ".join(row.entries),
+            ]
+        )
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def _number(value: float) -> str:
+    return f"{value:#.4g}".rstrip(".")
+
+
+NOTE = (
+    "Under each problem stands its error, at the first point of a grid. The table leaves smoothers out. "
+    "Problems with a reference filter or a bound have the ratio of each error to it in parentheses."
+)
+
+
+def section() -> str:
+    """Return the section on the site's front page."""
+    link = "[Pictures, verdicts and citations](problems.md)."
+    return "\n\n".join(["## Standard problems", link, table("gallery/"), NOTE, ""])
+
+
+def pages() -> dict[str, str]:
+    """Return the page of all problems by its place on the site."""
+    folders = {e.name: e for e in gallery.experiments()}
+    cards = "\n".join(gallery.card(folders[row.problem.name], "gallery/") for row in rows())
+    first = rows()[0].problem
+    runs = counted(folders[first.name].config["runs"], "run")
+    parts = [
+        "# Standard problems",
+        "Each runs by its name (`trackbench list problems`), and is cited by name, version and number "
+        f'of runs: "on trackbench/{first.name} v{first.version}, {runs}". Every change that moves a '
+        "number raises the version. `trackbench run NAME --filter my_filter.py` ranks "
+        "[your filter](your-filter.md#on-a-standard-problem) among the others.",
+        table("gallery/"),
+        NOTE,
+        f'<div class="gallery" markdown="0">\n{cards}\n</div>',
+    ]
+    return {"problems.md": "\n\n".join(parts) + "\n"}
