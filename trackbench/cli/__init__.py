@@ -11,6 +11,7 @@ import typer
 
 from trackbench import __version__
 from trackbench.cli.check import cache, check
+from trackbench.cli.compare import gate, history
 from trackbench.cli.info import copy, describe, list_, new, schema, show
 from trackbench.cli.output import as_reportable, objects_alone, print_error
 from trackbench.cli.results import compare, plot, report, verify
@@ -24,7 +25,7 @@ app = typer.Typer(
     help="Monte Carlo experiments with target-tracking filters, from YAML to tables and figures.",
 )
 _COMMANDS: tuple[Callable[..., None], ...] = (
-    *(run, compare, plot, report, verify, sweep, tune),
+    *(run, compare, gate, history, plot, report, verify, sweep, tune),
     *(cache, check, list_, describe, show, copy, new, schema),
 )
 

@@ -114,7 +114,7 @@ def reported(report: "Report") -> dict[str, Any]:
     return {
         "experiment": report.results.config["name"],
         "folder": str(report.folder),
-        "tables": {name: _table(table) for name, table in report.tables.items()},
+        "tables": {name: table_rows(table) for name, table in report.tables.items()},
         "numbers": number_rows(report.comparison),
         "claims": claim_rows(report.comparison),
         "best": [best._asdict() for best in report.best],
@@ -130,7 +130,8 @@ def _mistake(problem: "Problem | str") -> dict[str, Any]:
     return {**vars(problem.mark), "path": problem.path, "what": problem.what}
 
 
-def _table(table: "Table") -> dict[str, Any]:
+def table_rows(table: "Table") -> dict[str, Any]:
+    """Return a table's title, rows and notes as data."""
     header = table.csv_header
     rows = [dict(zip(header, row, strict=True)) for row in table.csv_rows()]
     return {"title": table.title, "rows": rows, "notes": table.notes}

@@ -10,8 +10,24 @@ from trackbench.cli.options import AllowPlugins, Folder, Json, formats, one_of
 from trackbench.cli.output import echo_line
 
 
-def compare(folder: Folder, json: Json = False) -> None:
-    """Compare stored results with the published numbers and claims, without computing runs."""
+def compare(
+    folder: Folder,
+    other: Annotated[
+        Path | None, typer.Argument(metavar="DIR2", help="results folder to compare the first with")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="figure of two folders: .png, .svg or .pdf")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Compare stored results with the published numbers and claims, or with another folder."""
+    from trackbench.cli.compare import compare_two
+
+    if other is not None:
+        compare_two(folder, other, out, json)
+        return
+    if out is not None:
+        raise typer.BadParameter("--out draws two folders: trackbench compare DIR DIR2 --out FILE")
     from trackbench.commands import stored_results
     from trackbench.report.results import Results
     from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts

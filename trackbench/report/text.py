@@ -32,6 +32,15 @@ class TextTable:
         notes = "".join(f"\n{_escaped(note)}\n" for note in self.notes)
         return caption + "\n".join(lines) + "\n" + notes
 
+    def aligned(self) -> str:
+        """Return the table for a terminal: numbers to the right, words to the left."""
+        lines = [self.heads, *([cell.text for cell in row] for row in self.rows)]
+        widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+        lines.insert(1, ["-" * width for width in widths])
+        sides = ["<" if self._words(i) else ">" for i in range(len(widths))]
+        rows = ("  ".join(map("{:{}{}}".format, line, sides, widths)).rstrip() for line in lines)
+        return "\n".join([*filter(None, [self.title]), *(rows if self.rows else ()), *self.notes])
+
     def tex(self, name: str = "") -> str:
         """Return a LaTeX table for booktabs, graphicx and siunitx (3); ``name`` is its label."""
         columns = "".join("l" if self._words(i) else "r" for i in range(len(self.heads)))

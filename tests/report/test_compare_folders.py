@@ -1,0 +1,231 @@
+"""Two results folders side by side: paired and independent differences, equal bytes, false alarms."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import binom, binomtest, norm, sem, ttest_ind, ttest_rel
+
+from tests.commands import trackbench
+from tests.conftest import PLANE
+from trackbench import api
+from trackbench.commands.gate import Limit, judge
+from trackbench.evaluation.statistics import mean
+from trackbench.report.compare_folders import Row, Sample, compare_folders, rows_of
+from trackbench.report.results import Results
+
+CONFIG = f"""
+name: plane
+seed: 5
+runs: 30
+block: fit
+{PLANE}
+filters:
+  KF: {{kind: kf}}
+  PF: {{kind: pf, N: 50}}
+  Loose: {{kind: kf, assume: {{motion: {{kind: cv, q: 30}}}}}}
+"""
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Results with these overrides."""
+    home = tmp_path_factory.mktemp("plane")
+    (home / "plane.yaml").write_text(CONFIG)
+    overrides = {
+        "first": [],
+        "again": [],
+        "tight": ["filters.Loose.assume.motion.q=1"],
+        "seed": ["seed=6"],
+        "fewer": ["runs=20", "block=10"],
+        "noisier": ["scenario.sensor.sigma=3"],
+    }
+    for name, words in overrides.items():
+        options = api.Options(engine="serial", quiet=True, formats=(), set=words)
+        api.run(home / "plane.yaml", options, out=home / name)
+    return {name: home / name for name in overrides}
+
+
+def row(rows: list[Row], label: str, metric: str) -> Row:
+    (found,) = (r for r in rows if (r.filter, r.metric) == (label, metric))
+    return found
+
+
+def values(folder: Path, label: str, metric: str) -> np.ndarray:
+    return Results(folder).runs({})[label, metric]
+
+
+def test_common_runs_are_paired(folders: dict[str, Path]) -> None:
+    rows, why = compare_folders(Results(folders["first"]), Results(folders["tight"]))
+    assert why == ""
+    assert {r.how for r in rows if r.filter != "Loose"} == {"equal"}
+    found = row(rows, "Loose", "rmse_position")
+    a, b = (values(folders[name], "Loose", "rmse_position") for name in ("first", "tight"))
+    assert found.difference == pytest.approx((b - a).mean())
+    assert found.stderr == pytest.approx((b - a).std(ddof=1) / np.sqrt(30))
+    p = ttest_rel(a, b).pvalue  # without the corrections for skewness and heavy tails
+    assert np.log(2 * norm.sf(abs(found.z))) == pytest.approx(np.log(p), rel=0.3)
+    assert (found.verdict, found.runs) == ("better", 30)
+    size = 4  # of the state
+    anees = row(rows, "Loose", "anees")
+    assert anees.a == pytest.approx(values(folders["first"], "Loose", "nees").mean() / size)
+
+
+def test_another_seed_or_scenario_has_independent_errors(folders: dict[str, Path]) -> None:
+    for name, reason in (
+        ("seed", "the seeds differ (5 and 6)"),
+        ("noisier", "the scenarios differ"),
+    ):
+        rows, why = compare_folders(Results(folders["first"]), Results(folders[name]))
+        assert why == reason
+        found = row(rows, "KF", "rmse_position")
+        a, b = (values(folders[f], "KF", "rmse_position") for f in ("first", name))
+        assert found.stderr == pytest.approx(np.hypot(sem(a), sem(b)))
+        p = ttest_ind(b, a, equal_var=False).pvalue  # of at most twice the degrees of freedom
+        assert abs(found.z) == pytest.approx(norm.isf(p / 2), rel=0.1)
+
+
+def test_a_clone_is_compared_by_its_summary(folders: dict[str, Path], tmp_path: Path) -> None:
+    clone = tmp_path / "clone"
+    clone.mkdir()
+    for name in ("config.yaml", "summary.csv", "points.json", "manifest.json"):
+        (clone / name).write_bytes((folders["tight"] / name).read_bytes())
+    done = trackbench("compare", folders["first"], clone)
+    assert done.returncode == 0, done.stderr
+    assert "clone has no per_run.csv: the errors of summary.csv are used" in done.stdout
+    rows, _ = compare_folders(Results(folders["first"]), Results(clone))
+    paired, _ = compare_folders(Results(folders["first"]), Results(folders["tight"]))
+    a, b = row(rows, "Loose", "rmse_position"), row(paired, "Loose", "rmse_position")
+    assert a.difference == pytest.approx(b.difference, rel=1e-5)
+    assert a.stderr > b.stderr
+    assert row(rows, "KF", "anees").how == "equal"
+
+
+def test_more_runs_are_compared_on_the_common_ones(folders: dict[str, Path]) -> None:
+    rows, _ = compare_folders(Results(folders["first"]), Results(folders["fewer"]))
+    assert row(rows, "KF", "rmse_position")[5:7] == (20, "equal")
+    assert row(rows, "PF", "rmse_position").how == "paired"  # its noise depends on the block
+
+
+def test_what_the_command_prints_and_draws(folders: dict[str, Path], tmp_path: Path) -> None:
+    picture = tmp_path / "p.svg"
+    done = trackbench("compare", folders["first"], folders["tight"], "--out", picture)
+    assert "tight against first, paired on 30 common runs" in done.stdout
+    assert "KF, PF: unchanged, byte for byte." in done.stdout
+    assert "Better in tight: " in done.stdout
+    assert "rmse_position (m)" in picture.read_text()
+    heads, rule, first = done.stdout.splitlines()[1:4]
+    ends = [i for i, c in enumerate(rule + " ") if c == " " and rule[i - 1] == "-"]
+    assert all(line[i : i + 2].strip() == "" for line in (heads, first) for i in ends[:-1])
+    same = trackbench("compare", folders["first"], folders["again"])
+    assert same.stdout.splitlines()[-1].endswith("are equal, byte for byte.")
+    lines = trackbench("compare", folders["first"], folders["tight"], "--json").stdout.splitlines()
+    assert {"filter", "metric", "a", "b", "difference", "how"} <= json.loads(lines[0]).keys()
+    for words, what in (
+        ((folders["first"], tmp_path / "none"), "there is no such folder"),
+        ((folders["first"], folders["again"], "--out", "a.txt"), "must end in .png, .svg or .pdf"),
+    ):
+        wrong = trackbench("compare", *words)
+        assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1)
+        assert what in wrong.stderr
+
+
+def test_history_over_folders(folders: dict[str, Path], tmp_path: Path) -> None:
+    picture = tmp_path / "p.png"
+    done = trackbench("history", folders["first"], folders["tight"], "--out", picture)
+    assert done.returncode == 0, done.stderr
+    assert picture.read_bytes()[1:4] == b"PNG"
+    assert "rms(rmse_position)" in done.stdout.splitlines()[1]
+    words = ("--metric", "anees", "--json")
+    (line,) = trackbench("history", folders["tight"], folders["first"], *words).stdout.splitlines()
+    rows = [row for row in json.loads(line)["rows"] if row["Filter"] == "KF"]
+    assert [row["Folder"] for row in rows] == ["tight", "first"]
+    stored = Results(folders["first"]).columns("summary").where(filter="KF", metric="anees")
+    assert [row["anees"] for row in rows] == [stored["value"][0]] * 2
+    wrong = trackbench("history", folders["first"], "--metric", "nothing")
+    assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1)
+    assert trackbench("history", tmp_path / "nothing").returncode == 2
+
+
+def samples(values: np.ndarray) -> Sample:
+    return Sample(mean(values), len(values), values)
+
+
+def test_shares_and_infinities() -> None:
+    """A loss by the sign test, and a collapse that no mean shows."""
+    zero, six = np.zeros(40), np.repeat([1.0, 0.0], [6, 34])
+    (lost,) = rows_of(({}, "A", "lost"), samples(zero), samples(six), True, False)
+    p = binomtest(6, 6, alternative="greater").pvalue
+    assert norm.sf(lost.z_worse) == pytest.approx(p, rel=1e-6)
+    nees = np.linspace(0.5, 1.5, 40)
+    collapsed = np.where(six > 0.0, np.inf, nees)
+    infinite, rest = rows_of(({}, "A", "anees"), samples(nees), samples(collapsed), True, False)
+    assert infinite.metric == "anees infinite"
+    assert infinite.z_worse == lost.z_worse
+    assert (rest.runs, rest.difference) == (34, 0.0)
+
+
+def test_anees_is_worse_if_further_from_one() -> None:
+    rng = np.random.default_rng(3)
+    x = rng.chisquare(4, 200)
+    x /= x.mean()
+    for factor, before, worse in ((0.6, 1.02, True), (1.25, 1.02, True), (0.8, 1.4, False)):
+        a, b = samples(before * x), samples(factor * before * x * rng.uniform(0.99, 1.01, 200))
+        (found,) = rows_of(({}, "A", "anees"), a, b, True, False)
+        assert abs(found.z_worse) > 3
+        assert (found.z_worse > 0) == worse
+
+
+def test_one_recording_is_exact_or_untested() -> None:
+    """One run has no standard error: a filter without random numbers is compared as it is."""
+    one, two = samples(np.array([2.0])), samples(np.array([2.1]))
+    key = ({}, "A", "rmse_position")
+    for first, second, is_exact, limit, word in (
+        (one, two, True, 0.0, "worse"),
+        (two, one, True, 0.0, "better"),
+        (one, two, True, 0.1, "negligible"),
+        (one, two, False, 0.0, "untested"),
+    ):
+        rows = [*rows_of(key, first, second, True, is_exact)]
+        assert [r.verdict for r in judge(rows, Limit(3.0, limit))] == [word]
+
+
+def false_alarms(
+    runs: int, sigmas: float, gates: int, tail: float, seed: int = 1
+) -> tuple[int, int]:
+    """Return how many of so many gates with 20 metrics of an unchanged filter fail: Holm's, without.
+
+    Both versions have lognormal errors (normal for ``tail`` 0), of which half the variance is common.
+    """
+    rng = np.random.default_rng(seed)
+    corrected = plain = 0
+    for _ in range(gates):
+        rows: list[Row] = []
+        for i, metric in enumerate(["rmse_position"] * 16 + ["anees"] * 2 + ["lost"] * 2):
+            z = rng.standard_normal((3, runs))
+            a, b = ((z[0] + own) / np.sqrt(2.0) for own in z[1:])
+            if metric == "lost":
+                a, b = (a > 1.5) * 1.0, (b > 1.5) * 1.0
+            else:
+                a, b = (np.exp(tail * x) if tail else x + 10.0 for x in (a, b))
+            rows += rows_of(({}, f"{metric} {i}", metric), samples(a), samples(b), True, False)
+        corrected += any(r.verdict == "worse" for r in judge(rows, Limit(sigmas, 0.0)))
+        plain += any(r.z_worse > sigmas for r in rows)
+    return corrected, plain
+
+
+@pytest.mark.parametrize("tail", [0.0, 0.7])
+def test_a_gate_with_20_metrics_seldom_raises_a_false_alarm(tail: float) -> None:
+    """At 2 sigma 2.3 % of all gates at most, where tests without a correction fail a third of them."""
+    corrected, plain = false_alarms(60, 2.0, 300, tail)
+    assert corrected <= binom.isf(1e-3, 300, norm.sf(2.0))
+    assert plain >= binom.isf(1 - 1e-3, 300, 0.2)
+
+
+if __name__ == "__main__":
+    for tail in (0.0, 0.7):
+        for runs in (50, 200):
+            for sigmas in (2.0, 3.0):
+                counts = false_alarms(runs, sigmas, 10_000, tail)
+                print(tail, runs, sigmas, *counts, norm.sf(sigmas), flush=True)

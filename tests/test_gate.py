@@ -1,0 +1,175 @@
+"""`trackbench gate` in a real repository, as docs/your-filter-in-ci.md shows it."""
+
+import json
+import re
+import shlex
+import subprocess
+from pathlib import Path
+
+import pytest
+import yaml
+
+from docs.site.blocks import blocks
+from tests.commands import trackbench
+from tests.conftest import PLANE, ROOT
+from trackbench import api
+
+PAGE = blocks((ROOT / "docs" / "your-filter-in-ci.md").read_text(encoding="utf-8"))
+TUNED = "sigma: Positive = 20.0", "sigma: Positive = 60.0"
+AUTHOR = ("-c", "user.name=a", "-c", "user.email=a@example.org")
+
+
+def git(folder: Path, *words: str) -> str:
+    command = ["git", "-C", str(folder), *AUTHOR, *words]
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout
+
+
+@pytest.fixture(scope="module")
+def repository(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The page's repository with its two commits; the second one makes the filter worse."""
+    home = tmp_path_factory.mktemp("repository") / "filter"
+    home.mkdir()
+    for command in PAGE[0].commands:
+        program, *words = shlex.split(command)
+        if program == "git":
+            git(home, *words)
+        else:
+            assert trackbench(*words, cwd=home).returncode == 0
+    text = (home / "my_own.py").read_text()
+    assert TUNED[0] in text
+    (home / "my_own.py").write_text(text.replace(*TUNED))
+    git(home, "commit", "--all", "--message=Trust measurements less")
+    git(home, "branch", "old", "HEAD~1")
+    return home
+
+
+def gate(folder: Path, *words: object, code: int) -> str:
+    done = trackbench("gate", "my_own.yaml", *words, "--workers", 1, cwd=folder)
+    assert done.returncode == code, done.stderr + done.stdout
+    if code == 2:
+        return done.stderr
+    return done.stdout
+
+
+def test_a_worse_commit_fails_and_an_equal_one_passes(repository: Path) -> None:
+    before = git(repository, "status", "--porcelain"), git(repository, "worktree", "list")
+    out = gate(repository, "--against-ref", "old", "--allow-plugins", "--md", "g.md", code=1)
+    assert out.startswith("my-own is worse: ")
+    assert [line.split() for line in out.splitlines()] == [
+        line.split() for line in PAGE[2].text.replace("main", " old").splitlines()
+    ]
+    comment = (repository / "g.md").read_text()
+    assert comment.startswith("**my-own is worse: ")
+    assert re.search(r"\| my-own \| rmse_position \(m\) \| .* \| worse \|", comment)
+    assert "KF, IMM: unchanged, byte for byte." in comment.splitlines()
+    (repository / "g.md").unlink()
+    assert "my-own is unchanged" in gate(
+        repository, "--against-ref", "HEAD", "--allow-plugins", "--md", "g.md", code=0
+    )
+    assert len((repository / "g.md").read_text().splitlines()) <= 3
+    (repository / "g.md").unlink()
+    assert before == (git(repository, "status", "--porcelain"), git(repository, "worktree", "list"))
+
+
+def test_the_workflow_of_the_page_runs_the_gate(repository: Path) -> None:
+    """Its step is the command that fails, against the branch that the pull request is for."""
+    workflow = yaml.safe_load(next(b.text for b in PAGE if b.language == "yml"))
+    steps = workflow["jobs"]["gate"]["steps"]
+    (command,) = (s["run"] for s in steps if "trackbench gate" in s.get("run", ""))
+    words = shlex.split(command.replace("origin/${{ github.base_ref }}", "old"))
+    done = trackbench(*words[1:], cwd=repository)
+    assert done.returncode == 1, done.stderr
+    assert sum("gate.md" in s.get("run", "") for s in steps) == 3  # written, summed up, sent
+    (repository / "gate.md").unlink()
+
+
+def test_against_stored_results(repository: Path, tmp_path: Path) -> None:
+    """A folder, or the folder of the experiments' folders; a filter of another file beside."""
+    few = ("--allow-plugins", "--workers", 1, "--runs", 20)
+    main = tmp_path / "main"
+    words = ("run", "my_own.yaml", *few, "--set", "figures={}", "--out", main / "my-own")
+    assert trackbench(*words, cwd=repository).returncode == 0
+    few = ("--against", main, "--allow-plugins", "--runs", 20)
+    gate(repository, *few, code=0)
+    text = (repository / "my_own.py").read_text()
+    edited = text.replace("= 60.0", "= 90.0")
+    (repository / "my_own.py").write_text(edited)
+    assert "my-own is worse" in gate(repository, *few, code=1)
+    gate(repository, *few, "--worse", "3sigma,300%", "--only", "my-own", code=0)
+    found = [json.loads(line) for line in gate(repository, *few, "--json", code=1).splitlines()]
+    assert {row["verdict"] for row in found if row["filter"] == "KF"} == {"equal"}
+    broken = edited.replace("return self.x, self.P", "raise ValueError('no')")
+    (repository / "my_own.py").write_text(broken)
+    assert "my-own failed: my_own.py:" in gate(repository, *few, code=1)
+    (repository / "my_own.py").write_text(text)
+
+
+@pytest.mark.parametrize(
+    ("words", "what"),
+    [
+        (("--against-ref", "nowhere"), "--against-ref nowhere: "),
+        (("--against", "nowhere"), "nowhere: there is no such folder"),
+        (("--against-ref", "old", "--worse", "much"), "--worse much: is no limit such as 3sigma"),
+        (("--against-ref", "old", "--filter", "no.py"), "--filter no.py: "),
+        (("--against-ref", "old", "--only", "Nobody"), "'Nobody' is not a filter here"),
+    ],
+)
+def test_mistakes_are_one_line(repository: Path, words: tuple[str, ...], what: str) -> None:
+    text = gate(repository, *words, "--allow-plugins", code=2)
+    assert what in text
+    assert text.count("\n") == 1
+
+
+def test_a_revision_without_the_file_is_said(repository: Path) -> None:
+    git(repository, "checkout", "--orphan", "empty", "--quiet")
+    git(repository, "rm", "--cached", "-r", "--quiet", ".")
+    git(repository, "commit", "--allow-empty", "--message=Nothing")
+    git(repository, "checkout", "--force", "--quiet", "main")
+    text = gate(repository, "--against-ref", "empty", "--allow-plugins", code=2)
+    assert text == "--against-ref empty: has no file my_own.yaml\n"
+
+
+def test_costs_are_compared_on_one_machine_beyond_the_ratio(tmp_path: Path) -> None:
+    """Evaluations grow with the particles; CPU times of another machine are no cost."""
+    (tmp_path / "c.yaml").write_text(
+        f"name: c\nseed: 1\nruns: 10\nblock: fit\n{PLANE}filters: {{PF: {{kind: pf, N: 50}}}}\n"
+        "tables: {cost: {kind: metrics, columns: {Time: cpu_s_per_run}}}\n"
+    )
+    options = api.Options(engine="serial", quiet=True, formats=())
+    stored = api.run(tmp_path / "c.yaml", options, out=tmp_path / "out").folder
+    machine = stored / "run" / "machine.json"
+    facts = json.loads(machine.read_text())
+    words = ("c.yaml", "--against", stored, "--workers", 1, "--set", "filters.PF.N=500")
+    assert "likelihoods" not in trackbench("gate", *words, cwd=tmp_path).stdout
+    here = trackbench("gate", *words, "--cost", 3, cwd=tmp_path)
+    assert here.returncode == 1
+    assert "likelihoods of PF (+900 %)" in here.stdout
+    assert "cpu_s_per_run" in trackbench("gate", *words, "--cost", 0.01, cwd=tmp_path).stdout
+    machine.write_text(json.dumps(facts | {"processor": "another"}))
+    elsewhere = trackbench("gate", *words, "--cost", 0.01, cwd=tmp_path)
+    assert "cpu_s_per_run" not in elsewhere.stdout
+    assert trackbench("gate", *words, "--cost", 20, cwd=tmp_path).returncode == 0
+
+
+def test_a_filter_of_a_file_joins_a_config_without_plugins(
+    repository: Path, tmp_path: Path
+) -> None:
+    """At the revision it is read, too; added and removed filters are notes."""
+    text = (repository / "my_own.yaml").read_text()
+    config = re.sub(r'  my-own: .*\n|  "my-own, q = 10": .*\n|plugins: .*\n', "", text)
+    (repository / "plain.yaml").write_text(config.replace("runs: 50", "runs: 10"))
+    git(repository, "add", "plain.yaml")
+    git(repository, "commit", "--message=A config without the filter")
+    words = ("gate", "plain.yaml", "--against-ref", "HEAD", "--workers", 1)
+    out = trackbench(*words, "--filter", "my_own.py", cwd=repository)
+    assert out.stdout.splitlines()[-1] == "KF, IMM, my-own: unchanged, byte for byte."
+    new = repository / "new_one.py"
+    new.write_text((repository / "my_own.py").read_text().replace("my-own", "new-one"))
+    out = trackbench(*words, "--filter", new, cwd=repository)
+    assert (out.returncode, out.stdout.splitlines()[-1]) == (0, "new-one: new, not compared")
+    new.unlink()
+    (repository / "plain.yaml").write_text(config.replace("  KF:", "  Kalman:"))
+    out = trackbench(*words, "--runs", 10, cwd=repository)
+    assert out.returncode == 0, out.stderr
+    assert out.stdout.splitlines()[-2:] == ["Kalman: new, not compared", "KF: removed"]
+    git(repository, "reset", "--hard", "--quiet", "HEAD~1")

@@ -1,0 +1,199 @@
+"""A gate for continuous integration: is a filter worse than stored, or than at a git revision?"""
+
+import os
+import re
+import subprocess
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from math import isnan, nan
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
+
+import numpy as np
+
+from trackbench.commands.prepare import Options, file_of, prepare
+from trackbench.commands.run_experiment import run_all
+from trackbench.errors import Mark, Problem, UserError
+from trackbench.evaluation.inference import holm
+from trackbench.report.compare_folders import (
+    ALIKE,
+    BETTER,
+    EQUAL,
+    NEGLIGIBLE,
+    UNTESTED,
+    WORSE,
+    Row,
+    compare_folders,
+)
+from trackbench.report.open import open_results
+from trackbench.report.results import Results
+from trackbench.results.folder_contents import TIMING
+
+_LIMIT = re.compile(r"(\d+(?:\.\d+)?)sigma(?:,(\d+(?:\.\d+)?)%)?")
+
+
+class Limit(NamedTuple):
+    """Family-wise false alarm rate as standard deviations, and the share of a value that matters."""
+
+    sigmas: float
+    share: float
+
+
+class Verdict(NamedTuple):
+    """Result of a gate: its tests, and lines on filters and folders that could not be compared."""
+
+    name: str
+    rows: list[Row]
+    failed: list[str]
+    notes: list[str]
+
+    @property
+    def is_worse(self) -> bool:
+        """Return whether any number is worse beyond the limit, or a filter fails that did not."""
+        return bool(self.failed) or any(row.verdict == WORSE for row in self.rows)
+
+
+def limit_of(text: str) -> Limit:
+    """Parse ``3sigma`` or ``3sigma,1%``; raises UserError."""
+    match = _LIMIT.fullmatch(text.replace(" ", ""))
+    if match is None:
+        what = "is no limit such as 3sigma, or 3sigma,1% (both must be exceeded)"
+        raise UserError(Problem(Mark(f"--worse {text}"), "", what))
+    return Limit(float(match[1]), float(match[2] or 0.01) / 100.0)
+
+
+def gate(
+    config: Path, options: Options, limit: Limit, against: Path | None = None, ref: str = "",
+    file: Path | None = None, cost: float = 0.0,
+) -> Verdict:  # fmt: skip
+    """Run a config and compare it with stored results, or with the config at a git revision.
+
+    Nothing is written but the cache. ``cost`` is the largest ratio of costs, 0 for any.
+    """
+    config = Path(str(file_of(config, options)))
+    options = replace(options, times=cost > 0.0, formats=())
+    now = replace(options, filters=[file] if file else [])
+    name = prepare(config, now).settings.name
+    with TemporaryDirectory() as home:
+        if against is not None:
+            inner = against / name
+            stored = open_results(inner if (inner / "config.yaml").is_file() else against)
+        else:
+            with _at_ref(ref, config, file, Path(home)) as (old, files):
+                stored = _run(old, replace(options, filters=files), Path(home, "old"))
+        return _judged(stored, _run(config, now, Path(home, "new")), limit, cost)
+
+
+def _run(config: Path, options: Options, folder: Path) -> Results:
+    words = ("figures={}", "key_figure=null", *options.set)
+    (report,) = run_all([config], replace(options, set=words, out=folder))
+    return report.results
+
+
+@contextmanager
+def _at_ref(
+    ref: str, config: Path, file: Path | None, home: Path
+) -> Iterator[tuple[Path, list[Path]]]:
+    """Check out a revision of the repository of the config or filter; yield their paths in it.
+
+    The repository stays as it is: the index of the revision is a temporary file.
+    """
+    top = next(filter(None, (_top(path) for path in (config, file) if path)), None)
+    if top is None:
+        raise _ref_error(ref, f"{config} is in no git repository")
+    tree = home / "tree"
+    _git(ref, top, home, "read-tree", f"{ref}^{{commit}}")
+    _git(ref, top, home, "checkout-index", "--all", f"--prefix={tree}/")
+
+    def moved(path: Path) -> Path:
+        inside = path.resolve().is_relative_to(top)
+        return tree / path.resolve().relative_to(top) if inside else path
+
+    if not moved(config).is_file():
+        raise _ref_error(ref, f"has no file {config}")
+    try:  # a filter file that is new has nothing to be compared with
+        yield moved(config), [moved(file)] if file and moved(file).is_file() else []
+    except UserError as error:  # with the names that a user knows
+        lines = (str(p).replace(f"{tree}{os.sep}", f"{ref}:") for p in error.problems)
+        raise UserError(*lines) from error
+
+
+def _top(path: Path) -> Path | None:
+    """Return the top folder of a file's git repository, if it is in one."""
+    command = ["git", "-C", str(path.resolve().parent), "rev-parse", "--show-toplevel"]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return Path(done.stdout.strip()).resolve()
+
+
+def _git(ref: str, top: Path, home: Path, *words: str) -> None:
+    env = {**os.environ, "GIT_INDEX_FILE": str(home / "index")}
+    done = subprocess.run(["git", "-C", str(top), *words], capture_output=True, text=True, env=env)
+    if done.returncode:
+        lines = done.stderr.strip().splitlines() or ["git failed"]
+        raise _ref_error(ref, lines[-1].removeprefix("fatal: "))
+
+
+def _ref_error(ref: str, what: str) -> UserError:
+    return UserError(Problem(Mark(f"--against-ref {ref}"), "", what))
+
+
+def _judged(stored: Results, now: Results, limit: Limit, cost: float) -> Verdict:
+    """Return the verdict on the primary metrics of the filters that both have."""
+    rows, why = compare_folders(stored, now)
+    with_rows = {*stored.columns("summary")["filter"].tolist()}
+    before = [label for label in stored.filters if label in with_rows]
+    notes = [f"not paired: {why}"] if why else []
+    notes += [f"{label}: new, not compared" for label in now.filters if label not in before]
+    notes += [f"{label}: removed" for label in before if label not in now.config["filters"]]
+    failed = [f"{f['filter']} failed: {f['reason']}" for f in now.failed if f["filter"] in before]
+    rows = judge([row for row in rows if row.is_primary], limit)
+    if not rows and not failed:
+        raise UserError("nothing to compare: no filter has an error or score on both sides")
+    return Verdict(now.config["name"], rows + _costs(stored, now, cost), failed, notes)
+
+
+def judge(rows: Sequence[Row], limit: Limit) -> list[Row]:
+    """Return the rows with one-sided p-values by Holm, and a verdict each.
+
+    The probability that any number of equally good filters is called worse is about the normal tail
+    beyond the limit or less, for any dependence of the numbers (docs/statistics.md).
+    """
+    from scipy.special import ndtr
+
+    z = np.array([nan if row.how == EQUAL else row.z_worse for row in rows])
+    worse, better = (holm(ndtr(sign * z)).tolist() for sign in (-1.0, 1.0))
+    tail = float(ndtr(-limit.sigmas))
+    judged = []
+    for row, p, q in zip(rows, worse, better, strict=True):
+        word = UNTESTED if isnan(row.z_worse) else ALIKE
+        if min(p, q) <= tail:
+            matters = row.is_event or abs(row.difference) > limit.share * abs(row.a)
+            word = NEGLIGIBLE if not matters else WORSE if p <= tail else BETTER
+        judged.append(row._replace(p_holm=p, verdict=EQUAL if row.how == EQUAL else word))
+    return judged
+
+
+def _costs(stored: Results, now: Results, most: float) -> list[Row]:
+    """Return a row for each cost: evaluations, and CPU times if both are of this machine."""
+    both = (stored, now)
+    if not most or not all((r.folder / TIMING).is_file() for r in both):
+        return []
+    same = len({(r.manifest.get("processor"), r.manifest.get("platform")) for r in both}) == 1
+    old, new = (
+        {(*map(row.get, r.grid), row["filter"]): row for row in r.columns("timing").records()}
+        for r in both
+    )
+    rows = []
+    for kind in ("likelihoods", "covariances", *(["cpu_s_per_run"] if same else [])):
+        for key in (key for key in new if key in old):
+            a, b = (nan if row[key][kind] == "-" else float(row[key][kind]) for row in (old, new))
+            point = dict(zip(now.grid, key, strict=False))
+            word = WORSE if b > most * a else EQUAL if a == b else ALIKE
+            how = EQUAL if a == b else "cost"
+            rows.append(Row(point, key[-1], kind, a, b, 1, how, b - a, nan, verdict=word))
+    return [row for row in rows if row.a > 0.0]

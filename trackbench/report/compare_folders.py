@@ -1,0 +1,222 @@
+"""Compare two results folders number by number: paired on common runs, else by independent errors.
+
+Run ``i`` of two folders with one seed and one scenario has one truth and one set of measurements, so
+the difference of a metric per run has less noise than either value. Without per_run.csv, or with
+another seed or scenario, the numbers of both folders are independent, and their variances add up.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from math import copysign, hypot, inf, isnan, nan
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.core.elementary import log
+from trackbench.evaluation.inference import (
+    Events,
+    Sides,
+    holm,
+    normal_of_t,
+    share_z,
+    studentised,
+    studentised_difference,
+    two_sided,
+)
+from trackbench.evaluation.metric_expression import measured
+from trackbench.evaluation.statistics import Estimate, influence, mean
+from trackbench.evaluation.summary import per_component
+from trackbench.report.paired import primary_metrics
+from trackbench.report.results import Results
+from trackbench.results.point_facts import GridPoint
+
+ALPHA = 0.01
+"""Level of a significant difference, after Holm's correction over all numbers of the comparison."""
+EQUAL, WORSE, BETTER, DIFFERS = "equal", "worse", "better", "differs"
+ALIKE, UNTESTED, NEGLIGIBLE = "no significant difference", "untested", "negligible"
+INFINITE = " infinite"
+"""End of the name of a row: share of the runs in which the metric is infinite."""
+
+
+class Sample(NamedTuple):
+    """Mean of a metric over runs, and its values per run (M,) if they are stored."""
+
+    estimate: Estimate
+    runs: int
+    values: Array | None = None
+
+
+class Row(NamedTuple):
+    """A metric of a filter in both folders, ``difference = b - a``."""
+
+    point: GridPoint
+    filter: str
+    metric: str
+    a: float
+    b: float
+    runs: int
+    how: str = EQUAL
+    """equal (byte for byte), paired or independent"""
+    difference: float = 0.0
+    stderr: float = 0.0
+    z: float = nan
+    """of no difference"""
+    z_worse: float = nan
+    """of ``b`` no worse than ``a``: positive if it is worse; NaN if neither direction is better"""
+    p_holm: float = nan
+    verdict: str = EQUAL
+
+    @property
+    def is_event(self) -> bool:
+        """Return whether it is a share of runs."""
+        return self.metric.endswith(INFINITE) or measured(self.metric).family[0].is_event
+
+    @property
+    def is_primary(self) -> bool:
+        """Return whether it is an error, a score, a share of runs or the ANEES, over the whole run."""
+        if measured(self.metric).window:
+            return False
+        return self.is_event or self.metric == "anees" or bool(primary_metrics([self.metric]))
+
+
+def compare_folders(a: Results, b: Results) -> tuple[list[Row], str]:
+    """Return a row for every filter and metric of both, and why the runs are not paired, if so."""
+    points = [point for point in a.points() if point in b.points()]
+    why, rows = _why_unpaired(a, b, points), list[Row]()
+    stored = all((results.folder / "per_run.csv").is_file() for results in (a, b))
+    exact = set(a.deterministic) & set(b.deterministic)
+    for point in points:
+        sizes = [len(x) for r in (a, b) if not why for x in r.runs(point).values()]
+        runs = min(sizes, default=None)
+        first, second = (_samples(results, point, stored, runs) for results in (a, b))
+        for (label, metric), sample in first.items():
+            if other := second.get((label, metric)):
+                rows += rows_of((point, label, metric), sample, other, not why, label in exact)
+    adjusted = holm(np.array([two_sided(row.z) for row in rows])).tolist()
+    return [
+        row._replace(p_holm=p, verdict=_verdict(row, p)) for row, p in zip(rows, adjusted, strict=True)
+    ], why  # fmt: skip
+
+
+def _verdict(row: Row, p: float) -> str:
+    if row.how == EQUAL or isnan(p) or p >= ALPHA:
+        return EQUAL if row.how == EQUAL else UNTESTED if isnan(p) else ALIKE
+    if not abs(row.z_worse) > 2.0:  # neither direction is better, or both are as far from one
+        return DIFFERS
+    return WORSE if row.z_worse > 0.0 else BETTER
+
+
+def _why_unpaired(a: Results, b: Results, points: Iterable[GridPoint]) -> str:
+    for results in (a, b):
+        if not (results.folder / "per_run.csv").is_file():
+            return f"{results.folder} has no per_run.csv: the errors of summary.csv are used"
+    if a.manifest["seed"] != b.manifest["seed"]:
+        return f"the seeds differ ({a.manifest['seed']} and {b.manifest['seed']})"
+    for point in points:
+        x, y = ({**r.facts(point).scenario, "#": r.steps(point), "assume": 0} for r in (a, b))
+        if not _agree(x, y, a.folder, b.folder):
+            return "the scenarios differ"
+    return ""
+
+
+def _agree(a: Any, b: Any, home_a: Path, home_b: Path) -> bool:
+    """Return whether two scenarios agree in all common keys; paths must be those of equal files."""
+    if isinstance(a, dict) and isinstance(b, dict):
+        return all(_agree(a[k], b[k], home_a, home_b) for k in a.keys() & b.keys())
+    if isinstance(a, list) and isinstance(b, list):
+        pairs = zip(a, b, strict=False)
+        return len(a) == len(b) and all(_agree(x, y, home_a, home_b) for x, y in pairs)
+    if isinstance(a, str) and isinstance(b, str) and a != b:
+        files = home_a / a, home_b / b
+        return all(f.is_file() for f in files) and files[0].read_bytes() == files[1].read_bytes()
+    return bool(a == b)
+
+
+def _samples(
+    results: Results, point: GridPoint, stored: bool, most: int | None
+) -> dict[tuple[str, str], Sample]:
+    """Return the metrics of each filter over the first runs, ``anees`` in place of ``nees``."""
+    samples, sizes = {}, results.facts(point).sizes
+    for (label, metric), x in results.runs(point).items() if stored else ():
+        values = ((x != 0.0) * 1.0 if metric == "lost" else x)[:most]
+        columns = {row: values / n for row, n in per_component(measured(metric), sizes)}
+        for name, column in (columns or {metric: values}).items():
+            finite = column[np.isfinite(column)]
+            samples[label, name] = Sample(mean(finite), len(finite), column)
+    for row in results.columns("summary", point).records() if not stored else ():
+        of, label, runs = measured(row["metric"]), row["filter"], row["runs"]
+        if label in results.filters and (of.statistic == "mean" or of.is_row):
+            samples[label, of.name] = Sample(Estimate(row["value"], row["stderr"]), runs)
+            every = runs + row["lost"]
+            samples[label, "lost"] = Sample(Estimate(row["lost"] / every, nan), every)
+    return samples
+
+
+@np.errstate(all="ignore")
+def rows_of(
+    key: tuple[GridPoint, str, str], a: Sample, b: Sample, paired: bool, is_exact: bool
+) -> Iterator[Row]:
+    """Yield the metric's row, before it one of the share of infinite values if these differ."""
+    row = Row(*key, a.estimate.value, b.estimate.value, min(a.runs, b.runs))
+    if a.values is None or b.values is None:
+        equal = a.runs == b.runs and np.array_equal(a.estimate, b.estimate, equal_nan=True)
+    else:
+        equal = np.array_equal(a.values, b.values, equal_nan=True)
+        x, y = (np.isinf(values) * 1.0 for values in (a.values, b.values))
+        if (x.any() or y.any()) and not np.array_equal(x, y) and not row.is_event:
+            shares = Sample(mean(x), len(x), x), Sample(mean(y), len(y), y)
+            yield from rows_of((*key[:2], key[2] + INFINITE), *shares, paired, is_exact)
+    if equal:
+        yield row
+    elif paired and a.values is not None and b.values is not None:
+        both = np.isfinite(a.values) & np.isfinite(b.values)
+        if both.any():
+            yield _paired(row, a.values[both], b.values[both], is_exact)
+    else:
+        yield _independent(row, a, b)
+
+
+def _paired(row: Row, x: Array, y: Array, is_exact: bool) -> Row:
+    """Return the row with its tests from values of common runs (M,)."""
+    of_x, of_y, difference = influence("mean", x), influence("mean", y), mean(y - x)
+
+    def z_of(value: float, of_a: float, of_b: float) -> float:
+        if is_exact:  # a difference of numbers without randomness is real
+            return copysign(inf, value) if value else 0.0
+        if row.is_event:  # the sign test
+            up, down = int((y > x).sum()), int((y < x).sum())
+            return share_z(up, up + down, 0.5) if up + down else 0.0
+        return studentised(value, of_b * of_y - of_a * of_x)
+
+    row = row._replace(a=mean(x).value, b=mean(y).value, runs=len(x), how="paired")
+    return _with_tests(row, difference.stderr, z_of)
+
+
+def _independent(row: Row, a: Sample, b: Sample) -> Row:
+    """Return the row with its tests from two independent estimates."""
+    errors = a.estimate.stderr, b.estimate.stderr
+
+    def z_of(value: float, of_a: float, of_b: float) -> float:
+        if row.is_event:
+            first, second = (Events(round(s.estimate.value * s.runs), s.runs) for s in (a, b))
+            return studentised_difference(value, Sides(second, first))
+        error = hypot(of_a * errors[0], of_b * errors[1])
+        return normal_of_t(float(np.divide(value, error)), max(row.runs - 1, 1))
+
+    return _with_tests(row._replace(how="independent"), hypot(*errors), z_of)
+
+
+def _with_tests(row: Row, stderr: float, z_of: Callable[[float, float, float], float]) -> Row:
+    """Return the row with z; ``z_of`` takes a change and its derivatives by both means."""
+    a, b, better = row.a, row.b, measured(row.metric).family[0].better
+    z = z_of(b - a, 1.0, 1.0)
+    if better == "one" and a > 0.0 and b > 0.0:  # further from one: |log b| - |log a|
+        u, v = float(log(a)), float(log(b))
+        z_worse = z_of(abs(v) - abs(u), copysign(1.0 / a, u), copysign(1.0 / b, v))
+    elif better == "zero":
+        z_worse = z_of(abs(b) - abs(a), copysign(1.0, a), copysign(1.0, b))
+    else:
+        direction = {"lower": 1.0, "higher": -1.0}.get(better, nan)
+        z_worse = z if row.is_event else direction * z
+    return row._replace(difference=b - a, stderr=stderr, z=z, z_worse=z_worse)

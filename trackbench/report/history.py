@@ -1,0 +1,78 @@
+"""A metric of each filter over results folders, in the order of their dates."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from trackbench.errors import Mark, Problem, UserError
+from trackbench.evaluation.metric_expression import measured
+from trackbench.evaluation.statistics import Estimate
+from trackbench.metrics import unit_of
+from trackbench.report.findings import phrases
+from trackbench.report.plotting import style
+from trackbench.report.results import Results
+from trackbench.report.table import Cell, Table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def history(every: Sequence[Results], metric: str = "") -> list[Table]:
+    """Return a table for each experiment; raises UserError if no folder has the metric.
+
+    Folders are ordered by date if all have one (a clone has none), else as they are named. Of several
+    experiments those with several folders are shown.
+    """
+    dates = [results.manifest.get("date", "") for results in every]
+    if all(dates):
+        every = [every[i] for i in np.argsort(dates, kind="stable").tolist()]
+    tables: dict[str, Table] = {}
+    is_clear = len({results.folder.name for results in every}) == len(every)
+    for results in every:
+        name, summary = results.config["name"], results.columns("summary")
+        names = list(dict.fromkeys(summary["metric"].tolist()))
+        if name not in tables:
+            default = next((n for n in names if n.startswith("rms(rmse")), names[0])
+            heads = ["Filter", "Folder", "Date", "Commit"]
+            tables[name] = Table(name, heads, [metric or default], digits=4)
+        table, facts = tables[name], results.manifest
+        for row in summary.where(metric=table.value_headers[0]).records():
+            point = phrases.heading({path: row[path] for path in results.grid})
+            label = ", ".join(filter(None, [row["filter"], point]))
+            name = results.folder.name if is_clear else str(results.folder)
+            place = name, facts.get("date", "–"), (facts.get("commit") or "–")[:7]
+            cell = Cell(Estimate(row["value"], row["stderr"]), row["runs"], row["lost"])
+            table.add([label, *place], [cell])
+    if not any(table.keys for table in tables.values()):
+        what = f"no folder has it; known: {', '.join(names)}"
+        raise UserError(Problem(Mark(f"--metric {metric}"), "", what))
+    for table in tables.values():
+        order = {label: i for i, label in enumerate(dict.fromkeys(k[0] for k in table.keys))}
+        rows = sorted(zip(table.keys, table.cells, strict=True), key=lambda r: order[r[0][0]])
+        table.keys, table.cells = [keys for keys, _ in rows], [cells for _, cells in rows]
+    series = [table for table in tables.values() if len({keys[1] for keys in table.keys}) > 1]
+    if len(tables) > 1 and not series:
+        raise UserError("no experiment has several of these folders")
+    return series or [*tables.values()]
+
+
+def draw(tables: Sequence[Table]) -> "Figure":
+    """Return a panel for each experiment: values with two standard errors over the folders."""
+    with style.rc_context():
+        figure, axes = style.panel_grid(len(tables[: style.MOST_PANELS]), 2.6, 0.6)
+        for ax, table in zip(axes, tables, strict=False):
+            folders = list(dict.fromkeys(folder for _, folder, _, _ in table.keys))
+            for i, label in enumerate(dict.fromkeys(keys[0] for keys in table.keys)):
+                rows = [j for j, keys in enumerate(table.keys) if keys[0] == label]
+                places = [folders.index(table.keys[j][1]) for j in rows]
+                value, stderr = np.array([table.cells[j][0].estimate for j in rows]).T
+                error, look = 2.0 * np.nan_to_num(stderr), style.line(i)
+                ax.errorbar(places, value, yerr=error, marker="o", ms=3, label=label, **look)
+            ax.set_xticks(range(len(folders)), folders, rotation=30, ha="right")
+            ax.set_title(table.title if len(tables) > 1 else "", fontsize="medium")
+            (metric,) = table.value_headers
+            unit = unit_of(measured(metric).metric)
+            ax.set_ylabel(f"{metric} ({unit})" if unit not in ("", "1") else metric)
+        style.legend_outside(figure)
+        return style.lay_out(figure)
