@@ -12,6 +12,7 @@ import numpy as np
 from numpy.random import SFC64, Generator
 
 from trackbench.config.checks import has
+from trackbench.core import linalg
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import per_run_moments
 from trackbench.core.posterior_scores import distance
@@ -116,8 +117,8 @@ def planar(q: float = 25.0, sigma: float = 20.0, T: float = 2.0) -> Tracking:
 
 def radar(q: float = 25.0, sigma: float = 40.0, T: float = 2.0, x: float = -5000.0) -> Tracking:
     """Return a radar's problem; in the west, at negative x, the azimuth jumps by 2 pi."""
-    sensor = RangeAzimuth(sigma_range=sigma, sigma_azimuth_mrad=sigma / 5.0)
-    return _tracking(sensor, Launch(x=x, vx=60.0, y=600.0, vy=-150.0), q, T)
+    sensor = RangeAzimuth(sigma_range=sigma, sigma_azimuth_mrad=sigma)
+    return _tracking(sensor, Launch(x=x, vx=150.0, y=20.0, vy=-10.0), q, T)
 
 
 PLANAR, RADAR, EAST = planar(), radar(), radar(x=5000.0)
@@ -196,6 +197,8 @@ class Scores(NamedTuple):
 
     rmse: Array
     """squared distance from the reference's mean"""
+    spread: Array
+    """covariance in units of the reference's"""
     anees: Array
     anis: Array | None
     log_likelihood: Array | None
@@ -207,6 +210,8 @@ def score(of: Estimates, reference: Estimates, data: Simulation) -> Scores:
     """Return the scores of estimates; distance and error are in the reference's covariance."""
     n, n_z, P = len(data.truth), len(data.measurements), reference.cov[:, :, 1:]
 
+    inverse = linalg.inverse(P)
+
     def mean_square(e: Array, cov: Array) -> Array:
         squared = np.nan_to_num(distance(e[:, 1:], cov) / n, nan=_CAP, posinf=_CAP)
         return np.minimum(squared, _CAP).mean(axis=0)
@@ -217,6 +222,7 @@ def score(of: Estimates, reference: Estimates, data: Simulation) -> Scores:
     error = of.mean - data.truth
     return Scores(
         mean_square(of.mean - reference.mean, P),
+        np.minimum(np.einsum("ij...,ji...->...", inverse, of.cov[:, :, 1:]) / n, _CAP).mean(axis=0),
         mean_square(error, of.cov[:, :, 1:]),
         np.nanmean(np.minimum(series["nis"], _CAP), axis=0) if "nis" in series else None,
         np.nanmean(series["log_likelihood"], axis=0) if "log_likelihood" in series else None,
@@ -232,7 +238,7 @@ def misfit(tracker: AnyFilter, scenario: Scenario, runs: int, seed: int) -> str:
     gaussian = not (has_density(sensor) and sensor.why_no_moments())
     filters: list[AnyFilter] = [UKF(), EKF()] if gaussian else []
     if tested.random or not gaussian:
-        filters.append(PF(N=max(tracker.particle_count, 100)))
+        filters.append(PF(N=tracker.particle_count if tracker.particle_count > 1 else 50))
     filters = [f for f in filters if not why_not(f, scenario)]
     others = [run_filter(f, scenario, data) for f in filters]
     # Step 2: scores about the reference with the least error.
@@ -240,7 +246,7 @@ def misfit(tracker: AnyFilter, scenario: Scenario, runs: int, seed: int) -> str:
     of, *bands = (score(one, center, data)._asdict() for one in (tested, *others))
     wide = 1.0 if tested.random else 0.5
     texts, sizes = [], {}
-    for name in ("rmse", "anees", "anis", "log_likelihood"):
+    for name in ("rmse", "spread", "anees", "anis", "log_likelihood"):
         theirs = [band[name] for band in bands if band[name] is not None]
         if of[name] is None or not theirs:
             continue
@@ -260,7 +266,9 @@ def misfit(tracker: AnyFilter, scenario: Scenario, runs: int, seed: int) -> str:
 def _limits(name: str, reference: Array, wide: float) -> tuple[Array, Array]:
     """Return the least and the largest score that an honest filter may have, per run (M,)."""
     if name == "rmse":
-        return reference - np.inf, 3.0 * reference + 0.05 * wide
+        return reference - np.inf, 3.0 * reference + 0.05
+    if name == "spread":
+        return 0.9 * reference, (1.0 + 0.3 * wide) * reference
     if name == "log_likelihood":
         return reference - 0.1 * wide, reference + 0.1 * wide
     return (1.0 - 0.3 * wide) * reference, (1.0 + 0.3 * wide) * reference
