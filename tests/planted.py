@@ -32,7 +32,7 @@ scenario:
   kind: tracking
   T: 2
   last: 25
-  target: {kind: driven, motion: {kind: cwna, q: 4}, launch: {x: -6000, y: 900, vx: 60, vy: -90}}
+  target: {kind: driven, motion: {kind: cwna, q: 4}, launch: {x: -6000, y: 50, vx: 60, vy: -5}}
   sensor: {kind: range-azimuth, sigma_range: 25, sigma_azimuth_mrad: 5}
   start: {kind: gaussian, sigma: [30, 15, 30, 15]}
 filters: {}
@@ -170,7 +170,7 @@ class HandPF(Filter[Cloud]):
     def step(self, model: Any, state: Cloud, z: Array, k: int, rng: Any) -> Cloud:
         bug, x, w = self.bug, state.x, state.w
         if bug == "runs mixed":
-            w = np.roll(w, 1, axis=0)
+            x = np.roll(x, 1, axis=1)
         if bug in ("dt ignored", "Q forgotten", "Q times dt"):
             mean = model.motion.transition(x, k).mean
             dt = float(np.median((mean - x)[0] / x[1]))

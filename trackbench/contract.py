@@ -169,7 +169,10 @@ def _exemptions(tracker: AnyFilter, scenario: Scenario, why_not_linear: str) -> 
         exempt.setdefault("consistency", exempt["kalman"])
     of_contract = scenario in (PLANAR, RADAR)
     if of_contract and not takes_model(tracker, scenario is RADAR):
-        exempt = {"kalman": _OWN_MODEL, "consistency": _OWN_MODEL} | exempt
+        keys = ("kalman", "consistency", "interval", "tracks")[
+            : 2 if tracker.loops_over_runs else 4
+        ]
+        exempt = dict.fromkeys(keys, _OWN_MODEL) | exempt
     if not of_contract:
         exempt = (
             dict.fromkeys(("interval", "tracks"), "is another problem than the contract's") | exempt

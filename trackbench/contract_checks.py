@@ -9,8 +9,8 @@ from typing import TypeAlias
 import numpy as np
 
 from trackbench.contract_problems import (
-    EAST,
     PLANAR,
+    PRECISE,
     RADAR,
     UNEQUAL,
     Estimates,
@@ -38,7 +38,7 @@ Check: TypeAlias = Callable[[AnyFilter, Scenario, int], None]
 
 _RUNS = 200
 _LOOPED_RUNS = 80  # of a filter that loops over its runs in Python
-_LEAST_N = 1000  # particles with which a particle filter is compared with the package's
+_LPRECISE_N = 1000  # particles with which a particle filter is compared with the package's
 _MAX_DEVIATION = 4.5  # standard errors; none of a few dozen comparisons should exceed it
 
 
@@ -195,12 +195,13 @@ def _check_interval(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
         if (other is not UNEQUAL or (scenario is PLANAR and runs_on(tracker, other))) and alike(
             first, run_filter(tracker, other, data)
         ):
-            raise ContractError(f"the estimates do not depend on {which}: is it ignored?")
+            what = f"the estimates do not depend on {which}: is it ignored?"
+            raise ContractError(f"{what} A filter of one interval is checked with `--on CONFIG`")
 
 
 def _check_tracks(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
     # A filter that names no components may be one of positions or of a radar.
-    causes = [mistaken_track(tracker, p) for p in (PLANAR, RADAR) if runs_on(tracker, p)]
+    causes = [mistaken_track(tracker, p) for p in (PLANAR, PRECISE) if runs_on(tracker, p)]
     if causes and all(causes):
         raise ContractError(causes[0])
 
@@ -210,11 +211,11 @@ def _check_consistency(tracker: AnyFilter, scenario: Scenario, seed: int) -> Non
     if scenario is PLANAR:
         problems = [UNEQUAL if runs_on(tracker, UNEQUAL) else PLANAR]
         # A filter of the runner's sensor is one of a radar, too, also where the azimuth jumps.
-        if runs_on(tracker, EAST) and not mistaken_track(tracker, EAST):
+        if runs_on(tracker, PRECISE) and not mistaken_track(tracker, PRECISE):
             problems.append(RADAR)
     # More particles leave less room for mistakes.
-    if tracker.particle_count < _LEAST_N and any(f.name == "N" for f in fields(tracker)):
-        tracker = replace(tracker, N=_LEAST_N)
+    if tracker.particle_count < _LPRECISE_N and any(f.name == "N" for f in fields(tracker)):
+        tracker = replace(tracker, N=_LPRECISE_N)
     for problem in problems:
         drawn = problem if isinstance(problem, ModelDraws) else ModelDraws(base=problem)
         runs = _LOOPED_RUNS if tracker.loops_over_runs else _RUNS
