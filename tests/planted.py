@@ -8,8 +8,12 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+import yaml
 
 from trackbench.adapters import FilterPy, PerRun
+from trackbench.adapters.per_run import loop_over_runs
+from trackbench.config.load import load
+from trackbench.contract_problems import ModelDraws
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian, per_run_moments
 from trackbench.filters.base import Filter
@@ -37,6 +41,20 @@ scenario:
   start: {kind: gaussian, sigma: [30, 15, 30, 15]}
 filters: {}
 """
+
+
+def with_bug(base: type[Any], bug: str) -> type[Any]:
+    """The filter with a mistake, found by its name when it is pickled."""
+    name = base.__name__ + bug.title().replace(" ", "")
+    cls = type(name, (base,), {"bug": bug, "__module__": __name__, "__annotations__": {}})
+    globals()[name] = cls
+    return loop_over_runs(cls) if issubclass(cls, PerRun) else cls
+
+
+def problem(text: str) -> ModelDraws:
+    """The problem of a config."""
+    config = yaml.safe_load(text) | {"filters": {"KF": {"kind": "ekf"}}}
+    return ModelDraws(base=load(config).points[0].scenario)
 
 
 def mul(*matrices: Array) -> Array:

@@ -270,7 +270,7 @@ def misfit(tracker: AnyFilter, scenario: Scenario, runs: int, seed: int) -> str:
 def _limits(name: str, reference: Array, wide: float) -> tuple[Array, Array]:
     """Return the least and the largest score that an honest filter may have, per run (M,)."""
     if name == "rmse":
-        return reference - np.inf, 3.0 * reference + 0.05
+        return np.full_like(reference, -1.0), 3.0 * reference + 0.05
     if name == "spread":
         return 0.9 * reference, (1.0 + 0.3 * wide) * reference
     if name == "log_likelihood":
@@ -295,13 +295,14 @@ def _cause(of: Estimates, path: Array, sizes: dict[str, float]) -> str:
         return "; estimates fit the truth one step earlier: returned before the update?"
     if len(path) == 4 and off(path[[2, 3, 0, 1]]) < 0.1 * off(path):
         return "; estimates fit the truth with x and y exchanged"
-    if not {"rmse", "anees"} & sizes.keys():
-        return "; estimates fit: are S and the innovation those before the update?"
-    if sizes.get("anees", 0.0) < 0.0:
-        return "; the covariance is too large: does the update reduce it by the gain, is R sigma^2?"
-    if sizes["rmse" if "rmse" in sizes else "anees"] > 3.0:
+    too_large = sizes.get("spread", -sizes.get("anees", 0.0))
+    if sizes.get("rmse", 0.0) > 3.0:
         return "; an axis, a unit (degrees), a sign, dt or a gap is taken wrongly?"
-    return "; the covariance is too small: sigma for sigma^2, or a noise or dt forgotten?"
+    if too_large > 0.0:
+        return "; the covariance is too large: does the update reduce it by the gain, is R sigma^2?"
+    if too_large < 0.0:
+        return "; the covariance is too small: sigma for sigma^2, or a noise or dt forgotten?"
+    return "; are the innovation and S those before the update?" if "rmse" not in sizes else ""
 
 
 def mistaken_track(tracker: AnyFilter, problem: Tracking) -> str:
