@@ -74,7 +74,7 @@ def test_a_mistake_is_found(base: type[Any], bug: str) -> None:
         (HandKF, "dt ignored", "do not depend on the interval dt"),
         (HandUKF, "gain forgotten", "is the same with and without a measurement"),
         (HandEKF, "not symmetric", "not symmetric"),
-        (HandEKF, "not definite", "not positive definite"),
+        (HandPF, "not definite", "not positive definite"),
         (HandPF, "global noise", "global np.random"),
         (HandPF, "sigma", "the covariance is too small: sigma for sigma^2"),
         (HandEKF, "Q times dt", "the covariance is too large"),
@@ -143,5 +143,11 @@ class Mine(HandKF, kind="mine"):
     on = trackbench("check", "--contract", "mine.py", "--on", "c.yaml", cwd=tmp_path)
     assert on.returncode == 1, on.stdout + on.stderr
     assert "ANEES" in on.stdout
+    tuned = "filters: {Mine: {kind: mine}, Loose: {kind: mine, q: 40}}"
+    (tmp_path / "c.yaml").write_text(planted.OWN.replace("filters: {}", tuned))
+    (tmp_path / "mine.py").write_text(text.replace("sigma", ""))
+    other = trackbench("check", "--contract", "mine.py", "--on", "c.yaml", cwd=tmp_path)
+    assert other.returncode == 0, other.stdout + other.stderr
+    assert "fits with other keys; with these" in other.stdout
     lone = trackbench("check", "--on", "c.yaml", cwd=tmp_path)
     assert lone.returncode == 2

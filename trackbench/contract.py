@@ -103,16 +103,31 @@ def check_file(
     names = data.get("plugins") if isinstance(data, dict) else None
     others = [n for n in names or () if (on.parent / str(n)).resolve() != path.resolve()]
     point = load(on, allow_plugins=allow_plugins or not others).points[0]
-    # The config's filters of these kinds, and kinds that it lacks with their default keys.
-    filters = {label: (f, point.assumed_scenario(label)) for label, f in point.filters.items()}
-    out = {
-        label: check_filter(type(f), f, on=ModelDraws(base=scenario))
-        for label, (f, scenario) in filters.items()
-        if f.kind in classes
+    out: dict[str, list[Finding]] = {}
+    for kind, cls in classes.items():
+        labels = [label for label, f in point.filters.items() if f.kind == kind]
+        of_kind = {
+            n: check_filter(cls, point.filters[n], on=ModelDraws(base=point.assumed_scenario(n)))
+            for n in labels
+        } or {kind: check_filter(cls, on=ModelDraws(base=point.scenario))}
+        out |= _with_other_keys(of_kind)
+    return out
+
+
+def _with_other_keys(found: dict[str, list[Finding]]) -> dict[str, list[Finding]]:
+    """Return the findings; if the filter fits with the keys of one entry, the code is right."""
+    name = CHECKS["consistency"][0]
+    if Finding(name, "good") not in [f for findings in found.values() for f in findings]:
+        return found
+    return {
+        label: [
+            f._replace(verdict="left out", why=f"fits with other keys; with these {f.why}")
+            if f.check == name and f.verdict == "bad"
+            else f
+            for f in findings
+        ]
+        for label, findings in found.items()
     }
-    lacking = classes.keys() - {f.kind for f in point.filters.values()}
-    problem = ModelDraws(base=point.scenario)
-    return out | {k: check_filter(classes[k], on=problem) for k in sorted(lacking)}
 
 
 def check_filter(
@@ -168,15 +183,13 @@ def _exemptions(tracker: AnyFilter, scenario: Scenario, why_not_linear: str) -> 
     if "kalman" in exempt:
         exempt.setdefault("consistency", exempt["kalman"])
     of_contract = scenario in (PLANAR, RADAR)
-    if of_contract and not takes_model(tracker, scenario is RADAR):
-        keys = ("kalman", "consistency", "interval", "tracks")[
-            : 2 if tracker.loops_over_runs else 4
-        ]
-        exempt = dict.fromkeys(keys, _OWN_MODEL) | exempt
     if not of_contract:
-        exempt = (
-            dict.fromkeys(("interval", "tracks"), "is another problem than the contract's") | exempt
-        )
+        exempt.setdefault("interval", "is another problem than the contract's")
+        exempt.setdefault("tracks", exempt["interval"])
+    elif not takes_model(tracker, scenario is RADAR):
+        # A filter of one run gets dt, so these checks are fair without its model.
+        free = () if tracker.loops_over_runs else ("interval", "tracks")
+        exempt = dict.fromkeys(("kalman", "consistency", *free), _OWN_MODEL) | exempt
     if scenario is not PLANAR:
         exempt.setdefault("kalman", why_not_linear)
     if not of_contract and (not isinstance(scenario, ModelDraws) or scenario.recorded_runs):

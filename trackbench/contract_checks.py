@@ -38,7 +38,7 @@ Check: TypeAlias = Callable[[AnyFilter, Scenario, int], None]
 
 _RUNS = 200
 _LOOPED_RUNS = 80  # of a filter that loops over its runs in Python
-_LPRECISE_N = 1000  # particles with which a particle filter is compared with the package's
+_LEAST_N = 1000  # particles with which a particle filter is compared with the package's
 _MAX_DEVIATION = 4.5  # standard errors; none of a few dozen comparisons should exceed it
 
 
@@ -214,8 +214,8 @@ def _check_consistency(tracker: AnyFilter, scenario: Scenario, seed: int) -> Non
         if runs_on(tracker, PRECISE) and not mistaken_track(tracker, PRECISE):
             problems.append(RADAR)
     # More particles leave less room for mistakes.
-    if tracker.particle_count < _LPRECISE_N and any(f.name == "N" for f in fields(tracker)):
-        tracker = replace(tracker, N=_LPRECISE_N)
+    if tracker.particle_count < _LEAST_N and any(f.name == "N" for f in fields(tracker)):
+        tracker = replace(tracker, N=_LEAST_N)
     for problem in problems:
         drawn = problem if isinstance(problem, ModelDraws) else ModelDraws(base=problem)
         runs = _LOOPED_RUNS if tracker.loops_over_runs else _RUNS

@@ -21,12 +21,7 @@ from trackbench.filters.base import AnyFilter
 from trackbench.filters.ekf import EKF
 from trackbench.filters.particle_filters import PF
 from trackbench.filters.ukf import UKF
-from trackbench.models.base import (
-    LocatingSensor,
-    Model,
-    extra_std,
-    has_density,
-)
+from trackbench.models.base import LocatingSensor, Model, extra_std, has_density
 from trackbench.models.motions.irregular import Irregular
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.priors import augment_prior
@@ -213,7 +208,6 @@ class Scores(NamedTuple):
 def score(of: Estimates, reference: Estimates, data: Simulation) -> Scores:
     """Return the scores of estimates; distance and error are in the reference's covariance."""
     n, n_z, P = len(data.truth), len(data.measurements), reference.cov[:, :, 1:]
-
     inverse = linalg.inverse(P)
 
     def mean_square(e: Array, cov: Array, cap: float = _CAP) -> Array:
@@ -245,6 +239,8 @@ def misfit(tracker: AnyFilter, scenario: Scenario, runs: int, seed: int) -> str:
         filters.append(PF(N=tracker.particle_count if tracker.particle_count > 1 else 50))
     filters = [f for f in filters if not why_not(f, scenario)]
     others = [run_filter(f, scenario, data) for f in filters]
+    if not others:
+        return ""
     # Step 2: scores about the reference with the least error.
     center = min(others, key=lambda other: score(other, others[0], data).error.mean())
     of, *bands = (score(one, center, data)._asdict() for one in (tested, *others))
