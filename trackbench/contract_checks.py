@@ -46,6 +46,10 @@ class ContractError(Exception):
     """Breach of the contract, in one line."""
 
 
+class LeftOutError(Exception):
+    """Reason why a check does not apply."""
+
+
 def alike(a: Estimates, b: Estimates) -> bool:
     """Return whether two estimates are equal."""
     return np.array_equal(a.mean, b.mean) and np.array_equal(a.cov, b.cov)
@@ -146,8 +150,7 @@ def _check_independence(tracker: AnyFilter, scenario: Scenario, seed: int) -> No
 def _check_covariance(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
     P = run_filter(tracker, scenario, simulate(scenario, 20)).cov
     # Correlations, so that units do not matter; a component that is known or collapsed has none.
-    variances = linalg.diagonal(P)
-    sd = np.sqrt(np.maximum(variances, 0.0))
+    sd = np.sqrt(np.abs(linalg.diagonal(P)))
     sd = np.maximum(sd, 1e-6 * np.nanmax(sd, axis=(1, 2), keepdims=True))
     scale = np.where(sd > 0.0, sd, 1.0)
     C = np.moveaxis(P / (scale[:, None] * scale), (0, 1), (-2, -1))
@@ -207,6 +210,8 @@ def _check_tracks(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
 
 
 def _check_consistency(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
+    if "mode" in run_filter(tracker, scenario, simulate(scenario, 2)).series:
+        raise LeftOutError("has several motions: it reports the diagnostic `mode`")
     problems = [scenario]
     if scenario is PLANAR:
         problems = [UNEQUAL if runs_on(tracker, UNEQUAL) else PLANAR]

@@ -131,7 +131,7 @@ class Estimates(NamedTuple):
     cov: Array
     random: bool
     series: dict[str, Array]
-    """NIS and log-likelihood (T, M), of filters that have them"""
+    """NIS, weight of further models and log-likelihood (T, M), of filters that have them"""
 
 
 def new_rng() -> Generator:
@@ -153,7 +153,7 @@ def run_filter(tracker: AnyFilter, scenario: Scenario, data: Simulation) -> Esti
     for i, k in enumerate(scenario.steps[1:]):
         state = tracker.step(scenario.model, state, data.measurements[:, i], int(k), rng)
         estimates.append(tracker.estimate(state))
-        rows.append({n: x for n, x in tracker.diagnostics(state).items() if n == "nis"})
+        rows.append({n: x for n, x in tracker.diagnostics(state).items() if n in ("nis", "mode")})
         if (log_likelihood := tracker.log_likelihood(state)) is not None:
             rows[-1]["log_likelihood"] = log_likelihood
     covs = np.stack([per_run_moments(g).cov for g in estimates], axis=2)
