@@ -518,7 +518,13 @@ class Unsettled(Plain):
         (Plain, {}),
         (FilterPyKF, {}),
         (StoneSoupKF, {}),
-        (Draws, {}),
+        (FilterPyUKF, {}),
+        (FilterPyEKF, {}),
+        (FilterPyCKF, {}),
+        (FilterPyIMM, {}),
+        (StoneSoupUKF, {}),
+        (StoneSoupEKF, {}),
+        (Draws, {"follows the target"}),
         (Shared, {"runs are independent"}),
         (Unsettled, {"equal runs give equal estimates", "runs are independent"}),
     ],
@@ -526,7 +532,9 @@ class Unsettled(Plain):
 def test_the_contract_holds_them_to_what_can_be_asked(one: Any, bad: Any) -> None:
     skip_without_package(one)
     found = check_filter(loop_over_runs(one))
-    assert {f.check for f in found if f.verdict == "bad"} == set(bad), [*map(str, found)]
+    names = {f.check for f in found if f.verdict == "bad"}
+    assert names >= set(bad), [*map(str, found)]
+    assert bad or not names, [*map(str, found)]
 
 
 def test_what_is_asked_aside_leaves_the_objects_alone() -> None:

@@ -24,6 +24,8 @@ LAYERS = (
     ("plugins",),
     ("config",),
     ("execution", "help"),
+    ("contract_problems",),
+    ("contract_checks",),
     ("tuning", "contract"),
     ("results",),
     ("report",),

@@ -9,8 +9,8 @@ from scipy.special import digamma
 from scipy.stats import chi2, norm
 
 from tests.conftest import make_filter, track
+from tests.linear_problem import LINEAR
 from tests.papers import merwe
-from trackbench.contract import LINEAR
 from trackbench.core.arrays import Array
 from trackbench.evaluation.block import BlockTask, Kind
 from trackbench.evaluation.calibration import LEVELS, bars, likelihood_ratio, noncredibility

@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import chi2, multivariate_normal
 
 from tests.conftest import make_filter, track
-from trackbench.contract import LINEAR
+from tests.linear_problem import LINEAR
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.evaluation.block import BlockTask, simulate

@@ -9,8 +9,8 @@ from scipy.stats import multivariate_normal
 
 from tests.conftest import track
 from tests.filters.test_nonlinear_oracles import MOTION, RUNS, SCENARIO, data, filterpy_ekf
+from tests.linear_problem import LINEAR
 from tests.papers import maneuver
-from trackbench.contract import LINEAR
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.block import simulate

@@ -9,8 +9,8 @@ import pytest
 
 from tests.conftest import make_filter
 from tests.filters.test_log_likelihood import told
+from tests.linear_problem import LINEAR
 from tests.papers import banana, merwe
-from trackbench.contract import LINEAR
 from trackbench.core.arrays import Array
 from trackbench.filters.grid import Grid
 from trackbench.filters.kf import KF

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from tests.conftest import make_filter, per_run, track
+from tests.linear_problem import LINEAR
 from tests.papers import banana, merwe
-from trackbench.contract import LINEAR
 from trackbench.core.random_streams import RunStreams, block_stream
 from trackbench.evaluation.block import simulate
 from trackbench.models.motions.kinematic import WhiteAcceleration

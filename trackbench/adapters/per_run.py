@@ -227,7 +227,7 @@ class PerRun:
     """see `trackbench.filters.base.Filter`, also for the three that follow"""
     presets: ClassVar[dict[str, dict[str, object]]] = {}
     summed_diagnostics: ClassVar[frozenset[str]] = frozenset()
-    contract_exemptions: ClassVar[dict[str, str]] = {"kalman": "has a model of its own"}
+    contract_exemptions: ClassVar[dict[str, str]] = {}
 
     def __init_subclass__(cls, *, kind: str | None = None, **others: object) -> None:
         super().__init_subclass__(**others)

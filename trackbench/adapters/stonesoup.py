@@ -2,7 +2,6 @@
 
 from copy import copy
 from datetime import datetime, timedelta
-from typing import ClassVar
 
 import numpy as np
 
@@ -28,8 +27,6 @@ class StoneSoup(PerRun):
     diagnostic is ``nis``. The log score comes from the updater's predicted measurement. Times are
     Stone Soup's, whole microseconds.
     """
-
-    contract_exemptions: ClassVar[dict[str, str]] = {}
 
     def make(self, transition: Foreign, measurement: Foreign) -> tuple[Foreign, Foreign]:
         """Return a predictor and an updater.

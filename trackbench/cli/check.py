@@ -32,6 +32,15 @@ def check(
             metavar="FILE", help="draw the scene: path, sensors and one run's measurements"
         ),
     ] = None,
+    on: Annotated[
+        Path | None,
+        typer.Option(
+            "--on",
+            metavar="CONFIG",
+            help="with --contract: experiment with the file's filters, whose model they assume",
+            autocompletion=configs,
+        ),
+    ] = None,
     json: Json = False,
 ) -> None:
     """Validate a config without running it, or check your own filter against the contract."""
@@ -40,10 +49,12 @@ def check(
         raise typer.BadParameter(f"--picture draws the scene of a config to a file in {forms}")
     if config is None and contract is None:
         raise typer.BadParameter("name a config, or a Python file with --contract")
+    if on is not None and contract is None:
+        raise typer.BadParameter("--on needs --contract FILE")
     if config is not None:
         _check_config(config, api_options(locals()), json, picture)
     if contract is not None:
-        _check_contract(contract, json)
+        _check_contract(contract, on, allow_plugins, json)
 
 
 def cache(
@@ -104,10 +115,10 @@ def _draw(experiment: "Experiment", picture: Path) -> None:
     typer.echo(f"drew {picture}")
 
 
-def _check_contract(path: Path, json: bool) -> None:
+def _check_contract(path: Path, on: Path | None, allow_plugins: bool, json: bool) -> None:
     from trackbench.contract import check_file, report
 
-    found = check_file(path)
+    found = check_file(path, on, allow_plugins)
     for line in report(found) if not json else ():
         typer.echo(line)
     for kind, findings in found.items() if json else ():

@@ -140,6 +140,9 @@ class EvolutionFilter(ProposalFilter):
     }
     _extra_diagnostics: ClassVar[frozenset[str]] = frozenset({"acceptance_rate", "spread_ratio"})
     _reading_path: ClassVar[str] = "reading."
+    contract_exemptions: ClassVar[dict[str, str]] = {
+        "consistency": "evolves its particles towards the likelihood"
+    }
 
     @property
     def _weight_reading(self) -> tuple[WeightReading, TransitionReading]:

@@ -47,6 +47,9 @@ class _ResamplingFilter(KalmanProposalFilter):
     """Metropolis-Hastings steps of each particle after resampling, drawn from its parent's proposal"""
     estimate_from: Literal["weighted", "resampled"] = "weighted"
     """particles the estimate is taken from: before resampling, or after it and the moves (demo)"""
+    contract_exemptions: ClassVar[dict[str, str]] = {
+        "consistency": "its weights degenerate where the motion's noise is small"
+    }
 
     @property
     def _weight_reading(self) -> tuple[WeightReading, TransitionReading]:

@@ -1,0 +1,271 @@
+"""Checks of the contract: each raises ContractError with a breach in one line."""
+
+import random
+from collections.abc import Callable
+from copy import deepcopy
+from dataclasses import fields, is_dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+
+from trackbench.contract_problems import (
+    PLANAR,
+    PRECISE,
+    RADAR,
+    UNEQUAL,
+    Estimates,
+    ModelDraws,
+    misfit,
+    mistaken_track,
+    new_rng,
+    planar,
+    radar,
+    run_filter,
+    runs_on,
+    simulate,
+    with_gaps,
+)
+from trackbench.core import linalg
+from trackbench.core.arrays import Array
+from trackbench.evaluation.validate_output import check_estimate, check_names, checked_numbers
+from trackbench.extension_points import field_values
+from trackbench.filters.base import AnyFilter, declares_diagnostics, has_likelihood
+from trackbench.filters.ekf import EKF
+from trackbench.scenarios.base import Scenario
+
+Check: TypeAlias = Callable[[AnyFilter, Scenario, int], None]
+"""A check of the contract with a seed of its data, which raises ContractError."""
+
+_RUNS = 200
+_LOOPED_RUNS = 80  # of a filter that loops over its runs in Python
+_LEAST_N = 1000  # particles with which a particle filter is compared with the package's
+_MAX_DEVIATION = 4.5  # standard errors; none of a few dozen comparisons should exceed it
+
+
+class ContractError(Exception):
+    """Breach of the contract, in one line."""
+
+
+class LeftOutError(Exception):
+    """Reason why a check does not apply."""
+
+
+def alike(a: Estimates, b: Estimates) -> bool:
+    """Return whether two estimates are equal."""
+    return np.array_equal(a.mean, b.mean) and np.array_equal(a.cov, b.cov)
+
+
+def _check_shapes(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
+    runs, rng, single = 5, new_rng(), True
+    data = simulate(scenario, runs)
+    n = data.truth.shape[0]
+    state = tracker.init(scenario.model, data.prior, rng)
+    # Step through the scenario; check the estimate and what else the filter gives at each step.
+    for i, k in enumerate(scenario.steps):
+        if i:
+            state = tracker.step(scenario.model, state, data.measurements[:, i - 1], int(k), rng)
+        estimate = tracker.estimate(state)
+        check_estimate(estimate, (n, n), runs)
+        for name, array in (("mean", estimate.mean), ("cov", estimate.cov)):
+            if np.asarray(array).dtype != np.float64:
+                raise ContractError(f"{name} at step {k} is of {np.asarray(array).dtype}")
+            if not np.isfinite(array).all():
+                raise ContractError(f"{name} at step {k} is not finite")
+            single &= not i or np.array_equal(array, np.float32(array))
+        diagnostics = checked_numbers("diagnostic", tracker.diagnostics(state), runs)
+        check_names(diagnostics)
+        names = sorted(tracker.diagnostic_names)
+        if i and declares_diagnostics(type(tracker)) and sorted(diagnostics) != names:
+            raise ContractError(
+                f"diagnostic_names is {names}, diagnostics gives {sorted(diagnostics)}"
+            )
+        if i and has_likelihood(tracker):
+            checked_numbers("series", {"log_likelihood": tracker.log_likelihood(state)}, runs)
+    if single:
+        raise ContractError("the estimates have the digits of float32: compute in float64")
+
+
+def _check_purity(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
+    data = simulate(scenario, 5)
+    prior = deepcopy(data.prior)
+    state = tracker.init(scenario.model, data.prior, new_rng())
+    if not _equal(prior, data.prior):
+        raise ContractError("the prior is written to; make a new array")
+    # The same step twice, from equal arguments.
+    z, k = data.measurements[:, 0], int(scenario.steps[1])
+    before = deepcopy((state, z))
+    first = tracker.estimate(tracker.step(scenario.model, state, z, k, new_rng()))
+    if not _equal(before, (state, z)):
+        raise ContractError("the state or the measurement is written to; make a new array")
+    second = tracker.estimate(tracker.step(scenario.model, state, z, k, new_rng()))
+    if not np.array_equal(first.mean, second.mean, equal_nan=True):
+        raise ContractError("the same step with the same noise gives another estimate")
+
+
+def _equal(a: object, b: object) -> bool:
+    if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
+        return bool(np.array_equal(a, b, equal_nan=a.dtype.kind == "f"))
+    if isinstance(a, tuple | list) and isinstance(b, tuple | list):
+        return all(_equal(x, y) for x, y in zip(a, b, strict=True))
+    if is_dataclass(a) and not isinstance(a, type):
+        return all(_equal(value, getattr(b, key)) for key, value in field_values(a).items())
+    return True
+
+
+def _check_repeats(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
+    data = simulate(scenario, 3)
+    before = random.getstate(), np.random.get_state(legacy=False)
+    first, second = (run_filter(tracker, scenario, data) for _ in range(2))
+    if repr(before) != repr((random.getstate(), np.random.get_state(legacy=False))):
+        raise ContractError(
+            "draws from the global np.random or random: noise comes from `rng` alone"
+        )
+    if not np.array_equal(first.mean, second.mean, equal_nan=True):
+        raise ContractError("the estimates differ the second time: noise comes from `rng` alone")
+
+
+def _check_independence(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
+    runs = 6
+    data = simulate(scenario, runs)
+    whole = run_filter(tracker, scenario, data)
+    # Another measurement in the first or the last run changes this run alone.
+    for run, others in ((0, slice(1, None)), (-1, slice(None, -1))):
+        changed = data.measurements.copy()
+        changed[..., run] += 1.0
+        moved = run_filter(tracker, scenario, data._replace(measurements=changed))
+        if not np.array_equal(whole.mean[..., others], moved.mean[..., others], equal_nan=True):
+            raise ContractError(
+                "another measurement in one run changes the estimates of the others"
+            )
+    # Without random numbers neither the order of the runs nor their number matters.
+    if not whole.random:
+        turned = run_filter(tracker, scenario, simulate(scenario, runs, step=-1)).mean[..., ::-1]
+        if not np.allclose(turned, whole.mean, rtol=1e-10, atol=1e-10, equal_nan=True):
+            raise ContractError("the estimates depend on the order of the runs")
+        alone = run_filter(tracker, scenario, simulate(scenario, 1))
+        if not np.allclose(alone.mean, whole.mean[..., :1], rtol=1e-10, atol=1e-10, equal_nan=True):
+            raise ContractError("the first run has another estimate without the other runs")
+
+
+def _check_covariance(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
+    P = run_filter(tracker, scenario, simulate(scenario, 20)).cov
+    # Correlations, so that units do not matter; a component that is known or collapsed has none.
+    sd = np.sqrt(np.abs(linalg.diagonal(P)))
+    sd = np.maximum(sd, 1e-6 * np.nanmax(sd, axis=(1, 2), keepdims=True))
+    scale = np.where(sd > 0.0, sd, 1.0)
+    C = np.moveaxis(P / (scale[:, None] * scale), (0, 1), (-2, -1))
+    C = C[np.isfinite(C).all(axis=(-2, -1))]
+    asymmetry = np.abs(C - np.swapaxes(C, -2, -1)).max()
+    if asymmetry > 1e-7:
+        raise ContractError(f"not symmetric: correlations differ by {asymmetry:.2g}; P - K S K' is")
+    if (least := np.linalg.eigvalsh(C).min()) < -1e-7:
+        raise ContractError(
+            f"not positive definite: the correlations have an eigenvalue {least:.2g}"
+        )
+
+
+def _check_gaps(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
+    data = simulate(scenario, 6)
+    z = data.measurements
+    gaps = np.zeros(z.shape, dtype=bool)
+    gaps[:, 1, ::2] = True
+
+    def estimates(fill: Array | float) -> Estimates:
+        filled = data._replace(measurements=np.where(gaps, fill, z))
+        of = run_filter(tracker, scenario, filled)
+        return of._replace(mean=of.mean[:, 2, ::2], cov=of.cov[:, :, 2, ::2])
+
+    missing, measured = estimates(np.nan), estimates(z)
+    if not np.isfinite(missing.mean).all():
+        raise ContractError("the estimate is not finite where a measurement is missing (NaN)")
+    if np.array_equal(missing.mean, measured.mean):
+        return  # uses no measurement
+    for what, fill in (("zero", 0.0), ("the one before", np.roll(z, 1, axis=1))):
+        if np.array_equal(missing.mean, estimates(fill).mean):
+            raise ContractError(f"a missing measurement (NaN, or None per run) is taken as {what}")
+    if np.allclose(missing.cov, measured.cov, rtol=1e-9, atol=0.0):
+        raise ContractError(
+            "the covariance is the same with and without a measurement: does the update reduce it?"
+        )
+
+
+def _check_interval(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
+    problem = radar if scenario is RADAR else planar
+    data = simulate(problem(), 3)
+    first = run_filter(tracker, problem(), data)
+    others = {"the interval dt": problem(T=4.0), "intervals after the first": UNEQUAL}
+    for which, other in others.items():
+        if (other is not UNEQUAL or (scenario is PLANAR and runs_on(tracker, other))) and alike(
+            first, run_filter(tracker, other, data)
+        ):
+            what = f"the estimates do not depend on {which}: is it ignored?"
+            raise ContractError(f"{what} A filter of one interval is checked with `--on CONFIG`")
+
+
+def _check_tracks(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
+    # A filter that names no components may be one of positions or of a radar.
+    causes = [mistaken_track(tracker, p) for p in (PLANAR, PRECISE) if runs_on(tracker, p)]
+    if causes and all(causes):
+        raise ContractError(causes[0])
+
+
+def _check_consistency(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
+    if "mode" in run_filter(tracker, scenario, simulate(scenario, 2)).series:
+        raise LeftOutError("has several motions: it reports the diagnostic `mode`")
+    problems = [scenario]
+    if scenario is PLANAR:
+        problems = [UNEQUAL if runs_on(tracker, UNEQUAL) else PLANAR]
+        # A filter of the runner's sensor is one of a radar, too, also where the azimuth jumps.
+        if runs_on(tracker, PRECISE) and not mistaken_track(tracker, PRECISE):
+            problems.append(RADAR)
+    # More particles leave less room for mistakes.
+    if tracker.particle_count < _LEAST_N and any(f.name == "N" for f in fields(tracker)):
+        tracker = replace(tracker, N=_LEAST_N)
+    for problem in problems:
+        drawn = problem if isinstance(problem, ModelDraws) else ModelDraws(base=problem)
+        runs = _LOOPED_RUNS if tracker.loops_over_runs else _RUNS
+        if what := misfit(tracker, drawn, runs, seed):
+            raise ContractError(what)
+
+
+def _check_against_kalman(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
+    problem = UNEQUAL if runs_on(tracker, UNEQUAL) else PLANAR
+    data = with_gaps(simulate(problem, _LOOPED_RUNS if tracker.loops_over_runs else _RUNS))
+    # On a linear model the EKF is the Kalman filter.
+    tested, exact = run_filter(tracker, problem, data), run_filter(EKF(), problem, data)
+    error, sigma = tested.mean - exact.mean, np.sqrt(linalg.diagonal(exact.cov))
+    if tested.random:
+        N = tracker.particle_count if tracker.particle_count > 1 else 100
+        _check_bias(error, sigma, N)
+        return
+    off = float(np.abs(error / sigma).max())
+    if off > 1e-6:
+        raise ContractError(f"the mean is off by up to {off:.2g} standard deviations")
+    ratio = float(np.abs(tested.cov / exact.cov - 1.0)[exact.cov != 0.0].max())
+    if ratio > 1e-6:
+        raise ContractError(f"the covariance is off by up to {100 * ratio:.2g} %")
+
+
+def _check_bias(error: Array, sigma: Array, N: int) -> None:
+    stderr = error.std(axis=-1, ddof=1) / np.sqrt(error.shape[-1])
+    # N particles have a bias of the order of sigma / N.
+    allowed = _MAX_DEVIATION * stderr + 3.0 * sigma.mean(axis=-1) / N
+    bias = np.abs(error.mean(axis=-1))
+    if (bias > allowed).any():
+        worst = float((bias / allowed).max())
+        raise ContractError(f"the mean is biased, by {worst:.1f} times what chance and N allow")
+
+
+CHECKS: dict[str, tuple[str, Check]] = {
+    "shapes": ("shapes", _check_shapes),
+    "purity": ("step leaves its arguments unchanged", _check_purity),
+    "repeats": ("equal runs give equal estimates", _check_repeats),
+    "independence": ("runs are independent", _check_independence),
+    "covariance": ("covariance is symmetric and positive definite", _check_covariance),
+    "gaps": ("predicts over a missing measurement", _check_gaps),
+    "interval": ("uses the interval between steps", _check_interval),
+    "tracks": ("follows the target", _check_tracks),
+    "kalman": ("equals the Kalman filter on a linear model", _check_against_kalman),
+    "consistency": ("errors and covariance fit reference filters", _check_consistency),
+}
+"""Checks by the name used in `contract_exemptions`: what a report calls them, and the function."""
