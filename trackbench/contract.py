@@ -183,7 +183,7 @@ def _exemptions(tracker: AnyFilter, scenario: Scenario, why_not_linear: str) -> 
     if "kalman" in exempt:
         exempt.setdefault("consistency", exempt["kalman"])
     if tracker.loops_over_runs:
-        exempt.setdefault("kalman", "a library's approximations are compared by their errors")
+        exempt.setdefault("kalman", "a filter of one run is compared by its errors")
     of_contract = scenario in (PLANAR, RADAR)
     if not of_contract:
         exempt.setdefault("interval", "is another problem than the contract's")
