@@ -51,6 +51,9 @@ Quick = Annotated[bool, typer.Option("--quick", help="20 runs, in blocks that fi
 SaveTracks = Annotated[
     bool, typer.Option("--save-tracks", help="write every run's track to tracks.npz")
 ]
+Markdown = Annotated[
+    bool, typer.Option("--markdown", help="print tables as Markdown, as into a pipe")
+]
 Format = Annotated[
     str,
     typer.Option("--format", help="png, svg, pdf, tex (tables, and figures as pdf), with commas"),
@@ -86,6 +89,7 @@ def _shared(
     dry_run: DryRun = False,
     format_: Format = "png,svg",
     allow_plugins: AllowPlugins = False,
+    markdown: Markdown = False,
     json: Json = False,
 ) -> None:
     """Declare the options of all commands that run experiments, with types and defaults."""

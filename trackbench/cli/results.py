@@ -1,21 +1,29 @@
 """Commands on a results folder; only `verify` computes runs."""
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from trackbench.cli.options import AllowPlugins, Folder, Json, formats, one_of
+from trackbench.cli.options import AllowPlugins, Folder, Json, Markdown, formats, one_of
 from trackbench.cli.output import echo_line
 
 
-def compare(folder: Folder, json: Json = False) -> None:
+def compare(folder: Folder, markdown_: Markdown = False, json: Json = False) -> None:
     """Compare stored results with the published numbers and claims, without computing runs."""
     from trackbench.commands import stored_results
     from trackbench.report.results import Results
     from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts
-    from trackbench.report.verdicts.files import claim_rows, markdown, number_rows
+    from trackbench.report.verdicts.files import (
+        claim_rows,
+        legend,
+        markdown,
+        number_rows,
+        summary_lines,
+        verdict_tables,
+    )
 
     found, results = stored_results.compare(folder), Results(folder)
     times = time_tables(time_verdicts(results))
@@ -26,7 +34,14 @@ def compare(folder: Folder, json: Json = False) -> None:
     if not found.rows and not found.claims and not times:
         typer.echo(f"{folder}: nothing is published about this experiment", err=True)
         return
-    typer.echo("\n".join([markdown(results, found), *(table.markdown() for table in times)]))
+    if markdown_ or not sys.stdout.isatty():
+        typer.echo("\n".join([markdown(results, found), *(table.markdown() for table in times)]))
+        return
+    from trackbench.cli.screen import print_lines, print_tables
+
+    print_lines([*summary_lines(found), ""])
+    print_tables([*verdict_tables(found), *times])
+    print_lines([legend(found.rows).replace("`", "")])
 
 
 def plot(
