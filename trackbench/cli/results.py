@@ -38,9 +38,11 @@ def compare(folder: Folder, markdown_: Markdown = False, json: Json = False) -> 
         typer.echo("\n".join([markdown(results, found), *(table.markdown() for table in times)]))
         return
     from trackbench.cli.screen import print_lines, print_tables
+    from trackbench.report.verdicts.reasons import reasons
 
     print_lines([*summary_lines(found), ""])
     print_tables([*verdict_tables(found), *times])
+    print_lines([*reasons(found, results.config["runs"]), ""])
     print_lines([legend(found.rows).replace("`", "")])
 
 

@@ -15,6 +15,7 @@ import typer
 from trackbench.cli.options import (
     Config,
     Configs,
+    Force,
     Grid,
     Product,
     Quick,
@@ -38,6 +39,7 @@ _SWEEP_ROWS = 20
 def run(
     configs: Configs,
     quick: Quick = False,
+    force: Force = False,
     save_tracks: SaveTracks = False,
     watch: Annotated[
         bool, typer.Option("--watch", help="run again when the config or a file it names is saved")
@@ -46,7 +48,9 @@ def run(
 ) -> None:
     """Run experiments and write tables, figures and CSV files."""
     _begin(given)
-    execute("run", configs, given | {"quick": quick, "save_tracks": save_tracks}, watch)
+    execute(
+        "run", configs, given | {"quick": quick, "force": force, "save_tracks": save_tracks}, watch
+    )
 
 
 @runs_experiments
@@ -56,13 +60,14 @@ def sweep(
     product: Product = False,
     out: Annotated[Path | None, typer.Option(help="results folder [results/NAME-sweep]")] = None,
     quick: Quick = False,
+    force: Force = False,
     save_tracks: SaveTracks = False,
     **given: Any,
 ) -> None:
     """Run all values of a grid; also write sweep.csv, figures and each filter's best values."""
     _begin(given)
     given |= {"grid": grid, "product": product, "out": out}
-    execute("sweep", [config], given | {"quick": quick, "save_tracks": save_tracks})
+    execute("sweep", [config], given | {"quick": quick, "force": force, "save_tracks": save_tracks})
 
 
 @runs_experiments

@@ -43,6 +43,7 @@ from trackbench.report.table import Table, results_html
 from trackbench.report.verdicts.cpu_times import time_line
 from trackbench.report.verdicts.files import summary_lines
 from trackbench.report.verdicts.numbers import Comparison
+from trackbench.report.verdicts.reasons import reasons
 from trackbench.results.folder_contents import write_manifest
 from trackbench.results.lock import locked
 from trackbench.results.write import Losses, write_results
@@ -114,7 +115,7 @@ def run_all(
     With several experiments, ``out`` is the folder of their folders. Raises UserError, before anything
     runs, with the mistakes of all configs.
     """
-    yield from run_each(configs, replace(options or Options(), **changes))
+    yield from run_each(configs, (options or Options()).changed(changes))
 
 
 def run_each(configs: Sequence[Config], options: Options, sweep: bool = False) -> Generator[Report]:
@@ -193,6 +194,7 @@ def _reported(job: Job, outcome: Outcome, options: Options, sweep: bool) -> Repo
             write_sweep(results)
     write_manifest(job.folder, facts, paths)
     notes = [*_notes(job.experiment, losses), *summary_lines(comparison), *time_line(results)]
+    notes += reasons(comparison, results.config["runs"])
     failed = [*_failed(job.experiment, outcome, losses), *results.unmade_lines]
     best = list(best_points(results)) if sweep else []
     return Report(job.folder, tables, comparison, notes, failed, best, answer(results))

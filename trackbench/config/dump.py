@@ -31,8 +31,9 @@ def resolved(experiment: Experiment, folder: Path) -> PlainData:
     config is to be written.
     """
     first, without_defaults = experiment.points[0], _with_varied_defaults(experiment)
-    # Without `exact`, configs stay as they are in older results folders.
-    out = {key: x for key, x in asdict(experiment.settings).items() if x or key != "exact"}
+    # Without `exact` and `matters`, configs stay as they are in older results folders.
+    settings = asdict(experiment.settings)
+    out = {key: x for key, x in settings.items() if x or key not in ("exact", "matters")}
 
     def relative(path: str) -> str:
         return os.path.relpath(path, folder)
