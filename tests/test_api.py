@@ -2,12 +2,14 @@
 
 import subprocess
 import sys
+from functools import partial
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
 
 import trackbench
+from tests.commands import spawned
 from tests.commands import trackbench as command
 from tests.papers import merwe_text
 from trackbench import registry
@@ -89,7 +91,7 @@ def test_kinds_of_an_installed_package(monkeypatch: pytest.MonkeyPatch, tmp_path
 
 
 def test_a_wrong_option_is_one_line() -> None:
-    with pytest.raises(UserError, match="^option: rusn: did you mean runs"):
+    with pytest.raises(UserError, match=r"^option: rusn: did you mean runs"):
         trackbench.run("merwe2000", rusn=3)
 
 
@@ -105,6 +107,6 @@ def test_quick_runs_never_replace_more_runs(tmp_path: Path) -> None:
         (["--quick", "--force"], 20, 20),
     ):
         assert run(*words).returncode == 0
-        assert load(stored.parent).config["runs"] == runs
+        assert trackbench.load(stored.parent).config["runs"] == runs
         quick = tmp_path / "results" / "q-quick"
-        assert (load(quick).config["runs"] if quick.exists() else 0) == beside
+        assert (trackbench.load(quick).config["runs"] if quick.exists() else 0) == beside

@@ -44,13 +44,16 @@ def run(
     watch: Annotated[
         bool, typer.Option("--watch", help="run again when the config or a file it names is saved")
     ] = False,
+    shard: Annotated[
+        str,
+        typer.Option(metavar="I/N", help="compute this part of the blocks into the cache only"),
+    ] = "",
     **given: Any,
 ) -> None:
     """Run experiments and write tables, figures and CSV files."""
     _begin(given)
-    execute(
-        "run", configs, given | {"quick": quick, "force": force, "save_tracks": save_tracks}, watch
-    )
+    given |= {"quick": quick, "force": force, "save_tracks": save_tracks, "shard": shard}
+    execute("run", configs, given, watch)
 
 
 @runs_experiments

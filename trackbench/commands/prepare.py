@@ -69,6 +69,9 @@ class Options:
     spare: bool = False
     """write to NAME-quick/ if the results folder has results of more runs"""
 
+    shard: str = ""
+    """i/n: compute the i-th of n parts of the blocks into the cache, and write no results"""
+
     def changed(self, changes: Mapping[str, Any]) -> "Options":
         """Return the options with changes by name; raises UserError for a wrong name."""
         names = [field.name for field in fields(self)]

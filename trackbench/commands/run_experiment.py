@@ -22,6 +22,7 @@ from trackbench.commands.prepare import (
     say,
     with_tuned,
 )
+from trackbench.commands.shard import run_shard
 from trackbench.config.experiment import Experiment
 from trackbench.config.requested_metrics import takes_times
 from trackbench.config.tuned_entries import held_out, training_cautions
@@ -128,6 +129,10 @@ def run_each(configs: Sequence[Config], options: Options, sweep: bool = False) -
         say(job.line, options)
         for caution in [*cautions(job.experiment.points), *training_cautions(job.experiment)]:
             say(f"note: {caution}", options)
+
+    if options.shard:
+        run_shard(jobs, options, open_engine, workers)
+        return
 
     def more(i: int, outcome: Outcome) -> Plan | None:
         bigger = next_batch(jobs[i].experiment, jobs[i].most, outcome)
