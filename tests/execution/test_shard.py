@@ -25,7 +25,7 @@ filters: {PF: {kind: pf, N: 5}, UKF: {kind: ukf}}
 @pytest.mark.skipif(sys.platform == "win32", reason="scripts of a POSIX shell")
 def test_the_scripts_of_the_page_compute_the_bytes_of_one_run(tmp_path: Path) -> None:
     page = (ROOT / "docs" / "cluster.md").read_text(encoding="utf-8")
-    array, merge = re.findall(r"```sh\n(#!/bin/sh.*?)```", page, re.DOTALL)
+    array, merge = re.findall(r"```bash\n(#!/bin/sh.*?)```", page, re.DOTALL)
     (tmp_path / "s.yaml").write_text(CONFIG)
     program = tmp_path / "bin" / "trackbench"
     program.parent.mkdir()
