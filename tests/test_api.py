@@ -2,12 +2,14 @@
 
 import subprocess
 import sys
+from functools import partial
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
 
 import trackbench
+from tests.commands import spawned
 from tests.commands import trackbench as command
 from tests.papers import merwe_text
 from trackbench import registry
@@ -86,3 +88,25 @@ def test_kinds_of_an_installed_package(monkeypatch: pytest.MonkeyPatch, tmp_path
     monkeypatch.setattr(registry, "_scanned", set())
     monkeypatch.setattr(registry, "_kinds", own)
     assert "from-a-package" in registry.kinds("filters")
+
+
+def test_a_wrong_option_is_one_line() -> None:
+    with pytest.raises(UserError, match=r"^option: rusn: did you mean runs"):
+        trackbench.run("merwe2000", rusn=3)
+
+
+def test_quick_runs_never_replace_more_runs(tmp_path: Path) -> None:
+    """They go beside; with --force, and where there are no more runs, into the folder itself."""
+    text = "name: q\nruns: 30\nscenario: SCENE\nfilters: {F: {kind: ekf}}\n"
+    (tmp_path / "q.yaml").write_text(text.replace("SCENE", merwe_text(T=5)))
+    run = partial(spawned, "run", "q.yaml", "--workers", "1", "--format", "tex", cwd=tmp_path)
+    stored = tmp_path / "results" / "q" / "per_run.csv"
+    for words, runs, beside in (
+        ([], 30, 0),
+        (["--quick"], 30, 20),
+        (["--quick", "--force"], 20, 20),
+    ):
+        assert run(*words).returncode == 0
+        assert trackbench.load(stored.parent).config["runs"] == runs
+        quick = tmp_path / "results" / "q-quick"
+        assert (trackbench.load(quick).config["runs"] if quick.exists() else 0) == beside

@@ -1,6 +1,8 @@
 """The built command line, end to end, as a user would."""
 
+import re
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pandas as pd
@@ -9,6 +11,7 @@ import yaml
 
 from tests.commands import spawned, trackbench
 from tests.conftest import EXPERIMENTS
+from trackbench.registry import Group, documentation
 
 
 @pytest.fixture(scope="module")
@@ -94,10 +97,9 @@ def test_dry_run_writes_nothing(tmp_path: Path) -> None:
 
 def test_list_and_describe() -> None:
     listed = trackbench("list").stdout
-    for kind in ("hdepf", "tracking", "metrics", "rmse-vs-time"):
-        assert kind in listed
     for group, kind in (("targets", "legs"), ("motions", "cwna"), ("sensors", "bearing")):
-        assert f"\n{group}:\n" in listed
+        number = len(documentation(cast(Group, group)))
+        assert re.search(rf"^  {group} +{number}  ", listed, re.MULTILINE)
         assert f"  {kind} " in trackbench("list", group).stdout
     assert "  two-scan " in trackbench("list", "starts").stdout
     described = trackbench("describe", "hdepf").stdout

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -133,17 +134,23 @@ def test_numbers_that_json_has_not(
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals here")
-def test_no_colours_even_on_a_terminal(tmp_path: Path) -> None:
-    """Neither in help, nor in a mistake, nor in a run: there are none to be switched off.
-
-    On a terminal that has colours: NO_COLOR and a dumb one could only take some away.
-    """
+def test_colors_are_those_of_tables_on_a_terminal(tmp_path: Path) -> None:
+    """Help and mistakes have none; a terminal without colors, and one that wants none, get none."""
     import pty
 
-    for words in (["--help"], ["run", "--bogus"], ["run", "merwe2000", "--quick", "--only", "UKF"]):
+    run = ["run", "merwe2000", "--quick", "--only", "UKF", "--only", "EKF"]
+    for words, settings, colors in (
+        (["--help"], {}, False),
+        (["run", "--bogus"], {}, False),
+        (run, {}, True),
+        (run, {"NO_COLOR": "1"}, False),
+        (run, {"TERM": "dumb"}, False),
+        ([*run, "--markdown"], {}, False),
+    ):
         screen, terminal = pty.openpty()
         found = {**os.environ, "PYTHONPATH": str(ROOT), "TERM": "xterm-256color"}
         found.pop("NO_COLOR", None)
+        found |= settings
         process = subprocess.Popen(
             [sys.executable, "-m", "trackbench", *words],
             **dict.fromkeys(("stdin", "stdout", "stderr"), terminal),
@@ -160,4 +167,6 @@ def test_no_colours_even_on_a_terminal(tmp_path: Path) -> None:
         os.close(screen)
         process.wait(60)
         assert shown
-        assert b"\x1b[" not in shown, shown[-300:]
+        assert (re.search(rb"\x1b\[[0-9;]*3\dm", shown) is not None) == colors, shown[-300:]
+        table = b"| Filter" if "--markdown" in words else "─".encode()
+        assert (table in shown) == ("run" in words and "--bogus" not in words)

@@ -54,7 +54,7 @@ def sweep(config: Config, options: Options | None = None, **changes: Any) -> Rep
     Keys of several filters vary one filter after the other; ``product`` runs every combination.
     The results go to ``results/<name>-sweep/``, so the experiment's own results stay.
     """
-    options = replace(options or Options(), **changes)
+    options = (options or Options()).changed(changes)
     # A folder beside that of the experiment's own results.
     if options.out is None:
         config = file_of(config, options)
@@ -69,7 +69,7 @@ def tune(config: Config, options: Options | None = None, **changes: Any) -> Repo
 
     `run` does the same; this raises UserError if the config has nothing to tune.
     """
-    options = replace(options or Options(), **changes)
+    options = (options or Options()).changed(changes)
     check_tuned([config], options)
     return run(config, options)
 

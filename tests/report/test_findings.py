@@ -39,6 +39,7 @@ def folder(
         "runs": runs,
         "filters": {b: {} for b in labels},
         "grid": {},
+        "tables": {"t": {"kind": "metrics", "columns": {"Error": "mean(rmse_position)"}}},
     }
     (at / "config.yaml").write_text(yaml.safe_dump(whole | config, sort_keys=False))
     rows = [
@@ -163,7 +164,63 @@ def test_a_contradiction_is_no_answer(tmp_path, rng) -> None:
     hard = np.r_[np.full(4, 100.0), 10.0 + rng.random(M - 4)]
     A, B = hard + 0.1 + 0.01 * rng.random(M), hard
     A[:4] = np.nan
-    assert answer(folder(tmp_path, {"A": A, "B": B})) == []
+    (line,) = answer(folder(tmp_path, {"A": A, "B": B}))
+    assert line.endswith(
+        "A has it over all runs that it keeps, but over the 196 runs that both keep B is better."
+    )
+    A[:], B[:] = np.nan, B
+    A[:4], B[:4] = 1.0 + rng.random(4), np.nan
+    (line,) = answer(folder(tmp_path, {"A": A, "B": B}))[:1]
+    assert "no run in common" in line or line.startswith("The mean position RMSE per run of B")
+
+
+def test_the_statistic_is_that_of_the_first_table(tmp_path, rng) -> None:
+    """B has the smaller mean and A the smaller root mean square, as each table has it."""
+    A, B = 10.0 + 0.1 * rng.standard_normal(M), 1.0 + 0.1 * rng.standard_normal(M)
+    B[::2] += 15.0
+    for statistic, best in (("mean", "B"), ("rms", "A")):
+        columns = {"Late": "rms(rmse_position[end])", "Error": f"{statistic}(rmse_position)"}
+        table = {"kind": "metrics", "columns": columns}
+        results = folder(tmp_path, {"A": A, "B": B}, tables={"t": table})
+        (line,) = answer(results)
+        assert line.startswith(f"{best} has the smallest")
+        assert ("mean position RMSE per run" in line) == (statistic == "mean")
+
+    # sqrt(mean B^2) - sqrt(mean A^2), and its error by leaving out each run in turn
+    def apart(keep: np.ndarray) -> float:
+        return float(np.sqrt(np.mean(B[keep] ** 2)) - np.sqrt(np.mean(A[keep] ** 2)))
+
+    left_out = [apart(np.arange(M) != m) for m in range(M)]
+    error = np.sqrt((M - 1) / M * np.sum((np.array(left_out) - np.mean(left_out)) ** 2))
+    by = re.search(r"by (\S+) ± (\S+) m", line)
+    assert by is not None
+    assert float(by[1]) == pytest.approx(apart(np.arange(M)), abs=0.006)
+    assert float(by[2]) == pytest.approx(error, rel=0.1)
+
+
+@pytest.mark.parametrize(("matters", "word"), [(None, True), ("5%", True), (0.0001, False)])
+def test_a_tiny_difference_is_called_so(tmp_path, rng, A, matters, word) -> None:
+    B = A + 0.01 + 0.001 * rng.standard_normal(M)
+    (line,) = answer(folder(tmp_path, {"A": A, "B": B}, matters=matters))
+    assert "larger by 0.0" in line
+    assert ("significant but tiny" in line) == word
+
+
+def test_the_runs_that_would_decide_do(tmp_path, rng) -> None:
+    """A difference of z = 1 at 100 runs needs 1.96^2 times as many."""
+    apart = rng.standard_normal(100)
+    apart = (apart - apart.mean()) / apart.std(ddof=1) + 0.1
+    A = 50.0 + rng.random(100)
+    (line,) = answer(folder(tmp_path, {"A": A, "B": A + apart}))
+    needed = re.search(r"a difference as large as measured needs (\d+) runs", line)
+    assert needed is not None
+    assert float(needed[1]) == pytest.approx(100 * 1.96**2, rel=0.1)
+
+
+def test_a_tuned_filter_beside_untuned_ones_is_named(tmp_path, A) -> None:
+    errors = {"A": A, "A (tuned)": 0.9 * A, "B": 1.1 * A}
+    lines = answer(folder(tmp_path, errors, tune={"A": {"q": "1..2"}}))
+    assert lines[1] == "A (tuned) is tuned, B is not: tuning may be the difference."
 
 
 def test_times_that_differ_and_that_do_not(tmp_path, rng, A) -> None:
@@ -252,13 +309,15 @@ def test_what_is_said_of_shipped_results_is_in_their_files(path: Path, tmp_path:
     runs = pd.read_csv(
         results.folder / "per_run.csv", keep_default_na=False, na_values={"value": ["nan"]}
     )
-    mine = runs[runs["metric"] == metric].groupby("filter")["value"].mean()
+    values, rms = runs[runs["metric"] == metric], found.best.statistic == "rms"
+    power = 2 if rms else 1
+    mine = (values["value"] ** power).groupby(values["filter"]).mean()
     others = [c.label for c in (*(c for c, _ in found.ties), *(c for c, _ in found.worse))]
     sign = -1.0 if found.more_is_better else 1.0
     assert sign * mine[best] == (sign * mine[[best, *others]]).min()
     pairs = pd.read_csv(results.folder / "paired.csv", keep_default_na=False)
     pairs = pairs[pairs["metric"] == metric]
-    for other, _ in found.worse:
+    for other, _ in found.worse if not rms else ():  # paired.csv has means
         (row,) = pairs[
             ((pairs["filter_a"] == best) & (pairs["filter_b"] == other.label))
             | ((pairs["filter_b"] == best) & (pairs["filter_a"] == other.label))
@@ -289,7 +348,7 @@ def test_a_grid_of_scenarios_and_where_it_is_shown(tmp_path, capsys) -> None:
     ranks = report.per_run.query("metric == 'rmse'").groupby(["scenario.sensor.R", "filter"])
     assert (ranks["value"].mean().unstack().idxmin(axis=1) == "PF (N=60)").all()
     assert report.answer[0].startswith(
-        "By mean RMSE per run PF (N=60) is best, or without a significant difference from the best, "
+        "By RMSE PF (N=60) is best, or without a significant difference from the best, "
         "at all 2 values of R"
     )
     assert report.answer[0] in (report.folder / "report.html").read_text()

@@ -5,9 +5,10 @@ from collections.abc import Callable
 from contextlib import nullcontext
 from functools import wraps
 from io import TextIOWrapper
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from trackbench import __version__
 from trackbench.cli.check import cache, check
@@ -18,15 +19,38 @@ from trackbench.cli.results import compare, plot, report, verify
 from trackbench.cli.run import run, sweep, tune
 from trackbench.core import compiled
 
+if TYPE_CHECKING:
+    from typer._click import Context, HelpFormatter
+
+_TASKS: dict[str, tuple[Callable[..., None], ...]] = {
+    "Run experiments": (run, sweep, tune),
+    "Read results": (compare, gate, history, plot, report, verify),
+    "Write configs": (list_, describe, show, copy, check, schema),
+    "Write components": (new,),
+    "Keep order": (cache,),
+}
+"""Commands by task."""
+
+
+class _Tasks(TyperGroup):
+    """Help that groups commands by task, and prints each command's line whole."""
+
+    def format_commands(self, ctx: "Context", formatter: "HelpFormatter") -> None:
+        for task, commands in _TASKS.items():
+            names = [_name(command) for command in commands]
+            with formatter.section(task):
+                texts = [self.commands[name].get_short_help_str(_WHOLE) for name in names]
+                formatter.write_dl([*zip(names, texts, strict=True)])
+
+
+_WHOLE = 1000
+"""Letters of a command's line at most."""
 app = typer.Typer(
+    cls=_Tasks,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     help="Monte Carlo experiments with target-tracking filters, from YAML to tables and figures.",
-)
-_COMMANDS: tuple[Callable[..., None], ...] = (
-    *(run, compare, gate, history, plot, report, verify, sweep, tune),
-    *(cache, check, list_, describe, show, copy, new, schema),
 )
 
 
@@ -59,8 +83,13 @@ def _not_aborted(command: Callable[..., None]) -> Callable[..., None]:
     return called
 
 
-for _command in _COMMANDS:
-    app.command(_command.__name__.removesuffix("_"))(_not_aborted(_command))
+def _name(command: Callable[..., None]) -> str:
+    return command.__name__.removesuffix("_")
+
+
+for _commands in _TASKS.values():
+    for _command in _commands:
+        app.command(_name(_command))(_not_aborted(_command))
 
 
 def main() -> None:

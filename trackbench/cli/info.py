@@ -15,7 +15,7 @@ def list_(
     group: Annotated[
         str | None,
         typer.Argument(
-            help="filters, ..., metrics, statistics, experiments, problems; default: all groups",
+            help="filters, ..., metrics, statistics, experiments, problems; default: the groups",
             autocompletion=groups,
         ),
     ] = None,
@@ -45,15 +45,14 @@ def list_(
 
 
 def _listing(word: str | None, config: Path | None, allow_plugins: bool) -> str:
-    """Return the listing of one word; without a word, of all groups."""
+    """Return the listing of one word; without a word, the groups with their sizes."""
     from trackbench.help import metrics
-    from trackbench.help.kinds import experiments, listing, problems
-    from trackbench.registry import GROUPS
+    from trackbench.help.kinds import experiments, groups_with_counts, listing, problems
 
     if config:
         return metrics.metrics_of_config(config, allow_plugins)
     if word is None:
-        return f"{listing(GROUPS)}\n\n{experiments()}"
+        return groups_with_counts()
     others = {
         "statistics": metrics.statistics,
         "metrics": metrics.metrics,

@@ -48,8 +48,12 @@ Scheduler = Annotated[
 Fresh = Annotated[bool, typer.Option("--fresh", help="compute again what is kept from before")]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="say what would run")]
 Quick = Annotated[bool, typer.Option("--quick", help="20 runs, in blocks that fit them")]
+Force = Annotated[bool, typer.Option("--force", help="let --quick replace results of more runs")]
 SaveTracks = Annotated[
     bool, typer.Option("--save-tracks", help="write every run's track to tracks.npz")
+]
+Markdown = Annotated[
+    bool, typer.Option("--markdown", help="print tables as Markdown, as into a pipe")
 ]
 Format = Annotated[
     str,
@@ -94,6 +98,7 @@ def _shared(
     dry_run: DryRun = False,
     format_: Format = "png,svg",
     allow_plugins: AllowPlugins = False,
+    markdown: Markdown = False,
     json: Json = False,
 ) -> None:
     """Declare the options of all commands that run experiments, with types and defaults."""
@@ -126,6 +131,7 @@ def api_options(given: dict[str, Any]) -> "Options":
     if given.get("quick"):
         fit = ["block=fit"]
         options |= {"runs": options.get("runs", 20), "times": False}
+        options["spare"] = not given.get("force")
     return api.Options(**options, set=(*fit, *(given["set_"] or ())))
 
 

@@ -1,12 +1,13 @@
 """Commands on a results folder; only `verify` computes runs."""
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from trackbench.cli.options import AllowPlugins, Folder, Json, formats, one_of
+from trackbench.cli.options import AllowPlugins, Folder, Json, Markdown, formats, one_of
 from trackbench.cli.output import echo_line
 
 
@@ -18,6 +19,7 @@ def compare(
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="figure of two folders: .png, .svg or .pdf")
     ] = None,
+    markdown_: Markdown = False,
     json: Json = False,
 ) -> None:
     """Compare stored results with the published numbers and claims, or with another folder."""
@@ -31,7 +33,14 @@ def compare(
     from trackbench.commands import stored_results
     from trackbench.report.results import Results
     from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts
-    from trackbench.report.verdicts.files import claim_rows, markdown, number_rows
+    from trackbench.report.verdicts.files import (
+        claim_rows,
+        legend,
+        markdown,
+        number_rows,
+        summary_lines,
+        verdict_tables,
+    )
 
     found, results = stored_results.compare(folder), Results(folder)
     times = time_tables(time_verdicts(results))
@@ -42,7 +51,16 @@ def compare(
     if not found.rows and not found.claims and not times:
         typer.echo(f"{folder}: nothing is published about this experiment", err=True)
         return
-    typer.echo("\n".join([markdown(results, found), *(table.markdown() for table in times)]))
+    if markdown_ or not sys.stdout.isatty():
+        typer.echo("\n".join([markdown(results, found), *(table.markdown() for table in times)]))
+        return
+    from trackbench.cli.screen import print_lines, print_tables
+    from trackbench.report.verdicts.reasons import reasons
+
+    print_lines([*summary_lines(found), ""])
+    print_tables([*verdict_tables(found), *times])
+    print_lines([*reasons(found, results.config["runs"]), ""])
+    print_lines([legend(found.rows).replace("`", "")])
 
 
 def plot(

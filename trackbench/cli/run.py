@@ -5,6 +5,7 @@ import signal
 import time
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import closing, suppress
+from functools import partial
 from pathlib import Path
 from stat import S_ISREG
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeAlias
@@ -15,6 +16,7 @@ from trackbench.cli.options import (
     Config,
     Configs,
     Filters,
+    Force,
     Grid,
     Product,
     Quick,
@@ -28,6 +30,8 @@ if TYPE_CHECKING:
     from trackbench.api import Options, Report
 
 
+_Print: TypeAlias = "partial[None]"
+"""Prints a report, as objects, Markdown or tables of a terminal."""
 _SWEEP_ROWS = 20
 """Longer tables of a sweep, of every filter at every point, are not printed."""
 
@@ -36,16 +40,22 @@ _SWEEP_ROWS = 20
 def run(
     configs: Configs,
     quick: Quick = False,
+    force: Force = False,
     save_tracks: SaveTracks = False,
     filters: Filters = None,
     watch: Annotated[
         bool, typer.Option("--watch", help="run again when the config or a file it names is saved")
     ] = False,
+    shard: Annotated[
+        str,
+        typer.Option(metavar="I/N", help="compute this part of the blocks into the cache only"),
+    ] = "",
     **given: Any,
 ) -> None:
     """Run experiments and write tables, figures and CSV files."""
     _begin(given)
-    given |= {"quick": quick, "save_tracks": save_tracks, "filters": filters}
+    given |= {"quick": quick, "force": force, "save_tracks": save_tracks, "shard": shard}
+    given |= {"filters": filters}
     execute("run", configs, given, watch)
 
 
@@ -56,13 +66,14 @@ def sweep(
     product: Product = False,
     out: Annotated[Path | None, typer.Option(help="results folder [results/NAME-sweep]")] = None,
     quick: Quick = False,
+    force: Force = False,
     save_tracks: SaveTracks = False,
     **given: Any,
 ) -> None:
     """Run all values of a grid; also write sweep.csv, figures and each filter's best values."""
     _begin(given)
     given |= {"grid": grid, "product": product, "out": out}
-    execute("sweep", [config], given | {"quick": quick, "save_tracks": save_tracks})
+    execute("sweep", [config], given | {"quick": quick, "force": force, "save_tracks": save_tracks})
 
 
 @runs_experiments
@@ -101,6 +112,7 @@ def execute(
     from trackbench.plugins.errors import interrupt
 
     options, dry_run, json = api_options(given), given["dry_run"], given["json"]
+    form = partial(_print, json=json, markdown=given["markdown"])
     if command == "tune":
         api.check_tuned(configs, options)
     if dry_run:
@@ -112,12 +124,12 @@ def execute(
         return
     signal.signal(signal.SIGTERM, interrupt)
     if watched:
-        _watch(configs, options, json)
-    elif not _run(command, configs, options, json):
+        _watch(configs, options, form)
+    elif not _run(command, configs, options, form):
         raise typer.Exit(1)
 
 
-def _run(command: str, configs: list[Path], options: "Options", json: bool) -> bool:
+def _run(command: str, configs: list[Path], options: "Options", form: _Print) -> bool:
     """Run and print; return whether all filters worked."""
     from trackbench import api
 
@@ -127,7 +139,7 @@ def _run(command: str, configs: list[Path], options: "Options", json: bool) -> b
     try:
         with closing(reports):
             for report in reports:
-                _print(report, json, most_rows=_SWEEP_ROWS if command == "sweep" else None)
+                form(report, most_rows=_SWEEP_ROWS if command == "sweep" else None)
                 good &= not report.failed
     except KeyboardInterrupt:
         typer.echo(f"\ninterrupted; finished blocks are kept, to go on: {this_command()}", err=True)
@@ -135,7 +147,7 @@ def _run(command: str, configs: list[Path], options: "Options", json: bool) -> b
     return good
 
 
-def _watch(configs: list[Path], options: "Options", json: bool) -> None:
+def _watch(configs: list[Path], options: "Options", form: _Print) -> None:
     """Run one config after each change, mistaken or not; Ctrl-C between runs exits with 0."""
     from trackbench.commands.prepare import say
     from trackbench.config.shipped_experiments import located
@@ -147,7 +159,7 @@ def _watch(configs: list[Path], options: "Options", json: bool) -> None:
 
     def go() -> None:
         try:
-            _run("run", [config], options, json)
+            _run("run", [config], options, form)
         except Exception as error:
             print_error(as_reportable(error))
 
@@ -155,19 +167,18 @@ def _watch(configs: list[Path], options: "Options", json: bool) -> None:
         _run_after_changes(config, go, [Path(file) for file in options.filters])
 
 
-def _print(report: "Report", json: bool, most_rows: int | None) -> None:
+def _print(report: "Report", json: bool, markdown: bool, most_rows: int | None) -> None:
     if json:
         echo_line(reported(report))
     else:
+        from trackbench.cli.screen import print_lines, print_tables
+
         for name, table in report.tables.items():
             if most_rows is None or len(table.keys) <= most_rows:
-                typer.echo(table.markdown())
+                print_tables([table.texts()], markdown)
             else:
                 typer.echo(f"{len(table.keys)} rows: {report.folder}/tables/{name}.md", err=True)
-        for best in report.best:
-            typer.echo(f"best: {best}")
-        for line in report.answer:
-            typer.echo(line)
+        print_lines([*(f"best: {best}" for best in report.best), *report.answer])
     for note in report.notes:
         typer.echo(f"note: {note}", err=True)
     for failure in report.failed:

@@ -1,16 +1,18 @@
 """Options of a command, and its configs as jobs, validated before anything runs."""
 
+import json
 import os
 import stat
 import sys
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from trackbench.config import load as configurations
+from trackbench.config.build import unknown
 from trackbench.config.dump import as_yaml
 from trackbench.config.experiment import Experiment
 from trackbench.config.shipped_experiments import located
@@ -66,6 +68,19 @@ class Options:
     """Python files whose filters run beside those of the config, each under its kind; their code runs"""
     quiet: bool = False
     """say nothing of the progress"""
+    spare: bool = False
+    """write to NAME-quick/ if the results folder has results of more runs"""
+
+    shard: str = ""
+    """i/n: compute the i-th of n parts of the blocks into the cache, and write no results"""
+
+    def changed(self, changes: Mapping[str, Any]) -> "Options":
+        """Return the options with changes by name; raises UserError for a wrong name."""
+        names = [field.name for field in fields(self)]
+        wrong = [name for name in changes if name not in names]
+        if wrong:
+            raise UserError(*(Problem(Mark("option"), n, unknown(n, names)) for n in wrong))
+        return replace(self, **changes)
 
 
 def file_of(config: Config, options: Options) -> Path | Mapping[str, Any]:
@@ -137,6 +152,10 @@ def _job(config: Config, options: Options, alone: bool) -> Job:
     folder = Path("results" if options.out is None else options.out)
     if options.out is None or not alone:
         folder /= "-".join([experiment.settings.name, *_with(options.filters)])
+    if options.spare and (stored := _stored_runs(folder)) > experiment.settings.runs:
+        beside = folder.with_name(f"{folder.name}-quick")
+        say(f"note: {folder}/ has {stored} runs and stays; --force replaces them", options)
+        folder = beside
     _check_out(folder)
     check_memory(experiment, 1, options.save_tracks)
     most = experiment.settings.runs
@@ -204,6 +223,13 @@ def _check_out(folder: Path) -> None:
     if not _may_write(folder):
         what = "may not be written in; another folder: --out DIR"
         raise UserError(Problem(Mark(f"{folder}/"), "", what))
+
+
+def _stored_runs(folder: Path) -> int:
+    """Return the number of runs of the results in a folder; 0 without results."""
+    with suppress(OSError, ValueError, LookupError, TypeError):
+        return int(json.loads((folder / "manifest.json").read_bytes())["runs"])
+    return 0
 
 
 def _foreign_file(folder: Path) -> Path | None:

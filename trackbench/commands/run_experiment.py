@@ -22,6 +22,7 @@ from trackbench.commands.prepare import (
     say,
     with_tuned,
 )
+from trackbench.commands.shard import run_shard
 from trackbench.config.experiment import Experiment
 from trackbench.config.requested_metrics import takes_times
 from trackbench.config.tuned_entries import held_out, training_cautions
@@ -43,6 +44,7 @@ from trackbench.report.table import Table, results_html
 from trackbench.report.verdicts.cpu_times import time_line
 from trackbench.report.verdicts.files import summary_lines
 from trackbench.report.verdicts.numbers import Comparison
+from trackbench.report.verdicts.reasons import reasons
 from trackbench.results.folder_contents import write_manifest
 from trackbench.results.lock import locked
 from trackbench.results.write import Losses, write_results
@@ -114,7 +116,7 @@ def run_all(
     With several experiments, ``out`` is the folder of their folders. Raises UserError, before anything
     runs, with the mistakes of all configs.
     """
-    yield from run_each(configs, replace(options or Options(), **changes))
+    yield from run_each(configs, (options or Options()).changed(changes))
 
 
 def run_each(configs: Sequence[Config], options: Options, sweep: bool = False) -> Generator[Report]:
@@ -127,6 +129,10 @@ def run_each(configs: Sequence[Config], options: Options, sweep: bool = False) -
         say(job.line, options)
         for caution in [*cautions(job.experiment.points), *training_cautions(job.experiment)]:
             say(f"note: {caution}", options)
+
+    if options.shard:
+        run_shard(jobs, options, open_engine, workers)
+        return
 
     def more(i: int, outcome: Outcome) -> Plan | None:
         bigger = next_batch(jobs[i].experiment, jobs[i].most, outcome)
@@ -193,6 +199,7 @@ def _reported(job: Job, outcome: Outcome, options: Options, sweep: bool) -> Repo
             write_sweep(results)
     write_manifest(job.folder, facts, paths)
     notes = [*_notes(job.experiment, losses), *summary_lines(comparison), *time_line(results)]
+    notes += reasons(comparison, results.config["runs"])
     failed = [*_failed(job.experiment, outcome, losses), *results.unmade_lines]
     best = list(best_points(results)) if sweep else []
     return Report(job.folder, tables, comparison, notes, failed, best, answer(results))

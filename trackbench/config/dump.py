@@ -32,7 +32,7 @@ def resolved(experiment: Experiment, folder: Path) -> PlainData:
     """
     first, without_defaults = experiment.points[0], _with_varied_defaults(experiment)
     # Without these keys, configs stay as they are in older results folders.
-    optional = ("exact", "smoothed", "problem")
+    optional = ("exact", "smoothed", "problem", "matters")
     out = {key: x for key, x in asdict(experiment.settings).items() if x or key not in optional}
 
     def relative(path: str) -> str:

@@ -38,6 +38,9 @@ def _error(value: float | str) -> float | str:
 Error = Annotated[float | str, AfterValidator(_error)]
 """How exact a number is to be: 0.02, or 1% of it."""
 
+Share = Annotated[float | str, AfterValidator(_error)]
+"""A share of a number: 0.05, or 5%."""
+
 _DEFAULT_TUNING = Tuning()
 
 Label = Annotated[str, StringConstraints(pattern=ONE_LINE, max_length=80)]
@@ -93,6 +96,8 @@ class Settings:
     """labels of linear filters whose exact errors stand beside the measured ones; default: none"""
     smoothed: list[Label] = field(default_factory=list)
     """labels of filters whose smoothers run beside them, as `EKF, smoothed`; default: none"""
+    matters: Share | None = None
+    """share of an error below which a significant difference is called tiny, such as 5%; default: 1%"""
     hold_out: Annotated[int, Ge(2)] | None = None
     """hold back every n-th measurement of a run from the filters, and predict it instead, such as 5"""
     medians: list[str] = field(default_factory=list)

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager
+from queue import SimpleQueue
 from typing import Any, Literal, TypeVar
 
 from trackbench.errors import UserError
@@ -66,6 +67,14 @@ class _Pool(ProcessPoolExecutor):
                 return super().submit(fn, *args, **kwargs)
         except (EOFError, ConnectionError) as error:
             raise BrokenProcessPool("a worker died as it was started") from error
+
+
+def result_of(future: Future[T]) -> T:
+    """Wait for a future's result; unlike in ``future.result``, a signal leaves it unlocked."""
+    done: SimpleQueue[Future[T]] = SimpleQueue()
+    with postponed():
+        future.add_done_callback(done.put)
+    return done.get().result()
 
 
 def is_worker_bootstrapping() -> bool:

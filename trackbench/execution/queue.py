@@ -3,15 +3,9 @@
 import pickle
 from collections import Counter, deque
 from collections.abc import Generator, Iterator, Sequence
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    BrokenExecutor,
-    CancelledError,
-    Executor,
-    Future,
-    wait,
-)
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
 from dataclasses import replace
+from queue import SimpleQueue
 from typing import Any, TypeAlias
 
 from trackbench.errors import RunError, in_line
@@ -19,7 +13,7 @@ from trackbench.evaluation.block import BlockResult, BlockTask
 from trackbench.execution.engines import OpenEngine
 from trackbench.execution.plan import stack_limit
 from trackbench.execution.worker import compute, environment_digests
-from trackbench.plugins.errors import FilterError, message_of
+from trackbench.plugins.errors import FilterError, message_of, postponed
 from trackbench.plugins.load import Plugin
 
 _MOST_DEATHS = 4
@@ -88,24 +82,27 @@ class Queue:
 
     def _drain(self, executor: Executor) -> Iterator[tuple[BlockTask, Found]]:
         expected = environment_digests()
+        # Not concurrent.futures.wait: a signal within it leaves futures locked, and the pool hangs.
+        finished: SimpleQueue[Future[list[dict[int, BlockResult]]]] = SimpleQueue()
         while self._waiting or self._running:
             while self._waiting and len(self._running) < self._limit():
                 stack = self._waiting[0]
                 plugins = self._plugins[stack[0]]
                 future = executor.submit(compute, pickle.dumps(stack), plugins, expected)
                 self._running[future] = self._waiting.popleft()
-                if future.done():
-                    break  # a serial engine: keep each stack before the next is begun
-            finished, _ = wait(self._running, return_when=FIRST_COMPLETED)
-            for future in finished:
-                results = _results(future)
-                stack = self._running.pop(future)
-                if not isinstance(results, Exception):
-                    yield from zip(stack, results, strict=True)
-                elif len(stack) == 1:
-                    yield stack[0], results
-                else:  # each alone: only the failing block's runs are at fault
-                    self._waiting.extendleft([task] for task in reversed(stack))
+                with postponed():
+                    future.add_done_callback(finished.put)
+                if not finished.empty():
+                    break  # keep a result before more is begun: a serial engine is done already
+            future = finished.get()
+            results = _results(future)
+            stack = self._running.pop(future)
+            if not isinstance(results, Exception):
+                yield from zip(stack, results, strict=True)
+            elif len(stack) == 1:
+                yield stack[0], results
+            else:  # each alone: only the failing block's runs are at fault
+                self._waiting.extendleft([task] for task in reversed(stack))
 
     def _limit(self) -> int:
         """Return how many tasks may run at once: one while a task is suspected to kill workers."""

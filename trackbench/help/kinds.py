@@ -10,7 +10,14 @@ from typing import TYPE_CHECKING, cast
 
 from trackbench.extension_points import Part, hooks, overridden_hooks
 from trackbench.field_types import part_group
-from trackbench.help.metrics import JsonRow, columns, described, facts, statistics_known
+from trackbench.help.metrics import (
+    JsonRow,
+    columns,
+    common_metrics,
+    described,
+    facts,
+    statistics_known,
+)
 from trackbench.metrics import METRICS
 from trackbench.registry import GROUPS, Group, base_of, documentation, kinds
 
@@ -26,6 +33,17 @@ def listing(groups: Sequence[str]) -> str:
         rows = columns((kind, _paragraphs(doc)[0]) for kind, doc in docs.items())
         parts.append("\n".join([f"{group}:", *rows]))
     return "\n\n".join(parts)
+
+
+def groups_with_counts() -> str:
+    """Return the groups, with their numbers of kinds and the first ones."""
+    from trackbench.config.shipped_experiments import names
+
+    known: dict[str, list[str]] = {group: [*documentation(group)] for group in GROUPS}
+    known |= {"metrics": common_metrics(), "experiments": names()}
+    sizes = {group: len(kinds) for group, kinds in known.items()} | {"metrics": len(METRICS)}
+    rows = ((g, f"{sizes[g]:>3}", ", ".join([*k[:5], "..."][: sizes[g]])) for g, k in known.items())
+    return "\n".join(["groups (trackbench list GROUP):", *columns(rows)])
 
 
 def experiments() -> str:

@@ -22,9 +22,22 @@ how it is written:
 
 
 def metrics() -> str:
-    """Return every declared metric with its text."""
-    rows = [(f"{m.name}[_quantity]" if m.is_family else m.name, m) for m in METRICS.values()]
-    return "\n".join(["metrics:", *columns((name, _facts(m, m.unit), m.help) for name, m in rows)])
+    """Return every declared metric with its text, the most used ones first."""
+    first = common_metrics()
+    names = [*first, *(name for name in METRICS if name not in first)]
+    found = [METRICS[name] for name in names]
+    rows = [(f"{m.name}[_quantity]" if m.is_family else m.name, m) for m in found]
+    lines = [*columns((name, _facts(m, m.unit), m.help) for name, m in rows)]
+    return "\n".join(["metrics:", *lines[: len(first)], "\nfurther metrics:", *lines[len(first) :]])
+
+
+def common_metrics() -> list[str]:
+    """Return the twenty metrics that experiments use most."""
+    return _COMMON.split()
+
+
+_COMMON = """rmse mae bias std peak anees nees anis nis lost diverged outside_region log_score crps
+    coverage detection_delay_s missed_maneuvers false_maneuvers_per_1000 mode ess"""
 
 
 def statistics() -> str:

@@ -9,7 +9,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.evaluation.inference import holm, studentised, two_sided
 from trackbench.evaluation.metric_expression import measured
-from trackbench.evaluation.statistics import influence, mean, without_rounding
+from trackbench.evaluation.statistics import STATISTICS, Estimate, influence, mean, without_rounding
 
 
 class Pair(NamedTuple):
@@ -45,8 +45,21 @@ def pairs_at(runs: Mapping[tuple[str, str], Array], labels: Sequence[str]) -> li
     return found
 
 
+def difference_of(statistic: str, a: Array, b: Array) -> tuple[Estimate, Array]:
+    """Return the difference of a statistic over common runs (M,), and the runs' influences on it."""
+    if statistic == "mean":
+        differences = without_rounding(a, b)
+        return mean(differences), influence("mean", differences)
+    b = np.where(without_rounding(a, b) == 0.0, a, b)
+    of = influence(statistic, a) - influence(statistic, b)
+    over = STATISTICS[statistic]
+    return Estimate(over(a).value - over(b).value, mean(of).stderr), of
+
+
 @np.errstate(all="ignore")
-def pairs_of(metric: str, labels: list[str], values: dict[str, Array]) -> list[Pair]:
+def pairs_of(
+    metric: str, labels: list[str], values: dict[str, Array], statistic: str = "mean"
+) -> list[Pair]:
     """Return every two of the labels whose values per run (M,) have runs in common."""
     found = []
     for a, b in combinations(labels, 2):
@@ -54,9 +67,8 @@ def pairs_of(metric: str, labels: list[str], values: dict[str, Array]) -> list[P
         runs = int(both.sum())
         if not runs:
             continue
-        differences = without_rounding(values[a][both], values[b][both])
-        difference = mean(differences)
-        z = studentised(difference.value, influence("mean", differences))
+        difference, influences = difference_of(statistic, values[a][both], values[b][both])
+        z = studentised(difference.value, influences)
         p = two_sided(z)
         found.append(Pair(a, b, metric, *difference, z, p, p, runs))
     adjusted = holm(np.array([pair.p for pair in found]))

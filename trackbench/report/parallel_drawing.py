@@ -6,7 +6,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from trackbench.execution.engines import pool
+from trackbench.execution.engines import pool, result_of
 from trackbench.registry import is_plugin
 from trackbench.report.figure_cache import Files, KeptFigures
 from trackbench.report.kinds import FigureKind
@@ -62,7 +62,7 @@ def drawing_pool(
         if name in kept:
             return kept[name]
         try:
-            files = begun[name].result()
+            files = result_of(begun[name])
         except (KeyError, BrokenExecutor):  # none that draws it, or it was killed
             files = draw_figure(spec, results, formats)
         if store and name in own:

@@ -103,21 +103,21 @@ def best_points(results: Results) -> Iterator[Best]:
 def _best(standing: Ranking, best: Candidate) -> Best:
     metric, where = standing.metric, phrases.heading(standing.scene)
     text = f"{best.name}{', ' if where else ''}{where}: "
-    text += f"mean {metric_words(metric)} {with_unit(rounded(*best.mean, 4), metric)}"
+    text += f"mean {metric_words(metric)} {with_unit(rounded(*best.overall, 4), metric)}"
     if standing.ties:
         text += f"; no significant difference: {listed([c.setting for c, _ in standing.ties])}"
     nearest, pair = standing.nearest or (None, None)
     if nearest is not None and pair is not None:
         off, side = abs(pair.difference), "smaller" if standing.more_is_better else "larger"
         score = metric.family[0].is_score
-        by = with_unit(two_digits(off), metric) if score else percent(off / best.mean.value)
+        by = with_unit(two_digits(off), metric) if score else percent(off / best.overall.value)
         text += f"; {by} {side} at {nearest.setting}"
     return Best(
         filter=best.label,
         point=best.own | standing.scene,
         metric=f"mean({metric})",
-        value=best.mean.value,
-        stderr=best.mean.stderr,
+        value=best.overall.value,
+        stderr=best.overall.stderr,
         ties=[c.own for c, _ in standing.ties],
         next={} if nearest is None else nearest.own,
         difference=nan if pair is None else pair.difference,

@@ -141,7 +141,7 @@ class Table:
                 bold, tex = r"\bfseries " if (r, i) in best else "", None
                 if isfinite(c.estimate.value) and not c.words:
                     tex = bold + in_tex(*c.estimate, self.digits)
-                row.append(Text(self.text(c), c.estimate.value, tex))
+                row.append(Text(self.text(c), c.estimate.value, tex, (r, i) in best))
             if lost:
                 most = max(cells, key=lambda c: (c.lost, c.runs))
                 runs = most.lost + most.runs  # a bound has none

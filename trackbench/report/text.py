@@ -13,6 +13,8 @@ class Text(NamedTuple):
     number: float | None = None
     tex: str | None = None
     """how LaTeX writes it, if not as it is"""
+    best: bool = False
+    """whether it is the best of its column"""
 
 
 @dataclass

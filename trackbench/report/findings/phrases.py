@@ -60,6 +60,12 @@ def metric_words(metric: Measure) -> str:
     return f"{without_unit(quantity)[0].replace('_', ' ')} {found.name.upper()}".strip()
 
 
+def statistic_words(statistic: str, metric: Measure) -> str:
+    """Return ``position RMSE`` over all runs, or ``mean position RMSE per run``."""
+    words = metric_words(metric)
+    return words if statistic == "rms" else f"mean {words} per run"
+
+
 def with_unit(text: str, metric: Measure) -> str:
     """Return a number, and the unit of the metric if it has one."""
     return f"{text} {_unit(metric)}".rstrip()

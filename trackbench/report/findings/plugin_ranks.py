@@ -9,6 +9,7 @@ from trackbench.report.findings.phrases import (
     metric_words,
     named,
     percent,
+    statistic_words,
     two_digits,
     with_unit,
 )
@@ -46,20 +47,21 @@ def _headline(results: Results) -> str:
 
 def _sentence(results: Results, mine: Candidate, found: Ranking) -> str:
     """Return rank and mean, the paired difference from the best, the ratio to the reference."""
-    better = [c.mean.value for c in found.order].index(mine.mean.value)
+    better = [c.overall.value for c in found.order].index(mine.overall.value)
     at = [f"On {results.citation}"] * bool(results.citation)
     at += [f"at {heading(found.scene)}"] * bool(found.scene)
     place = f"{', '.join(at)}, {mine.name}"
     text = (
-        f"{place.removeprefix(', ')} ranks {1 + better} of {len(found.order)} by mean "
-        f"{metric_words(found.metric)} per run: {with_unit(rounded(*mine.mean, 4), found.metric)}"
+        f"{place.removeprefix(', ')} ranks {1 + better} of {len(found.order)} by "
+        f"{statistic_words(mine.statistic, found.metric)}: "
+        f"{with_unit(rounded(*mine.overall, 4), found.metric)}"
     )
     pairs = {other.name: pair for other, pair in (*found.ties, *found.worse)}
     if found.best is not None and mine.name in pairs:
         pair, best = pairs[mine.name], found.best
         apart = with_unit(rounded(pair.difference, pair.stderr, 3), found.metric)
         if not found.metric.family[0].is_score:
-            apart += f", {percent(pair.difference / best.mean.value)}"
+            apart += f", {percent(pair.difference / best.overall.value)}"
         text += f"; its difference from {best.name}, the best, is {apart}"
         text += ", which is not significant" if mine in found.among_the_best else ""
     return f"{text}{''.join(_ratios(results, mine, found))}."

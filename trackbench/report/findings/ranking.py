@@ -1,7 +1,8 @@
 """Rankings: the best filter, those without a significant difference from it, those that lose more runs.
 
-Decided as paired.csv has it: differences of the metric's mean per run on common runs, with Holm's
-correction over all pairs. A filter that loses significantly more runs than another is never the best.
+Decided by the statistic of the first table's column, such as rms(rmse_position): its differences on
+common runs, with Holm's correction over all pairs. A filter that loses significantly more runs than
+another is never the best.
 """
 
 from collections.abc import Collection, Iterator, Sequence
@@ -15,12 +16,12 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.evaluation.inference import holm
 from trackbench.evaluation.metric_expression import Measure, measured
-from trackbench.evaluation.statistics import Estimate, mean
+from trackbench.evaluation.statistics import STATISTICS, Estimate
 from trackbench.report.estimates import chance_of_losing_more
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import named
 from trackbench.report.grid_queries import own_values, points_of, scenes
-from trackbench.report.paired import Pair, pairs_of, primary_metrics
+from trackbench.report.paired import Pair, difference_of, pairs_of, primary_metrics
 from trackbench.report.results import Results
 from trackbench.results.point_facts import GridPoint
 
@@ -40,6 +41,8 @@ class Candidate:
     """the metric of each run (M,), NaN where it is lost"""
     own: GridPoint = field(default_factory=dict)
     """what the grid gives the filter, by path"""
+    statistic: str = "mean"
+    """over the runs: mean or rms"""
 
     @cached_property
     def name(self) -> str:
@@ -53,9 +56,13 @@ class Candidate:
         return f"({text})" if len(self.own) > 1 else text
 
     @cached_property
-    def mean(self) -> Estimate:
-        """Return over the runs that are not lost."""
-        return mean(self.values[np.isfinite(self.values)])
+    def overall(self) -> Estimate:
+        """Return the statistic over the runs that are not lost."""
+        return STATISTICS[self.statistic](self.values[np.isfinite(self.values)])
+
+    def minus(self, other: "Candidate") -> tuple[Estimate, Array]:
+        """Return the difference of the statistic over common runs, and their influences on it."""
+        return difference_of(self.statistic, *self.common_runs(other))
 
     @cached_property
     def losses(self) -> int:
@@ -87,6 +94,8 @@ class Ranking(NamedTuple):
     chosen: bool
     """whether a filter is there with the best of several values that the grid gives it"""
     runs: int
+    conflict: tuple[Candidate, Candidate] | None = None
+    """the filter that leads over its runs, and the one whose common runs with it contradict that"""
 
     @property
     def among_the_best(self) -> list[Candidate]:
@@ -107,14 +116,29 @@ class Ranking(NamedTuple):
 def rankings(
     results: Results, metric: str = "", labels: Collection[str] | None = None
 ) -> list[Ranking]:
-    """Return a ranking for each scenario of the grid, by the first or a given metric.
+    """Return a ranking for each scenario of the grid, by the first table's or a given metric.
 
     ``labels`` are those of the ranked filters; by default all.
     """
-    metric = metric or next(iter(ranking_metrics(results)), "")
+    metric, statistic = _ranked_by(results, metric)
     places = scenes(results) if metric else []
     labels = results.filters if labels is None else labels
-    return [_standing(results, where, metric, len(places), labels) for where in places]
+    return [_standing(results, p, metric, statistic, len(places), labels) for p in places]
+
+
+def _ranked_by(results: Results, metric: str) -> tuple[str, str]:
+    """Return the metric that decides, and its statistic: those of the first column that shows it."""
+    known = ranking_metrics(results)
+    tables = results.config.get("tables") or {}
+    specs = [spec for spec in tables.values() if spec.get("kind") == "metrics"]
+    for m in (measured(text) for spec in specs for text in spec["columns"].values()):
+        whole = not (m.window or m.steps or m.relation) and m.statistic in ("mean", "rms")
+        if whole and m.metric in known and metric in ("", m.metric):
+            return m.metric, m.statistic
+    # A config without tables and figures has a default table of rms errors.
+    name = metric or next(iter(known), "")
+    by_default = not (tables or results.config.get("figures"))
+    return name, "rms" if by_default and name and measured(name).is_error else "mean"
 
 
 def best_settings(results: Results) -> list[Ranking]:
@@ -147,10 +171,15 @@ def ranking_metrics(results: Results) -> list[str]:
 
 
 def _standing(
-    results: Results, where: GridPoint, metric: str, times: int, labels: Collection[str]
+    results: Results,
+    where: GridPoint,
+    metric: str,
+    statistic: str,
+    times: int,
+    labels: Collection[str],
 ) -> Ranking:
     """Return the ranking in one scenario of several."""
-    every = _settings(results, points_of(results, where), metric)
+    every = _settings(results, points_of(results, where), metric, statistic)
     settings = [candidate for candidate in every if candidate.label in labels]
     found = ranking_of(settings, metric, results.config.get("reference"), times)
     return found._replace(scene=where)
@@ -169,18 +198,18 @@ def ranking_of(
     """
     measure = measured(metric)
     sign = -1.0 if measure.family[0].more_is_better else 1.0
-    # Step 1: set the reference apart; sort the filters, each at its best values, by their means.
+    # Step 1: set the reference apart; sort the filters, each at its best values.
     floor = next((c for c in settings if c.label == reference), None)
     tried = [c for c in settings if c.label != reference]
     ranked = sorted(tried if apart else _best_of_each(tried, sign), key=lambda c: _rank(c, sign))
-    # Step 2: take out filters that lose more runs, and those without a mean.
+    # Step 2: take out filters that lose more runs, and those without a value.
     losing = _losing(ranked)
-    rivals = [c for c in ranked if c not in losing and isfinite(c.mean.value)]
+    rivals = [c for c in ranked if c not in losing and isfinite(c.overall.value)]
     losing += [c for c in ranked if c not in rivals and c not in losing and c.losses]
     chosen, runs = len(tried) > len(ranked), max((len(c.lost) for c in ranked), default=0)
     # Step 3: compare the first of the others with all the rest on common runs.
     found = Ranking({}, measure, None, [], [], losing, floor, rivals, chosen, runs)
-    if not rivals or not isfinite(rivals[0].mean.stderr):
+    if not rivals or not isfinite(rivals[0].overall.stderr):
         return found
     # Values that were tried and not taken were compared as well.
     factor = times * _pairs_of(len(tried)) / max(_pairs_of(len(ranked)), 1)
@@ -197,7 +226,8 @@ def _compared(
     worse: list[tuple[Candidate, Pair]] = []
     for rival, pair in rivals:
         if pair is None or (pair.p_holm < LEVEL and sign * pair.difference < 0.0):
-            return found  # no runs in common; or on these the other is the better one
+            # No runs in common; or on these the other is the better one.
+            return found._replace(conflict=(best, rival))
         (worse if pair.p_holm < LEVEL else ties).append((rival, pair))
     return found._replace(best=best, ties=ties, worse=worse)
 
@@ -206,7 +236,9 @@ def _pairs_of(n: int) -> int:
     return n * (n - 1) // 2
 
 
-def _settings(results: Results, points: Sequence[GridPoint], metric: str) -> Iterator[Candidate]:
+def _settings(
+    results: Results, points: Sequence[GridPoint], metric: str, statistic: str = "mean"
+) -> Iterator[Candidate]:
     """Yield each filter with each of the values that the grid gives it, once."""
     for label in results.filters:
         seen = set()
@@ -217,11 +249,11 @@ def _settings(results: Results, points: Sequence[GridPoint], metric: str) -> Ite
                 seen.add(str(own))
                 lost = runs[label, "lost"]
                 values = runs.get((label, metric), np.full(len(lost), np.nan))
-                yield Candidate(label, point, lost, values, own)
+                yield Candidate(label, point, lost, values, own, statistic)
 
 
 def _rank(candidate: Candidate, sign: float) -> tuple[bool, float]:
-    value = candidate.mean.value
+    value = candidate.overall.value
     return not isfinite(value), sign * value if isfinite(value) else 0.0
 
 
@@ -252,7 +284,8 @@ def _to_the_best(
 ) -> dict[str, Pair]:
     """Return each filter minus the best by name; corrected over all pairs of both, and by the factor."""
     known = {c.name: c.values for c in (*others, best) if np.isfinite(c.values).any()}
-    found = {p.filter_a: p for p in pairs_of(metric, list(known), known) if p.filter_b == best.name}
+    pairs = pairs_of(metric, list(known), known, best.statistic)
+    found = {p.filter_a: p for p in pairs if p.filter_b == best.name}
     return {
         name: pair._replace(p_holm=min(pair.p_holm * factor, 1.0)) for name, pair in found.items()
     }

@@ -56,7 +56,7 @@ def _keys(standing: Ranking) -> list[str]:
 def _cells(standing: Ranking) -> list[Cell]:
     best = standing.best
     assert best is not None
-    cell = Cell(best.mean, len(best.lost) - best.losses, best.losses)
+    cell = Cell(best.overall, len(best.lost) - best.losses, best.losses)
     if standing.nearest is None:
         return [cell, Cell.missing()]
     _, pair = standing.nearest

@@ -1,0 +1,143 @@
+"""Sentences on what the best filters cost, and whether their covariances are calibrated."""
+
+from collections.abc import Sequence
+from itertools import islice
+from math import inf, isfinite
+from operator import attrgetter
+from typing import Literal, NamedTuple, TypeAlias
+
+import numpy as np
+
+from trackbench.evaluation.statistics import Estimate, interval, mean
+from trackbench.report.findings.phrases import listed, named, two_digits, verb
+from trackbench.report.findings.ranking import Candidate, Ranking
+from trackbench.report.results import Results
+from trackbench.report.table import rounded
+from trackbench.report.verdicts.cpu_times import SCATTER
+from trackbench.report.verdicts.rules import NEAR
+
+Credibility: TypeAlias = Literal["calibrated", "overconfident", "underconfident"]
+_SECONDS = ((1.0, "s"), (1e3, "ms"), (1e6, "µs"))
+
+
+class Time(NamedTuple):
+    """CPU seconds of a run."""
+
+    value: float
+    candidate: Candidate
+    looped: str
+    """a word of those that are looped over in Python, whose time is not the method's"""
+
+    @property
+    def name(self) -> str:
+        """Return the filter's."""
+        return f"{self.candidate.name}{self.looped}"
+
+    def __str__(self) -> str:
+        scale, unit = next(((s, u) for s, u in _SECONDS if self.value * s >= 1.0), _SECONDS[-1])
+        return f"{two_digits(self.value * scale)} {unit}"
+
+    def above(self, other: "Time") -> bool:
+        """Return whether it is longer beyond what times scatter."""
+        return self.value > SCATTER * other.value
+
+
+def cost(results: Results, standing: Ranking) -> str:
+    """Return the CPU time of the best filter, or the cheapest of several, beside that of the others."""
+    as_good = _times(results, standing.among_the_best)
+    if not as_good:
+        return ""
+    cheapest, most = as_good[0], as_good[-1]
+    # One best filter; several of which one is clearly cheapest; or several, as a range.
+    if len(as_good) == 1:
+        text = f"A run of {cheapest.name} takes {cheapest} of CPU time"
+    elif all(time.above(cheapest) for time in as_good[1:]):
+        text = f"The cheapest of these is {cheapest.name}: {cheapest} of CPU time a run, against"
+        text += f" {most} of {most.name}"
+    else:
+        return f"A run takes {cheapest} ({cheapest.name}) to {most} ({most.name}) of CPU time."
+    return f"{text}{_beside_worse(results, cheapest, standing)}."
+
+
+def _beside_worse(results: Results, cheapest: Time, standing: Ranking) -> str:
+    """Return whether one that is worse is faster; nothing where that is inconclusive."""
+    worse = _times(results, [c for c, _ in standing.worse])
+    faster = [time for time in worse if cheapest.above(time)]
+    if faster:
+        ratio = two_digits(cheapest.value / faster[0].value)
+        return f"; the fastest of the others, {faster[0].name}, is {ratio} times as fast"
+    if worse and all(time.above(cheapest) for time in worse):
+        return ", less than any that is worse"
+    return ""
+
+
+def calibration(results: Results, standing: Ranking) -> str:
+    """Return which best filters are calibrated, overconfident or underconfident, with numbers."""
+    words: dict[Credibility, list[str]] = {}
+    for candidate in standing.among_the_best:
+        found = consistency(results, candidate)
+        if found is not None:
+            words.setdefault(found[0], []).append(f"{candidate.name} ({found[1]})")
+    parts = [f"{listed(names)} {verb(names)} {_said(word)}" for word, names in words.items()]
+    return f"{'; '.join(parts)}." if parts else ""
+
+
+def over_points(results: Results, candidates: Sequence[Candidate]) -> list[str]:
+    """Return the cost and calibration of one filter at several points of the grid."""
+    times, lines = _times(results, candidates), []
+    if times:
+        ends = dict.fromkeys(f"{two_digits(t.value * 1e3)}" for t in (times[0], times[-1]))
+        name = f"{named(times[0].candidate.label)}{times[0].looped}"
+        lines = [f"A run of {name} takes {' to '.join(ends)} ms of CPU time."]
+    # Count the points at which the filter is calibrated, overconfident or underconfident.
+    words: dict[Credibility, int] = {}
+    for candidate in candidates:
+        found = consistency(results, candidate)
+        if found is not None:
+            words[found[0]] = words.get(found[0], 0) + 1
+    parts = [f"{_said(word)} at {n} of {len(candidates)}" for word, n in words.items()]
+    return [*lines, f"{named(candidates[0].label)} is {', '.join(parts)}."] if parts else lines
+
+
+def _said(word: Credibility) -> str:
+    return f"calibrated within {100 * NEAR:g} %" if word == "calibrated" else word
+
+
+def consistency(results: Results, candidate: Candidate) -> tuple[Credibility, str] | None:
+    """Return in a word whether the NEES is consistent, with the number; None if undecided."""
+    runs = results.runs(candidate.point)
+    name = next((n for n in ("nees", "anis") if (candidate.label, n) in runs), None)
+    if name is None:
+        return None
+    # NEES over the number of components, or ANIS: 1 if consistent.
+    n = results.facts(candidate.point).sizes[""] if name == "nees" else 1
+    values = runs[candidate.label, name]
+    values = values[~np.isnan(values)] / n
+    word = name.upper() if name == "anis" else "ANEES"
+    found = mean(values)
+    if found.value == inf:
+        return "overconfident", f"{word} infinite"
+    # Judge by the 95 % interval of the mean over the runs.
+    low, high = interval("mean", values)
+    return _judged(low, high, f"{word} {rounded(*Estimate(*found), 3)}")
+
+
+def _judged(low: float, high: float, number: str) -> tuple[Credibility, str] | None:
+    if not isfinite(low + high):
+        return None
+    if low >= 1.0 - NEAR and high <= 1.0 + NEAR:
+        return "calibrated", number
+    if low > 1.0:
+        return "overconfident", number
+    return ("underconfident", number) if high < 1.0 else None
+
+
+def _times(results: Results, candidates: Sequence[Candidate]) -> list[Time]:
+    """Return the shortest first; those of the same length in the order of their filters."""
+    found = []
+    for candidate in candidates:
+        looped = " (looped over in Python)" if candidate.label in results.loops_over_runs else ""
+        rows = results.columns("timing", candidate.point).where(filter=candidate.label)
+        for row in islice(rows.records(), 1):
+            found.append(Time(float(row["cpu_s_per_run"]), candidate, looped))
+    return sorted(found, key=attrgetter("value"))
