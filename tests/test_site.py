@@ -83,8 +83,9 @@ def test_the_gallery_has_every_experiment() -> None:
 
 
 def test_every_problem_has_its_picture_verdicts_and_finding() -> None:
+    pages_of = gallery.pages()
     for row in problems.rows():
-        page = gallery.pages()[f"gallery/{row.problem.name}.md"]
+        page = pages_of[f"gallery/{row.problem.name}.md"]
         e = next(e for e in gallery.experiments() if e.name == row.problem.name)
         assert f'Cite as "trackbench/{e.name} v{row.problem.version}, ' in page
         assert page.count("<figure") == len(e.figures) >= 1

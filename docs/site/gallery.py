@@ -139,10 +139,9 @@ def _page(e: Experiment) -> str:
 def _parts(e: Experiment) -> Iterator[str]:
     yield f"# {e.name}"
     yield f"{e.title}."
-    for problem in shipped_experiments.problems():
-        if problem.name == e.name:
-            runs = counted(e.config["runs"], "run")
-            yield f'Cite as "trackbench/{e.name} v{problem.version}, {runs}".'
+    if e.name in _versions():
+        runs = counted(e.config["runs"], "run")
+        yield f'Cite as "trackbench/{e.name} v{_versions()[e.name]}, {runs}".'
     yield e.about
     yield " ".join([*([f"{e.paper}."] if e.paper else []), findings.link(e.name)])
     yield "\n".join(f"- {line}" for line in e.verdict)
@@ -163,6 +162,12 @@ def _parts(e: Experiment) -> Iterator[str]:
     yield "## Config"
     yield f"`trackbench copy {e.name}` puts it and its parts into the working folder."
     yield f"```yaml\n{_text(e.name).rstrip()}\n```"
+
+
+@cache
+def _versions() -> dict[str, int]:
+    """Return the standard problems' versions."""
+    return {problem.name: problem.version for problem in shipped_experiments.problems()}
 
 
 def _text(name: str) -> str:
