@@ -60,18 +60,21 @@ def _merwe(p, k, z, key, N):
 
 
 def _merwe_unscented(p, k, z, key, N):
-    weights = jnp.array([2.0 / 3.0, 1.0 / 6.0, 1.0 / 6.0])[:, None]
-    spread = jnp.sqrt(3.0) * jnp.array([0.0, 1.0, -1.0])[:, None]
+    # Seven points of state, process noise and measurement noise: alpha 1, beta 0, kappa 2.
+    weights = jnp.array([0.4, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1])[:, None]
+    apart = jnp.sqrt(5.0) * jnp.array([1.0, -1.0])[:, None]
 
     def step(state, inputs):
         (old, P), (k, seen, key) = state, inputs
         drawing, picking = jax.random.split(key)
         drive = 1.0 + jnp.sin(p[1] * k)
         mu, V = drive + p[2] * old + 3.0 / p[6], p[2] ** 2 * P + 3.0 / p[6] ** 2
-        points = mu + spread * jnp.sqrt(V)
-        h = _sensor(p, points, k <= p[7])
+        none, moved = jnp.zeros((2, N)), apart * p[2] * jnp.sqrt(P)
+        pushed, noisy = none + apart * jnp.sqrt(3.0) / p[6], none + apart * jnp.sqrt(p[5])
+        points = mu + jnp.concatenate([none[:1], moved, pushed, none])
+        h = _sensor(p, points, k <= p[7]) + jnp.concatenate([none[:1], none, none, noisy])
         z_mean = (weights * h).sum(0)
-        S = (weights * (h - z_mean) ** 2).sum(0) + p[5]
+        S = (weights * (h - z_mean) ** 2).sum(0)
         K = (weights * (points - mu) * (h - z_mean)).sum(0) / S
         P, e = V - K * K * S, jax.random.normal(drawing, (N,), dtype=old.dtype)
         x = mu + K * (seen - z_mean) + jnp.sqrt(P) * e

@@ -57,7 +57,9 @@ def _merwe_upf(p, steps, z, N):
     M, T = z.shape
     out, log_w = np.empty((M, T)), np.empty(N)
     q_mean, q_var = 3.0 / p[6], 3.0 / (p[6] * p[6])
-    weights, points, h = np.array([2.0 / 3.0, 1.0 / 6.0, 1.0 / 6.0]), np.empty(3), np.empty(3)
+    # Seven points of state, process noise and measurement noise: alpha 1, beta 0, kappa 2.
+    points, h = np.empty(7), np.empty(7)
+    pushed, noisy = np.sqrt(5.0 * q_var), np.sqrt(5.0 * p[5])
     for m in range(M):
         x, y = np.zeros((2, N)), np.empty((2, N))  # state and variance
         x[0] = p[0]
@@ -66,15 +68,17 @@ def _merwe_upf(p, steps, z, N):
             for i in range(N):
                 old, mu = x[0, i], drive + p[2] * x[0, i] + q_mean
                 V = p[2] * p[2] * x[1, i] + q_var
-                d = np.sqrt(3.0 * V)
-                points[0], points[1], points[2] = mu, mu + d, mu - d
-                z_mean, S, C = 0.0, p[5], 0.0
-                for j in range(3):
+                points[:], moved = mu, p[2] * np.sqrt(5.0 * x[1, i])
+                points[1], points[2] = mu + moved, mu - moved
+                points[3], points[4] = mu + pushed, mu - pushed
+                z_mean, S, C = 0.0, 0.0, 0.0
+                for j in range(7):
                     h[j] = _sensor(p, points[j], early)
-                    z_mean += weights[j] * h[j]
-                for j in range(3):
-                    S += weights[j] * (h[j] - z_mean) ** 2
-                    C += weights[j] * (points[j] - mu) * (h[j] - z_mean)
+                    h[j] += noisy if j == 5 else -noisy if j == 6 else 0.0
+                    z_mean += (0.1 if j else 0.4) * h[j]
+                for j in range(7):
+                    S += (0.1 if j else 0.4) * (h[j] - z_mean) ** 2
+                    C += (0.1 if j else 0.4) * (points[j] - mu) * (h[j] - z_mean)
                 K, e = C / S, np.random.standard_normal()
                 P = V - K * K * S
                 x[0, i], x[1, i] = mu + K * (z[m, t] - z_mean) + np.sqrt(P) * e, P

@@ -96,10 +96,12 @@ void merwe_pf(const double *p, const double *steps, const double *z, int T, int 
     free(x < y ? x : y);
 }
 
-/* Unscented particle filter: a UKF of one component per particle (alpha 1, beta 0, kappa 2). */
+/* Unscented particle filter: a UKF per particle, with points of state, process noise and measurement
+   noise (alpha 1, beta 0, kappa 2). */
 void merwe_upf(const double *p, const double *steps, const double *z, int T, int M, int N, double *out) {
     double *x = malloc(5 * N * sizeof *x), *P = x + N, *y = P + N, *log_w = y + 2 * N;
     double q_mean = 3.0 / p[6], q_var = 3.0 / (p[6] * p[6]);
+    double pushed = sqrt(5.0 * q_var), noisy = sqrt(5.0 * p[5]);
     for (int m = 0; m < M; m++) {
         for (int i = 0; i < N; i++) { x[i] = p[0]; P[i] = 0.0; }
         for (int t = 0; t < T; t++) {
@@ -107,14 +109,16 @@ void merwe_upf(const double *p, const double *steps, const double *z, int T, int
             int early = k <= p[7];
             for (int i = 0; i < N; i++) {
                 double old = x[i], mu = drive + p[2] * old + q_mean, V = p[2] * p[2] * P[i] + q_var;
-                double d = sqrt(3.0 * V), h[3], points[3] = {mu, mu + d, mu - d}, zm = 0.0, S = p[5], C = 0.0;
-                for (int j = 0; j < 3; j++) {
-                    double a = points[j], weight = j ? 1.0 / 6.0 : 2.0 / 3.0;
-                    h[j] = early ? p[3] * a * a : p[4] * a - 2.0;
+                double moved = p[2] * sqrt(5.0 * P[i]), h[7], noise[7] = {0, 0, 0, 0, 0, noisy, -noisy};
+                double points[7] = {mu, mu + moved, mu - moved, mu + pushed, mu - pushed, mu, mu};
+                double zm = 0.0, S = 0.0, C = 0.0;
+                for (int j = 0; j < 7; j++) {
+                    double a = points[j], weight = j ? 0.1 : 0.4;
+                    h[j] = (early ? p[3] * a * a : p[4] * a - 2.0) + noise[j];
                     zm += weight * h[j];
                 }
-                for (int j = 0; j < 3; j++) {
-                    double weight = j ? 1.0 / 6.0 : 2.0 / 3.0, e = h[j] - zm;
+                for (int j = 0; j < 7; j++) {
+                    double weight = j ? 0.1 : 0.4, e = h[j] - zm;
                     S += weight * e * e; C += weight * (points[j] - mu) * e;
                 }
                 double K = C / S, post = mu + K * (seen - zm), U = V - K * K * S, e = normal();
