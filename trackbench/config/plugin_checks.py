@@ -52,12 +52,9 @@ def add_filters(source: Source, files: Sequence[Path]) -> dict[str, Mark]:
 
 def show_filters(source: Source, labels: Mapping[str, Mark]) -> None:
     """Add the labels to every list of filters to run, in tables and in figures."""
-    parts = [
-        part
-        for group in ("tables", "figures")
-        for part in (source.data.get(group) or {}).values()
-        if isinstance(part, dict)
-    ]
+    groups = [source.data.get(group) for group in ("tables", "figures")]
+    parts = [part for group in groups if isinstance(group, dict) for part in group.values()]
+    parts = [part for part in parts if isinstance(part, dict)]
     for shown in (source.data.get("only"), *(part.get("filters") for part in parts)):
         for label, mark in labels.items() if isinstance(shown, list) and shown else ():
             _append(shown, label, mark)
