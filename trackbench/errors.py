@@ -58,8 +58,10 @@ class RunError(Exception):
 class WriteError(RunError):
     """A file could not be written."""
 
-    def __init__(self, path: Path, error: OSError) -> None:
-        super().__init__(f"cannot write {path}: {reason(error)}")
+    @classmethod
+    def of(cls, path: Path, error: OSError) -> "WriteError":
+        """Return the error of a path."""
+        return cls(f"cannot write {path}: {reason(error)}")
 
 
 def counted(number: int, word: str) -> str:

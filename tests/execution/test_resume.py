@@ -298,7 +298,7 @@ def test_fresh_ignores_what_is_kept(tmp_path: Path) -> None:
 def test_a_block_is_the_same_computed_and_read(tmp_path: Path) -> None:
     from trackbench.config.load import load
     from trackbench.evaluation.run_block import run_whole_block
-    from trackbench.execution.cache import decode, encode
+    from trackbench.execution.block_file import decode, encode
     from trackbench.execution.plan import make_plan
 
     experiment = load(small(tmp_path))

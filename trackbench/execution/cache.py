@@ -1,11 +1,9 @@
-"""Cache of finished blocks on disk, and their file format.
+"""Cache of finished blocks on disk.
 
 ``$TRACKBENCH_CACHE`` or ``.trackbench/`` in the working directory contains
 ``blocks/<code>/<key>.block``. Blocks are content-addressed: two runs that write the same block write
 the same bytes. ``figures/`` beside it caches drawn figures, ``times/`` measured CPU times.
 
-A block's file: magic, SHA-256 of all that follows, length of the header (8 bytes), JSON header, raw
-float64. Reading constructs only numbers, so a block from a stranger cannot run code.
 """
 
 import hashlib
@@ -13,22 +11,19 @@ import inspect
 import json
 import os
 import shutil
-import struct
 import sys
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
-import numpy as np
-
-from trackbench.atomic_files import ensure_folder, write_bytes, write_text
+from trackbench.atomic_files import ensure_folder, write_text
 from trackbench.config.dump import as_config
-from trackbench.core.arrays import Array
-from trackbench.evaluation.block import BlockResult, BlockTask, Tracks
-from trackbench.evaluation.error_series import StepSums
+from trackbench.evaluation.block import BlockResult, BlockTask
 from trackbench.execution import fingerprints
+from trackbench.execution.block_file import BlockFile, decode, write_block
 from trackbench.execution.fingerprints import add_sources, code_digest, python_files
 from trackbench.extension_points import Part, walk_parts
 
@@ -91,81 +86,6 @@ def _package_digest(name: str) -> str:
     return digest.hexdigest()
 
 
-_ArrayPath: TypeAlias = tuple[str, ...]
-
-_MAGIC = b"TBBLOCK1"
-_HASH = hashlib.sha256().digest_size
-_LENGTH = struct.Struct("<Q")
-
-
-def encode(result: BlockResult, key: str) -> bytes:
-    """Return the file of a block; it contains ``key``, so that a renamed file is rejected."""
-    arrays = dict(_arrays(result))
-    header = {
-        "key": key,
-        "cpu_s": result.cpu_s,
-        "width": result.width,
-        "arrays": [[path, array.shape] for path, array in arrays.items()],
-    }
-    text = json.dumps(header).encode()
-    raw = [np.ascontiguousarray(array, dtype="<f8").tobytes() for array in arrays.values()]
-    body = b"".join([_LENGTH.pack(len(text)), text, *raw])
-    return _MAGIC + hashlib.sha256(body).digest() + body
-
-
-def decode(content: bytes, key: str) -> BlockResult | None:
-    """Return the block; None if it is damaged, truncated, or of another format or key."""
-    start = len(_MAGIC) + _HASH
-    body = content[start:]
-    if content[: len(_MAGIC)] != _MAGIC:
-        return None
-    if hashlib.sha256(body).digest() != content[len(_MAGIC) : start]:
-        return None
-    (length,) = _LENGTH.unpack_from(body)
-    header = json.loads(body[_LENGTH.size : _LENGTH.size + length])
-    if header["key"] != key:
-        return None
-    return _result(header, body[_LENGTH.size + length :])
-
-
-def _arrays(result: BlockResult) -> Iterator[tuple[_ArrayPath, Array]]:
-    for name, values in result.per_run.items():
-        yield ("per_run", name), values
-    for name, sums in result.steps.items():
-        for part, array in sums._asdict().items():
-            yield ("steps", name, part), array
-    for name, values in result.run_series.items():
-        yield ("kept", name), values
-    if result.tracks is not None:
-        for name, tracks in result.tracks._asdict().items():
-            if tracks is not None:
-                yield ("tracks", name), tracks
-
-
-def _result(header: dict[str, Any], raw: bytes) -> BlockResult:
-    per_run: dict[str, Array] = {}
-    kept: dict[str, Array] = {}
-    tracks: dict[str, Array] = {}
-    sums: dict[str, dict[str, Array]] = {}
-    at = 0
-    for path, shape in header["arrays"]:
-        number = int(np.prod(shape))
-        array = np.frombuffer(raw, dtype="<f8", count=number, offset=at).reshape(shape)
-        at += 8 * number
-        if path[0] == "steps":
-            sums.setdefault(path[1], {})[path[2]] = array
-        else:
-            {"per_run": per_run, "kept": kept, "tracks": tracks}[path[0]][path[1]] = array
-    return BlockResult(
-        per_run=per_run,
-        steps={name: StepSums(**parts) for name, parts in sums.items()},
-        run_series=kept,
-        tracks=Tracks(**{"cov": None, **tracks}) if tracks else None,  # type: ignore[arg-type]
-        cpu_s=header["cpu_s"],
-        width=header["width"],
-    )
-
-
 _CODE_DIGITS = 12
 
 
@@ -206,10 +126,13 @@ class BlockStore:
     def put(self, task: BlockTask, results: dict[int, BlockResult]) -> None:
         """Store a block for each number of its runs that is used; raises WriteError."""
         for used, result in results.items():
-            key = block_key(task, used)
-            file = self._file(key)
-            ensure_folder(file.parent)
-            write_bytes(file, encode(result, key))
+            write_block(self.files(task)[used], result)
+
+    def files(self, task: BlockTask) -> dict[int, BlockFile]:
+        """Return the file of the block for each number of its runs that is used."""
+        counts = {task.runs_used, task.width, *task.extra_run_counts}
+        keys = {used: block_key(task, used) for used in counts}
+        return {used: BlockFile(self._file(key).absolute(), key) for used, key in keys.items()}
 
     def prepare(self) -> None:
         """Create the folder with a .gitignore; raises WriteError."""
@@ -219,6 +142,17 @@ class BlockStore:
 
     def _file(self, key: str) -> Path:
         return self.root / "blocks" / code_digest()[:_CODE_DIGITS] / key[:2] / f"{key}.block"
+
+
+@contextmanager
+def announced(root: Path) -> Iterator[Path]:
+    """Place a file in the cache folder for a while: a worker that sees it shares the folder."""
+    token = root.absolute() / f"shared-{os.urandom(8).hex()}"
+    write_text(token, "")
+    try:
+        yield token
+    finally:
+        token.unlink(missing_ok=True)
 
 
 class FolderSize(NamedTuple):

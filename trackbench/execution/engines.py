@@ -10,7 +10,7 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager
 from queue import SimpleQueue
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, TypeVar, cast
 
 from trackbench.errors import UserError
 from trackbench.plugins.errors import postponed
@@ -50,8 +50,13 @@ def pool(
         yield processes
     except BaseException:
         # Only the pool's own: the caller may have children, too. Public from Python 3.14 on.
-        for process in list((processes._processes or {}).values()):
+        children = list((processes._processes or {}).values())
+        for process in children:
             process.terminate()  # what is being computed is not waited for
+        for process in children:
+            process.join()
+        # One that was sending left half a message: its reader waits until nobody can write.
+        cast("Any", processes._result_queue)._writer.close()
         raise
     finally:
         processes.shutdown(wait=True, cancel_futures=True)
@@ -126,6 +131,17 @@ _PATIENCE = "5s"
 _ADDRESS = re.compile(r"((tcp|tls|wss?)://)?(\[[^\s\]]+\]|[^\s:/]+):[0-9]{1,5}")
 
 
+class ClusterExecutor(Executor):
+    """Executor on other machines, for which tasks should last a second: a scheduler takes 4 ms each."""
+
+    def __init__(self, executor: Executor) -> None:
+        self._executor = executor
+
+    def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
+        """Submit a call."""
+        return self._executor.submit(fn, *args, **kwargs)
+
+
 class SerialExecutor(Executor):
     """Executor that computes at once, in this process."""
 
@@ -191,4 +207,4 @@ def _dask(workers: int, scheduler: str | None) -> Iterator[Executor]:
         raise UserError(f"--scheduler {scheduler}: no scheduler answers there ({reason})") from None
     with client:
         # pure=False: a block is asked for once, and its result is not to stay in the cluster.
-        yield client.get_executor(pure=False)
+        yield ClusterExecutor(client.get_executor(pure=False))

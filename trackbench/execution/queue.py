@@ -5,14 +5,19 @@ from collections import Counter, deque
 from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
 from dataclasses import replace
+from itertools import chain, islice
+from math import inf, nan
+from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, TypeAlias
 
-from trackbench.errors import RunError, in_line
+from trackbench.errors import RunError, WriteError, in_line
 from trackbench.evaluation.block import BlockResult, BlockTask
-from trackbench.execution.engines import OpenEngine
+from trackbench.execution.batches import Computed, Work, compute_batch
+from trackbench.execution.cache import BlockStore, announced
+from trackbench.execution.engines import ClusterExecutor, OpenEngine, SerialExecutor
 from trackbench.execution.plan import stack_limit
-from trackbench.execution.worker import compute, environment_digests
+from trackbench.execution.worker import environment_digests
 from trackbench.plugins.errors import FilterError, message_of, postponed
 from trackbench.plugins.load import Plugin
 
@@ -20,22 +25,29 @@ _MOST_DEATHS = 4
 """How often a worker may die over one block before the block is given up."""
 _AHEAD = 16
 """Blocks per worker that are handed over: they last while the caller writes an experiment's report."""
+_TASK_SECONDS = 1.0
+"""Time that a task of a cluster should take."""
 
 Found: TypeAlias = dict[int, BlockResult] | Exception
-"""A block's results by the number of runs used, or why there are none."""
+"""A block's results by the number of runs used, or why there are none; empty if they are stored."""
 Stack: TypeAlias = list[BlockTask]
 """Adjacent blocks of one filter, which a worker filters side by side."""
 
 
 class Queue:
-    """Tasks of one or several plans. After a worker's death blocks run one at a time."""
+    """Tasks of one or several plans. After a worker's death blocks run one at a time.
 
-    def __init__(self, workers: int) -> None:
+    Worker processes that see the folder of the store write their blocks there.
+    """
+
+    def __init__(self, workers: int, store: BlockStore) -> None:
         self.failed: dict[tuple[Any, ...], str] = {}
         self.deaths: Counter[BlockTask] = Counter()
         self._workers = workers
+        self._store = store
         self._waiting: deque[Stack] = deque()
-        self._running: dict[Future[list[dict[int, BlockResult]]], Stack] = {}
+        self._running: dict[Future[list[Computed]], list[Stack]] = {}
+        self._seconds: dict[tuple[Any, ...], float] = {}  # of a block, by filter
         self._plugins: dict[BlockTask, tuple[Plugin, ...]] = {}
 
     def add(self, tasks: Sequence[BlockTask], plugins: tuple[Plugin, ...]) -> None:
@@ -64,8 +76,10 @@ class Queue:
         """Yield tasks with their results as they finish."""
         while self._waiting:
             try:
-                with open_engine() as executor:
-                    yield from self._drain(executor)
+                with open_engine() as executor, announced(self._store.root) as token:
+                    remote = isinstance(executor, ClusterExecutor)
+                    shared = None if isinstance(executor, SerialExecutor) else token
+                    yield from self._drain(executor, _TASK_SECONDS if remote else 0.0, shared)
             except BrokenExecutor:
                 yield from self._after_death()
 
@@ -80,39 +94,72 @@ class Queue:
         self._waiting = deque(stack for stack in self._waiting if algorithm(stack[0]) != lost)
         return [task, *left_out]
 
-    def _drain(self, executor: Executor) -> Iterator[tuple[BlockTask, Found]]:
+    def _drain(
+        self, executor: Executor, least_seconds: float, shared: Path | None
+    ) -> Iterator[tuple[BlockTask, Found]]:
         expected = environment_digests()
         # Not concurrent.futures.wait: a signal within it leaves futures locked, and the pool hangs.
-        finished: SimpleQueue[Future[list[dict[int, BlockResult]]]] = SimpleQueue()
+        finished: SimpleQueue[Future[list[Computed]]] = SimpleQueue()
         while self._waiting or self._running:
             while self._waiting and len(self._running) < self._limit():
-                stack = self._waiting[0]
-                plugins = self._plugins[stack[0]]
-                future = executor.submit(compute, pickle.dumps(stack), plugins, expected)
-                self._running[future] = self._waiting.popleft()
+                batch = self._batch(least_seconds)
+                plugins, works = self._plugins[batch[0][0]], [self._work(stack) for stack in batch]
+                future = executor.submit(compute_batch, works, plugins, expected, shared)
+                self._running[future] = [self._waiting.popleft() for _ in batch]
                 with postponed():
                     future.add_done_callback(finished.put)
                 if not finished.empty():
                     break  # keep a result before more is begun: a serial engine is done already
             future = finished.get()
-            results = _results(future)
-            stack = self._running.pop(future)
-            if not isinstance(results, Exception):
-                yield from zip(stack, results, strict=True)
-            elif len(stack) == 1:
-                yield stack[0], results
-            else:  # each alone: only the failing block's runs are at fault
-                self._waiting.extendleft([task] for task in reversed(stack))
+            found = _results(future)
+            batch = self._running.pop(future)
+            if isinstance(found, Exception):
+                if len(batch) > 1:  # each stack alone
+                    self._waiting.extendleft(reversed(batch))
+                    least_seconds = 0.0
+                    continue
+                found = [Computed(found, nan)]
+            for stack, computed in zip(batch, found, strict=True):
+                yield from self._finish(stack, computed)
+
+    def _work(self, stack: Stack) -> Work:
+        return Work(pickle.dumps(stack), [self._store.files(task) for task in stack])
+
+    def _finish(self, stack: Stack, computed: Computed) -> Iterator[tuple[BlockTask, Found]]:
+        if not isinstance(computed.results, Exception):
+            self._seconds[algorithm(stack[0])] = computed.seconds / len(stack)
+            yield from zip(stack, computed.results, strict=True)
+        elif len(stack) == 1:
+            yield stack[0], computed.results
+        else:  # each alone: only the failing block's runs are at fault
+            self._waiting.extendleft([task] for task in reversed(stack))
+
+    def _batch(self, least_seconds: float) -> list[Stack]:
+        """Return the next stack, or as many of the same plugins as take so many seconds.
+
+        Every worker gets at least two batches of what waits.
+        """
+        most = 1 if self.deaths else max(len(self._waiting) // (2 * self._workers), 1)
+        batch: list[Stack] = []
+        seconds = 0.0
+        for stack in islice(self._waiting, most):
+            if batch and self._plugins[stack[0]] != self._plugins[batch[0][0]]:
+                break
+            batch.append(stack)
+            seconds += self._seconds.get(algorithm(stack[0]), inf) * len(stack)
+            if seconds >= least_seconds:
+                break
+        return batch
 
     def _limit(self) -> int:
         """Return how many tasks may run at once: one while a task is suspected to kill workers."""
-        stacks = [*self._running.values(), *list(self._waiting)[:1]]
+        stacks = [*chain(*self._running.values()), *list(self._waiting)[:1]]
         suspect = any(self.deaths[task] for stack in stacks for task in stack)
         return 1 if suspect else _AHEAD * self._workers
 
     def _after_death(self) -> Iterator[tuple[BlockTask, Exception]]:
         # Nothing runs in a pool that never began: its first stack is suspected.
-        suspects = [*self._running.values()] or [self._waiting.popleft()]
+        suspects = [*chain(*self._running.values())] or [self._waiting.popleft()]
         for task in (task for stack in suspects for task in stack):
             self.deaths[task] += 1
             if self.deaths[task] < _MOST_DEATHS:
@@ -128,13 +175,11 @@ def algorithm(task: BlockTask) -> tuple[Any, ...]:
     return task.scenario, task.filter, task.assume, task.reference, task.width
 
 
-def _results(
-    future: Future[list[dict[int, BlockResult]]],
-) -> list[dict[int, BlockResult]] | Exception:
-    """Return the stack's results or its error; raises if the engine failed."""
+def _results(future: Future[list[Computed]]) -> list[Computed] | Exception:
+    """Return the stacks' results or the task's error; raises if the engine failed."""
     try:
         return future.result()
-    except BrokenExecutor:
+    except (BrokenExecutor, WriteError):
         raise
     except CancelledError:
         raise RunError("the engine was closed before it was done") from None

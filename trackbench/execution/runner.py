@@ -18,7 +18,8 @@ from trackbench.evaluation.precision_check import (
     checkpoints,
 )
 from trackbench.evaluation.run_block import run_whole_block
-from trackbench.execution.cache import BlockStore, decode, encode
+from trackbench.execution.block_file import decode, encode
+from trackbench.execution.cache import BlockStore
 from trackbench.execution.engines import OpenEngine
 from trackbench.execution.plan import Key, Plan
 from trackbench.execution.progress import progress_bar
@@ -53,11 +54,16 @@ class Outcome:
                 yield key, merge(self._block(task) for task in tasks)
 
     def _block(self, task: BlockTask) -> BlockResult:
-        found = self.store.get(task)
-        if found is None:  # removed while we were computing
-            found = decode(encode(run_whole_block(task)[task.runs_used], ""), "")
-        assert found is not None
-        return found
+        return stored_block(self.store, task)
+
+
+def stored_block(store: BlockStore, task: BlockTask) -> BlockResult:
+    """Return a finished block; computes it again if it was removed meanwhile."""
+    found = store.get(task)
+    if found is None:
+        found = decode(encode(run_whole_block(task)[task.runs_used], ""), "")
+    assert found is not None
+    return found
 
 
 More: TypeAlias = Callable[[int, Outcome], Plan | None]
@@ -81,7 +87,7 @@ def execute(
     """
     store.prepare()
     outcomes = [Outcome(plan, store) for plan in plans]
-    queue = Queue(workers)
+    queue = Queue(workers, store)
     for outcome in outcomes:
         _enqueue(outcome, queue, _missing(outcome, fresh))
     with closing(queue.run(open_engine)) as finished:

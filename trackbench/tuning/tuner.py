@@ -24,6 +24,7 @@ from trackbench.execution.engines import OpenEngine
 from trackbench.execution.plan import block_width
 from trackbench.execution.progress import progress_bar
 from trackbench.execution.queue import Queue
+from trackbench.execution.runner import stored_block
 from trackbench.tuning.record import Record, Trial
 from trackbench.tuning.search import Search, Shares, Values
 
@@ -41,7 +42,7 @@ def tune(
     ``fresh`` ignores earlier blocks. A trial whose filter raises ranks last.
     """
     store.prepare()
-    queue = Queue(workers)
+    queue = Queue(workers, store)
     kept = _SessionBlocks(store, fresh)
     tuners = [_Tuner(experiment, label, kept) for label in experiment.tuned]
     budget = sum(tuner.budget for tuner in tuners)
@@ -60,7 +61,7 @@ def tune(
                     _tell(tuners, gone, None)
             else:
                 kept.put(task, result)
-                _tell(tuners, task, result[task.runs_used])
+                _tell(tuners, task, stored_block(store, task))
         next(finished, None)  # nothing comes any more: the workers may go
     return {tuner.label: tuner.record for tuner in tuners}
 

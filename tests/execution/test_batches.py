@@ -1,0 +1,57 @@
+"""Batches of stacks: what a worker computes with one call, and what it stores."""
+
+from collections.abc import Iterator
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.execution.test_resume import merwe_text, write
+from trackbench.config.load import load
+from trackbench.execution import queue
+from trackbench.execution.cache import BlockStore
+from trackbench.execution.engines import ClusterExecutor
+from trackbench.execution.plan import Plan, make_plan
+from trackbench.execution.runner import execute
+
+
+class Counting(Executor):
+    """A thread, and the number of stacks in each call."""
+
+    def __init__(self) -> None:
+        self.thread, self.stacks = ThreadPoolExecutor(1), list[int]()
+
+    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
+        self.stacks.append(len(args[0]))
+        return self.thread.submit(fn, *args, **kwargs)
+
+
+def outcome_of(plan: Plan, store: BlockStore, executor: Executor) -> dict[Any, bytes]:
+    @contextmanager
+    def opened() -> Iterator[Executor]:
+        yield ClusterExecutor(executor)
+
+    (outcome,) = execute([plan], store, opened, workers=1, progress=False)
+    assert not outcome.failures
+    return {k: b"".join(v.tobytes() for v in r.per_run.values()) for k, r in outcome.results()}
+
+
+def test_a_cluster_gets_batches_that_last_and_stores_their_blocks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = "name: many\nruns: 400\nblock: 2\nscenario: SCENE\nfilters: {KF: {kind: ekf}}\n"
+
+    plan = make_plan(load(write(tmp_path, text.replace("SCENE", merwe_text(T=6)))))
+    monkeypatch.setattr(queue, "_AHEAD", 2)
+    results = []
+    for seconds in (0.0, 1e9):
+        monkeypatch.setattr(queue, "_TASK_SECONDS", seconds)
+        executor, store = Counting(), BlockStore(tmp_path / str(seconds))
+        results.append(outcome_of(plan, store, executor))
+        assert all(store.has_file(task) for task in plan.unique)
+        assert not list(store.root.glob("shared-*"))
+        assert (max(executor.stacks) > 1) == (seconds > 0.0)
+        assert executor.stacks[:2] == [1, 1]  # nothing is known yet
+    assert results[0] == results[1]
