@@ -19,6 +19,7 @@ from itertools import chain
 from typing import Annotated, Any, Literal, NamedTuple, get_args
 
 from trackbench.evaluation.statistics import STATISTICS
+from trackbench.field_types import annotations_of
 from trackbench.metrics import Metric, joined, metric_of
 from trackbench.scenarios.base import in_window
 
@@ -210,12 +211,10 @@ Comparison = Annotated[Measure, "comparison"]
 """The same over a grid; without one the metric per run, of which filters are compared."""
 
 
-def role_of(hint: Any) -> str:
+def role_of(hint: object) -> str:
     """Return the role of a key's type: a file's metric, an expression, a comparison."""
-    own: tuple[Any, ...] = getattr(hint, "__metadata__", ())
-    return next(
-        chain((m for m in own if m in _ROLES), filter(None, map(role_of, get_args(hint)))), ""
-    )
+    roles = (str(role) for role in annotations_of(hint) if role in _ROLES)
+    return next(chain(roles, filter(None, map(role_of, get_args(hint)))), "")
 
 
 _ROLES = ("per_run", "per_step", "rank", "summary", "expression", "comparison")

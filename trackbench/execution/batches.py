@@ -1,6 +1,7 @@
 """Batches of stacks, which a worker process computes one after the other and stores."""
 
 import signal
+import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -70,7 +71,7 @@ def _compute(
 @contextmanager
 def _undisturbed() -> Iterator[None]:
     """Let a signal that ends this process wait until its file is complete, where the system can."""
-    if not hasattr(signal, "pthread_sigmask"):
+    if sys.platform == "win32":
         yield
         return
     before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGTERM])

@@ -9,7 +9,7 @@ from itertools import chain, islice
 from math import inf, nan
 from pathlib import Path
 from queue import SimpleQueue
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 from trackbench.errors import RunError, WriteError, in_line
 from trackbench.evaluation.block import BlockResult, BlockTask
@@ -41,13 +41,13 @@ class Queue:
     """
 
     def __init__(self, workers: int, store: BlockStore) -> None:
-        self.failed: dict[tuple[Any, ...], str] = {}
+        self.failed: dict[tuple[object, ...], str] = {}
         self.deaths: Counter[BlockTask] = Counter()
         self._workers = workers
         self._store = store
         self._waiting: deque[Stack] = deque()
         self._running: dict[Future[list[Computed]], list[Stack]] = {}
-        self._seconds: dict[tuple[Any, ...], float] = {}  # of a block, by filter
+        self._seconds: dict[tuple[object, ...], float] = {}  # of a block, by filter
         self._plugins: dict[BlockTask, tuple[Plugin, ...]] = {}
 
     def add(self, tasks: Sequence[BlockTask], plugins: tuple[Plugin, ...]) -> None:
@@ -170,7 +170,7 @@ class Queue:
         self._running.clear()
 
 
-def algorithm(task: BlockTask) -> tuple[Any, ...]:
+def algorithm(task: BlockTask) -> tuple[object, ...]:
     """Return the parts of a task that fail together: a filter on a scenario."""
     return task.scenario, task.filter, task.assume, task.reference, task.width
 
