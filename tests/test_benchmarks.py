@@ -24,7 +24,7 @@ LEAST: dict[str, dict[str, Any]] = {
     "w2_banana": {"RUNS": 2, "N": 20, "FEW": 2},
     "w2_workers": {"RUNS": 2},
     "w3_kalman": {"FEW": 1},
-    "w4_upf": {"RUNS": 2, "FEW": 1, "FEWER": 1},
+    "w4_upf": {"RUNS": 2, "FEW": 1},
     "w5_hdepf": {"RUNS": 2, "FEW": 1, "G": 2},
     "w6_imm": {"RUNS": 2, "FEW": 1},
     "w7_process": {"RUNS": 2},
