@@ -9,6 +9,7 @@ import pytest
 from tests.conftest import track
 from trackbench.evaluation.block import simulate
 from trackbench.filters.ekf import EKF
+from trackbench.filters.imm import IMM
 from trackbench.filters.kf import KF
 from trackbench.filters.ukf import CKF
 from trackbench.models.motions.kinematic import WhiteAcceleration
@@ -56,3 +57,17 @@ def test_a_refused_measurement_is_a_missing_one() -> None:
     assert found.diagnostics["gated"][1:].all()
     blind = replace(CLEAN, sensor=replace(CLEAN.sensor, period=1000, offset=999))
     np.testing.assert_array_equal(found.mean, track(blind, plain, 3).mean)
+
+
+def imm(gate: float | None) -> IMM:
+    motions = (WhiteAcceleration(q=0.1), WhiteAcceleration(q=10.0))
+    stay = ((0.95, 0.05), (0.05, 0.95))
+    return IMM(motions=motions, transition=stay, filter=EKF(gate=gate))
+
+
+def test_an_imm_refuses_what_no_model_explains() -> None:
+    assert rms(SPOILT, imm(0.999)) < 0.5 * rms(SPOILT, imm(None))
+    assert rms(CLEAN, imm(0.9999)) < 1.02 * rms(CLEAN, imm(None))
+    blind = replace(CLEAN, sensor=replace(CLEAN.sensor, period=1000, offset=999))
+    strict = track(CLEAN, imm(1e-9), 3)
+    np.testing.assert_allclose(strict.mean, track(blind, imm(None), 3).mean, rtol=1e-12)

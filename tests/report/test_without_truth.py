@@ -213,3 +213,30 @@ def test_an_experiment_that_asks_for_nothing_of_it_has_nothing_of_it(folder: Pat
 
 def test_ranks_of_a_score_begin_with_the_highest() -> None:
     assert mean_ranks(-np.array([[1.0, 2.0], [3.0, 4.0]])).tolist() == [2.0, 1.0]
+
+
+def test_one_recording_is_decided_by_its_steps(tmp_path: Path) -> None:
+    """A filter that believes the wrong noise is worse, and an equal one is equal."""
+    rng = np.random.default_rng(11)
+    x = np.cumsum(rng.standard_normal(400))
+    rows = [
+        f"{k},{a + 2.0 * e:.6f}"
+        for k, (a, e) in enumerate(zip(x, rng.standard_normal(400), strict=True))
+    ]
+    (tmp_path / "one.csv").write_text("\n".join(["step,z", *rows]))
+    (tmp_path / "one.yaml").write_text(
+        "name: one\nscenario:\n  kind: tracking\n"
+        "  target: {kind: measured, measurements: one.csv, axes: 0}\n"
+        "  assume: {motion: {kind: ar1, q: 1}}\n"
+        "  sensor: {kind: function, h: {z: x}, R: 4}\n"
+        "  start: {kind: given, mean: [0], cov: [[4]]}\n"
+        "filters:\n  Good: {kind: kf}\n  Same: {kind: ekf}\n"
+        "  Bad: {kind: kf, assume: {motion: {kind: ar1, q: 0.01}}}\n"
+    )
+    report = api.run(tmp_path / "one.yaml", out=tmp_path / "out", quiet=True, formats=())
+    first, *_, last = report.answer
+    assert "Same shows no significant difference (equal at every step)" in first
+    assert "that of Bad is smaller by" in first
+    assert last.startswith("One recording: its steps decide")
+    quick = api.run(tmp_path / "one.yaml", out=tmp_path / "q", quiet=True, formats=(), quick=True)
+    assert quick.config["runs"] == 1

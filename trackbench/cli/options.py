@@ -47,7 +47,7 @@ Scheduler = Annotated[
 ]
 Fresh = Annotated[bool, typer.Option("--fresh", help="compute again what is kept from before")]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="say what would run")]
-Quick = Annotated[bool, typer.Option("--quick", help="20 runs, in blocks that fit them")]
+Quick = Annotated[bool, typer.Option("--quick", help="20 runs at most, in blocks that fit them")]
 Force = Annotated[bool, typer.Option("--force", help="let --quick replace results of more runs")]
 SaveTracks = Annotated[
     bool, typer.Option("--save-tracks", help="write every run's track to tracks.npz")
@@ -130,7 +130,7 @@ def api_options(given: dict[str, Any]) -> "Options":
     fit = []
     if given.get("quick"):
         fit = ["block=fit"]
-        options |= {"runs": options.get("runs", 20), "times": False}
+        options |= {"quick": True, "times": False}
         options["spare"] = not given.get("force")
     return api.Options(**options, set=(*fit, *(given["set_"] or ())))
 

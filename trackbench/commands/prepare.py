@@ -32,7 +32,7 @@ from trackbench.yaml_source import Config, read
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """Options of a run. Only set, only, runs, seed, grid and product change numbers."""
+    """Options of a run. Only set, only, runs, quick, seed, grid and product change numbers."""
 
     set: Sequence[str] = ()
     """overrides of keys, `PATH=VALUE` as on the command line"""
@@ -40,6 +40,8 @@ class Options:
     """labels of the filters to be run"""
     runs: int | None = None
     """Monte Carlo runs"""
+    quick: bool = False
+    """20 runs unless `runs` says how many, and no more than there are recordings"""
     seed: int | None = None
     """seed of every random number"""
     grid: Sequence[str] = ()
@@ -105,6 +107,7 @@ def prepare(
         options.allow_plugins,
         found,
         [Path(file) for file in options.filters],
+        options.quick,
     )
 
 

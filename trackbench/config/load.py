@@ -14,6 +14,7 @@ from typing import Any
 
 from trackbench.config.build import build, build_kind, read_assumed
 from trackbench.config.checks import (
+    QUICK,
     check_assumed,
     check_bound,
     check_drawable,
@@ -57,6 +58,7 @@ _INDEPENDENT = {
     *("medians", "metrics", "per_step", "published"),
 }
 
+QUICK_RUNS = 20
 _OF_PROBLEM = {"scenario", "filters", "grid"}
 """Overridden keys after which an experiment is no longer the standard problem of its name."""
 
@@ -80,6 +82,7 @@ def load(
     allow_plugins: bool = False,
     tuned_values: Mapping[str, Chosen] | None = None,
     filter_files: Sequence[Path] = (),
+    quick: bool = False,
 ) -> Experiment:
     """Read and validate an experiment; raises UserError with every mistake found.
 
@@ -87,7 +90,7 @@ def load(
     ``grid`` are assignments of several values (``filters.HDEPF.F=0.5,0.9``) that add to the file's, and
     ``product`` whether every combination of them is a point where the file has no grid;
     ``tuned_values`` are those that tuning gave the keys of filters, by label; ``filter_files`` are
-    Python files whose filters are added.
+    Python files whose filters are added; ``quick`` runs are few.
     """
     if isinstance(config, Mapping):
         source, home = from_mapping(config), Path()
@@ -103,6 +106,8 @@ def load(
         override(source, keys, value, mark)
         if keys[0] in _OF_PROBLEM and not {*keys[1:2]} & added.keys():
             source.data.pop("problem", None)
+    if quick:
+        override(source, ("runs",), QUICK_RUNS, Mark(QUICK))
     for key, number in {"runs": runs, "seed": seed}.items():
         if number is not None:
             override(source, (key,), number, Mark(f"--{key}"))

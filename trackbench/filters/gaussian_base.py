@@ -84,7 +84,7 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
             return Tracked(posterior, nis, innovation)
         # The limit of the NIS depends on the number of measured components.
         measured_components = (~np.isnan(innovation.nu)).sum(axis=0)
-        gated = nis > _gate_limits(self.gate, len(z))[measured_components]
+        gated = nis > gate_limits(self.gate, len(z))[measured_components]
         # Update again with the refused measurements as missing: predict only.
         if gated.any():
             posterior, _ = self.update(model, before, np.where(gated, np.nan, z), k)
@@ -137,7 +137,7 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
 
 
 @cache
-def _gate_limits(gate: float, n_z: int) -> Array:
+def gate_limits(gate: float, n_z: int) -> Array:
     """Return the chi-square quantiles (n_z + 1,) by the number of measured components."""
     from scipy.special import chdtri
 

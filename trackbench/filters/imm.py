@@ -23,7 +23,7 @@ from trackbench.core.smoothing import Transition, backwards, smooth_step
 from trackbench.core.sums import total
 from trackbench.field_types import InvalidKeyError, Registered
 from trackbench.filters.ekf import EKF
-from trackbench.filters.gaussian_base import GaussianFilter
+from trackbench.filters.gaussian_base import GaussianFilter, gate_limits
 from trackbench.filters.jump_markov import JumpMarkov, shared_components
 from trackbench.filters.smoother_base import FixedLag, SmoothingFilter
 from trackbench.models.base import Model, Scene, extra_std
@@ -62,7 +62,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
     spread about the mixed mean is left out by zero-mean, as the EKF/UKF Toolbox does"""
     filter: Annotated[GaussianFilter, Registered("filters")] = _EKF
     """filter of each model: ekf, ukf, {kind: cmkf, conversion: mucm}; for a linear model ekf is the
-    Kalman filter"""
+    Kalman filter. Its `gate` refuses a measurement that is outside the gates of all models"""
     smooth: bool | FixedLag = False
     """estimate each step from all measurements of the run, or from so many later ones: {lag: 5}"""
     contract_exemptions: ClassVar[dict[str, str]] = {"kalman": "has motions of its own"}
@@ -72,10 +72,6 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         super().__post_init__()
         if not isinstance(self.filter, GaussianFilter):
             raise InvalidKeyError("must be a filter of one Gaussian, such as ekf or ukf", "filter")
-        if self.filter.gate is not None:
-            raise InvalidKeyError(
-                "must be left out: the models of an IMM use every measurement", "filter", "gate"
-            )
         if self.filter.smooths:
             raise InvalidKeyError("must stand beside `filter`, not in it", "filter", "smooth")
 
@@ -117,32 +113,36 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         """Mix, filter with every model, weigh by the likelihoods (Blom & Bar-Shalom 1988)."""
         # Step 1: predicted weights c_j = sum_i p_ij mu_i, mixing weights p_ij mu_i / c_j.
         predicted, mixing = predict_weights(state.weights, np.array(self.transition))
-        models, states, innovations = self.models(model), [], []
+        models, mixed_states = self.models(model), []
         names = [m.motion.components for m in models]
-        for j, model_j in enumerate(models):
+        for j, like in enumerate(state.states):
             # Step 2: mix the states, each filled up to the components of model j.
-            like = state.states[j]
             filled = [
                 pad(s, like, common_components(of, names[j]), self.mixing == "unbiased")
                 for s, of in zip(state.states, names, strict=True)
             ]
-            # Step 3: filter with model j.
             mixed = combine(filled, mixing[:, j], self._without_spread(names, j))
-            posterior, innovation = self.filter.update(model_j, self.filter.prepared(mixed), z, k)
-            states.append(posterior)
-            innovations.append(innovation)
+            mixed_states.append(self.filter.prepared(mixed))
+        # Step 3: filter with every model.
+        pairs = [*zip(models, mixed_states, strict=True)]
+        updated = [self.filter.update(of, mixed, z, k) for of, mixed in pairs]
+        states, innovations = zip(*updated, strict=True)
         # Step 4: weights mu_j ~ c_j N(nu_j; 0, S_j).
         judged = [innovation.nis_and_scale() for innovation in innovations]
         nis, scale = (np.stack(rows) for rows in zip(*judged, strict=True))
+        if self.filter.gate is not None:
+            # Where every model's gate refuses the measurement, predict only.
+            measured_components = (~np.isnan(innovations[0].nu)).sum(axis=0)
+            refused = (nis > gate_limits(self.filter.gate, len(z))[measured_components]).all(axis=0)
+            z = np.where(refused, np.nan, z)
+            states = tuple(self.filter.update(of, mixed, z, k)[0] for of, mixed in pairs)
         weights = update_weights(predicted, nis, scale)
         mean_nis = total(predicted * nis, axis=0)
         missing = np.isnan(z).all(axis=0)
         if missing.any():
             weights = np.where(missing, predicted, weights)
             mean_nis = np.where(missing, np.nan, mean_nis)
-        return ModelBank(
-            tuple(states), weights, mean_nis, state.reported, tuple(innovations), predicted
-        )
+        return ModelBank(states, weights, mean_nis, state.reported, innovations, predicted)
 
     def smoothed(
         self, model: Model, states: list[ModelBank], k: int, rng: Generator

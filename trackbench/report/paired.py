@@ -2,11 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.evaluation.autocorrelation import series_mean
 from trackbench.evaluation.inference import holm, studentised, two_sided
 from trackbench.evaluation.metric_expression import measured
 from trackbench.evaluation.statistics import STATISTICS, Estimate, influence, mean, without_rounding
@@ -36,12 +38,23 @@ def primary_metrics(metrics: list[str]) -> list[str]:
     return [name for name, metric in rows if metric.name in ("rmse", "crps") or metric.is_score]
 
 
-def pairs_at(runs: Mapping[tuple[str, str], Array], labels: Sequence[str]) -> list[Pair]:
-    """Return pairs at one point of the grid, metric after metric, from values by (filter, metric)."""
+def pairs_at(
+    runs: Mapping[tuple[str, str], Array],
+    labels: Sequence[str],
+    steps: Mapping[tuple[str, str], Array],
+) -> list[Pair]:
+    """Return pairs at one point of the grid, metric after metric, from values by (filter, metric).
+
+    ``steps`` are those of the only run, if it is a recording.
+    """
     found: list[Pair] = []
     for metric in primary_metrics(list(dict.fromkeys(m for _, m in runs))):
         there = [label for label in labels if (label, metric) in runs]
-        found += pairs_of(metric, there, {label: runs[label, metric] for label in there})
+        values, series = (
+            {label: of[label, metric] for label in there if (label, metric) in of}
+            for of in (runs, steps)
+        )
+        found += pairs_of(metric, there, values, steps=series)
     return found
 
 
@@ -58,9 +71,16 @@ def difference_of(statistic: str, a: Array, b: Array) -> tuple[Estimate, Array]:
 
 @np.errstate(all="ignore")
 def pairs_of(
-    metric: str, labels: list[str], values: dict[str, Array], statistic: str = "mean"
+    metric: str,
+    labels: list[str],
+    values: dict[str, Array],
+    statistic: str = "mean",
+    steps: Mapping[str, Array] = MappingProxyType({}),
 ) -> list[Pair]:
-    """Return every two of the labels whose values per run (M,) have runs in common."""
+    """Return every two of the labels whose values per run (M,) have runs in common.
+
+    One run alone is judged by its ``steps`` (T,), whose mean is the value.
+    """
     found = []
     for a, b in combinations(labels, 2):
         both = np.isfinite(values[a]) & np.isfinite(values[b])
@@ -69,6 +89,9 @@ def pairs_of(
             continue
         difference, influences = difference_of(statistic, values[a][both], values[b][both])
         z = studentised(difference.value, influences)
+        if runs == 1 and a in steps and b in steps:
+            apart = series_mean(steps[a] - steps[b])
+            difference, z = difference._replace(stderr=apart.stderr), apart.z
         p = two_sided(z)
         found.append(Pair(a, b, metric, *difference, z, p, p, runs))
     adjusted = holm(np.array([pair.p for pair in found]))

@@ -7,13 +7,18 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from trackbench.config.build import build_kind, unknown
 from trackbench.config.includes import split_path
 from trackbench.config.tuning import tuned_label
+from trackbench.core.arrays import Array
 from trackbench.errors import Mark, Problem, UserError, counted
+from trackbench.evaluation.autocorrelation import LEAST_STEPS
+from trackbench.evaluation.metric_expression import measured
 from trackbench.metrics import unit_of
 from trackbench.registry import Group, kinds
-from trackbench.report.paired import Pair, pairs_at
+from trackbench.report.paired import Pair, pairs_at, primary_metrics
 from trackbench.report.plotting import style
 from trackbench.report.plugin_exhibits import OutputError, as_table, catch_plugin_errors
 from trackbench.report.result_files import ResultFiles
@@ -168,7 +173,36 @@ class Results(ResultFiles):
     @cached_property
     def pairs(self) -> list[tuple[GridPoint, list[Pair]]]:
         """Return every pair of filters on common runs, by point of the grid."""
-        return [(point, pairs_at(self.runs(point), self.labels)) for point in self.points()]
+        return [
+            (point, pairs_at(self.runs(point), self.labels, self.judged_steps(point)))
+            for point in self.points()
+        ]
+
+    def judged_steps(self, point: GridPoint) -> dict[tuple[str, str], Array]:
+        """Return what each step (T,) of one recorded run adds to a number, by (filter, metric).
+
+        The mean is the number; steps without a value are NaN. Metrics that per_step.csv lacks are left
+        out, and those of too few steps for a test.
+        """
+        judged, runs = self.facts(point).judged, self.runs(point)
+        if not judged:
+            return {}
+        first, last = judged
+        rows, out = self.columns("per_step", point), {}
+        for label, metric in runs:
+            of = rows.where(filter=label, metric=metric)
+            if metric in primary_metrics([metric]) and len(of):
+                of = of.chosen((of["step"] >= first) & (of["step"] <= last))
+                values = np.full(last - first + 1, np.nan)
+                values[of["step"].astype(int) - first] = of["value"]
+                if np.isfinite(values).sum() < LEAST_STEPS:
+                    continue
+                whole = float(runs[label, metric][0])
+                # R = sqrt(mean e^2) changes by (e^2 - R^2) / (2 R) per step, to first order.
+                if measured(metric).family[0].name == "rmse":
+                    values = 0.5 * (whole + np.square(values) / whole) if whole else 0.0 * values
+                out[label, metric] = values
+        return out
 
     @cached_property
     def tuning(self) -> dict[str, Record]:

@@ -15,6 +15,7 @@ from typing import Any, TypeAlias
 from trackbench.config.dump import as_config
 from trackbench.config.experiment import Point
 from trackbench.evaluation.consistency import sizes
+from trackbench.scenarios.base import Scenario
 
 POINTS_FILE = "points.json"
 
@@ -40,6 +41,8 @@ class PointFacts:
     """dimension of the state, and of the parts that have a consistency measure"""
     spans: list[list[float]]
     """start and end times of the shaded parts of a figure over time, s"""
+    judged: list[int] | None = None
+    """first and last step that count, of one recorded run"""
 
 
 def facts_of_point(point: Point, shown: Callable[[str], str] = str) -> PointFacts:
@@ -57,7 +60,13 @@ def facts_of_point(point: Point, shown: Callable[[str], str] = str) -> PointFact
         list(scenario.true_sensor.components),
         dict(sizes(scenario)),
         [[float(t) for t in span] for span in scenario.spans],
+        _judged(scenario) if scenario.recorded_runs == 1 else None,
     )
+
+
+def _judged(scenario: Scenario) -> list[int]:
+    steps = scenario.steps[scenario.windows[""]]
+    return [int(steps[0]), int(steps[-1])] if len(steps) else []
 
 
 def points_text(points: Sequence[Point], folder: Path) -> str:
@@ -65,9 +74,8 @@ def points_text(points: Sequence[Point], folder: Path) -> str:
 
     Paths of data files are relative to ``folder``.
     """
-    whole = [
-        asdict(facts_of_point(point, partial(os.path.relpath, start=folder))) for point in points
-    ]
+    facts = (facts_of_point(point, partial(os.path.relpath, start=folder)) for point in points)
+    whole = [{k: v for k, v in asdict(one).items() if v is not None} for one in facts]
     lines = [json.dumps(whole[0]), *(json.dumps(_changed(whole[0], other)) for other in whole[1:])]
     return "[" + ",\n".join(lines) + "]\n"
 
@@ -103,7 +111,7 @@ def points_in(text: str) -> Iterator[PointFacts]:
 def _changed(first: dict[str, Any], other: dict[str, Any]) -> dict[str, Any]:
     """Return the facts that differ; of filters, label by label."""
     filters = {b: keys for b, keys in other["filters"].items() if keys != first["filters"].get(b)}
-    out = {key: value for key, value in other.items() if value != first[key]}
+    out = {key: value for key, value in other.items() if value != first.get(key)}
     return {**out, "filters": filters} if filters else out
 
 

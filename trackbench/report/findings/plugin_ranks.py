@@ -57,7 +57,7 @@ def _sentence(results: Results, mine: Candidate, found: Ranking) -> str:
         f"{with_unit(rounded(*mine.overall, 4), found.metric)}"
     )
     pairs = {other.name: pair for other, pair in (*found.ties, *found.worse)}
-    if found.best is not None and mine.name in pairs:
+    if found.best is not None and mine.name in pairs and pairs[mine.name].stderr:
         pair, best = pairs[mine.name], found.best
         apart = with_unit(rounded(pair.difference, pair.stderr, 3), found.metric)
         if not found.metric.family[0].is_score:

@@ -43,6 +43,8 @@ class Candidate:
     """what the grid gives the filter, by path"""
     statistic: str = "mean"
     """over the runs: mean or rms"""
+    steps: Array | None = None
+    """what each step (T,) of the only run adds, if that is a recording"""
 
     @cached_property
     def name(self) -> str:
@@ -209,7 +211,7 @@ def ranking_of(
     chosen, runs = len(tried) > len(ranked), max((len(c.lost) for c in ranked), default=0)
     # Step 3: compare the first of the others with all the rest on common runs.
     found = Ranking({}, measure, None, [], [], losing, floor, rivals, chosen, runs)
-    if not rivals or not isfinite(rivals[0].overall.stderr):
+    if not rivals or not (isfinite(rivals[0].overall.stderr) or rivals[0].steps is not None):
         return found
     # Values that were tried and not taken were compared as well.
     factor = times * _pairs_of(len(tried)) / max(_pairs_of(len(ranked)), 1)
@@ -244,12 +246,13 @@ def _settings(
         seen = set()
         for point in points:
             runs, own = results.runs(point), own_values(results, point, label)
+            steps = results.judged_steps(point).get((label, metric))
             # Each set of values counts once, at the first point that has it.
             if str(own) not in seen and (label, "lost") in runs:
                 seen.add(str(own))
                 lost = runs[label, "lost"]
                 values = runs.get((label, metric), np.full(len(lost), np.nan))
-                yield Candidate(label, point, lost, values, own, statistic)
+                yield Candidate(label, point, lost, values, own, statistic, steps)
 
 
 def _rank(candidate: Candidate, sign: float) -> tuple[bool, float]:
@@ -284,7 +287,8 @@ def _to_the_best(
 ) -> dict[str, Pair]:
     """Return each filter minus the best by name; corrected over all pairs of both, and by the factor."""
     known = {c.name: c.values for c in (*others, best) if np.isfinite(c.values).any()}
-    pairs = pairs_of(metric, list(known), known, best.statistic)
+    steps = {c.name: c.steps for c in (*others, best) if c.steps is not None}
+    pairs = pairs_of(metric, list(known), known, best.statistic, steps)
     found = {p.filter_a: p for p in pairs if p.filter_b == best.name}
     return {
         name: pair._replace(p_holm=min(pair.p_holm * factor, 1.0)) for name, pair in found.items()

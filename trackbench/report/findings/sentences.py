@@ -11,6 +11,7 @@ from math import isfinite
 import numpy as np
 
 from trackbench.config.tuning import tuned_label
+from trackbench.errors import counted
 from trackbench.evaluation.inference import deviations, interval_of
 from trackbench.evaluation.statistics import STATISTICS
 from trackbench.report.estimates import in_words
@@ -63,8 +64,15 @@ def answer(results: Results) -> list[str]:
             *_leader_sentence(results, found),
         ]
     if found and max(standing.runs for standing in found) == 1:
-        lines.append("One run has no standard error: which filter is best is inconclusive.")
+        lines.append(_ONE_RUN if any(s.ties or s.worse for s in found) else _NO_ERROR)
     return [line for line in lines if line]
+
+
+_NO_ERROR = "One run has no standard error: which filter is best is inconclusive."
+_ONE_RUN = (
+    "One recording: its steps decide, by an error of their mean difference that allows for "
+    "autocorrelation."
+)
 
 
 def share_that_matters(results: Results) -> float:
@@ -141,7 +149,8 @@ def _value(standing: Ranking) -> str:
     assert best is not None
     left = int(np.isfinite(best.values).sum())
     kept = "" if left == len(best.values) else " that it keeps"
-    text = f"{with_unit(rounded(*best.overall, 4), standing.metric)} over {left} runs{kept}"
+    runs = counted(left, "run")
+    text = f"{with_unit(rounded(*best.overall, 4), standing.metric)} over {runs}{kept}"
     if reference is None or standing.metric.family[0].is_score:
         return text
     # The reference is named only if the best is significantly above it on common runs.
@@ -156,6 +165,8 @@ def _value(standing: Ranking) -> str:
 def _tie_margin(standing: Ranking) -> str:
     """Return how much worse filters may be, upper 95 % limit, and how many runs would decide."""
     assert standing.best is not None
+    if standing.runs == 1:
+        return _runs_needed(standing)
     # Differences and influences, positive where the other filter is worse.
     sign = -1.0 if standing.more_is_better else 1.0
     apart = [other.minus(standing.best) for other, _ in standing.ties]
@@ -179,13 +190,17 @@ def _runs_needed(standing: Ranking) -> str:
             # Deviations at which Holm's correction by the same factor leaves 5 %.
             least = deviations(1.0 - LEVEL * pair.p / pair.p_holm)
             needed.append(max(pair.runs * (least / pair.z) ** 2, pair.runs + 1.0))
+    if not needed:
+        return "equal at every step"
     words = (
         f"{float(f'{n:.2g}'):.0f}" if n < _MOST_RUNS else f"more than {_MOST_RUNS:.0f}"
         for n in (min(needed), max(needed))
     )
     what = "a difference" if len(needed) == 1 else "differences"
     verb = "needs" if len(needed) == 1 else "need"
-    return f"{what} as large as measured {verb} {' to '.join(dict.fromkeys(words))} runs"
+    long = " to ".join(dict.fromkeys(words))
+    amount = f"a recording {long} times as long" if standing.runs == 1 else f"{long} runs"
+    return f"{what} as large as measured {verb} {amount}"
 
 
 _MOST_RUNS = 1e6

@@ -181,10 +181,15 @@ def config_parts(guess: Guess) -> dict[str, str]:
 
 def _target_lines(guess: Guess) -> Iterator[str]:
     yield "columns:  # guess, from their names"
-    yield from (f"  {name}: {_quoted(f.column)}" for name, f in guess.columns.items())
-    if guess.units:
+    # Only what the sensors below measure: a file of several sensors has further columns.
+    velocity = ("vx", "vy", "speed", "course") if guess.moves else ()
+    read = {"time", "step", "run", *guess.places, *velocity}
+    columns = {name: found.column for name, found in guess.columns.items() if name in read}
+    yield from (f"  {name}: {_quoted(column)}" for name, column in columns.items())
+    units = {name: unit for name, unit in guess.units.items() if name in read}
+    if units:
         yield "units:"
-        yield from (f"  {name}: {unit}  # {guess.why[name]}" for name, unit in guess.units.items())
+        yield from (f"  {name}: {unit}  # {guess.why[name]}" for name, unit in units.items())
     if "latitude" in guess.places:
         yield "# x and y are metres east and north of the first position, or of `origin: [lat, lon]`"
     if len(guess.runs) > 1:
