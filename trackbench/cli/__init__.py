@@ -15,7 +15,7 @@ from trackbench.cli.check import cache, check
 from trackbench.cli.compare import gate, history
 from trackbench.cli.info import copy, describe, list_, new, schema, show
 from trackbench.cli.output import as_reportable, objects_alone, print_error
-from trackbench.cli.results import compare, plot, report, verify
+from trackbench.cli.results import codecheck, compare, plot, report, verify
 from trackbench.cli.run import run, sweep, tune
 from trackbench.core import compiled
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 _TASKS: dict[str, tuple[Callable[..., None], ...]] = {
     "Run experiments": (run, sweep, tune),
-    "Read results": (compare, gate, history, plot, report, verify),
+    "Read results": (codecheck, compare, gate, history, plot, report, verify),
     "Write configs": (list_, describe, show, copy, check, schema),
     "Write components": (new,),
     "Keep order": (cache,),

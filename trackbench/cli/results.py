@@ -114,6 +114,23 @@ def _say(write: Callable[[], list[Path]]) -> None:
         raise typer.Exit(1)
 
 
+def codecheck(
+    folders: Annotated[list[Path], typer.Argument(metavar="DIR...", help="results folders")],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="file to write")] = Path(
+        "codecheck.yml"
+    ),
+) -> None:
+    """Write a codecheck.yml of the tables and figures of stored results."""
+    from trackbench.atomic_files import write_text
+    from trackbench.commands.codecheck import codecheck_text
+    from trackbench.errors import Mark, Problem, UserError
+
+    if out.exists():
+        raise UserError(Problem(Mark(str(out)), "", "is there already; name another file by --out"))
+    write_text(out, codecheck_text(folders, out.absolute().parent))
+    typer.echo(f"wrote {out}")
+
+
 def verify(
     folders: Annotated[list[Path], typer.Argument(metavar="DIR...", help="results folders")],
     runs: Annotated[int, typer.Option(min=1, help="runs that are computed again")] = 20,
