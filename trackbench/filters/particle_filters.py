@@ -164,7 +164,8 @@ class APF(SimulatingSmoother):
     """
 
     first_stage: Literal["mean", "mode", "sample"] = "mean"
-    """point mu of an ancestor's transition density at which its likelihood is evaluated"""
+    """point mu of an ancestor's transition density at which its likelihood is evaluated; where its noise
+    is wide beside the likelihood, the mean loses modes, however many particles there are"""
     carried: Literal["log", "float64"] | None = None
     """weights that the next step starts from: logarithms, or normalized in float64, where small ones
     are zero; default: log with `weights: log`, else float64"""
