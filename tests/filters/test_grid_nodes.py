@@ -26,18 +26,16 @@ def means(nodes: int, R: float, start: GaussianStart) -> Array:
         return run_filter(task, task.data).mean[0, 1:]
 
 
-@pytest.mark.parametrize(
-    ("nodes", "R", "start"),
-    [(32, 1e-5, NARROW), (64, 1e-5, WIDE), (64, 0.1, WIDE), (8, 0.1, NARROW)],
-)
-def test_too_few_nodes_are_refused(nodes: int, R: float, start: GaussianStart) -> None:
+@pytest.mark.parametrize("nodes", [8, 32])
+def test_too_few_nodes_are_refused(nodes: int) -> None:
     with pytest.raises(WrongReturnError, match=rf"does not resolve .* `nodes: {nodes}`; raise"):
-        means(nodes, R, start)
+        means(nodes, 1e-5, WIDE)
 
 
+@pytest.mark.parametrize("nodes", [16, 32, 64])
 @pytest.mark.parametrize("R", [1e-5, 0.1, 1.0])
-def test_what_is_accepted_is_right(R: float) -> None:
-    np.testing.assert_allclose(means(64, R, NARROW), means(160, R, NARROW), atol=1e-4)
+def test_nodes_are_doubled_until_they_do(nodes: int, R: float) -> None:
+    np.testing.assert_allclose(means(nodes, R, NARROW), means(160, R, NARROW), atol=2e-6)
 
 
 def test_a_motion_without_a_density_is_refused_before_anything_runs() -> None:

@@ -21,6 +21,8 @@ from trackbench.core.sums import dot, product, total
 
 _AT_ONCE = 32_768  # entries of a kernel of nodes by nodes: they stay in the cache
 
+_MOST_WEIGHTS = 2**25
+
 Interval = tuple[Array, Array]
 """Lower and upper ends; empty where the lower is not below the upper."""
 
@@ -100,6 +102,27 @@ def nodes_between(intervals: Sequence[Interval], support: Interval, n: int) -> P
     return (Panel(low, high, np.stack([low, high]), np.zeros((2, *low.shape))),)
 
 
+def refined(posterior: Posterior, n: int) -> Posterior:
+    """Return the density at n nodes of each panel that has fewer, by its interpolating polynomial."""
+    return tuple(
+        panel
+        if panel.is_point or len(panel.x) >= n
+        else panel._replace(
+            x=0.5 * (panel.low + panel.high) + panel.half * _rule(n).nodes[:, None],
+            density=product(panel.density.T[None], _interpolation(len(panel.x), n))[0].T,
+        )
+        for panel in posterior
+    )
+
+
+@lru_cache
+def _interpolation(n: int, n_new: int) -> Array:
+    """Return weights (n, n_new) of the values at n nodes for those of the polynomial at n_new nodes."""
+    P = legendre.legvander(_rule(n_new).nodes, n - 1)
+    # Legendre coefficients are (2 m + 1) / 2 sum_i w_i P_m(x_i) g_i.
+    return product(P[None] * (2.0 * np.arange(n) + 1.0), _rule(n).basis)[0].T
+
+
 def condition(
     prior: Posterior,
     panels: Posterior,
@@ -143,8 +166,16 @@ def _push_forward(panel: Panel, x_new: Array, transition: Transition, origins: I
     """Return the integral of the transition density over one panel of the prior, at x_new (J, M)."""
     if panel.is_point:
         return np.asarray(transition(panel.x, x_new) * panel.density)
+    n, middle = len(panel.x), len(x_new) // 2
+    if middle and n * x_new.size > _MOST_WEIGHTS:
+        # Integrate for one half of the new nodes after the other.
+        halves = (slice(middle), slice(middle, None))
+        parts = [
+            _push_forward(panel, x_new[half], transition, (origins[0][half], origins[1][half]))
+            for half in halves
+        ]
+        return np.concatenate(parts)
     # Step 1: weights of the panel's nodes for the integral over the origins only.
-    n = len(panel.x)
     start, end = (_place_in(panel, edge) for edge in origins)
     weights = weights_up_to(end, n)
     if (start > -1.0).any():

@@ -13,6 +13,7 @@ import numpy as np
 from trackbench.core import compiled
 from trackbench.core.arrays import Array
 
+_EXACT = 128  # products of numbers of 23 bits whose sum is exact
 _BLOCKS = ((4096, 512), (256, 128))  # length from which a row is cut, and into what
 
 
@@ -47,11 +48,14 @@ def dot(a: Array, b: Array) -> Array:
 
 
 def product(A: Array, B: Array) -> Array:
-    """Return ``A B`` (r, ..., p) of A (r, ..., n) and B (n, p), n <= 128, to some 45 bits.
+    """Return ``A B`` (r, ..., p) of A (r, ..., n) and B (n, p), to some 45 bits.
 
     Each factor is split into two with 23 bits (Ozaki et al. 2012). Sums of 128 products of these are
-    exact, so BLAS may add them in any order.
+    exact, so BLAS may add them in any order. Longer sums are cut into such pieces.
     """
+    if len(B) > _EXACT:
+        first, rest = slice(_EXACT), slice(_EXACT, None)
+        return product(A[..., first], B[first]) + product(A[..., rest], B[rest])
     B1, B2 = _halves(B)
     out = np.empty((*A.shape[:-1], B.shape[1]))
     # A B = A1 B2 + A2 B1 + A1 B1 (A2 B2 is below 45 bits), for one row of A at a time in the cache.

@@ -1,6 +1,7 @@
 """Exact posterior of a scalar state by quadrature."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Annotated, ClassVar, NamedTuple, Protocol, cast, runtime_checkable
 
 import numpy as np
@@ -23,9 +24,11 @@ from trackbench.models.base import (
 from trackbench.registry import register
 
 _MAX_GAMMA_SHAPE = 20
-_MEAN_TOLERANCE = 0.05  # difference of the means by these and by more nodes, in standard deviations
-_VARIANCE_TOLERANCE = 0.1  # relative difference of the variances
+_TOLERANCE = 1e-6  # difference of means in standard deviations, and of variances relatively
+_REFINE_ABOVE = 0.5 * _TOLERANCE  # leaves the next steps a part of it
+_DOUBLINGS = 2
 _PRIOR_REACH = 8.0  # standard deviations of a Gaussian prior beyond which its mass is below 1e-14
+_PRIOR_PARTS = 8
 _NOISE_REACH = 8.0  # the same of Gaussian process noise
 _SEARCHED = 1025  # states at which the likely ones are looked for
 _MOST_INTERVALS = 8
@@ -71,15 +74,15 @@ class Grid(Filter[Resolved]):
     """Exact posterior of a scalar state by quadrature (hdepf paper, eqs. 3-5): no RMSE is smaller.
 
     Gauss-Legendre nodes lie where the measurement has a likelihood, around each root of the measurement
-    equation. The filter fails if the nodes do not resolve the posterior: an eighth more nodes change a
-    mean by a twentieth of a standard deviation or a variance by a tenth, or two neighbors are farther
-    apart than the motion's noise reaches.
+    equation. Where an eighth more nodes change a mean by a millionth of its standard deviation, or a
+    variance by a millionth, or where the motion's noise does not reach from node to node, the nodes are
+    doubled, up to four times as many. The filter fails if these do not do.
     """
 
     mixes_runs: ClassVar[bool] = True
 
     nodes: Annotated[int, Ge(8)] = 128
-    """nodes per root of the measurement equation"""
+    """nodes per root of the measurement equation, and more in steps that need them"""
     deviations: Annotated[float, Ge(4)] = 6.5
     """half the span of the nodes, in standard deviations of the measurement noise"""
     reach: Annotated[float, Ge(4)] | None = None
@@ -126,33 +129,41 @@ class Grid(Filter[Resolved]):
             # Else place nodes over a few standard deviations on both sides of the mean.
             mean, reach = prior.mean[0], _PRIOR_REACH * np.sqrt(prior.cov[0, 0])
             spans = [(mean - reach, mean + reach)]
+        if isinstance(model.motion, BoundedMotion):
+            # Beyond an edge its density is continued, and grows: the wider a panel, the more is cancelled.
+            parts = np.linspace(0.0, 1.0, _PRIOR_PARTS + 1)
+            spans = [
+                (low + a * (high - low), low + b * (high - low))
+                for low, high in spans
+                for a, b in pairwise(parts)
+            ]
         support = spans[0][0], spans[-1][1]
-        both = [quadrature.nodes_between(spans, support, n) for n in self._node_counts]
+        both = [quadrature.nodes_between(spans, support, n) for n in _counts(self.nodes)]
         return Resolved(*(tuple(_with_density(p, prior) for p in panels) for panels in both))
-
-    @property
-    def _node_counts(self) -> tuple[int, int]:
-        return self.nodes, self.nodes + self.nodes // 8
 
     def step(self, model: Model, state: Resolved, z: Array, k: int, rng: Generator) -> Resolved:
         """Place nodes where z and the prediction allow mass, and condition on z.
 
-        Raises WrongReturnError if there are too few nodes.
+        Nodes that do not resolve the posterior are doubled for this step, up to four times as many.
+
+        Raises WrongReturnError if these are too few as well.
         """
-        # Step 1: condition twice, with n nodes and with n + n / 8 as a check.
-        both = zip(state, self._node_counts, strict=True)
-        new = Resolved(*(self._condition(model, old, z, k, n) for old, n in both))
-        # Step 2: compare both means and variances; both may be undefined.
-        ours, check = map(quadrature.moments, new)
-        variance, other = ours.cov[0, 0], check.cov[0, 0]
-        resolved = np.abs(check.mean - ours.mean)[0] <= _MEAN_TOLERANCE * np.sqrt(variance)
-        resolved &= np.abs(other - variance) <= _VARIANCE_TOLERANCE * variance
-        resolved |= np.isnan(variance) & np.isnan(other)
+        nodes, old = self.nodes, state
+        for doubled in range(_DOUBLINGS + 1):
+            # Step 1: condition twice, with n nodes and with n + n / 8 as a check.
+            both = zip(old, _counts(nodes), strict=True)
+            new = Resolved(*(self._condition(model, prior, z, k, n) for prior, n in both))
+            difference = (
+                _difference(new) if self._has_dense_nodes(model, old.posterior, k) else np.inf
+            )
+            if difference <= (_REFINE_ABOVE if doubled < _DOUBLINGS else _TOLERANCE):
+                return new
+            # Step 2: double the nodes, those of the last posterior by its interpolating polynomial.
+            nodes *= 2
+            old = Resolved(*map(quadrature.refined, state, _counts(nodes)))
         # Step 3: reject a posterior that the nodes do not resolve.
-        if not (resolved.all() and self._has_dense_nodes(model, state.posterior, k)):
-            what = f"grid does not resolve the posterior at step {k} with `nodes: {self.nodes}`"
-            raise WrongReturnError("step", f"{what}; raise `nodes`, or narrow the start")
-        return new
+        what = f"grid does not resolve the posterior at step {k} with `nodes: {self.nodes}`"
+        raise WrongReturnError("step", f"{what}; raise `nodes`, or narrow the start")
 
     def _has_dense_nodes(self, model: Model, old: quadrature.Posterior, k: int) -> bool:
         """Return whether the transitions from neighboring nodes overlap."""
@@ -211,6 +222,23 @@ class Grid(Filter[Resolved]):
         first = state.posterior[0]
         unknown = np.full(first.low.shape, np.nan)
         return unknown if first.evidence is None else elementary.log(first.evidence)
+
+
+def _counts(nodes: int) -> tuple[int, int]:
+    """Return the numbers of nodes of the posterior and of its check."""
+    return nodes, nodes + nodes // 8
+
+
+def _difference(both: Resolved) -> float:
+    """Return the largest difference of means and variances from the check, over all runs."""
+    ours, check = map(quadrature.moments, both)
+    variance, other = ours.cov[0, 0], check.cov[0, 0]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        means = np.abs(check.mean - ours.mean)[0] / np.sqrt(variance)
+        largest = np.maximum(means, np.abs(other - variance) / variance)
+    # Both are NaN in a run without mass.
+    largest[np.isnan(variance) & np.isnan(other)] = 0.0
+    return float(np.where(np.isnan(largest), np.inf, largest).max())
 
 
 def _with_density(panel: quadrature.Panel, prior: Distribution) -> quadrature.Panel:
