@@ -130,7 +130,7 @@ class Grid(Filter[Resolved]):
             mean, reach = prior.mean[0], _PRIOR_REACH * np.sqrt(prior.cov[0, 0])
             spans = [(mean - reach, mean + reach)]
         if isinstance(model.motion, BoundedMotion):
-            # Beyond an edge its density is continued, and grows: the wider a panel, the more is cancelled.
+            # Beyond an edge its density is continued and grows, the more the wider a panel is.
             parts = np.linspace(0.0, 1.0, _PRIOR_PARTS + 1)
             spans = [
                 (low + a * (high - low), low + b * (high - low))
