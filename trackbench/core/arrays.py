@@ -1,13 +1,15 @@
-"""The array types of the package, its convention for batch axes, read-only memory, cached results.
+"""Array types, the convention for batch axes, read-only memory, cached results, counted operations.
 
 A state is ``(n_x, *batch)``, a covariance ``(n_x, n_x, *batch)``; ``batch`` is ``(M,)`` for M runs
 and ``(M, N)`` for N particles in each of M runs. ``px, vx, py, vy = x`` then is a line of code.
 """
 
 import ctypes
-from collections.abc import Callable
-from contextlib import suppress
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import wraps
+from math import prod
 from types import ModuleType
 from typing import Any, Literal, TypeVar, cast
 
@@ -187,3 +189,25 @@ def clear_caches() -> None:
     """Empty all caches, to measure what a new process does."""
     for cache in _caches:
         cache.clear()
+
+
+Operation = Literal["likelihoods", "covariances"]
+"""Evaluations of a likelihood at a state; measurement updates of a covariance."""
+_counts: list[Counter[Operation]] = []
+
+
+@contextmanager
+def counting() -> Iterator[Counter[Operation]]:
+    """Count the operations that the kernels note inside this context."""
+    counts: Counter[Operation] = Counter()
+    _counts.append(counts)
+    try:
+        yield counts
+    finally:
+        _counts.remove(counts)
+
+
+def note(operation: Operation, of: Array, components: int) -> None:
+    """Note one operation per batch element of ``of``, which has so many component axes."""
+    for counts in _counts:
+        counts[operation] += prod(of.shape[components:])

@@ -9,8 +9,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from trackbench.core import linalg
-from trackbench.core.arrays import Array, Mask, once, with_axes_of, with_trailing
-from trackbench.core.counting import note
+from trackbench.core.arrays import Array, Mask, note, once, with_axes_of, with_trailing
 from trackbench.core.distributions import LOG_2PI, Factored, Gaussian, from_root, zero_mean_log_prob
 from trackbench.core.elementary import log
 

@@ -8,8 +8,7 @@ from annotated_types import Ge, Interval
 from numpy.random import Generator
 
 from trackbench.core import kalman, linalg, particles
-from trackbench.core.arrays import Array, with_trailing
-from trackbench.core.counting import note
+from trackbench.core.arrays import Array, note, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian, draw_covering
 from trackbench.core.kalman import Innovation
 from trackbench.core.particles import Evidence, Particles, equal_weights

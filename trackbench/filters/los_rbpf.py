@@ -13,8 +13,7 @@ import numpy as np
 from numpy.random import Generator
 
 from trackbench.core import linalg, particles
-from trackbench.core.arrays import Array, Mask
-from trackbench.core.counting import note
+from trackbench.core.arrays import Array, Mask, note
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.elementary import arctan2, cos_sin, log
 from trackbench.core.kernel_smoothing import Kernel, Mode, jitter_modes

@@ -20,8 +20,7 @@ import numpy as np
 from numpy.random import Generator
 
 from trackbench.core import particles
-from trackbench.core.arrays import Array
-from trackbench.core.counting import note
+from trackbench.core.arrays import Array, note
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kernel_smoothing import Kernel, jitter
 from trackbench.core.particles import Particles
