@@ -16,8 +16,8 @@ from trackbench.core import linalg, particles
 from trackbench.core.arrays import Array, Mask, note
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.elementary import arctan2, cos_sin, log
-from trackbench.core.kernel_smoothing import Kernel, Mode, jitter_modes
 from trackbench.core.mixtures import combine
+from trackbench.core.particle_moves import Kernel, Mode, jitter_modes
 from trackbench.core.particles import Evidence, Particles
 from trackbench.core.random_streams import SomeRuns, Streams
 from trackbench.core.sums import total
