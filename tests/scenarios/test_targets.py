@@ -16,9 +16,8 @@ from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.block import simulate
 from trackbench.field_types import DataError, InvalidKeyError
 from trackbench.filters.ekf import EKF
-from trackbench.models.assumed_sensor import Assume
 from trackbench.models.motions.kinematic import ConstantAcceleration, WhiteAcceleration
-from trackbench.models.sensors.base import Outliers
+from trackbench.models.sensors.base import Assume, Outliers
 from trackbench.models.sensors.doppler import RangeAzimuthDoppler
 from trackbench.models.sensors.elevation import RangeAzimuthElevation
 from trackbench.models.sensors.position import PositionSensor, PositionVelocity

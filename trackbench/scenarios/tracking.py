@@ -13,11 +13,10 @@ from trackbench.core.distributions import Distribution, PointMass
 from trackbench.core.kalman import largest_deviation, posterior_cramer_rao
 from trackbench.core.random_streams import Streams
 from trackbench.field_types import Finite, InvalidKeyError, Natural, Positive, Registered
-from trackbench.models.assumed_sensor import Assume
 from trackbench.models.base import Model, Motion, SampledMotion
 from trackbench.models.motions.irregular import Irregular
 from trackbench.models.motions.kinematic import ConstantVelocity, Linear
-from trackbench.models.sensors.base import SensorBase
+from trackbench.models.sensors.base import Assume, SensorBase
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.models.sensors.stacked import Sensors, sensors_of, stack
 from trackbench.registry import register
