@@ -18,10 +18,12 @@ from trackbench.field_types import DataError, InvalidKeyError
 from trackbench.filters.ekf import EKF
 from trackbench.models.motions.kinematic import ConstantAcceleration, WhiteAcceleration
 from trackbench.models.sensors.base import Assume, Outliers
-from trackbench.models.sensors.doppler import RangeAzimuthDoppler
-from trackbench.models.sensors.elevation import RangeAzimuthElevation
 from trackbench.models.sensors.position import PositionSensor, PositionVelocity
-from trackbench.models.sensors.range_azimuth import RangeAzimuth
+from trackbench.models.sensors.range_azimuth import (
+    RangeAzimuth,
+    RangeAzimuthDoppler,
+    RangeAzimuthElevation,
+)
 from trackbench.scenarios.score import Score, Window
 from trackbench.scenarios.starts.from_scans import OneScan, TwoScan
 from trackbench.scenarios.starts.without_scans import GaussianStart, Known
