@@ -8,9 +8,8 @@ import pytest
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import RunStreams
 from trackbench.models.base import log_likelihood
-from trackbench.models.sensors.angular_base import Platform
+from trackbench.models.sensors.angular import Bearing, Platform
 from trackbench.models.sensors.base import Outliers, SensorBase
-from trackbench.models.sensors.bearing import Bearing
 from trackbench.models.sensors.position import (
     PositionInSpace,
     PositionSensor,

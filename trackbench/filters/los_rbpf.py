@@ -26,7 +26,7 @@ from trackbench.filters.particle_base import ParticleFilter, PFState
 from trackbench.models.base import Model, Scene
 from trackbench.models.motions.kinematic import Linear
 from trackbench.models.priors import TwoPoint
-from trackbench.models.sensors.angular_base import along_line_of_sight
+from trackbench.models.sensors.angular import along_line_of_sight
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.registry import register
 

@@ -13,7 +13,7 @@ from trackbench.core.elementary import log
 from trackbench.core.random_streams import Streams
 from trackbench.field_types import Finite, InvalidKeyError, freeze_mappings
 from trackbench.models.equations import ArrayProgram, Covariance, Equations, Term
-from trackbench.models.sensors.angular_base import wrap_angle
+from trackbench.models.sensors.angular import wrap_angle
 from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.noise import Noise, draw_poisson, log_poisson
 from trackbench.registry import register

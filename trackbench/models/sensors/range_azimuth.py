@@ -12,7 +12,7 @@ from trackbench.core.conversions import Conversion, Polar, ccm, convert, positio
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import arctan2, cos_sin
 from trackbench.field_types import Positive
-from trackbench.models.sensors.angular_base import (
+from trackbench.models.sensors.angular import (
     AngularSensor,
     along_line_of_sight,
     distance,
