@@ -1,7 +1,7 @@
 """The Kalman filter's two equations, batched: predict, and update in Joseph's form; posterior bounds.
 
 NaN marks a missing component of a measurement. The update uses the remaining components; a run without
-any keeps its prediction. The posterior Cramer-Rao bound is that of Tichavsky, Muravchik & Nehorai (1998).
+any keeps its prediction. The posterior Cramer-Rao bound: Tichavsky, Muravchik & Nehorai (1998).
 """
 
 from collections.abc import Iterable
