@@ -10,8 +10,7 @@ from trackbench.registry import register
 from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.data_files import FromFiles
 from trackbench.scenarios.recordings.rows import Gathered, chosen_runs, in_order, read_rows
-from trackbench.scenarios.targets.base import Timeline
-from trackbench.scenarios.targets.fixed_path import Flown
+from trackbench.scenarios.targets.base import Flown, Timeline
 from trackbench.scenarios.targets.waypoints import smooth_path
 
 _POSITIONS = ("x", "y", "z")

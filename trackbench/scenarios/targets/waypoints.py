@@ -7,7 +7,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.field_types import Finite, Positive
 from trackbench.registry import register
-from trackbench.scenarios.targets.fixed_path import Flown
+from trackbench.scenarios.targets.base import Flown
 
 
 @register("targets", "waypoints")
