@@ -22,10 +22,9 @@ from trackbench.models.sensors.stacked import Sensors, sensors_of, stack
 from trackbench.registry import register
 from trackbench.scenarios.base import Scenario, Simulation
 from trackbench.scenarios.recordings.data_files import recorded_columns
-from trackbench.scenarios.schedule import Schedule
 from trackbench.scenarios.score import Score, diverged
 from trackbench.scenarios.starts.base import FixedStart, InitialScans, Start, repeated
-from trackbench.scenarios.targets.base import Scored, Target, Timeline
+from trackbench.scenarios.targets.base import Schedule, Scored, Target, Timeline
 
 _NOTHING = Assume()
 _EVERYTHING = Score()
