@@ -21,7 +21,7 @@ from trackbench.models.sensors.function import FunctionSensor
 from trackbench.models.sensors.stacked import Sensors, sensors_of, stack
 from trackbench.registry import register
 from trackbench.scenarios.base import Scenario, Simulation
-from trackbench.scenarios.recordings.data_files import recorded_columns
+from trackbench.scenarios.recordings.rows import recorded_columns
 from trackbench.scenarios.score import Score, diverged
 from trackbench.scenarios.starts.base import FixedStart, InitialScans, Start, repeated
 from trackbench.scenarios.targets.base import Schedule, Scored, Target, Timeline

@@ -15,8 +15,15 @@ from trackbench.models.priors import TwoPoint
 from trackbench.models.sensors.stacked import Sensors, rows_of, sensors_of
 from trackbench.registry import register
 from trackbench.scenarios.recordings.column_mapping import Naming
-from trackbench.scenarios.recordings.data_files import FromFiles, recorded_columns
-from trackbench.scenarios.recordings.rows import TICK, Gathered, chosen_runs, in_order, read_rows
+from trackbench.scenarios.recordings.rows import (
+    TICK,
+    FromFiles,
+    Gathered,
+    chosen_runs,
+    in_order,
+    read_rows,
+    recorded_columns,
+)
 from trackbench.scenarios.recordings.time_alignment import (
     Clock,
     common_clock,

@@ -8,8 +8,13 @@ from trackbench.core.arrays import Array, fixed
 from trackbench.field_types import DataError, DataFile, Place
 from trackbench.registry import register
 from trackbench.scenarios.recordings.column_mapping import Naming
-from trackbench.scenarios.recordings.data_files import FromFiles
-from trackbench.scenarios.recordings.rows import Gathered, chosen_runs, in_order, read_rows
+from trackbench.scenarios.recordings.rows import (
+    FromFiles,
+    Gathered,
+    chosen_runs,
+    in_order,
+    read_rows,
+)
 from trackbench.scenarios.targets.base import Flown, Timeline
 from trackbench.scenarios.targets.waypoints import smooth_path
 
