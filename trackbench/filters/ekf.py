@@ -16,7 +16,7 @@ from trackbench.core.smoothing import Transition
 from trackbench.core.unscented import PointRule, Unscented, gauss_hermite
 from trackbench.field_types import Count, NonNegative, Positive
 from trackbench.filters.cmkf import polar_moments
-from trackbench.filters.gaussian_base import MAX_ORDER, NonlinearFilter
+from trackbench.filters.kf import MAX_ORDER, NonlinearFilter
 from trackbench.models.base import Differentiable, DifferentiableSensor, Model, Scene
 from trackbench.models.gaussian_steps import (
     AssumedNoise,
