@@ -15,11 +15,10 @@ from typing import Any, TypeAlias
 
 from trackbench.errors import RunError, WriteError, in_line
 from trackbench.evaluation.block import BlockResult, BlockTask
-from trackbench.execution.batches import Computed, Work, compute_batch
 from trackbench.execution.cache import BlockStore, announced
 from trackbench.execution.engines import ClusterExecutor, OpenEngine, SerialExecutor
 from trackbench.execution.plan import stack_limit
-from trackbench.execution.worker import environment_digests
+from trackbench.execution.worker import Computed, Work, compute_batch, environment_digests
 from trackbench.plugins.errors import FilterError, message_of, postponed
 from trackbench.plugins.load import Plugin
 
