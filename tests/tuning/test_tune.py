@@ -13,7 +13,7 @@ from trackbench.errors import UserError
 from trackbench.report.results import Results
 from trackbench.tuning.record import Record
 from trackbench.verify import verify
-from trackbench.verify.tuning import compare_tuning
+from trackbench.verify.verify import compare_tuning
 
 CONFIG = """
 name: small
