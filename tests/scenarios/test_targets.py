@@ -30,8 +30,7 @@ from trackbench.scenarios.starts.without_scans import GaussianStart, Known
 from trackbench.scenarios.targets.base import Launch
 from trackbench.scenarios.targets.driven import Driven
 from trackbench.scenarios.targets.legs import Leg, Legs
-from trackbench.scenarios.targets.recorded import RecordedPath
-from trackbench.scenarios.targets.waypoints import Waypoints
+from trackbench.scenarios.targets.waypoints import RecordedPath, Waypoints
 from trackbench.scenarios.tracking import Tracking
 
 LEGS = (

@@ -15,9 +15,8 @@ from trackbench.core.particles import Evidence, Particles, equal_weights
 from trackbench.core.posterior_scores import ParticlePosterior, Posterior
 from trackbench.core.smoothing import Transition, backwards
 from trackbench.core.sums import dot, mean
-from trackbench.filters.base import InnovationFilter
+from trackbench.filters.base import FixedLag, InnovationFilter, SmoothingFilter
 from trackbench.filters.particle_base import PFState, WeightedParticlesFilter
-from trackbench.filters.smoother_base import FixedLag, SmoothingFilter
 from trackbench.models.base import DifferentiableSensor, Model, Scene, log_likelihood
 from trackbench.registry import register
 

@@ -20,8 +20,7 @@ from trackbench.core.distributions import (
 from trackbench.core.kalman import Innovation, Updated
 from trackbench.core.smoothing import Transition, smooth
 from trackbench.field_types import NonNegative, OpenShare, Positive
-from trackbench.filters.base import InnovationFilter
-from trackbench.filters.smoother_base import FixedLag, SmoothingFilter
+from trackbench.filters.base import FixedLag, InnovationFilter, SmoothingFilter
 from trackbench.models.base import Model, Scene
 from trackbench.models.gaussian_steps import (
     MODEL_NOISE,

@@ -14,8 +14,7 @@ from trackbench.core.particle_moves import Kernel, bandwidth, independence_moves
 from trackbench.core.particles import Evidence, Particles, read_likelihood
 from trackbench.core.resampling import select
 from trackbench.field_types import Natural, NonNegative
-from trackbench.filters.particle_base import ParticleFilter, PFState
-from trackbench.filters.smoother_base import SimulatingSmoother
+from trackbench.filters.particle_base import ParticleFilter, PFState, SimulatingSmoother
 from trackbench.models.base import Model, Scene
 from trackbench.registry import register
 
