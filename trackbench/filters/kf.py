@@ -34,6 +34,8 @@ from trackbench.registry import register
 
 MAX_ORDER = 32
 """Largest order of a Gauss-Hermite rule."""
+MERWE_DEMO: dict[str, object] = {"Q": 0.75, "R": 1e-5, "P0": 0.75, "noise_mean": False}
+"""Noise that van der Merwe's public demo gives its Kalman filters."""
 
 
 class Tracked(NamedTuple):

@@ -88,6 +88,11 @@ class SensorBase(Part):
             raise InvalidKeyError(what, "kind")
         return self
 
+    @property
+    def has_noise_of_state(self) -> bool:
+        """Return whether R depends on the state, which the Fisher information leaves out."""
+        return False
+
     def innovation(self, z: Array, z_pred: Array) -> Array:
         """Return ``z - z_pred`` (n_z, *batch); a sensor of angles wraps them to (-pi, pi]."""
         return z - z_pred

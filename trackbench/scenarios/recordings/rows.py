@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trackbench.core.arrays import Array
-from trackbench.core.random_streams import RunStreams, Streams
 from trackbench.field_types import DataError, InvalidKeyError, Place, require_regular_file
 from trackbench.scenarios.recordings.column_mapping import Columns, Naming
 from trackbench.scenarios.recordings.csv_tables import Table
@@ -333,16 +332,3 @@ class FromFiles:
 
     def __hash__(self) -> int:
         return hash(self._key)
-
-
-def recorded_columns(values: Array, rng: Streams) -> Array:
-    """Return the columns (..., M) of these streams' runs, NaN for runs without a recording.
-
-    Training runs, -1 and so on, are the last ones: run -1 is the last of all.
-    """
-    assert isinstance(rng, RunStreams)
-    out = np.full((*values.shape[:-1], len(rng.runs)), np.nan)
-    # Recordings with these numbers; a negative number counts from the last.
-    there = [m for m in rng.runs if -values.shape[-1] <= m < values.shape[-1]]
-    out[..., : len(there)] = values[..., there]
-    return out

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array, Index, Mask
-from trackbench.core.random_streams import Streams
+from trackbench.core.random_streams import RunStreams, Streams
 from trackbench.extension_points import Part
 from trackbench.field_types import MOST_STEPS, Finite, InvalidKeyError
 from trackbench.models.base import Motion, position_velocity_names
@@ -273,3 +273,16 @@ class Schedule(NamedTuple):
         # Shift all times so that the first one is `begin`.
         shift = 0.0 if self.begin is None else self.begin - own.times[0]
         return own._replace(times=own.times + shift) if shift else own
+
+
+def recorded_columns(values: Array, rng: Streams) -> Array:
+    """Return the columns (..., M) of these streams' runs, NaN for runs without a recording.
+
+    Training runs, -1 and so on, are the last ones: run -1 is the last of all.
+    """
+    assert isinstance(rng, RunStreams)
+    out = np.full((*values.shape[:-1], len(rng.runs)), np.nan)
+    # Recordings with these numbers; a negative number counts from the last.
+    there = [m for m in rng.runs if -values.shape[-1] <= m < values.shape[-1]]
+    out[..., : len(there)] = values[..., there]
+    return out

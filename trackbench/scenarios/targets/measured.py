@@ -22,7 +22,6 @@ from trackbench.scenarios.recordings.rows import (
     chosen_runs,
     in_order,
     read_rows,
-    recorded_columns,
 )
 from trackbench.scenarios.recordings.time_alignment import (
     Clock,
@@ -33,7 +32,7 @@ from trackbench.scenarios.recordings.time_alignment import (
     with_scans,
 )
 from trackbench.scenarios.starts.base import Start, position_part
-from trackbench.scenarios.targets.base import Flight, Scored, Target, Timeline
+from trackbench.scenarios.targets.base import Flight, Scored, Target, Timeline, recorded_columns
 
 
 class Recording(NamedTuple):
