@@ -11,7 +11,7 @@ from trackbench import api
 from trackbench.commands.prepare import jobs_of, with_tuned
 from trackbench.errors import UserError
 from trackbench.report.results import Results
-from trackbench.tuning.record import Record
+from trackbench.tuning.search import Record
 from trackbench.verify import verify
 from trackbench.verify.verify import compare_tuning
 

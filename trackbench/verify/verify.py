@@ -50,8 +50,7 @@ from trackbench.report.open import (
 from trackbench.report.results import Results
 from trackbench.results.point_facts import POINTS_FILE, points_in, points_text, same_points
 from trackbench.results.write import write_results
-from trackbench.tuning.record import Record, Trial
-from trackbench.tuning.search import Rank, Search, Values
+from trackbench.tuning.search import Rank, Record, Search, Trial, Values
 from trackbench.tuning.tuner import Training, given_values, tune
 from trackbench.verify.compare import (
     CHANGED,
