@@ -3,7 +3,7 @@
 In blocks of the product's own size, with nothing else done. Bars are held against the variates as
 numpy's documented generator makes them, an SFC64 stream's ``standard_normal``, ``standard_gamma`` and
 ``random``. A second line, in W1 with a bar of its own, takes the product's faster variates instead: the
-normals and gammas of trackbench/core/random_variates.py.
+normals and gammas of trackbench/core/random_streams.py.
 """
 
 import time

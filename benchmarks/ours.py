@@ -44,7 +44,7 @@ def shipped(name: str, **keys: Any) -> Any:
 def with_assumptions(scenario: Any, motion: Any) -> tuple[Any, dict[str, Any]]:
     """The scenario as a filter sees it that assumes this motion, and the filter's keys for it."""
     try:
-        from trackbench.models.assumed_sensor import Assume
+        from trackbench.models.sensors.base import Assume
     except ImportError:  # old versions
         return scenario, {"motion": motion}
     return scenario.with_assumptions(Assume(motion=motion)), {}

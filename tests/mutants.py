@@ -220,7 +220,7 @@ def nearest(
         return test not in callers, file.stem not in Path(home).stem, calls[test][0]
 
     found, seconds = [], 0.0
-    # A remembered function (core/memoize.py) is not called again, so neighbors may know it, too.
+    # A remembered function (core/arrays.py) is not called again, so neighbors may know it, too.
     for test in sorted((test for test in calls if test.split("::")[0] in homes), key=order):
         seconds += calls[test][0]
         if seconds > limit:

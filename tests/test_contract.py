@@ -11,7 +11,7 @@ from tests.commands import trackbench
 from tests.conftest import EXPERIMENTS, shipped
 from trackbench.contract import check_filter
 from trackbench.filters.ekf import EKF
-from trackbench.filters.gaussian_base import Tracked
+from trackbench.filters.kf import Tracked
 from trackbench.filters.particle_filters import PF
 from trackbench.registry import kinds
 

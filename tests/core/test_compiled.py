@@ -12,8 +12,7 @@ from numpy.random import SFC64
 from trackbench.core import compiled, elementary, linalg, particles, resampling, sums, unscented
 from trackbench.core.build_compiled import BUILT
 from trackbench.core.distributions import Gaussian
-from trackbench.core.random_streams import block_stream
-from trackbench.core.random_variates import NoiseGenerator
+from trackbench.core.random_streams import NoiseGenerator, block_stream
 
 pytestmark = pytest.mark.skipif(compiled.kernels is None, reason="no C compiler")
 SPECIAL = np.array(

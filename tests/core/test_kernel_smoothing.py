@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy import integrate, special, stats
 
-from trackbench.core.kernel_smoothing import bandwidth, jitter, kernel_draws
+from trackbench.core.particle_moves import bandwidth, jitter, kernel_draws
 
 
 @pytest.mark.parametrize("n", [1, 2, 4])

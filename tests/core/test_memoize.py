@@ -5,9 +5,8 @@ import pytest
 
 from tests.papers import maneuver, seen_as
 from trackbench.core import kalman
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, clear_caches, once
 from trackbench.core.distributions import Gaussian
-from trackbench.core.memoize import clear_caches, once
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.run_block import run_block
 from trackbench.filters.kf import KF

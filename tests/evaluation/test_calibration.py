@@ -18,8 +18,8 @@ from trackbench.evaluation.run_block import run_block
 from trackbench.evaluation.statistics import mean
 from trackbench.evaluation.uniformity_tests import at_step, over_steps
 from trackbench.filters.base import AnyFilter
-from trackbench.models.assumed_sensor import Assume
 from trackbench.models.motions.kinematic import WhiteAcceleration
+from trackbench.models.sensors.base import Assume
 from trackbench.scenarios.tracking import Tracking
 
 ALL: tuple[Kind, ...] = ("calibration", "ranks", "crps")

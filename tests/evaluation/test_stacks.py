@@ -15,7 +15,7 @@ from trackbench.evaluation.run_block import run_stack, run_whole_block
 from trackbench.evaluation.run_filter import run_filter_cached
 from trackbench.execution.plan import make_plan, stack_limit
 from trackbench.extension_points import walk_parts
-from trackbench.filters.smoother_base import FixedLag, Trajectories
+from trackbench.filters.base import FixedLag, Trajectories
 from trackbench.models.motions.kinematic import ConstantAcceleration, WhiteAcceleration
 from trackbench.scenarios.base import Scenario
 

@@ -10,9 +10,8 @@ import pytest
 
 from tests.conftest import make_filter, track
 from tests.papers import banana, maneuver, merwe
-from trackbench.core.arrays import Seal, fixed, freeze
+from trackbench.core.arrays import Seal, fixed, freeze, once
 from trackbench.core.distributions import Gaussian
-from trackbench.core.memoize import once
 from trackbench.evaluation import run_filter
 from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.run_block import run_block

@@ -17,15 +17,15 @@ import trackbench
 from tests.conftest import PLANE
 from tests.papers import merwe
 from trackbench.config.load import load
-from trackbench.core import elementary, linalg, random_variates, sums
+from trackbench.core import elementary, linalg, random_streams, sums
 from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.block import BlockTask
 from trackbench.execution import cache, fingerprints, worker
 from trackbench.execution.fingerprints import NO_PART_OF_BLOCKS, block_sources, code_digest
 from trackbench.execution.plan import make_plan
 from trackbench.filters.particle_filters import PF
-from trackbench.models.assumed_sensor import Assume
 from trackbench.models.motions.scalar import SineGamma
+from trackbench.models.sensors.base import Assume
 
 HOME = Path(trackbench.__file__).parent
 DIGESTED = {path.relative_to(HOME).as_posix() for path in block_sources(HOME)}
@@ -223,7 +223,7 @@ OWN_FUNCTIONS = [
     *[(elementary, name) for name in ("exp", "log", "cos_sin", "arctan2")],
     *[(sums, name) for name in ("total", "dot", "product")],
     *[(linalg, name) for name in ("inverse", "matmul")],
-    *[(random_variates, name) for name in ("halved_normals", "exponentials")],
+    *[(random_streams, name) for name in ("halved_normals", "exponentials")],
     *[(RunStreams, name) for name in ("standard_normal", "standard_gamma")],
 ]
 NUMPYS_FUNCTIONS = [

@@ -8,12 +8,11 @@ from scipy.stats import chi2
 
 from tests.conftest import make_filter, per_run, track
 from tests.papers import maneuver
-from trackbench.core.fading_memory import tail
 from trackbench.core.random_streams import RunStreams, block_stream
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.run_block import run_block
 from trackbench.filters.adaptive_kf import VDF, AdaptiveKF
-from trackbench.filters.adaptive_kf.decision_keys import Detector, Exit, SecondDecision
+from trackbench.filters.adaptive_kf.decision_keys import Detector, Exit, SecondDecision, tail
 from trackbench.filters.adaptive_kf.filter import BOTH, Mode, _second_decision
 from trackbench.filters.adaptive_kf.per_axis import axis_step
 from trackbench.filters.imm import IMM

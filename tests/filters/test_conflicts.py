@@ -11,10 +11,10 @@ from tests.papers import banana, maneuver, merwe
 from trackbench.config.checks import check_fit
 from trackbench.config.load import load
 from trackbench.errors import Problem, UserError
-from trackbench.models.assumed_sensor import Assume
 from trackbench.models.base import Motion
 from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
 from trackbench.models.motions.scalar import Autoregressive
+from trackbench.models.sensors.base import Assume
 from trackbench.scenarios.score import Score
 from trackbench.scenarios.starts.without_scans import GivenStart
 from trackbench.scenarios.targets.driven import Driven

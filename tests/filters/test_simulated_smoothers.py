@@ -14,7 +14,7 @@ from trackbench.core.smoothing import draw_predecessors
 from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.run_filter import FilterOutput, run_filter
-from trackbench.filters.smoother_base import FixedLag, Trajectories
+from trackbench.filters.base import FixedLag, Trajectories
 from trackbench.scenarios.base import Scenario, Simulation
 
 T, REPEATS = 10, 40

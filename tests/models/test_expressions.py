@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from trackbench.models.expression_programs import Program
+from trackbench.models.equations import Program
 from trackbench.models.expressions import (
     FUNCTIONS,
     ExpressionError,

@@ -3,7 +3,7 @@ import pytest
 
 from trackbench.core.conversions import position
 from trackbench.models.priors import TwoPoint
-from trackbench.models.sensors.angular_base import wrap_angle
+from trackbench.models.sensors.angular import wrap_angle
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 
 SENSOR = RangeAzimuth(sigma_range=0.2, sigma_azimuth_mrad=2.0)

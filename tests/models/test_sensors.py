@@ -8,19 +8,20 @@ import pytest
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import RunStreams
 from trackbench.models.base import log_likelihood
-from trackbench.models.sensors.angular_base import Platform
+from trackbench.models.sensors.angular import Bearing, Platform
 from trackbench.models.sensors.base import Outliers, SensorBase
-from trackbench.models.sensors.bearing import Bearing
-from trackbench.models.sensors.doppler import RangeAzimuthDoppler
-from trackbench.models.sensors.elevation import RangeAzimuthElevation
-from trackbench.models.sensors.polar_position import PolarPosition
 from trackbench.models.sensors.position import (
     PositionInSpace,
     PositionSensor,
     PositionVelocity,
     VelocitySensor,
 )
-from trackbench.models.sensors.range_azimuth import RangeAzimuth
+from trackbench.models.sensors.range_azimuth import (
+    PolarPosition,
+    RangeAzimuth,
+    RangeAzimuthDoppler,
+    RangeAzimuthElevation,
+)
 from trackbench.models.sensors.stacked import StackedSensor
 from trackbench.registry import kinds
 

@@ -10,8 +10,7 @@ import pytest
 
 from trackbench import api
 from trackbench.errors import WriteError
-from trackbench.results.folder_contents import read_manifest, remove_outputs, write_manifest
-from trackbench.results.lock import locked
+from trackbench.results.folder_contents import locked, read_manifest, remove_outputs, write_manifest
 
 RUN = api.Options(engine="serial", quiet=True, formats=("svg",))
 

@@ -11,7 +11,7 @@ from trackbench.config.load import load
 from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.block import simulate
 from trackbench.field_types import InvalidKeyError
-from trackbench.models.sensors.polar_position import PolarPosition
+from trackbench.models.sensors.range_azimuth import PolarPosition
 from trackbench.scenarios.targets.base import Timeline
 from trackbench.scenarios.targets.random_legs import RandomLegs
 

@@ -16,21 +16,21 @@ from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.block import simulate
 from trackbench.field_types import DataError, InvalidKeyError
 from trackbench.filters.ekf import EKF
-from trackbench.models.assumed_sensor import Assume
 from trackbench.models.motions.kinematic import ConstantAcceleration, WhiteAcceleration
-from trackbench.models.sensors.base import Outliers
-from trackbench.models.sensors.doppler import RangeAzimuthDoppler
-from trackbench.models.sensors.elevation import RangeAzimuthElevation
+from trackbench.models.sensors.base import Assume, Outliers
 from trackbench.models.sensors.position import PositionSensor, PositionVelocity
-from trackbench.models.sensors.range_azimuth import RangeAzimuth
+from trackbench.models.sensors.range_azimuth import (
+    RangeAzimuth,
+    RangeAzimuthDoppler,
+    RangeAzimuthElevation,
+)
 from trackbench.scenarios.score import Score, Window
 from trackbench.scenarios.starts.from_scans import OneScan, TwoScan
 from trackbench.scenarios.starts.without_scans import GaussianStart, Known
 from trackbench.scenarios.targets.base import Launch
 from trackbench.scenarios.targets.driven import Driven
 from trackbench.scenarios.targets.legs import Leg, Legs
-from trackbench.scenarios.targets.recorded import RecordedPath
-from trackbench.scenarios.targets.waypoints import Waypoints
+from trackbench.scenarios.targets.waypoints import RecordedPath, Waypoints
 from trackbench.scenarios.tracking import Tracking
 
 LEGS = (

@@ -5,7 +5,7 @@ import pytest
 
 from trackbench.config.tuning import Objective, bad_terms
 from trackbench.evaluation.statistics import STATISTICS
-from trackbench.tuning.record import Trial
+from trackbench.tuning.search import Trial
 
 SIZES = {"": 4, "position": 2}
 

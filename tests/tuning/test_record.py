@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from trackbench.config.tuning import Axis, Score, read_axis
-from trackbench.tuning.record import Record, Trial, read_tuning, write_tuning
+from trackbench.tuning.search import Record, Trial, read_tuning, write_tuning
 
 
 def _record(*trials: tuple[float, float], key: str = "q", axis: str = "0..10") -> Record:

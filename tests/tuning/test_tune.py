@@ -11,9 +11,9 @@ from trackbench import api
 from trackbench.commands.prepare import jobs_of, with_tuned
 from trackbench.errors import UserError
 from trackbench.report.results import Results
-from trackbench.tuning.record import Record
+from trackbench.tuning.search import Record
 from trackbench.verify import verify
-from trackbench.verify.tuning import compare_tuning
+from trackbench.verify.verify import compare_tuning
 
 CONFIG = """
 name: small

@@ -13,7 +13,7 @@ from numpy.random import SFC64, Generator, SeedSequence
 from trackbench.adapters.components import Order, Pair, as_numbers, component_mismatch
 from trackbench.core.arrays import Array, Mask, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian
-from trackbench.core.random_variates import NoiseGenerator
+from trackbench.core.random_streams import NoiseGenerator
 from trackbench.extension_points import FORMER_HOOKS, field_values
 from trackbench.filters.base import Filter, WrongReturnError
 from trackbench.models.base import Model, Scene

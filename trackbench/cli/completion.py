@@ -93,7 +93,7 @@ def _keys(part: Any, group: str | None, path: str) -> Iterator[str]:
     """Yield paths to the keys of a component: its kind's, those in the config, nested ones."""
     from trackbench.config.build import dataclasses_in, hints_of
     from trackbench.field_types import part_group
-    from trackbench.models.assumed_sensor import Assume
+    from trackbench.models.sensors.base import Assume
     from trackbench.registry import Group, of_kind
 
     known: dict[str, Any] = {}

@@ -25,7 +25,7 @@ from trackbench.execution.plan import Plan, announced, check_memory, make_plan
 from trackbench.execution.runner import first_batch
 from trackbench.report.sweep import as_sweep
 from trackbench.results.folder_contents import DERIVED_FILES, RUN_FILES
-from trackbench.tuning.record import Record
+from trackbench.tuning.search import Record
 from trackbench.tuning.tuner import tune
 from trackbench.yaml_source import Config, read
 

@@ -45,10 +45,9 @@ from trackbench.report.verdicts.cpu_times import time_line
 from trackbench.report.verdicts.files import summary_lines
 from trackbench.report.verdicts.numbers import Comparison
 from trackbench.report.verdicts.reasons import reasons
-from trackbench.results.folder_contents import write_manifest
-from trackbench.results.lock import locked
+from trackbench.results.folder_contents import locked, write_manifest
 from trackbench.results.write import Losses, write_results
-from trackbench.tuning.record import write_tuning
+from trackbench.tuning.search import write_tuning
 from trackbench.yaml_source import Config
 
 if TYPE_CHECKING:

@@ -21,8 +21,7 @@ from trackbench.report.results import Results
 from trackbench.report.verdicts.files import write_comparison, write_paired
 from trackbench.report.verdicts.numbers import Comparison
 from trackbench.report.verdicts.numbers import compare as hold_against_published
-from trackbench.results.folder_contents import write_manifest
-from trackbench.results.lock import locked
+from trackbench.results.folder_contents import locked, write_manifest
 
 
 def load(folder: Path | str) -> Results:

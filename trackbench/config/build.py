@@ -23,7 +23,7 @@ from trackbench.field_types import (
     annotations_of,
     part_group,
 )
-from trackbench.models.assumed_sensor import Assume
+from trackbench.models.sensors.base import Assume
 from trackbench.plugins.checks import check_sensors
 from trackbench.plugins.errors import PluginError, plugin_code
 from trackbench.registry import Group, kinds, of_kind

@@ -15,7 +15,7 @@ from trackbench.config.includes import split_path
 from trackbench.config.tuning import tuned_label
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.extension_points import Part, field_values
-from trackbench.models.assumed_sensor import Assume
+from trackbench.models.sensors.base import Assume
 from trackbench.yaml_source import Keys, scalar
 
 PlainData: TypeAlias = dict[str, Any]

@@ -13,7 +13,7 @@ from trackbench.config.tuning import Axis, Tuning
 from trackbench.extension_points import Part
 from trackbench.field_types import ONE_LINE, Count, Natural
 from trackbench.filters.base import AnyFilter
-from trackbench.models.assumed_sensor import Assume
+from trackbench.models.sensors.base import Assume
 from trackbench.plugins.load import Plugin
 from trackbench.registry import Group
 from trackbench.scenarios.base import Scenario

@@ -16,7 +16,7 @@ from trackbench.config.tuning import Axis, bad_terms, default_metric, read_axis,
 from trackbench.errors import Mark, Problem
 from trackbench.evaluation.block import simulate
 from trackbench.filters.base import AnyFilter
-from trackbench.models.assumed_sensor import Assume
+from trackbench.models.sensors.base import Assume
 from trackbench.plugins.checks import check_scenario
 from trackbench.plugins.errors import PluginError
 from trackbench.yaml_source import Source, put

@@ -170,7 +170,7 @@ KERNEL(c_arctan2) {
   DONE;
 }
 
-/* ---- variates: random_variates.py ---- */
+/* ---- variates: random_streams.py ---- */
 
 /* normals(table, words, out): a Hadamard matrix times four table entries, in pieces of QUADS words. */
 KERNEL(c_normals) {

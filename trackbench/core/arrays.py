@@ -1,11 +1,15 @@
-"""The array types of the package, its convention for batch axes, and read-only memory.
+"""Array types, the convention for batch axes, read-only memory, cached results, counted operations.
 
 A state is ``(n_x, *batch)``, a covariance ``(n_x, n_x, *batch)``; ``batch`` is ``(M,)`` for M runs
 and ``(M, N)`` for N particles in each of M runs. ``px, vx, py, vy = x`` then is a line of code.
 """
 
 import ctypes
-from contextlib import suppress
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from functools import wraps
+from math import prod
 from types import ModuleType
 from typing import Any, Literal, TypeVar, cast
 
@@ -138,3 +142,72 @@ class Seal:
             attributes.clear()  # drops values cached since then, whose origin is unknown
             attributes.update(old)
         return bool(changed) or replaced
+
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+_LIMIT = 4096  # results per function, a few hundred bytes each: two tracks of 1700 steps
+_caches: list[dict[Any, Any]] = []
+
+
+def once(function: F) -> F:
+    """Cache the results of a function of constant matrices; call it if a matrix has a batch axis.
+
+    The blocks of a batch, the points of a grid and the steps of a filter in its steady state then share
+    one covariance recursion. Results are read-only. They depend on the arguments' values only, because
+    the function always receives matrices in C order.
+    """
+    cache: dict[Any, Any] = {}
+    _caches.append(cache)
+
+    @wraps(function)
+    def call(*matrices: Array) -> Any:
+        # A matrix with a batch axis is not constant: compute directly.
+        for A in matrices:
+            if A.ndim > 2:
+                return function(*matrices)
+        # The key is the content of all matrices.
+        key = tuple([(A.dtype.char, A.shape, A.tobytes()) for A in matrices])
+        result = cache.get(key)
+        if result is None:
+            computed = function(*map(np.ascontiguousarray, matrices))
+            result = tuple(map(fixed, computed)) if isinstance(computed, tuple) else fixed(computed)
+            if len(cache) >= _LIMIT:
+                del cache[next(iter(cache))]  # the oldest
+            cache[key] = result
+        return result
+
+    return cast(F, call)
+
+
+def cached_results() -> list[Any]:
+    """Return all cached results."""
+    return [result for cache in _caches for result in cache.values()]
+
+
+def clear_caches() -> None:
+    """Empty all caches, to measure what a new process does."""
+    for cache in _caches:
+        cache.clear()
+
+
+Operation = Literal["likelihoods", "covariances"]
+"""Evaluations of a likelihood at a state; measurement updates of a covariance."""
+_counts: list[Counter[Operation]] = []
+
+
+@contextmanager
+def counting() -> Iterator[Counter[Operation]]:
+    """Count the operations that the kernels note inside this context."""
+    counts: Counter[Operation] = Counter()
+    _counts.append(counts)
+    try:
+        yield counts
+    finally:
+        _counts.remove(counts)
+
+
+def note(operation: Operation, of: Array, components: int) -> None:
+    """Note one operation per batch element of ``of``, which has so many component axes."""
+    for counts in _counts:
+        counts[operation] += prod(of.shape[components:])

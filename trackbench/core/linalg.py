@@ -11,8 +11,7 @@ from math import nan, sqrt
 import numpy as np
 
 from trackbench.core import compiled
-from trackbench.core.arrays import Array, with_trailing
-from trackbench.core.memoize import once
+from trackbench.core.arrays import Array, once, with_trailing
 
 _SINGULAR = 1e-14  # share of its variance below which a pivot is rounding
 _ROUNDING = 2.0**-52  # share of the diagonal below which a rotation changes nothing

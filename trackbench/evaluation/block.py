@@ -13,7 +13,7 @@ from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation import calibration, predictive_scores
 from trackbench.evaluation.error_series import StepSums
 from trackbench.filters.base import AnyFilter
-from trackbench.models.assumed_sensor import Assume
+from trackbench.models.sensors.base import Assume
 from trackbench.scenarios.base import Scenario, Simulation
 
 MOST_STACKED = 8

@@ -23,7 +23,7 @@ from trackbench.core.sums import total
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.error_series import series
 from trackbench.evaluation.run_filter import FilterOutput, run_filter
-from trackbench.filters.gaussian_base import GaussianFilter
+from trackbench.filters.kf import GaussianFilter
 from trackbench.scenarios.base import Simulation
 
 QUADRATIC = ("squared", "error", "nees", "nis")  # series of degree two at most in the errors

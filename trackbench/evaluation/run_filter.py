@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trackbench.core import memoize
+from trackbench.core import arrays
 from trackbench.core.arrays import Array, Seal, freeze
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.random_streams import aside_stream, block_stream, side_by_side
@@ -120,7 +120,7 @@ def _sealed(task: BlockTask, *shared: Any) -> Iterator[None]:
     if not foreign_parts((task.filter, task.scenario, task.assume)):
         yield
         return
-    seal = Seal(shared, memoize.cached_results())
+    seal = Seal(shared, arrays.cached_results())
     try:
         yield
     finally:

@@ -16,8 +16,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from trackbench.core.arrays import Array, freeze
-from trackbench.core.counting import counting
+from trackbench.core.arrays import Array, counting, freeze
 from trackbench.core.random_streams import block_stream
 from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.run_block import keep_freed_memory

@@ -2,7 +2,6 @@
 
 import scipy.special  # noqa: F401  # which kinds import when they need it
 
-import trackbench.execution.batches  # noqa: F401
 from trackbench.execution.worker import environment_digests
 from trackbench.registry import GROUPS, import_own
 

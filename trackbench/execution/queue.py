@@ -1,23 +1,24 @@
-"""Queue of blocks in stacks: each runs once, in order; blocks of a dead worker run again."""
+"""Queue of blocks in stacks: each runs once, in order, blocks of a dead worker again; progress bar."""
 
 import pickle
+import sys
 from collections import Counter, deque
 from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
 from dataclasses import replace
+from importlib.util import find_spec
 from itertools import chain, islice
 from math import inf, nan
 from pathlib import Path
 from queue import SimpleQueue
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from trackbench.errors import RunError, WriteError, in_line
 from trackbench.evaluation.block import BlockResult, BlockTask
-from trackbench.execution.batches import Computed, Work, compute_batch
 from trackbench.execution.cache import BlockStore, announced
 from trackbench.execution.engines import ClusterExecutor, OpenEngine, SerialExecutor
 from trackbench.execution.plan import stack_limit
-from trackbench.execution.worker import environment_digests
+from trackbench.execution.worker import Computed, Work, compute_batch, environment_digests
 from trackbench.plugins.errors import FilterError, message_of, postponed
 from trackbench.plugins.load import Plugin
 
@@ -185,3 +186,28 @@ def _results(future: Future[list[Computed]]) -> list[Computed] | Exception:
         raise RunError("the engine was closed before it was done") from None
     except Exception as error:
         return error
+
+
+def progress_bar(total: int, unit: str, wanted: bool, **keys: Any) -> Any:
+    """Return a progress bar of ``total`` units; ``keys`` are tqdm's."""
+    if not wanted:
+        hidden: bool | None = True
+    else:  # None: silent when stderr is no terminal
+        hidden = False if _in_notebook() else None
+    return _kind()(total=total, unit=unit, disable=hidden, **keys)
+
+
+def _kind() -> Any:
+    """Return the bar's class: the notebook's where it can be shown."""
+    import tqdm
+
+    if not (_in_notebook() and find_spec("ipywidgets")):
+        return tqdm.tqdm
+    import tqdm.notebook
+
+    return tqdm.notebook.tqdm
+
+
+def _in_notebook() -> bool:
+    """Return whether an IPython kernel runs this process."""
+    return "ipykernel" in sys.modules and sys.modules["IPython"].get_ipython() is not None

@@ -22,8 +22,7 @@ from trackbench.execution.block_file import decode, encode
 from trackbench.execution.cache import BlockStore
 from trackbench.execution.engines import OpenEngine
 from trackbench.execution.plan import Key, Plan
-from trackbench.execution.progress import progress_bar
-from trackbench.execution.queue import Found, Queue, algorithm
+from trackbench.execution.queue import Found, Queue, algorithm, progress_bar
 
 
 @dataclass

@@ -1,10 +1,12 @@
-"""Base class of the filters: a frozen dataclass of parameters with three pure functions."""
+"""Base class of the filters, a frozen dataclass with three pure functions; keys of the smoothers."""
 
 from abc import abstractmethod
 from collections.abc import Callable
-from typing import Any, ClassVar, Generic, Protocol, TypeVar
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Generic, Protocol, TypeVar
 
 import numpy as np
+from annotated_types import Interval
 from numpy.random import Generator
 
 from trackbench.core.arrays import Array
@@ -12,6 +14,7 @@ from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kalman import Innovation
 from trackbench.core.posterior_scores import Posterior
 from trackbench.extension_points import Part
+from trackbench.field_types import Count
 from trackbench.models.base import Model, Scene
 
 State = TypeVar("State")
@@ -172,6 +175,40 @@ class Filter(Part, Generic[State]):
 
 
 AnyFilter = Filter[Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FixedLag:
+    """A smoother that estimates a step once a fixed number of later measurements is there."""
+
+    lag: Count
+    """number of later measurements that an estimate uses"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trajectories:
+    """Backward simulation with a number of trajectories, from all measurements or a fixed lag."""
+
+    trajectories: Annotated[int, Interval(ge=2, le=10**6)] = 100
+    """number of trajectories drawn backwards through the particles"""
+    lag: Count | None = None
+    """number of later measurements that an estimate uses; default: all"""
+
+
+class SmoothingFilter(Filter[State]):
+    """Base of the filters with the key ``smooth``."""
+
+    smooth: bool | FixedLag | Trajectories
+
+    @property
+    def smooths(self) -> bool:
+        """Return whether the key ``smooth`` is set."""
+        return self.smooth is not False
+
+    @property
+    def lag(self) -> int | None:
+        """Return the number of later measurements that an estimate uses, or None for all."""
+        return None if isinstance(self.smooth, bool) else self.smooth.lag
 
 
 class HasInnovation(Protocol):

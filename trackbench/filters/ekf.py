@@ -16,7 +16,7 @@ from trackbench.core.smoothing import Transition
 from trackbench.core.unscented import PointRule, Unscented, gauss_hermite
 from trackbench.field_types import Count, NonNegative, Positive
 from trackbench.filters.cmkf import polar_moments
-from trackbench.filters.gaussian_base import MAX_ORDER, NonlinearFilter
+from trackbench.filters.kf import MAX_ORDER, MERWE_DEMO, NonlinearFilter
 from trackbench.models.base import Differentiable, DifferentiableSensor, Model, Scene
 from trackbench.models.gaussian_steps import (
     AssumedNoise,
@@ -30,8 +30,6 @@ from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.registry import register
 
 _CUBATURE = Unscented(1.0, 0.0, 0.0)
-MERWE_DEMO: dict[str, object] = {"Q": 0.75, "R": 1e-5, "P0": 0.75, "noise_mean": False}
-"""Noise that van der Merwe's public demo gives its Kalman filters."""
 
 
 @register("filters", "ekf")

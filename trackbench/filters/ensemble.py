@@ -8,17 +8,15 @@ from annotated_types import Ge, Interval
 from numpy.random import Generator
 
 from trackbench.core import kalman, linalg, particles
-from trackbench.core.arrays import Array, with_trailing
-from trackbench.core.counting import note
+from trackbench.core.arrays import Array, note, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian, draw_covering
 from trackbench.core.kalman import Innovation
 from trackbench.core.particles import Evidence, Particles, equal_weights
 from trackbench.core.posterior_scores import ParticlePosterior, Posterior
 from trackbench.core.smoothing import Transition, backwards
 from trackbench.core.sums import dot, mean
-from trackbench.filters.base import InnovationFilter
+from trackbench.filters.base import FixedLag, InnovationFilter, SmoothingFilter
 from trackbench.filters.particle_base import PFState, WeightedParticlesFilter
-from trackbench.filters.smoother_base import FixedLag, SmoothingFilter
 from trackbench.models.base import DifferentiableSensor, Model, Scene, log_likelihood
 from trackbench.registry import register
 

@@ -17,8 +17,7 @@ from numpy.random import Generator
 
 from trackbench.core import elementary, particles
 from trackbench.core.arrays import Array, Mask
-from trackbench.core.differential_evolution import crossover, mutate
-from trackbench.core.metropolis import metropolis
+from trackbench.core.particle_moves import crossover, metropolis, mutate
 from trackbench.core.particles import Evidence, Particles, WeightReading
 from trackbench.core.random_streams import Streams
 from trackbench.core.sums import mean, total

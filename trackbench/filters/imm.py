@@ -22,10 +22,10 @@ from trackbench.core.mixtures import (
 from trackbench.core.smoothing import Transition, backwards, smooth_step
 from trackbench.core.sums import total
 from trackbench.field_types import InvalidKeyError, Registered
+from trackbench.filters.base import FixedLag, SmoothingFilter
 from trackbench.filters.ekf import EKF
-from trackbench.filters.gaussian_base import GaussianFilter, gate_limits
 from trackbench.filters.jump_markov import JumpMarkov, shared_components
-from trackbench.filters.smoother_base import FixedLag, SmoothingFilter
+from trackbench.filters.kf import GaussianFilter, gate_limits
 from trackbench.models.base import Model, Scene, extra_std
 from trackbench.models.priors import augment_gaussian
 from trackbench.registry import register

@@ -9,8 +9,8 @@ from numpy.random import Generator
 from trackbench.core import particles, resampling
 from trackbench.core.arrays import Array, Index
 from trackbench.core.distributions import Distribution, draw_covering
-from trackbench.core.kernel_smoothing import Kernel, jitter_modes
-from trackbench.core.kernel_smoothing import Mode as Spread
+from trackbench.core.particle_moves import Kernel, jitter_modes
+from trackbench.core.particle_moves import Mode as Spread
 from trackbench.core.particles import Particles
 from trackbench.core.random_streams import Streams
 from trackbench.core.sums import total

@@ -1,15 +1,200 @@
-"""The Kalman filter."""
+"""The Kalman filter, and the bases of the filters with one Gaussian as their state."""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from functools import cache
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
-from trackbench.core.arrays import Array
-from trackbench.core.distributions import Gaussian
-from trackbench.core.kalman import Updated
-from trackbench.filters.gaussian_base import GaussianFilter
-from trackbench.models.base import Model
-from trackbench.models.gaussian_steps import MODEL_NOISE, extended_step
+import numpy as np
+from annotated_types import Ge, Interval
+from numpy.random import Generator
+
+from trackbench.core.arrays import Array, Mask, fixed
+from trackbench.core.conversions import Conversion
+from trackbench.core.distributions import (
+    Distribution,
+    Gaussian,
+    from_root,
+    per_run_moments,
+    root_of,
+)
+from trackbench.core.kalman import Innovation, Updated
+from trackbench.core.smoothing import Transition, smooth
+from trackbench.field_types import NonNegative, OpenShare, Positive
+from trackbench.filters.base import FixedLag, InnovationFilter, SmoothingFilter
+from trackbench.models.base import Model, Scene
+from trackbench.models.gaussian_steps import (
+    MODEL_NOISE,
+    AssumedNoise,
+    extended_step,
+    extended_transition,
+    idle_noise_mean,
+)
+from trackbench.models.priors import Convertible
 from trackbench.registry import register
+
+MAX_ORDER = 32
+"""Largest order of a Gauss-Hermite rule."""
+MERWE_DEMO: dict[str, object] = {"Q": 0.75, "R": 1e-5, "P0": 0.75, "noise_mean": False}
+"""Noise that van der Merwe's public demo gives its Kalman filters."""
+
+
+class Tracked(NamedTuple):
+    """Posterior, NIS (M,) and innovation of the last measurement, and the runs that refused it."""
+
+    posterior: Gaussian
+    nis: Array
+    innovation: Innovation | None = None
+    gated: Mask | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
+    """Base of the filters with one Gaussian: each defines `update`, which an IMM calls as well."""
+
+    gate: OpenShare | None = None
+    """refuse a measurement whose NIS is beyond this quantile of its chi-square law, such as 0.999"""
+
+    smooth: bool | FixedLag = False
+    """estimate each step from all measurements of the run, or from so many later ones: {lag: 5}"""
+
+    fading: Annotated[float, Ge(1), Interval(lt=float("inf"))] = 1.0
+    """factor of a fading memory, ``a^2 F P F' + Q`` (Anderson & Moore 1979; Simon 2006, section 7.4)"""
+
+    form: Literal["covariance", "square-root"] = "covariance"
+    """recursion of covariances, or of their triangular factors, which has twice the digits"""
+
+    summed_diagnostics: ClassVar[frozenset[str]] = frozenset({"gated"})
+    deterministic: ClassVar[bool] = True
+
+    def initialize(self, model: Model, prior: Distribution) -> Gaussian:
+        """Return the first state: the prior's moments."""
+        return Gaussian(prior.mean, prior.cov)
+
+    def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
+        """Predict to step k and update with z (n_z, M)."""
+        raise NotImplementedError
+
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> Tracked:
+        """Return the first state, without an innovation."""
+        return Tracked(self.initialize(model, prior), np.full(prior.mean.shape[1], np.nan))
+
+    def step(self, model: Model, state: Tracked, z: Array, k: int, rng: Generator) -> Tracked:
+        """Predict and update; predict only where the gate refuses the measurement."""
+        before = self.prepared(state.posterior)
+        posterior, innovation = self.update(model, before, z, k)
+        nis = innovation.nis
+        if self.gate is None:
+            return Tracked(posterior, nis, innovation)
+        # The limit of the NIS depends on the number of measured components.
+        measured_components = (~np.isnan(innovation.nu)).sum(axis=0)
+        gated = nis > gate_limits(self.gate, len(z))[measured_components]
+        # Update again with the refused measurements as missing: predict only.
+        if gated.any():
+            posterior, _ = self.update(model, before, np.where(gated, np.nan, z), k)
+        return Tracked(posterior, nis, innovation, gated)
+
+    def prepared(self, state: Gaussian) -> Gaussian:
+        """Return a posterior as the next prediction takes it: N(m, a^2 P), with its factor if needed."""
+        if self.form == "square-root":
+            return from_root(state.mean, self.fading * root_of(state))
+        if self.fading == 1.0:
+            return state
+        return Gaussian(state.mean, self.fading * self.fading * state.cov)
+
+    def estimate(self, state: Tracked) -> Gaussian:
+        """Return the posterior."""
+        return state.posterior
+
+    def smoothed(
+        self, model: Model, states: list[Tracked], k: int, rng: Generator
+    ) -> list[Tracked]:
+        """Return the posteriors of every step by the Rauch-Tung-Striebel recursion."""
+        posteriors = [per_run_moments(state.posterior) for state in states]
+        transitions = [
+            self.faded_transition(model, x, k + 1 + i) for i, x in enumerate(posteriors[:-1])
+        ]
+        smoothed = smooth(posteriors, transitions, self.lag)
+        return [s._replace(posterior=x) for s, x in zip(states, smoothed, strict=True)]
+
+    def faded_transition(self, model: Model, state: Gaussian, k: int) -> Transition:
+        """Return the prediction to step k that `step` makes, and its covariance with the posterior."""
+        # cov(x', f(x')) of the faded x' ~ N(m, a^2 P) is a^2 cov(x, f(x')).
+        step = self.transition(model, self.prepared(state), k)
+        return Transition(step.predicted, step.cross / (self.fading * self.fading))
+
+    def transition(self, model: Model, state: Gaussian, k: int) -> Transition:
+        """Return the prediction to step k from a posterior, and its covariance with it."""
+        return extended_transition(model, state, k, MODEL_NOISE)
+
+    @property
+    def diagnostic_names(self) -> frozenset[str]:
+        """Return the names of `diagnostics`."""
+        return frozenset({"nis"} if self.gate is None else {"nis", "gated"})
+
+    def diagnostics(self, state: Tracked) -> dict[str, Array]:
+        """Return ``nis``, expected n_z, and ``gated``: 1 where the measurement was refused."""
+        if self.gate is None:
+            return {"nis": state.nis}
+        gated = np.zeros(len(state.nis)) if state.gated is None else state.gated.astype(float)
+        return {"nis": state.nis, "gated": gated}
+
+
+@cache
+def gate_limits(gate: float, n_z: int) -> Array:
+    """Return the chi-square quantiles (n_z + 1,) by the number of measured components."""
+    from scipy.special import chdtri
+
+    # No measured component: the limit is infinite, so nothing is gated.
+    return fixed(np.array([np.inf, *(chdtri(n, 1.0 - gate) for n in range(1, n_z + 1))]))
+
+
+@dataclass(frozen=True, kw_only=True)
+class NonlinearFilter(GaussianFilter):
+    """Base of the filters that linearize a nonlinear model or take sigma points of it."""
+
+    Q: Positive | None = None
+    """process noise variance assumed of a scalar state; default: the model's"""
+    R: Positive | None = None
+    """measurement noise variance assumed of a scalar measurement; default: the model's"""
+    P0: NonNegative | None = None
+    """initial variance assumed of a scalar state; default: the prior's"""
+    noise_mean: bool = True
+    """whether the prediction adds the mean of the process noise"""
+    start: Conversion | None = None
+    """conversion of the two scans that initialize a radar's filter; default: the prior's moments"""
+
+    def conflicts(self, scenario: Scene) -> dict[str, str]:
+        """Return a conversion without two scans of a radar, and variances of several components."""
+        out, (motion, sensor) = {}, scenario.model
+        if self.start is not None and not issubclass(scenario.prior_type, Convertible):
+            out["start"] = "needs a start from two scans, such as `start: two-scan`"
+        # One variance serves a scalar state or measurement only.
+        for key, components in (("Q", motion), ("P0", motion), ("R", sensor)):
+            if getattr(self, key) is not None and len(components.components) > 1:
+                out[key] = "is one variance for several components; set the noise by `assume`"
+        return out
+
+    def idle_keys(self, scenario: Scene) -> dict[str, str]:
+        """Return ``noise_mean`` if the process noise is normal."""
+        return idle_noise_mean(scenario)
+
+    def initialize(self, model: Model, prior: Distribution) -> Gaussian:
+        """Return the prior's moments, or those of two-point differencing."""
+        # The converted scans replace the prior; P0 replaces its covariance.
+        if self.start is not None and isinstance(prior, Convertible):
+            prior = prior.gaussian(self.start)
+        if self.P0 is not None:
+            prior = Gaussian(prior.mean, self.P0 * np.eye(len(prior.mean)))
+        return per_run_moments(prior)
+
+    @property
+    def assumed(self) -> AssumedNoise:
+        """Return the keys Q, R and noise_mean, which replace the model's noise."""
+        return AssumedNoise(self.Q, self.R, self.noise_mean)
+
+    def transition(self, model: Model, state: Gaussian, k: int) -> Transition:
+        """Return the prediction to step k by the motion's Jacobian, and its covariance with x_{k-1}."""
+        return extended_transition(model, state, k, self.assumed)
 
 
 @register("filters", "kf")

@@ -13,12 +13,11 @@ import numpy as np
 from numpy.random import Generator
 
 from trackbench.core import linalg, particles
-from trackbench.core.arrays import Array, Mask
-from trackbench.core.counting import note
+from trackbench.core.arrays import Array, Mask, note
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.elementary import arctan2, cos_sin, log
-from trackbench.core.kernel_smoothing import Kernel, Mode, jitter_modes
 from trackbench.core.mixtures import combine
+from trackbench.core.particle_moves import Kernel, Mode, jitter_modes
 from trackbench.core.particles import Evidence, Particles
 from trackbench.core.random_streams import SomeRuns, Streams
 from trackbench.core.sums import total
@@ -27,7 +26,7 @@ from trackbench.filters.particle_base import ParticleFilter, PFState
 from trackbench.models.base import Model, Scene
 from trackbench.models.motions.kinematic import Linear
 from trackbench.models.priors import TwoPoint
-from trackbench.models.sensors.angular_base import along_line_of_sight
+from trackbench.models.sensors.angular import along_line_of_sight
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.registry import register
 

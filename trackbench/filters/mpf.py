@@ -20,10 +20,9 @@ import numpy as np
 from numpy.random import Generator
 
 from trackbench.core import particles
-from trackbench.core.arrays import Array
-from trackbench.core.counting import note
+from trackbench.core.arrays import Array, note
 from trackbench.core.distributions import Distribution, Gaussian
-from trackbench.core.kernel_smoothing import Kernel, jitter
+from trackbench.core.particle_moves import Kernel, jitter
 from trackbench.core.particles import Particles
 from trackbench.field_types import NonNegative
 from trackbench.filters.particle_base import ParticleFilter, PFState

@@ -1,4 +1,4 @@
-"""State of the particle filters, and the base of those that move and resample particles."""
+"""State of the particle filters, the base of those that move and resample particles, their smoother."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,16 +8,17 @@ import numpy as np
 from annotated_types import Ge
 from numpy.random import Generator
 
-from trackbench.core import particles
+from trackbench.core import linalg, particles
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution, Gaussian, draw_covering
 from trackbench.core.particles import Evidence, Particles, WeightReading, read_likelihood
 from trackbench.core.posterior_scores import ParticlePosterior, Posterior
 from trackbench.core.random_streams import Streams
 from trackbench.core.resampling import Scheme, ancestors, select
+from trackbench.core.smoothing import backwards, draw_predecessors
 from trackbench.field_types import Count, Natural
-from trackbench.filters.base import Filter
-from trackbench.models.base import Model, Scene, log_likelihood
+from trackbench.filters.base import Filter, SmoothingFilter, Trajectories
+from trackbench.models.base import Model, NormalMotion, Scene, log_likelihood
 
 
 class PFState(NamedTuple):
@@ -152,3 +153,53 @@ class ParticleFilter(WeightedParticlesFilter):
         # Copy each particle as often as the scheme draws it; then all weights are equal.
         index = ancestors(cloud.w, rng, self.resampling, size)
         return Particles(select(cloud.x, index), particles.equal_weights(*index.shape))
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulatingSmoother(SmoothingFilter[PFState], ParticleFilter):
+    """Base of the particle filters that smooth by backward simulation (Godsill et al. 2004)."""
+
+    smooth: bool | Trajectories = False
+    """estimate each step from all measurements of the run, or otherwise: {trajectories: 50, lag: 5}"""
+
+    def conflicts(self, scenario: Scene) -> dict[str, str]:
+        """Return that a smoother needs the density of the motion, if it has none."""
+        out, motion = super().conflicts(scenario), scenario.model.motion
+        if self.smooths and isinstance(motion, NormalMotion) and linalg.is_singular(motion.Q):
+            what = "weighs by the density of the process noise, and this motion's is singular"
+            out["smooth"] = f"{what}; give every component noise, or smooth an ekf or ukf"
+        return out
+
+    def smoothed(
+        self, model: Model, states: list[PFState], k: int, rng: Generator
+    ) -> list[PFState]:
+        """Return equally weighted trajectories in place of the particles of every step."""
+
+        def one_back(i: int, later: Array) -> Array:
+            cloud = states[i].weighted
+            transition = model.motion.transition(cloud.x, k + 1 + i)
+            return draw_predecessors(cloud, transition.log_prob, later, rng)
+
+        # Step 1: draw the last states from each posterior; a run that diverged stays NaN.
+        count = self._keys.trajectories
+        ends = [
+            select(np.where(np.isnan(w), np.nan, x), ancestors(w, rng, size=count))
+            for x, w in (state.weighted for state in states)
+        ]
+        # Step 2: draw the states before them, step by step.
+        paths = backwards(ends, one_back, self.lag)
+        clouds = [Particles(x, particles.equal_weights(*x.shape[1:])) for x in paths]
+        return [
+            state._replace(particles=cloud, weighted=cloud, estimate=cloud.moments())
+            for state, cloud in zip(states, clouds, strict=True)
+        ]
+
+    def smoother_memory(self, model: Model, steps: int) -> int:
+        """Return also the numbers of boosted particles and of the trajectories."""
+        n, boosted = len(model.motion.components), self.max_particle_count - self.N
+        more = 3 * (n + 1) * boosted * self.boost_scans + 2 * n * self._keys.trajectories * steps
+        return super().smoother_memory(model, steps) + more
+
+    @property
+    def _keys(self) -> Trajectories:
+        return Trajectories() if isinstance(self.smooth, bool) else self.smooth

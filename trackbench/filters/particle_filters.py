@@ -10,13 +10,11 @@ from numpy.random import Generator
 from trackbench.core import elementary, particles, resampling
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
-from trackbench.core.kernel_smoothing import Kernel, bandwidth, jitter
-from trackbench.core.metropolis import independence_moves
+from trackbench.core.particle_moves import Kernel, bandwidth, independence_moves, jitter
 from trackbench.core.particles import Evidence, Particles, read_likelihood
 from trackbench.core.resampling import select
 from trackbench.field_types import Natural, NonNegative
-from trackbench.filters.particle_base import ParticleFilter, PFState
-from trackbench.filters.smoother_base import SimulatingSmoother
+from trackbench.filters.particle_base import ParticleFilter, PFState, SimulatingSmoother
 from trackbench.models.base import Model, Scene
 from trackbench.registry import register
 

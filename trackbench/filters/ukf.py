@@ -12,8 +12,7 @@ from trackbench.core.kalman import Updated
 from trackbench.core.smoothing import Transition
 from trackbench.core.unscented import PointRule, Unscented, gauss_hermite
 from trackbench.field_types import Finite, Positive
-from trackbench.filters.ekf import MERWE_DEMO
-from trackbench.filters.gaussian_base import MAX_ORDER, NonlinearFilter
+from trackbench.filters.kf import MAX_ORDER, MERWE_DEMO, NonlinearFilter
 from trackbench.models.base import Model, Scene
 from trackbench.models.gaussian_steps import (
     additive_step,

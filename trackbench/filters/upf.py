@@ -11,7 +11,7 @@ from numpy.random import Generator
 from trackbench.core import particles
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
-from trackbench.core.metropolis import independence_moves
+from trackbench.core.particle_moves import independence_moves
 from trackbench.core.particles import Evidence, Particles, WeightReading
 from trackbench.core.resampling import Scheme, ancestors, select
 from trackbench.field_types import Natural

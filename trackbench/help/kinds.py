@@ -140,7 +140,7 @@ def experiment_keys() -> list[dict[str, str]]:
 
 def assume_keys() -> list[dict[str, str]]:
     """Return key, default and text of what every filter may assume."""
-    from trackbench.models.assumed_sensor import Assume
+    from trackbench.models.sensors.base import Assume
 
     return _as_data(list(_key_rows(Assume, "assume.")))
 
@@ -166,7 +166,7 @@ def _rows(group: str, cls: type[Part]) -> list[tuple[str, str, str]]:
     """Return key, default and text of every key, including `assume`."""
     rows = list(_key_rows(cls, ""))
     if group == "filters":
-        from trackbench.models.assumed_sensor import Assume
+        from trackbench.models.sensors.base import Assume
 
         rows += _key_rows(Assume, "assume.")
     return rows

@@ -13,8 +13,7 @@ from typing import ClassVar, NamedTuple, Protocol, TypeAlias, TypeGuard, cast, r
 import numpy as np
 
 from trackbench.core import kalman
-from trackbench.core.arrays import Array, Index, with_trailing
-from trackbench.core.counting import note
+from trackbench.core.arrays import Array, Index, note, with_trailing
 from trackbench.core.distributions import Distribution, Gamma, Gaussian, zero_mean_log_prob
 from trackbench.core.random_streams import Streams
 from trackbench.extension_points import Part

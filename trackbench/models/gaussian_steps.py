@@ -8,8 +8,7 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from trackbench.core import kalman, linalg
-from trackbench.core.arrays import Array, with_axes_of, with_trailing
-from trackbench.core.counting import note
+from trackbench.core.arrays import Array, note, with_axes_of, with_trailing
 from trackbench.core.distributions import Factored, Gaussian, from_root, per_run_moments, root_of
 from trackbench.core.kalman import Innovation, Updated
 from trackbench.core.smoothing import Transition

@@ -25,7 +25,7 @@ from trackbench.report.result_files import ResultFiles
 from trackbench.report.table import Table, results_html
 from trackbench.results.folder_contents import DEFAULT, TRACK
 from trackbench.results.point_facts import GridPoint
-from trackbench.tuning.record import Record, read_tuning
+from trackbench.tuning.search import Record, read_tuning
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -1,21 +1,26 @@
-"""The files of a results folder: their names, their digests, and which of them the next run removes.
+"""The files of a results folder: their names, digests, which of them the next run removes; its lock.
 
 Git keeps the files that every machine writes again byte for byte and that are small. It has the digests
 of the large ones (`DATA_FILES`). What one run adds on one machine stands apart (`is_of_one_run`): CPU
 times, versions and dates in ``run/``, ``report.html``, and formats that an option asks for.
 """
 
+import errno
 import hashlib
 import json
+import os
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping
-from contextlib import suppress
+import stat
+import sys
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 
 from trackbench.atomic_files import ensure_folder, remove, within, write_text
-from trackbench.errors import UserError
+from trackbench.errors import UserError, WriteError
 from trackbench.field_types import require_regular_file
+from trackbench.os_specific import lock
 from trackbench.yaml_source import read
 
 FORMAT = 3
@@ -189,3 +194,72 @@ def _digest(path: Path) -> str:
     with suppress(OSError), path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
     return "unreadable"  # in place of a digest
+
+
+@contextmanager
+def locked(folder: Path, say: Callable[[str], None]) -> Iterator[None]:
+    """Lock ``folder`` against other processes; if it is locked, call ``say`` with a line and wait.
+
+    The system frees the lock of a process that dies.
+    """
+    path = folder / ".lock"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        descriptor = _acquire(path, say)
+    except OSError as error:
+        raise WriteError.of(path, error) from error
+    try:
+        yield
+    finally:
+        with suppress(PermissionError):  # of Windows, where an open file cannot be removed
+            path.unlink(missing_ok=True)
+        os.close(descriptor)
+
+
+_FLAGS = os.O_RDWR | os.O_CREAT
+if sys.platform != "win32":
+    _FLAGS |= os.O_NOFOLLOW | os.O_NONBLOCK
+_DIGITS = 20  # more than a process id has
+
+
+def _acquire(path: Path, say: Callable[[str], None]) -> int:
+    waiting = False
+    while True:
+        descriptor = os.open(path, _FLAGS, 0o644)
+        try:
+            holder = _holder(descriptor)
+            lock(descriptor, wait=False)
+        except BlockingIOError:
+            if not waiting:
+                say(f"{path.parent}/ is in use by process {holder}; waiting for it to finish")
+            waiting = True
+            lock(descriptor, wait=True)
+        except OSError:
+            os.close(descriptor)
+            raise
+        if _is_current(descriptor, path):
+            os.ftruncate(descriptor, 0)
+            os.lseek(descriptor, 0, os.SEEK_SET)
+            os.write(descriptor, str(os.getpid()).encode())
+            return descriptor
+        os.close(descriptor)  # the process before removed the file: it is no longer the lock
+
+
+def _holder(descriptor: int) -> str:
+    """Return the process id in a lock file; raises OSError if no run wrote the file.
+
+    A results folder may come from anywhere. A file with other content or with a second name (a hard
+    link) is left alone.
+    """
+    status = os.fstat(descriptor)
+    text = os.read(descriptor, _DIGITS + 1) if stat.S_ISREG(status.st_mode) else b"not a file"
+    if status.st_nlink > 1 or len(text) > _DIGITS or not (text.isdigit() or not text):
+        raise OSError(errno.EEXIST, "is not a lock of trackbench; remove it by hand")
+    return text.decode() or "?"
+
+
+def _is_current(descriptor: int, path: Path) -> bool:
+    try:
+        return os.path.samestat(os.fstat(descriptor), path.lstat())
+    except FileNotFoundError:
+        return False

@@ -1,13 +1,22 @@
-"""Write the files of a run into a results folder, each whole or not at all."""
+"""Write the files of a run into a results folder, each whole or not at all; facts of its manifest."""
 
+import hashlib
+import platform
+import re
+import subprocess
+import sys
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, distribution, version
+from importlib.resources import files
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 
+import trackbench
 from trackbench.atomic_files import (
     CsvWriter,
     Row,
@@ -22,6 +31,7 @@ from trackbench.config.dump import as_yaml, resolved
 from trackbench.config.experiment import Experiment
 from trackbench.config.metric_names import is_stored, stored_metrics
 from trackbench.config.requested_metrics import Contributions, requested_contributions
+from trackbench.core import compiled
 from trackbench.core.sums import total
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.consistency import sizes
@@ -40,10 +50,11 @@ from trackbench.evaluation.summary import (
     summary_rows,
 )
 from trackbench.evaluation.timing import Measured
+from trackbench.execution import fingerprints
+from trackbench.execution.fingerprints import code_digest
 from trackbench.execution.plan import Key
 from trackbench.execution.runner import Outcome
 from trackbench.results.folder_contents import COLUMNS, DIGITS, TIMING, remove_outputs
-from trackbench.results.manifest import facts_of_run
 from trackbench.results.point_facts import POINTS_FILE, points_text
 from trackbench.results.tracks import FigureTracks, TrackFile
 from trackbench.scenarios.base import Scenario
@@ -254,3 +265,108 @@ _ROWS: dict[str, Any] = {
     "summary.csv": _summary,
     "timing.csv": _timing,
 }
+
+
+_PIN = re.compile(r"^([A-Za-z0-9_.-]+)==([^\s;\\]+)(?! ;)", re.MULTILINE)
+"""A package that every system installs: one that only some systems need has a marker behind a ``;``."""
+_VERSION = re.compile(r"^Version: (\S+)$", re.MULTILINE)
+_PROCESSOR = re.compile(r"^model name\s*: (.+)$", re.MULTILINE)
+_PACKAGES = ("numpy", "scipy", "pandas", "matplotlib", "pydantic", "PyYAML")
+
+
+def facts_of_run(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
+    """Return the content of both manifests but for the format and the digests of the files."""
+    filters = experiment.points[0].filters
+    steps = [len(point.scenario.steps) - 1 for point in experiment.points]
+    recorded = all(point.scenario.recorded_runs is not None for point in experiment.points)
+    fixed = [label for label, f in filters.items() if f.deterministic and recorded]
+    looped = [label for label, f in filters.items() if f.loops_over_runs]
+    return {
+        "trackbench": trackbench.__version__,
+        "commit": _commit(),
+        "date": datetime.now(UTC).date().isoformat(),
+        "experiment": experiment.settings.name,
+        "seed": experiment.settings.seed,
+        "runs": experiment.settings.runs,
+        "steps": steps[0] if len(set(steps)) == 1 else steps,
+        "python": sys.version.split()[0],
+        "platform": platform.platform(),
+        "processor": _processor(),
+        "packages": {name: version(name) for name in _PACKAGES}
+        | dict(package for plugin in experiment.plugins for package in plugin.packages),
+        "lock": compare_lock(),
+        "plugins": {Path(plugin.path).name: plugin.digest for plugin in experiment.plugins},
+        "code": code_digest(),
+        "arithmetic": {
+            "own": fingerprints.own_arithmetic(),
+            "numpy": fingerprints.numpy_arithmetic(),
+            "compiled": compiled.kernels is not None,
+        },
+        "failed": [
+            {**experiment.points[i].values, "filter": label, "reason": why}
+            for (i, label), why in outcome.failures.items()
+        ],
+        "blocks": {"computed": outcome.computed, "reused": outcome.reused},
+        "wall_s": round(outcome.wall_s, 3),
+        **({"loops_over_runs": looped} if looped else {}),
+        **({"deterministic": fixed} if fixed else {}),
+    }
+
+
+def lock_file() -> Path:
+    """Return the path of the lock file: beside the code in a wheel, in requirements/ in a checkout."""
+    package = Path(str(files("trackbench")))
+    in_wheel = package / "requirements.txt"
+    return in_wheel if in_wheel.is_file() else package.parent / "requirements" / "run.txt"
+
+
+def compare_lock() -> dict[str, Any]:
+    """Return the lock file's digest, and the packages that are installed in another version."""
+    content = lock_file().read_bytes()
+    pins = dict(_PIN.findall(content.decode()))
+    installed = {name: _installed(name) for name in pins}
+    return {
+        "file": "requirements/run.txt",
+        "sha256": hashlib.sha256(content).hexdigest(),
+        "other": {
+            name: installed[name] for name in pins if installed[name] not in (pins[name], None)
+        },
+    }
+
+
+def _installed(name: str) -> str | None:
+    """Return a package's version; None if it is not installed, as a tool of the build may be."""
+    try:
+        text = distribution(name).read_text("METADATA")
+    except PackageNotFoundError:
+        return None
+    line = _VERSION.search(text or "")  # `version` would parse the whole text, thirty times
+    return line.group(1) if line else version(name)
+
+
+def _processor() -> str:
+    """Return the processor's name, which Python does not know on Linux."""
+    with suppress(OSError):
+        line = _PROCESSOR.search(Path("/proc/cpuinfo").read_text(encoding="utf-8"))
+        return line.group(1) if line else platform.machine()
+    return platform.processor()
+
+
+def _commit() -> str | None:
+    """Return the git commit of the package's own source, if it is a checkout.
+
+    A repository around an installed package belongs to another program. In its own repository the
+    package is the folder ``trackbench`` at the top, and the commit has its files.
+    """
+    package = Path(trackbench.__file__).parent
+    try:
+        answer = subprocess.run(
+            ["git", "-C", str(package), "rev-parse", "--show-prefix", "HEAD", "HEAD:./__init__.py"],
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    prefix, commit, _ = answer.stdout.splitlines()
+    return commit if prefix == f"{package.name}/" else None

@@ -10,8 +10,8 @@ from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution
 from trackbench.core.random_streams import Streams
 from trackbench.field_types import InvalidKeyError
-from trackbench.models.assumed_sensor import Assume
 from trackbench.models.base import Model, Scene, Sensor, has_density
+from trackbench.models.sensors.base import Assume
 
 
 class Simulation(NamedTuple):

@@ -9,24 +9,20 @@ import numpy as np
 
 from trackbench.core import linalg
 from trackbench.core.arrays import Array, Index, Mask, fixed
-from trackbench.core.cramer_rao import largest_deviation, posterior_cramer_rao
 from trackbench.core.distributions import Distribution, PointMass
+from trackbench.core.kalman import largest_deviation, posterior_cramer_rao
 from trackbench.core.random_streams import Streams
 from trackbench.field_types import Finite, InvalidKeyError, Natural, Positive, Registered
-from trackbench.models.assumed_sensor import Assume
 from trackbench.models.base import Model, Motion, SampledMotion
 from trackbench.models.motions.irregular import Irregular
 from trackbench.models.motions.kinematic import ConstantVelocity, Linear
-from trackbench.models.sensors.base import SensorBase
-from trackbench.models.sensors.function import FunctionSensor
+from trackbench.models.sensors.base import Assume, SensorBase
 from trackbench.models.sensors.stacked import Sensors, sensors_of, stack
 from trackbench.registry import register
 from trackbench.scenarios.base import Scenario, Simulation
-from trackbench.scenarios.recordings.data_files import recorded_columns
-from trackbench.scenarios.schedule import Schedule
 from trackbench.scenarios.score import Score, diverged
 from trackbench.scenarios.starts.base import FixedStart, InitialScans, Start, repeated
-from trackbench.scenarios.targets.base import Scored, Target, Timeline
+from trackbench.scenarios.targets.base import Schedule, Scored, Target, Timeline, recorded_columns
 
 _NOTHING = Assume()
 _EVERYTHING = Score()
@@ -328,7 +324,7 @@ class Tracking(Scenario):
         sensors = sensors_of(self.true_sensor)
         if any(s.outliers is not None or s.bias for s in sensors):
             return "the bound is of normal errors without a bias"
-        if any(isinstance(s, FunctionSensor) and s.has_noise_of_state for s in sensors):
+        if any(s.has_noise_of_state for s in sensors):
             return "the covariance of the noise depends on the state"
         if self._start.prior_type(self.true_sensor) is PointMass:
             return "the first state is known"

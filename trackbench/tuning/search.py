@@ -1,18 +1,26 @@
-"""Search of a filter's keys: spread points, a Nelder-Mead simplex, then neighbors.
+"""Search of a filter's keys: spread points, a Nelder-Mead simplex, then neighbors; its record.
 
 The search depends on the ranks of trials only, so its result is the same for any number of
 workers. Nelder and Mead's simplex compares ranks without computing with them: lost runs and
-objectives made rough by particles do not mislead it. docs/tuning.md explains the choice.
+objectives made rough by particles do not mislead it. docs/tuning.md explains the choice. The record is
+tuning.csv: every trial, a row per key, and conclusions about the keys.
 """
 
-from collections.abc import Generator, Iterable, Mapping, Sequence
-from itertools import product
-from typing import Any, TypeAlias
+import csv
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import product, starmap
+from math import inf, isfinite, nan
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, NamedTuple, TextIO, TypeAlias
 
 import numpy as np
 
-from trackbench.config.tuning import Axis
+from trackbench.atomic_files import write_csv
+from trackbench.config.tuning import Axis, Score, read_axis
 from trackbench.core.arrays import Array
+from trackbench.yaml_source import scalar
 
 Values: TypeAlias = tuple[Any, ...]
 """A value of each axis."""
@@ -157,3 +165,173 @@ class _UnknownError(Exception):
     def __init__(self, place: Shares) -> None:
         super().__init__()
         self.place = place
+
+
+HEADER = ["filter", "trial", "key", "value", "objective", "stderr", "lost"]
+_DIGITS = 7
+_FLAT = 0.9  # share of an axis: what lies within a standard error on so much of it hangs on nothing
+_END = 0.005  # share of an axis next to its end
+_FAILED = 1 << 30  # as if so many runs were lost: more than any filter loses
+
+
+class Trial(NamedTuple):
+    """Values by key, objective with standard error, lost runs; NaN if the filter failed."""
+
+    values: Mapping[str, Any]
+    objective: float
+    stderr: float
+    lost: int
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any], score: Score | None) -> "Trial":
+        """Return the trial of these values; without a score the filter failed."""
+        if score is None:
+            return cls(values, nan, nan, _FAILED)
+        return cls(values, score.value, score.stderr, score.lost)
+
+    def rounded(self) -> "Trial":
+        """Return the trial rounded as in tuning.csv."""
+        return self._replace(objective=_rounded(self.objective), stderr=_rounded(self.stderr))
+
+    @property
+    def rank(self) -> tuple[int, float]:
+        """Return the sort key of trials: fewer lost runs first, then the smaller objective."""
+        return self.lost, self.objective if isfinite(self.objective) else inf
+
+
+@dataclass
+class Record:
+    """The trials of a filter in their order."""
+
+    axes: tuple[Axis, ...]
+    trials: list[Trial] = field(default_factory=list)
+    taken: Mapping[str, Any] | None = None
+    """values of the tuned filter in the config, where that is known"""
+    cpu_s: float = field(default=0.0, compare=False)
+    """CPU time of the training runs, s; zero if read back"""
+
+    @property
+    def best(self) -> Trial:
+        """Return the trial of the smallest rank; among equal ones the adopted trial, or the first.
+
+        Objectives that differed before rounding may be equal after reading them from the file.
+        """
+        return min(self.trials, key=lambda trial: (trial.rank, trial.values != self.taken))
+
+    def within(self, axis: Axis) -> list[Any]:
+        """Return the range of a key, or the choices, at most one standard error worse.
+
+        The rule of one standard error (Breiman et al. 1984, section 3.4.3). With the other keys at
+        their best, the objective is interpolated linearly between trials; any other trial as good
+        widens the range. Values outside the trials are left out.
+        """
+        best = self.best
+        limit = best.objective + (best.stderr if isfinite(best.stderr) else 0.0)
+        line = [(axis.share(t.values[axis.key]) or 0.0, t) for t in self.beside(axis)]
+        good = [t for t in self.trials if t.lost == best.lost and t.objective <= limit]
+        if axis.choices:
+            there = {t.values[axis.key] for t in good}
+            return [choice for choice in axis.choices if choice in there]
+        middle = axis.share(best.values[axis.key]) or 0.0
+        below = sorted((-x, t.objective) for x, t in line if x <= middle)
+        above = sorted((x, t.objective) for x, t in line if x >= middle)
+        shares = [axis.share(t.values[axis.key]) or 0.0 for t in good]
+        ends = min(shares, default=middle), max(shares, default=middle)
+        return [
+            axis.at(min(ends[0], -_reach(below, limit))),
+            axis.at(max(ends[1], _reach(above, limit))),
+        ]
+
+    def beside(self, axis: Axis) -> list[Trial]:
+        """Return the trials that differ from the best in at most this key and lose as many runs."""
+        best = self.best
+        others = [a.key for a in self.axes if a != axis]
+        same = [t for t in self.trials if all(t.values[k] == best.values[k] for k in others)]
+        return [t for t in same if t.lost == best.lost]
+
+    def remarks(self, runs: int) -> Iterator[str]:
+        """Yield remarks on lost runs, keys at an end of their range, keys without effect."""
+        best = self.best
+        if not isfinite(best.objective):
+            yield "no value that was tried keeps a single training run"
+            return
+        number = len(self.trials)
+        late = self.trials.index(best) >= number - looked_around(self.axes, number)
+        if late and any(not axis.choices for axis in self.axes) and number > 1:
+            yield "the best values came last, looking around: more evaluations may find better ones"
+        if best.lost:
+            yield f"{best.lost} of {runs} training runs are lost with the best values"
+        for axis in self.axes:
+            value, near = best.values[axis.key], self.within(axis)
+            span = _shares(axis, near)
+            if not axis.choices and span[1] - span[0] >= _FLAT:
+                yield (
+                    f"{axis.key} hardly matters: from {near[0]:g} to {near[-1]:g} nothing is more than "
+                    "a standard error from the best"
+                )
+            elif not axis.choices and not _END < _shares(axis, [value])[0] < 1.0 - _END:
+                side = "lower" if _shares(axis, [value])[0] < 0.5 else "upper"
+                yield f"{axis.key} is at its {side} bound, {value:g}: let it go further"
+
+
+def write_tuning(path: Path, found: Mapping[str, Record]) -> None:
+    """Write tuning.csv."""
+    write_csv(path, HEADER, _rows(found))
+
+
+def _rows(found: Mapping[str, Record]) -> Iterator[list[Any]]:
+    for label, record in found.items():
+        for n, trial in enumerate(record.trials):
+            _, objective, stderr, lost = trial.rounded()
+            numbers = [objective, stderr, "" if lost == _FAILED else lost]
+            for axis in record.axes:
+                yield [label, n, axis.key, trial.values[axis.key], *numbers]
+
+
+def read_tuning(
+    file: TextIO,
+    tune: Mapping[str, Mapping[str, Any]],
+    taken: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
+) -> dict[str, Record]:
+    """Read the records of the filters that a config tunes, by label.
+
+    ``taken`` are the values of these keys that the config's tuned filters have.
+    """
+    trials: dict[tuple[str, str], list[dict[str, str]]] = {}
+    for row in csv.DictReader(file):
+        trials.setdefault((row["filter"], row["trial"]), []).append(row)
+    out = {
+        label: Record(tuple(starmap(read_axis, keys.items())), taken=taken.get(label))
+        for label, keys in tune.items()
+    }
+    for (label, _), rows in trials.items():
+        out[label].trials.append(_trial(rows))
+    return {label: record for label, record in out.items() if record.trials}
+
+
+def _trial(rows: list[dict[str, str]]) -> Trial:
+    first = rows[0]
+    values = {row["key"]: scalar(row["value"]) for row in rows}
+    lost = int(first["lost"]) if first["lost"] else _FAILED
+    return Trial(values, float(first["objective"]), float(first["stderr"]), lost)
+
+
+def _reach(line: list[tuple[float, float]], limit: float) -> float:
+    """Return how far from the first point of a line (share, objective) it stays below the limit."""
+    reached, height = line[0]
+    for x, y in line[1:]:
+        if not y <= limit:
+            share = (limit - height) / (y - height) if isfinite(y) else 0.0
+            return reached + (x - reached) * share
+        reached, height = x, y
+    return reached
+
+
+def _rounded(x: float) -> float:
+    return float(f"{x:.{_DIGITS}g}")
+
+
+def _shares(axis: Axis, values: Iterable[Any]) -> tuple[float, float]:
+    """Return the least and the largest share."""
+    shares = [axis.share(value) or 0.0 for value in values]
+    return min(shares), max(shares)

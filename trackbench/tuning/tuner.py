@@ -22,11 +22,9 @@ from trackbench.evaluation.merge import merge
 from trackbench.execution.cache import BlockStore
 from trackbench.execution.engines import OpenEngine
 from trackbench.execution.plan import block_width
-from trackbench.execution.progress import progress_bar
-from trackbench.execution.queue import Queue
+from trackbench.execution.queue import Queue, progress_bar
 from trackbench.execution.runner import stored_block
-from trackbench.tuning.record import Record, Trial
-from trackbench.tuning.search import Search, Shares, Values
+from trackbench.tuning.search import Record, Search, Shares, Trial, Values
 
 
 def tune(

@@ -5,7 +5,6 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from trackbench.core.fading_memory import tail
 from trackbench.field_types import Count, OpenShare, Positive
 from trackbench.filters.adaptive_kf.decision_keys import (
     CONFIRM_EVERY_ALARM,
@@ -13,6 +12,7 @@ from trackbench.filters.adaptive_kf.decision_keys import (
     Detector,
     Exit,
     SecondDecision,
+    tail,
 )
 from trackbench.filters.adaptive_kf.filter import Parameters, VariableDimension
 from trackbench.filters.base import PLANAR_POSITION

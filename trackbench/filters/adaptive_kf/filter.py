@@ -14,7 +14,6 @@ from numpy.random import Generator
 
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution, Gaussian
-from trackbench.core.fading_memory import significance_threshold
 from trackbench.core.input_estimation import Hypotheses, empty_hypotheses
 from trackbench.core.kalman import Innovation
 from trackbench.core.sums import total
@@ -23,19 +22,22 @@ from trackbench.filters.adaptive_kf.decision_keys import (
     Exit,
     SecondDecision,
     exit_cautions,
+    significance_threshold,
 )
 from trackbench.filters.adaptive_kf.per_axis import (
+    History,
     Sampling,
     axis_step,
     both_axes,
     first_components,
+    history,
     is_missing,
     per_axis,
+    refilter,
     sampling_of,
     sum_over_axes,
     where_runs,
 )
-from trackbench.filters.adaptive_kf.restart import History, history, refilter
 from trackbench.filters.base import OWN_MOTION, Filter
 from trackbench.models.base import Model, Scene
 from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity

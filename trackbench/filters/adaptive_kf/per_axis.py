@@ -1,7 +1,8 @@
-"""Kalman steps of two axes that do not couple: the axis is one more batch axis.
+"""Kalman steps of two axes that do not couple, and the restart that refilters from the onset on.
 
-A state of n components is ``(n, 2, M)``: component, axis, run. A covariance is ``(n, n, A, M)`` with
-A = 1 as long as both axes share it, which halves the work.
+The axis is one more batch axis: a state of n components is ``(n, 2, M)``: component, axis, run. A
+covariance is ``(n, n, A, M)`` with A = 1 as long as both axes share it, which halves the work. The
+restart is that of Bar-Shalom & Birmiwal 1982.
 """
 
 from functools import cache
@@ -10,7 +11,7 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from trackbench.core import kalman
-from trackbench.core.arrays import Array, Mask, fixed, with_trailing
+from trackbench.core.arrays import Array, Index, Mask, fixed, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kalman import Innovation, Updated
 from trackbench.models.base import Model
@@ -103,3 +104,83 @@ def where_runs(where: Mask, a: Gaussian, b: Gaussian) -> Gaussian:
 def first_components(state: Gaussian, n: int) -> Gaussian:
     """Return the marginal of the first n components."""
     return Gaussian(state.mean[:n], state.cov[:n, :n])
+
+
+class History(NamedTuple):
+    """Posteriors of the NMF and measurements of the last W steps, step k in slot k % W.
+
+    ``mean`` (W, 2, 2, M), ``cov`` (W, 2, 2, A, M), ``z`` (W, 2, M).
+    """
+
+    mean: Array
+    cov: Array
+    z: Array
+
+    def add_measurement(self, z: Array, k: int) -> "History":
+        """Return the history with the measurement of step k."""
+        return self._replace(z=_with(self.z, k, z))
+
+    def add_posterior(self, posterior: Gaussian, k: int) -> "History":
+        """Return the history with the posterior of step k."""
+        mean, cov = _with(self.mean, k, posterior.mean), _with(self.cov, k, posterior.cov)
+        return self._replace(mean=mean, cov=cov)
+
+    def has_measurement(self, k: Index) -> Mask:
+        """Return whether each run has a measurement of its step k (M,)."""
+        runs = np.arange(len(k))
+        return np.asarray(np.isfinite(self.z[k % len(self.z), :, runs]).all(axis=1))
+
+
+def history(prior: Gaussian, window: int) -> History:
+    """Return a history with the prior in every slot and no measurements."""
+    return History(
+        np.broadcast_to(prior.mean, (window, *prior.mean.shape)),
+        np.broadcast_to(prior.cov, (window, *prior.cov.shape)),
+        np.full((window, *prior.mean.shape[1:]), np.nan),
+    )
+
+
+def refilter(
+    past: History, onset: Index, runs: Index, k: int, motion: Axis, sampling: Sampling
+) -> Gaussian:
+    """Return the MF's posterior at step k of the runs in ``runs`` (m,), each from its onset (m,)."""
+    T, R = sampling
+    W = len(past.z)
+    # The NMF's posterior at the onset. Fancy indices move in front: (m, 2, 2) and (m, 2, 2, A).
+    mean = np.moveaxis(past.mean[onset % W, :, :, runs], 0, -1)
+    cov = np.moveaxis(past.cov[onset % W, :, :, :, runs], 0, -1)
+    # The first measurement after the onset initializes the MF, the later ones update it.
+    first = past.z[(onset + 1) % W, :, runs].T
+    state = augmented_start(Gaussian(mean, cov), first, T, float(R[0, 0]))
+    for step in range(int(onset.min()) + 2, k + 1):
+        updated, _ = axis_step(state, motion, past.z[step % W][:, runs], R)
+        state = where_runs(step >= onset + 2, updated, state)
+    return state
+
+
+def augmented_start(state: Gaussian, z: Array, T: float, R: float) -> Gaussian:
+    """Return position, velocity, acceleration after the first measurement z (2, m) of a maneuver.
+
+    The acceleration takes the last posterior (x, v, P) of the NMF to z (Bar-Shalom & Birmiwal 1982, eqs.
+    21-29): ``a = 2 (z - x - T v) / T^2``, position z, velocity v + T a.
+    """
+    x, v = state.mean
+    # With e = z - x - T v and var(z) = R, the covariances of z, v + T a and a follow.
+    p11, p12, p22 = state.cov[0, 0], state.cov[0, 1], state.cov[1, 1]
+    # Mean: a = 2 e / T^2 with e = z - x - T v.
+    a = 2.0 / (T * T) * (z - x - T * v)
+    mean = np.stack([z, v + T * a, a])
+    P11 = np.full_like(p11, R)
+    P12 = np.full_like(p11, 2.0 * R / T)
+    P13 = np.full_like(p11, 2.0 * R / (T * T))
+    P22 = 4.0 / (T * T) * (R + p11) + p22 + 4.0 * p12 / T
+    P23 = 4.0 / (T * T * T) * (R + p11) + 2.0 * p22 / T + 6.0 * p12 / (T * T)
+    P33 = 4.0 / (T * T * T * T) * (R + p11 + 2.0 * T * p12 + T * T * p22)
+    rows = [[P11, P12, P13], [P12, P22, P23], [P13, P23, P33]]
+    return Gaussian(mean, np.stack([np.stack(row) for row in rows]))
+
+
+def _with(ring: Array, k: int, entry: Array) -> Array:
+    out = ring.copy()
+    out[k % len(ring)] = entry
+    return out

@@ -1,8 +1,8 @@
-"""Base of all sensors: measurement times, and errors that filters do not model."""
+"""Base of all sensors: measurement times, and errors that filters do not model; the key `assume`."""
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
@@ -19,12 +19,14 @@ from trackbench.field_types import (
     Natural,
     OpenShare,
     Positive,
+    Registered,
     Share,
 )
 from trackbench.models.base import (
     UNSUPPORTED_KEYS,
     DensitySensor,
     LocatingSensor,
+    Motion,
     NearSensor,
     central_differences,
     has_density,
@@ -85,6 +87,11 @@ class SensorBase(Part):
             what = f"measures positions and velocities, and the state is {names}: take `function`"
             raise InvalidKeyError(what, "kind")
         return self
+
+    @property
+    def has_noise_of_state(self) -> bool:
+        """Return whether R depends on the state, which the Fisher information leaves out."""
+        return False
 
     def innovation(self, z: Array, z_pred: Array) -> Array:
         """Return ``z - z_pred`` (n_z, *batch); a sensor of angles wraps them to (-pi, pi]."""
@@ -159,3 +166,23 @@ class SensorBase(Part):
             is_outlier = rng.random((runs,)) < outliers.share
             factor = np.where(is_outlier, outliers.times * factor, factor)
         return factor
+
+
+@dataclass(frozen=True, kw_only=True)
+class Assume:
+    """Motion, sensor and prior of the filter model; a key that is not set takes the true one."""
+
+    motion: Annotated[Motion | None, Registered("motions")] = None
+    """motion: {kind: cv, q: 0.3}"""
+    sensor: Annotated[SensorBase | tuple[SensorBase, ...] | None, Registered("sensors")] = None
+    """sensor, or a list with one for each true sensor"""
+    start: Annotated[Part | None, Registered("starts")] = None
+    """prior that is independent of the data: given, uniform or mixture"""
+
+    def over(self, other: "Assume") -> "Assume":
+        """Return these assumptions, with the other's where a key is unset."""
+        return Assume(
+            motion=self.motion or other.motion,
+            sensor=self.sensor or other.sensor,
+            start=self.start or other.start,
+        )

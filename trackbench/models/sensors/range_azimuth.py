@@ -1,4 +1,4 @@
-"""Radar in the plane that measures range and azimuth, and the base of such radars."""
+"""Radars of range and azimuth: also with range rate, with elevation, or reporting positions."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -8,16 +8,17 @@ import numpy as np
 
 from trackbench.core import linalg
 from trackbench.core.arrays import Array, fixed
-from trackbench.core.conversions import Conversion, Polar, convert
+from trackbench.core.conversions import Conversion, Polar, ccm, convert, position
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import arctan2, cos_sin
 from trackbench.field_types import Positive
-from trackbench.models.sensors.angular_base import (
+from trackbench.models.sensors.angular import (
     AngularSensor,
     along_line_of_sight,
     distance,
     wrap_angle,
 )
+from trackbench.models.sensors.position import selection_matrix
 from trackbench.registry import register
 
 
@@ -144,3 +145,151 @@ class RangeAzimuth(Radar):
     def reading(self, z: Array) -> Polar:
         """Return the measurement with its variances."""
         return self._reading(z)
+
+
+@register("sensors", "polar-position")
+@dataclass(frozen=True, kw_only=True)
+class PolarPosition(Radar):
+    """Position of a planar target with the errors of a range and an azimuth.
+
+    The measurement is ``(r + w_r) (cos, sin)(a + w_a)``, the conventional conversion. Filters assume a
+    normal error of the first-order covariance, which rotates and grows with the target. A filter with a
+    constant covariance assumes `{kind: position, sigma: ...}`.
+    """
+
+    components: ClassVar[tuple[str, ...]] = ("x", "y")
+    angles: ClassVar[tuple[int, ...]] = ()
+
+    def measurement(self, x: Array, k: int) -> Gaussian:
+        """Return N(position, R(x)) for x (n, *batch)."""
+        return Gaussian(x[0:4:2], ccm(self._reading(self.polar(x, k))).cov)
+
+    def jacobian(self, x: Array, k: int) -> Array:
+        """Return d(x, y)/dx (2, n)."""
+        return selection_matrix(0, 4, 2, len(x))
+
+    def draw(self, x: Array, k: int, noise: Array) -> Array:
+        """Draw range and azimuth (2, M) with their errors, and convert them to a position."""
+        r, a = self.polar(x, k)
+        # z = (r + w_r) (cos, sin)(a + w_a)
+        relative = position(r + self.sigma_range * noise[0], a + self.sigma_azimuth * noise[1])
+        return self.absolute_position(relative, k)
+
+    def located(self, z: Array, k: int, conversion: Conversion = "ccm") -> Gaussian:
+        """Return the measured position (2, M), with the covariance (2, 2, M) at it."""
+        state = np.zeros((4, *z.shape[1:]))
+        state[0::2] = z
+        return Gaussian(z, self.measurement(state, k).cov)
+
+
+@register("sensors", "range-azimuth-doppler")
+@dataclass(frozen=True, kw_only=True)
+class RangeAzimuthDoppler(Radar):
+    """Range, azimuth and ``r' = (px vx + py vy) / r``, each with an independent error.
+
+    Bar-Shalom, Li & Kirubarajan 2001, section 10.4. The radar stands still.
+    """
+
+    sigma_range_rate: Positive
+    """standard deviation of the range rate, m/s"""
+
+    components: ClassVar[tuple[str, ...]] = ("range", "azimuth", "range_rate")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.platform is not None:
+            raise ValueError("a radar with Doppler cannot move; remove `platform`")
+
+    @cached_property
+    def R(self) -> Array:
+        """Return the noise covariance (3, 3)."""
+        sigma = [self.sigma_range, self.sigma_azimuth, self.sigma_range_rate]
+        return fixed(np.diag(np.square(sigma)))
+
+    def measurement(self, x: Array, k: int) -> Gaussian:
+        """Return N((range, azimuth, range rate), R) for x (n, *batch)."""
+        # z = (r, a, (px vx + py vy) / r)
+        r, a = self.polar(x, k)
+        return Gaussian(np.stack([r, a, self._closing(x, k) / r]), self.R)
+
+    def jacobian(self, x: Array, k: int) -> Array:
+        """Return d(range, azimuth, range rate)/dx (3, n, *batch)."""
+        (px, py), r = self.relative_position(x, k), self.range(x, k)
+        rate = self._closing(x, k) / r
+        H = np.zeros((3, *x.shape))
+        H[:2] = self.polar_jacobian(x, k)
+        # r' = (px vx + py vy) / r, so dr'/dpx = (vx - r' px / r) / r and dr'/dvx = px / r.
+        H[2, 0], H[2, 2] = (x[1] - rate * px / r) / r, (x[3] - rate * py / r) / r
+        H[2, 1], H[2, 3] = px / r, py / r
+        return H
+
+    def _closing(self, x: Array, k: int) -> Array:
+        """Return ``px vx + py vy``."""
+        px, py = self.relative_position(x, k)
+        return px * x[1] + py * x[3]
+
+
+@register("sensors", "range-azimuth-elevation")
+@dataclass(frozen=True, kw_only=True)
+class RangeAzimuthElevation(AngularSensor):
+    """Range, azimuth from x to y, and elevation above that plane, each with an independent error."""
+
+    sigma_range: Positive
+    """standard deviation of the range, m"""
+    sigma_azimuth_mrad: Positive
+    """standard deviation of the azimuth, mrad"""
+    sigma_elevation_mrad: Positive
+    """standard deviation of the elevation, mrad"""
+
+    components: ClassVar[tuple[str, ...]] = ("range", "azimuth", "elevation")
+    angles: ClassVar[tuple[int, ...]] = (1, 2)
+    axes: ClassVar[int] = 3
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.platform is not None:
+            raise ValueError("a radar in space cannot move; remove `platform`")
+
+    @cached_property
+    def R(self) -> Array:
+        """Return the noise covariance (3, 3)."""
+        angles = 1e-3 * self.sigma_azimuth_mrad, 1e-3 * self.sigma_elevation_mrad
+        return fixed(np.diag(np.square([self.sigma_range, *angles])))
+
+    def measurement(self, x: Array, k: int) -> Gaussian:
+        """Return N((range, azimuth, elevation), R) for x (n, *batch)."""
+        # r = sqrt(g^2 + pz^2), a = atan2(py, px), e = atan2(pz, g), g the range on the ground
+        px, py, pz = self.relative_position(x, k)
+        ground = distance(px, py)
+        mean = np.stack([distance(ground, pz), arctan2(py, px), arctan2(pz, ground)])
+        return Gaussian(mean, self.R)
+
+    def jacobian(self, x: Array, k: int) -> Array:
+        """Return d(range, azimuth, elevation)/dx (3, n, *batch)."""
+        px, py, pz = self.relative_position(x, k)
+        ground = distance(px, py)
+        r = distance(ground, pz)
+        H = np.zeros((3, *x.shape))
+        # r^2 = g^2 + pz^2 with the ground range g: dr/dp = p / r.
+        H[0, 0], H[0, 2], H[0, 4] = px / r, py / r, pz / r
+        H[1, 0], H[1, 2] = -py / (ground * ground), px / (ground * ground)
+        # e = atan2(pz, g): de/dpx = -px pz / (r^2 g), de/dpz = g / r^2.
+        slope = pz / (r * r * ground)
+        H[2, 0], H[2, 2], H[2, 4] = -px * slope, -py * slope, ground / (r * r)
+        return H
+
+    def located(self, z: Array, k: int) -> Gaussian:
+        """Return the measured Cartesian position (3, M) and its first-order covariance (3, 3, M)."""
+        # p = r (cos e cos a, cos e sin a, sin e)
+        r, a, e = z
+        (ca, sa), (ce, se) = cos_sin(a), cos_sin(e)
+        position = np.stack([r * ce * ca, r * ce * sa, r * se])
+        # J = d(position) / d(r, a, e), covariance J R J'
+        J = np.stack(
+            [
+                np.stack([ce * ca, -r * ce * sa, -r * se * ca]),
+                np.stack([ce * sa, r * ce * ca, -r * se * sa]),
+                np.stack([se, np.zeros_like(r), r * ce]),
+            ]
+        )
+        return Gaussian(self.absolute_position(position, k), linalg.sandwich(J, self.R))

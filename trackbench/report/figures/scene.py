@@ -6,7 +6,7 @@ from trackbench.config.experiment import Experiment
 from trackbench.core.arrays import Array
 from trackbench.evaluation.block import simulate
 from trackbench.models.base import position_velocity_names
-from trackbench.models.sensors.angular_base import AngularSensor
+from trackbench.models.sensors.angular import AngularSensor
 from trackbench.models.sensors.stacked import StackedSensor
 from trackbench.report.figures.track import draw_truth, plane_unit
 from trackbench.report.plotting import style

@@ -12,7 +12,7 @@ from trackbench.report.plotting import style
 from trackbench.report.plotting.artist_types import Axes, Figure
 from trackbench.report.results import Results
 from trackbench.report.tables.tuning import words_of
-from trackbench.tuning.record import Record
+from trackbench.tuning.search import Record
 
 _ABROAD = 3.0  # of the best half's spread: trials further up are off the page
 _BARS = 4.0  # standard errors of the best that the page shows at least

@@ -15,7 +15,7 @@ from trackbench.report.findings import phrases
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
-from trackbench.tuning.record import Record
+from trackbench.tuning.search import Record
 
 _HEADS = ["Training", "Results", "Gap", "Untuned", "Gained"]
 _SEEN = 2.0  # standard errors

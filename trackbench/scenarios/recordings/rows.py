@@ -1,8 +1,10 @@
-"""Rows of all files by sensor: run, time and values."""
+"""Rows of all files by sensor: run, time and values; base of the components that read data files."""
 
+import hashlib
 from collections import Counter
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, fields, is_dataclass
 from glob import glob
 from typing import Any, NamedTuple
 
@@ -10,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trackbench.core.arrays import Array
-from trackbench.field_types import DataError, InvalidKeyError, Place
+from trackbench.field_types import DataError, InvalidKeyError, Place, require_regular_file
 from trackbench.scenarios.recordings.column_mapping import Columns, Naming
 from trackbench.scenarios.recordings.csv_tables import Table
 
@@ -273,3 +275,60 @@ def _without_twins(found: Gathered, rows: Rows, again: Numbers) -> Rows:
         )
     found.told.append(f"{len(again)} rows that say again what the one before says were left out")
     return rows.at(np.delete(np.arange(len(rows.run)), again))
+
+
+class FromFiles:
+    """Base of the frozen dataclasses (``eq=False``) whose numbers are read from files."""
+
+    @property
+    def patterns(self) -> tuple[str, ...]:
+        """Return all files, as the config names them."""
+        raise NotImplementedError
+
+    @property
+    def contents(self) -> dict[str, str]:
+        """Digest of all files, by each of their names."""
+        return dict.fromkeys(self.patterns, self.__dict__["_content"])
+
+    @contextmanager
+    def reading(self) -> Iterator[None]:
+        """Note what the files hold that are read within. Raises DataError if they change meanwhile."""
+        before = self._stamps()
+        yield
+        # Digest the files, then check that none has changed since before the reading.
+        digest = hashlib.sha256()
+        for path in before:
+            with require_regular_file(path).open("rb") as file:
+                digest.update(hashlib.file_digest(file, "sha256").digest())
+        if self._stamps() != before:
+            raise DataError(Place(self.patterns[0], 1, 1, "was changed while it was read"))
+        object.__setattr__(self, "_content", digest.hexdigest())
+
+    def _stamps(self) -> dict[str, tuple[int, int]]:
+        """Return the size and time of every file."""
+        out = {}
+        for path in (path for pattern in self.patterns for path in files_of(pattern)):
+            try:
+                found = require_regular_file(path).stat()
+            except OSError as error:
+                raise DataError(Place(path, 1, 1, (error.strerror or str(error)).lower())) from None
+            out[path] = found.st_size, found.st_mtime_ns
+        return out
+
+    @property
+    def _key(self) -> tuple[Any, ...]:
+        assert is_dataclass(self)
+        keys = tuple(self._named(getattr(self, field.name)) for field in fields(self) if field.init)
+        return (type(self), keys, self.__dict__["_content"])
+
+    def _named(self, value: Any) -> str:
+        """Return a key as a word; a file is what it holds, wherever it lies."""
+        if isinstance(value, tuple) and value:
+            return ",".join(map(self._named, value))
+        return "file" if isinstance(value, str) and value in self.patterns else repr(value)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, FromFiles) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key)

@@ -1,4 +1,4 @@
-"""Base of targets: fly a path and measure it."""
+"""Base of targets: fly a path and measure it; the steps and times at which that is done."""
 
 from abc import abstractmethod
 from collections.abc import Mapping
@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array, Index, Mask
-from trackbench.core.random_streams import Streams
+from trackbench.core.random_streams import RunStreams, Streams
 from trackbench.extension_points import Part
-from trackbench.field_types import Finite
+from trackbench.field_types import MOST_STEPS, Finite, InvalidKeyError
 from trackbench.models.base import Motion, position_velocity_names
 from trackbench.models.sensors.stacked import Sensors
 from trackbench.scenarios.base import in_window
@@ -192,3 +192,97 @@ def measured_along(
         for i, k in enumerate(steps, first)
     ]
     return Flight(np.broadcast_to(truth, (*truth.shape[:2], runs)), np.stack(seen, axis=1))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Flown(Target):
+    """Base of the targets with a path of their own."""
+
+    def states(self, times: Array) -> Array:
+        """Return exact states (n_x, K) at these times, s."""
+        raise NotImplementedError
+
+    def start(self, timeline: Timeline) -> Array:
+        """Return the state (n_x,) at the first scan."""
+        return self.states(timeline.times[:1])[:, 0]
+
+    def path(self, timeline: Timeline) -> Array:
+        """Return states (n_x, K)."""
+        return self.states(timeline.times)
+
+    def fly(
+        self, start: Array, timeline: Timeline, sensor: Sensors, rng: Streams, scans: int
+    ) -> Flight:
+        """Return the path, and measurements whose noise is drawn in one go."""
+        path = self.path(timeline)[..., None]
+        return measured_along(path, timeline, sensor, rng, scans, start.shape[1])
+
+    def run_metrics(self, values: Mapping[str, Array], scored: Scored) -> dict[str, Array]:
+        """Return ``peak_position``, the largest error in a window, m, and ``beyond_10_sigma``.
+
+        Beyond ten standard deviations of a measurement none would be taken for the track's any more.
+        """
+        squared = values["squared_position"]
+        peaks = {n: np.sqrt(squared[m].max(axis=0)) for n, m in scored.windows.items()}
+        return scored.of_peaks(peaks)
+
+
+class Schedule(NamedTuple):
+    """Numbers of the first and the last step and the first one's time, s, as the keys have them.
+
+    ``skipped`` steps come before that of the first state.
+    """
+
+    first: int
+    last: int | None
+    begin: float | None
+    skipped: int
+
+    def check(self, own: Timeline | None) -> None:
+        """Raise InvalidKeyError if there is no step, or are too many, of these or the target's own."""
+        if own is not None:
+            # Recorded data number the steps: only the last one can be chosen.
+            if self.first:
+                raise InvalidKeyError("the recorded data say it", "first")
+            steps = own.steps[self.skipped + 1 :]
+            if self.last is not None and not steps[0] <= self.last <= steps[-1]:
+                what = f"what is recorded is measured in steps {steps[0]} to {steps[-1]}"
+                raise InvalidKeyError(what, "last")
+            return
+        # Otherwise the keys must give a step after the start's scans, and not too many.
+        if self.last is None:
+            raise InvalidKeyError("`last` is required: the target has no steps of its own")
+        if self.last - self.first > MOST_STEPS:
+            raise InvalidKeyError(f"more than {MOST_STEPS} steps", "last")
+        begun = self.first + self.skipped
+        if self.last <= begun:
+            what = f"{self.last} leaves no step to measure after step {begun}"
+            raise InvalidKeyError(what, "last")
+
+    def regular(self, T: float) -> Timeline:
+        """Return every step, T s apart."""
+        assert self.last is not None
+        steps = np.arange(self.first, self.last + 1)
+        return Timeline(steps, np.asarray((steps - self.first) * T + (self.begin or 0.0)), T)
+
+    def of_recorded(self, own: Timeline) -> Timeline:
+        """Return the target's own steps up to the last, begun when the keys say."""
+        if self.last is not None:
+            end = int(np.searchsorted(own.steps, self.last, side="right"))
+            own = own._replace(steps=own.steps[:end], times=own.times[:end])
+        # Shift all times so that the first one is `begin`.
+        shift = 0.0 if self.begin is None else self.begin - own.times[0]
+        return own._replace(times=own.times + shift) if shift else own
+
+
+def recorded_columns(values: Array, rng: Streams) -> Array:
+    """Return the columns (..., M) of these streams' runs, NaN for runs without a recording.
+
+    Training runs, -1 and so on, are the last ones: run -1 is the last of all.
+    """
+    assert isinstance(rng, RunStreams)
+    out = np.full((*values.shape[:-1], len(rng.runs)), np.nan)
+    # Recordings with these numbers; a negative number counts from the last.
+    there = [m for m in rng.runs if -values.shape[-1] <= m < values.shape[-1]]
+    out[..., : len(there)] = values[..., there]
+    return out

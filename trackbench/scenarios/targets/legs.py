@@ -10,8 +10,7 @@ from trackbench.core.sums import mean
 from trackbench.field_types import Finite, InvalidKeyError, NonNegative, Positive
 from trackbench.models.motions.turn import turn_state
 from trackbench.registry import register
-from trackbench.scenarios.targets.base import Launch, Scored, Timeline
-from trackbench.scenarios.targets.fixed_path import Flown
+from trackbench.scenarios.targets.base import Flown, Launch, Scored, Timeline
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,8 +15,14 @@ from trackbench.models.priors import TwoPoint
 from trackbench.models.sensors.stacked import Sensors, rows_of, sensors_of
 from trackbench.registry import register
 from trackbench.scenarios.recordings.column_mapping import Naming
-from trackbench.scenarios.recordings.data_files import FromFiles, recorded_columns
-from trackbench.scenarios.recordings.rows import TICK, Gathered, chosen_runs, in_order, read_rows
+from trackbench.scenarios.recordings.rows import (
+    TICK,
+    FromFiles,
+    Gathered,
+    chosen_runs,
+    in_order,
+    read_rows,
+)
 from trackbench.scenarios.recordings.time_alignment import (
     Clock,
     common_clock,
@@ -26,7 +32,7 @@ from trackbench.scenarios.recordings.time_alignment import (
     with_scans,
 )
 from trackbench.scenarios.starts.base import Start, position_part
-from trackbench.scenarios.targets.base import Flight, Scored, Target, Timeline
+from trackbench.scenarios.targets.base import Flight, Scored, Target, Timeline, recorded_columns
 
 
 class Recording(NamedTuple):

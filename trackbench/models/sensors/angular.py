@@ -1,16 +1,19 @@
-"""Base of sensors of directions and ranges: position or platform, and angles that wrap."""
+"""Sensors of angles: their base, with position or platform and angles that wrap; bearing alone."""
 
 from bisect import bisect_right
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import ClassVar
 
 import numpy as np
 
-from trackbench.core.arrays import Array, with_trailing
-from trackbench.core.elementary import cos_sin
-from trackbench.field_types import Finite, Natural
+from trackbench.core.arrays import Array, fixed, with_trailing
+from trackbench.core.distributions import Gaussian
+from trackbench.core.elementary import arctan2, cos_sin
+from trackbench.field_types import Finite, Natural, Positive
 from trackbench.models.sensors.base import SensorBase
+from trackbench.registry import register
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,3 +123,34 @@ def distance(px: Array, py: Array) -> Array:
     square = px * px
     square += py * py
     return np.sqrt(square, out=square)
+
+
+@register("sensors", "bearing")
+@dataclass(frozen=True, kw_only=True)
+class Bearing(AngularSensor):
+    """Direction alone, ``a = atan2(py, px) + w_a``; the range becomes observable by movement."""
+
+    sigma_mrad: Positive
+    """standard deviation of the bearing, mrad"""
+
+    components: ClassVar[tuple[str, ...]] = ("azimuth",)
+    angles: ClassVar[tuple[int, ...]] = (0,)
+
+    @cached_property
+    def R(self) -> Array:
+        """Return the noise covariance (1, 1), rad^2."""
+        return fixed(np.array([[1e-6 * self.sigma_mrad * self.sigma_mrad]]))
+
+    def measurement(self, x: Array, k: int) -> Gaussian:
+        """Return N(azimuth, R) for x (n, *batch)."""
+        px, py = self.relative_position(x, k)
+        return Gaussian(arctan2(py, px)[None], self.R)
+
+    def jacobian(self, x: Array, k: int) -> Array:
+        """Return d(azimuth)/dx (1, n, *batch)."""
+        px, py = self.relative_position(x, k)
+        # da/dpx = -py / r^2, da/dpy = px / r^2
+        square = px * px + py * py
+        H = np.zeros((1, *x.shape))
+        H[0, 0], H[0, 2] = -py / square, px / square
+        return H

@@ -1,0 +1,223 @@
+"""Moves of particles: Metropolis-Hastings, differential evolution, kernel smoothing.
+
+Metropolis-Hastings moves separate copies after resampling (Gilks & Berzuini 2001; van der Merwe et al.
+2000, the MCMC step). Mutation and crossover are those of Storn & Price (1997). Kernel smoothing makes
+resampled particles draws from a continuous density (Musso, Oudjane & Le Gland 2001, section 12.2): add
+``h`` times a draw from the kernel, scaled by the particles' covariance; the bandwidth h is optimal for
+a Gaussian target. Particles x are (n, M, N): N of n components in each of M runs.
+"""
+
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from math import pi, sqrt
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from trackbench.core import elementary, linalg
+from trackbench.core.arrays import Array, Index, Mask
+from trackbench.core.random_streams import Streams
+from trackbench.core.resampling import select
+
+
+def metropolis(gain: Array, temperature: float, rng: Streams) -> Mask:
+    """Accept every gain, and a loss with probability ``exp(gain / temperature)``.
+
+    Parameters
+    ----------
+    gain : (M, N)
+        Increase of the log-density.
+    temperature : float
+        At 0 no loss is accepted.
+    rng : Streams
+
+    Returns
+    -------
+    (M, N)
+        Which moves are accepted.
+    """
+    # u < exp(gain / temperature) for a uniform u is gain > -temperature e, e = -log u exponential.
+    loss: Array = rng.standard_gamma(1, gain.shape)
+    loss *= -temperature
+    return np.asarray(gain > loss)
+
+
+def independence_moves(
+    x: Array,
+    draw: Callable[[Streams], Array],
+    log_ratio: Callable[[Array], Array],
+    steps: int,
+    rng: Streams,
+) -> Array:
+    """Move particles by steps of an independence chain (Tierney 1994).
+
+    A proposal is accepted with the quotient of its ratio and that of x. A particle without density
+    under the target moves to the first proposal that has one; a proposal without density is rejected.
+
+    Parameters
+    ----------
+    x : (n, M, N)
+        Particles.
+    draw : callable
+        Proposals (n, M, N), drawn independently of x.
+    log_ratio : callable
+        Log of target over proposal density (M, N) at particles, up to a constant of each particle.
+    steps : int
+        Number of moves.
+    rng : Streams
+
+    Returns
+    -------
+    (n, M, N)
+        Moved particles.
+    """
+    current = log_ratio(x)
+    for _ in range(steps):
+        trial = draw(rng)
+        proposed = log_ratio(trial)
+        # Accept with probability min(1, exp(proposed - current)).
+        with np.errstate(invalid="ignore"):
+            accept = metropolis(proposed - current, 1.0, rng)
+        x, current = np.where(accept, trial, x), np.where(accept, proposed, current)
+    return x
+
+
+def mutate(x: Array, F: float, rng: Streams) -> Array:
+    """Return mutants ``x_i + F (x_r1 - x_r2)``, r1 != r2 != i (hdepf paper, eq. 10).
+
+    Parameters
+    ----------
+    x : (n, M, N)
+        Population, N >= 3.
+    F : float
+        Scale of the difference.
+    rng : Streams
+
+    Returns
+    -------
+    (n, M, N)
+        A mutant of each individual.
+    """
+    r1, r2 = distinct_pairs(x.shape[1], x.shape[2], rng)
+    return x + F * (select(x, r1) - select(x, r2))
+
+
+def crossover(x: Array, mutant: Array, CR: float, rng: Streams) -> Array:
+    """Take each component from the mutant with probability CR, else from x (hdepf paper, eq. 11).
+
+    Both populations are (n, M, N), and so is the result.
+    """
+    return np.where(rng.random(x.shape) <= CR, mutant, x)
+
+
+def distinct_pairs(runs: int, N: int, rng: Streams) -> tuple[Index, Index]:
+    """Return flat indices r1, r2 (M, N), uniform over pairs with r1, r2, i all different; N >= 3."""
+    # Step 1: draw r1 = i + steps[0], 1 <= steps[0] <= N - 1.
+    u = rng.random((2, runs, N))
+    u[0] *= N - 1
+    u[1] *= N - 2
+    steps = u.astype(np.intp)
+    steps += 1
+    # Step 2: draw r2 from the N - 2 steps that are neither 0 nor steps[0].
+    steps[1] += steps[1] >= steps[0]
+    # Step 3: wrap around within each run.
+    around, start = _wrap_tables(runs, N)
+    steps += start
+    r1, r2 = around.take(steps, mode="clip")
+    return r1, r2
+
+
+@lru_cache(maxsize=8)
+def _wrap_tables(runs: int, N: int) -> tuple[Index, Index]:
+    """Return flat indices of each run's particles twice (2 M N,), and their places in it (M, N)."""
+    i, run = np.arange(N), np.arange(runs)[:, None]
+    return (run * N + np.concatenate([i, i])).ravel(), run * (2 * N) + i
+
+
+Kernel = Literal["epanechnikov", "gaussian"]
+
+
+class Mode(NamedTuple):
+    """A mode: its particles (M, N) and their share of the weight (M,), None for all; cov (n, n, M)."""
+
+    members: Mask | None
+    share: Array | None
+    cov: Array
+
+
+def bandwidth(n: int, N: Array | int, kernel: Kernel) -> Array:
+    """Return the optimal bandwidth for N particles, () or (M,), in n dimensions.
+
+    Epanechnikov: ``[8 (n + 4) (2 sqrt pi)^n / c_n]^(1/(n+4)) N^(-1/(n+4))`` with c_n the volume of the
+    unit ball; Gaussian: ``[4 / (n + 2)]^(1/(n+4)) N^(-1/(n+4))``.
+    """
+    if kernel == "gaussian":
+        factor = 4.0 / (n + 2.0)
+    else:
+        factor = 8.0 * (n + 4.0) / _unit_ball(n)
+        # times (2 sqrt pi)^n
+        for _ in range(n):
+            factor *= 2.0 * sqrt(pi)
+    return elementary.power(factor / np.asarray(N), 1.0 / (n + 4))
+
+
+def _unit_ball(n: int) -> float:
+    """Return the volume of the unit ball in n dimensions, ``V_n = 2 pi / n V_{n-2}``."""
+    return (1.0, 2.0)[n] if n < 2 else 2.0 * pi / n * _unit_ball(n - 2)
+
+
+def kernel_draws(kernel: Kernel, shape: tuple[int, ...], rng: Streams) -> Array:
+    """Return draws (n, *batch) from the standard kernel.
+
+    An Epanechnikov draw is the first n coordinates of a uniform point on the sphere in n + 4
+    dimensions: each dropped pair of coordinates raises the power of ``1 - r^2`` by one, from -1.
+    """
+    e = rng.standard_normal(shape)
+    if kernel == "gaussian":
+        return e
+    # The squared norm of the four dropped coordinates is chi-square: twice a Gamma(2) variate.
+    square: Array = rng.standard_gamma(2, shape[1:])
+    square *= 2.0
+    for row in e:
+        square += row * row
+    e /= np.sqrt(square, out=square)
+    return e
+
+
+def jitter(x: Array, cov: Array, kernel: Kernel, rng: Streams, scale: float = 1.0) -> Array:
+    """Return ``x + scale h A e`` for particles x (n, M, N) with covariance ``A A'`` (n, n, M).
+
+    A run whose covariance is singular keeps its particles.
+    """
+    return jitter_modes(x, [Mode(None, None, cov)], kernel, rng, scale)
+
+
+def jitter_modes(
+    x: Array, modes: Sequence[Mode], kernel: Kernel, rng: Streams, scale: float = 1.0
+) -> Array:
+    """Apply `jitter` to the particles of each mode, with the mode's own bandwidth and covariance."""
+    n, _, N = x.shape
+    e = kernel_draws(kernel, x.shape, rng)
+    for mode in modes:
+        # Step 1: the bandwidth h for the mode's number of particles.
+        if mode.share is None:
+            h = _bandwidth_of_all(n, N, kernel)
+        else:
+            h = bandwidth(n, np.maximum(mode.share * N, 1.0), kernel)
+        # Step 2: move the mode's particles by scale h A e.
+        move = linalg.lower_product(scale * h * _spread(mode.cov), e)
+        moved = move if mode.members is None else np.where(mode.members, move, 0.0)
+        moved += x
+        x = moved
+    return x
+
+
+@lru_cache
+def _bandwidth_of_all(n: int, N: int, kernel: Kernel) -> Array:
+    return bandwidth(n, N, kernel)
+
+
+def _spread(cov: Array) -> Array:
+    """Return the Cholesky factor (n, n, M), zero for a singular covariance."""
+    A = linalg.cholesky(cov)
+    return np.where(np.isfinite(A).all(axis=(0, 1)) | ~np.isfinite(cov).all(axis=(0, 1)), A, 0.0)
