@@ -35,7 +35,6 @@ def compare(
     from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts
     from trackbench.report.verdicts.files import (
         claim_rows,
-        legend,
         markdown,
         number_rows,
         summary_lines,
@@ -59,8 +58,7 @@ def compare(
 
     print_lines([*summary_lines(found), ""])
     print_tables([*verdict_tables(found), *times])
-    print_lines([*reasons(found, results.config["runs"]), ""])
-    print_lines([legend(found.rows).replace("`", "")])
+    print_lines(reasons(found, results.config["runs"]))
 
 
 def plot(

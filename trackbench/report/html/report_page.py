@@ -13,7 +13,7 @@ from trackbench.report.results import Results
 from trackbench.report.table import rounded
 from trackbench.report.text import Text, TextTable
 from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts
-from trackbench.report.verdicts.files import bars, legend, summary_lines, verdict_tables
+from trackbench.report.verdicts.files import bars, summary_lines, verdict_tables
 from trackbench.report.verdicts.numbers import Comparison, compare
 
 
@@ -50,7 +50,6 @@ def write_report(
         verdict_lines=summary_lines(comparison),
         verdict_tables=verdicts,
         times=times,
-        legend=legend(comparison.rows).replace("`", ""),
         tables=tables,
         pairs=pairs if pairs.rows else None,
         undecided=undecided,

@@ -1,12 +1,13 @@
 """Reasons for inconclusive verdicts: what decides, what was measured, how many runs would do."""
 
 from collections.abc import Iterator
-from math import ceil, isfinite
+from math import isfinite
 
 from trackbench.config.published import Claim, PublishedNumber
+from trackbench.report.findings.phrases import run_count
 from trackbench.report.verdicts.claims import ClaimVerdict
 from trackbench.report.verdicts.numbers import Compared, Comparison
-from trackbench.report.verdicts.rules import DECIDED, SURE, UNDECIDED
+from trackbench.report.verdicts.rules import DECIDED, SURE, UNDECIDED, runs_needed
 
 _MOST = 5
 """Longer lists are cut; comparison.md has all verdicts."""
@@ -37,7 +38,7 @@ def _name(row: Compared | ClaimVerdict) -> str:
 def _reason(row: Compared | ClaimVerdict, runs: int) -> str:
     verdict = row.verdict
     z, needed = abs(verdict.z), _needed(row, verdict.z)
-    if not isfinite(z):
+    if not isfinite(z) or (isinstance(row, Compared) and row.published.chosen):
         return row.note or "no standard error"
     if needed is None:
         return f"neither within its margin nor beyond it by {DECIDED:g} standard errors"
@@ -45,9 +46,8 @@ def _reason(row: Compared | ClaimVerdict, runs: int) -> str:
         text = f"{z:.1f} standard errors, and {needed:g} decide"
         if z < _NOTHING:
             return f"{text}; no sign of a difference"
-        return (
-            f"{text}; a difference as large as measured needs {runs_needed(runs, z, needed)} runs"
-        )
+        most = runs_needed(runs, z, exact=needed == SURE)
+        return f"{text}; a difference as large as measured needs about {run_count(most)} runs"
     least = min(verdict.parts, key=abs, default=verdict.z)
     if abs(least) < SURE or least * verdict.z < 0.0:
         return (
@@ -58,12 +58,6 @@ def _reason(row: Compared | ClaimVerdict, runs: int) -> str:
 
 _NOTHING = 0.5
 """Standard errors below which a measured difference says nothing about its size."""
-
-
-def runs_needed(runs: int, z: float, needed: float) -> str:
-    """Return the runs at which a difference of ``z`` standard errors has as many as ``needed``."""
-    number = ceil(runs * (needed / z) ** 2)
-    return f"about {float(f'{number:.2g}'):.0f}"
 
 
 def _needed(row: Compared | ClaimVerdict, z: float) -> float | None:
