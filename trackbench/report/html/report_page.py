@@ -23,7 +23,7 @@ def write_report(
     """Write report.html into the results folder, or another file."""
     comparison = comparison or compare(results)
     tables = [table.texts() for table in results.tables.values()]
-    pairs, undecided = _pairs(results)
+    pairs = _pairs(results)
     verdicts = verdict_tables(comparison)
     figures, times = drawings(results), time_tables(time_verdicts(results))
     sections = (
@@ -52,7 +52,6 @@ def write_report(
         times=times,
         tables=tables,
         pairs=pairs if pairs.rows else None,
-        undecided=undecided,
         rerun=_rerun(results),
         config=as_yaml(results.config),
         versions=_versions(results),
@@ -83,14 +82,12 @@ def _facts(results: Results) -> list[tuple[str, object]]:
     return [*facts, ("Grid", grid)] if grid else facts
 
 
-def _pairs(results: Results) -> tuple[TextTable, int]:
-    """Return all pairs, and how many of them do not differ significantly."""
+def _pairs(results: Results) -> TextTable:
+    """Return all pairs."""
     heads = [*results.grid_heads, "a", "b", "Metric", "Mean of a - b", "z", "p (Holm)"]
     table = TextTable("Differences per run, corrected over all pairs of a metric (Holm)", heads)
-    undecided = 0
     for point, pairs in results.pairs:
         for pair in pairs:
-            undecided += not pair.p_holm < 0.05
             difference = rounded(pair.difference, pair.stderr, 4)
             table.rows.append(
                 [
@@ -101,7 +98,7 @@ def _pairs(results: Results) -> tuple[TextTable, int]:
                     Text(f"{pair.p_holm:.2g}", pair.p_holm),
                 ]
             )
-    return table, undecided
+    return table
 
 
 def _point_cell(value: Any) -> Text:
