@@ -122,7 +122,7 @@ def test_run_and_load_return_one_class_with_public_completions(report: trackbenc
     assert not [name for name in dir(report) if name.startswith("_") or name == "results"]
     for name in dir(report):
         assert getattr(loaded, name) is not None
-    for name in ("answer", "notes", "failed", "best", "config", "manifest"):
+    for name in ("answer", "notes", "failed", "best", "config"):
         assert getattr(loaded, name) == getattr(report, name)
     assert loaded.tables["t"].csv_rows() == report.tables["t"].csv_rows()
 
