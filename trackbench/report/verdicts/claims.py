@@ -26,6 +26,7 @@ class ClaimVerdict(NamedTuple):
     paired: bool
     note: str
     is_measured: bool = True
+    is_exact: bool = False
 
 
 def judge(claim: Claim, evidence: Evaluator | None) -> ClaimVerdict:
@@ -54,7 +55,7 @@ def judge(claim: Claim, evidence: Evaluator | None) -> ClaimVerdict:
     measured = not isnan(weakest.off.term.value)
     why = "" if measured else NOT_MEASURED
     note = noted(*losing, why, _why(evidence, weakest), steps, claim.note)
-    return ClaimVerdict(claim, verdict, weakest.off.term.splits, note, measured)
+    return ClaimVerdict(claim, verdict, weakest.off.term.splits, note, measured, exact)
 
 
 def _unjudged(claim: Claim, why: str) -> ClaimVerdict:

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from math import isfinite
 
-from trackbench.config.published import Claim, PublishedNumber
 from trackbench.report.findings.phrases import run_count
 from trackbench.report.verdicts.claims import ClaimVerdict
 from trackbench.report.verdicts.numbers import Compared, Comparison
@@ -47,7 +46,12 @@ def _reason(row: Compared | ClaimVerdict, runs: int) -> str:
         if z < _NOTHING:
             return f"{text}; no sign of a difference"
         most = runs_needed(runs, z, exact=needed == SURE)
-        return f"{text}; a difference as large as measured needs about {run_count(most)} runs"
+        what = (
+            f"{run_count(most)} runs"
+            if runs > 1
+            else f"a recording {run_count(most)} times as long"
+        )
+        return f"{text}; a difference as large as measured needs about {what}"
     least = min(verdict.parts, key=abs, default=verdict.z)
     if abs(least) < SURE or least * verdict.z < 0.0:
         return (
@@ -62,8 +66,6 @@ _NOTHING = 0.5
 
 def _needed(row: Compared | ClaimVerdict, z: float) -> float | None:
     """Return the standard errors that decide; None of a bias, which is compared with a margin."""
-    of: PublishedNumber | Claim = row.claim if isinstance(row, ClaimVerdict) else row.published
-    if isinstance(of, PublishedNumber):
-        return None if isinstance(of.value, str) else DECIDED
-    exact = of.expression is not None and of.expression.is_share
-    return SURE if z > 0.0 and (exact or of.relation == "~") else DECIDED
+    if isinstance(row, Compared):
+        return None if isinstance(row.published.value, str) else DECIDED
+    return SURE if row.is_exact or (z > 0.0 and row.claim.relation == "~") else DECIDED
