@@ -64,7 +64,7 @@ def test_claims_on_a_recording_are_decided_by_its_steps(tmp_path: Path) -> None:
         pairs = {row["metric"]: float(row["z"]) for row in csv.DictReader(file)}
     assert found["position"].z == pytest.approx(pairs["rmse_position"], rel=1e-9)
     assert found["velocity"].z == pytest.approx(pairs["rmse_velocity"], rel=1e-9)
-    assert any("2.5 standard errors, and 3 decide" in note for note in report.notes)
+    assert any("2.51 standard errors, and 3 decide" in note for note in report.notes)
     (ranking,) = rankings(report.results)
     assert [c.label for c, _ in ranking.worse] == ["KF"]
     (difference,) = (d for _, d in ranking.worse)

@@ -42,7 +42,7 @@ def _reason(row: Compared | ClaimVerdict, runs: int) -> str:
     if needed is None:
         return f"neither within its margin nor beyond it by {DECIDED:g} standard errors"
     if z < needed:
-        text = f"{z:.1f} standard errors, and {needed:g} decide"
+        text = f"{z:.2f} standard errors, and {needed:g} decide"
         if z < _NOTHING:
             return f"{text}; no sign of a difference"
         most = runs_needed(runs, z, exact=needed == SURE)

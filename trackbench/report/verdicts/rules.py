@@ -74,8 +74,10 @@ def runs_needed(runs: int, z: float, parts: Sequence[float] = (), exact: bool = 
     """Return the runs that decide a difference as large as measured; infinite without a sign of it."""
     if not abs(z) > 0.0 or (not exact and any(not part * z > 0.0 for part in parts)):
         return inf
-    factors = [SURE / abs(part) for part in parts if not exact]
-    return runs * max((SURE if exact else DECIDED) / abs(z), *factors, 1.0) ** 2
+    factors = [(SURE if exact else DECIDED) / abs(z)]
+    factors += [SURE / abs(part) for part in parts if not exact]
+    needed = runs * max(factors) ** 2
+    return max(needed, runs + 1.0) if runs > 1 else needed
 
 
 def number_verdict(
