@@ -186,7 +186,7 @@ def _runs_needed(standing: Ranking) -> str:
             of.runs, z, [part.z() for part in of.parts(standing.batches)], of.is_exact
         )
         for _, of in standing.ties
-        if isfinite(z := of.z())
+        if isfinite(z := of.z()) and z
     ]
     if not needed:
         return "equal at every step"
