@@ -145,7 +145,7 @@ def test_colors_are_those_of_tables_on_a_terminal(tmp_path: Path) -> None:
         (run, {}, True),
         (run, {"NO_COLOR": "1"}, False),
         (run, {"TERM": "dumb"}, False),
-        ([*run, "--markdown"], {}, False),
+        ([*run, "--format", "markdown"], {}, False),
     ):
         screen, terminal = pty.openpty()
         found = {**os.environ, "PYTHONPATH": str(ROOT), "TERM": "xterm-256color"}
@@ -168,5 +168,5 @@ def test_colors_are_those_of_tables_on_a_terminal(tmp_path: Path) -> None:
         process.wait(60)
         assert shown
         assert (re.search(rb"\x1b\[[0-9;]*3\dm", shown) is not None) == colors, shown[-300:]
-        table = b"| Filter" if "--markdown" in words else "─".encode()
+        table = b"| Filter" if "markdown" in words else "─".encode()
         assert (table in shown) == ("run" in words and "--bogus" not in words)

@@ -96,7 +96,7 @@ def test_one_that_holds_itself() -> None:
 def test_a_report_is_a_line_at_a_prompt(report: trackbench.Report) -> None:
     what = "Noted & <shown>, 4 runs; 2 filters, 4 runs"
     assert repr(report) == f"<Report in {report.folder}: {what}>"
-    assert repr(report.results) == f"<Results in {report.folder}: {what}>"
+    assert repr(trackbench.load(report.folder)) == repr(report)
     assert repr(report.tables["t"]) == "<Table 'Of <all>': 2 rows>"
     assert repr(report.comparison) == "<Comparison of 0 numbers and 0 claims>"
 
@@ -113,6 +113,18 @@ def test_a_report_is_a_page_in_a_notebook(report: trackbench.Report) -> None:
     cell = report.tables["t"].texts().rows[0][1].text
     assert cell in report._repr_html_()
     assert cell in report.tables["t"]._repr_html_()
+
+
+def test_run_and_load_return_one_class_with_public_completions(report: trackbench.Report) -> None:
+    loaded = trackbench.load(report.folder)
+    assert type(loaded) is type(report) is trackbench.Report
+    assert dir(loaded) == dir(report)
+    assert not [name for name in dir(report) if name.startswith("_") or name == "results"]
+    for name in dir(report):
+        assert getattr(loaded, name) is not None
+    for name in ("answer", "notes", "failed", "best", "config"):
+        assert getattr(loaded, name) == getattr(report, name)
+    assert loaded.tables["t"].csv_rows() == report.tables["t"].csv_rows()
 
 
 def test_a_long_table_is_cut() -> None:

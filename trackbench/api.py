@@ -1,7 +1,7 @@
 """Python functions for notebooks and scripts; the command line runs the same code.
 
-``trackbench.run("config.yaml", runs=50).per_run`` is a data frame; ``trackbench.load(folder)`` reads the
-results of an earlier run.
+``trackbench.run("config.yaml", runs=50).per_run`` is a data frame; ``trackbench.load(folder)`` returns
+the same class for the results of an earlier run.
 """
 
 from collections.abc import Sequence
@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from trackbench.commands.prepare import Options, file_of, prepare
-from trackbench.commands.run_experiment import Report, preview, run_all, run_each
-from trackbench.commands.stored_results import compare, load, plot, report
+from trackbench.commands.run_experiment import preview, run_all, run_each
+from trackbench.commands.stored_results import Report, compare, load, plot, report
 from trackbench.errors import UserError
 from trackbench.yaml_source import Config
 

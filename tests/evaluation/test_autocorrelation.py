@@ -39,8 +39,8 @@ def test_the_error_is_that_of_the_long_run() -> None:
 
 
 def test_what_can_be_said_without_spread_or_steps() -> None:
-    assert series_mean(np.zeros(100)) == (0.0, 0.0, 0.0)
-    assert series_mean(np.full(100, -2.0)) == (-2.0, 0.0, -np.inf)
+    assert series_mean(np.zeros(100))[:3] == (0.0, 0.0, 0.0)
+    assert series_mean(np.full(100, -2.0))[:3] == (-2.0, 0.0, -np.inf)
     assert np.isnan(series_mean(np.arange(49.0)).z)
     x = np.random.default_rng(203).standard_normal(200)
     gaps = np.insert(x, [3, 50, 200], np.nan)

@@ -263,4 +263,4 @@ def test_what_is_not_measured_is_not_fragile(folder):
     error, whole = measure("variance(rmse)"), Evaluator(folder, {})
     claim = Claim(paper="p", claim="c", left="A", expression=error, right="B;none")
     found = judge(claim, whole)
-    assert (found.verdict.word, found.verdict.fragile) == ("not measured", False)
+    assert (found.verdict.word, found.verdict.fragile) == ("inconclusive", False)

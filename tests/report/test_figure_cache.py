@@ -22,7 +22,7 @@ def folder(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def files(folder: Path, processes: int = 2, **how: Any) -> dict[str, list[tuple[str, bytes]]]:
-    results = api.load(folder)
+    results = api.load(folder).results
     with drawing_pool(results, ["svg"], processes, **how) as draw:
         return {name: draw(name, spec) for name, spec in results.parts("figures").items()}
 
@@ -31,7 +31,7 @@ def files(folder: Path, processes: int = 2, **how: Any) -> dict[str, list[tuple[
 def test_what_was_drawn_is_not_drawn_again(
     folder: Path, processes: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    results = api.load(folder)
+    results = api.load(folder).results
     first = files(folder, processes, fresh=False)
     assert first == {
         n: draw_figure(s, results, ["svg"]) for n, s in results.parts("figures").items()
@@ -94,7 +94,7 @@ def test_the_looks_of_lines_are_those_that_any_figure_gives_them(folder: Path) -
 
 def test_of_other_figures_and_tables_a_figure_takes_nothing_but_looks(folder: Path) -> None:
     before = files(folder, processes=1)
-    results = api.load(folder)
+    results = api.load(folder).results
     figures = results.parts("figures")
     assert results._references
     for key in ("figures", "tables"):
@@ -113,4 +113,4 @@ def test_what_no_figure_shows_is_not(folder: Path) -> None:
 def test_a_look_of_the_users_own_is_drawn_anew(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "matplotlib").mkdir()
     (tmp_path / "matplotlib" / "matplotlibrc").write_text("font.size: 20\n")
-    assert KeptFigures.of(api.load(folder)) is None
+    assert KeptFigures.of(api.load(folder).results) is None

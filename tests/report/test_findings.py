@@ -176,8 +176,8 @@ def test_a_contradiction_is_no_answer(tmp_path, rng) -> None:
 
 def test_the_statistic_is_that_of_the_first_table(tmp_path, rng) -> None:
     """B has the smaller mean and A the smaller root mean square, as each table has it."""
-    A, B = 10.0 + 0.1 * rng.standard_normal(M), 1.0 + 0.1 * rng.standard_normal(M)
-    B[::2] += 15.0
+    A, B = 10.0 + 0.1 * rng.standard_normal(M), 0.2 + 0.1 * rng.standard_normal(M)
+    B[::2] += 18.0
     for statistic, best in (("mean", "B"), ("rms", "A")):
         columns = {"Late": "rms(rmse_position[end])", "Error": f"{statistic}(rmse_position)"}
         table = {"kind": "metrics", "columns": columns}
@@ -207,14 +207,14 @@ def test_a_tiny_difference_is_called_so(tmp_path, rng, A, matters, word) -> None
 
 
 def test_the_runs_that_would_decide_do(tmp_path, rng) -> None:
-    """A difference of z = 1 at 100 runs needs 1.96^2 times as many."""
+    """A difference of z = 1 at 100 runs needs 5^2 times as many."""
     apart = rng.standard_normal(100)
     apart = (apart - apart.mean()) / apart.std(ddof=1) + 0.1
     A = 50.0 + rng.random(100)
     (line,) = answer(folder(tmp_path, {"A": A, "B": A + apart}))
     needed = re.search(r"a difference as large as measured needs (\d+) runs", line)
     assert needed is not None
-    assert float(needed[1]) == pytest.approx(100 * 1.96**2, rel=0.1)
+    assert float(needed[1]) == pytest.approx(100 * 5.0**2, rel=0.1)
 
 
 def test_a_tuned_filter_beside_untuned_ones_is_named(tmp_path, A) -> None:

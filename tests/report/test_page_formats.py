@@ -37,7 +37,7 @@ def test_each_figure_is_drawn_as_wide_as_a_column_and_as_a_page(folder):
 
 
 def test_letters_of_eight_points_and_no_title(made):
-    results = api.load(made)
+    results = api.load(made).results
     with drawing_for(COLUMN), style.rc_context():
         figure = results.parts("figures")["time"].draw(results)
         figure.draw_without_rendering()

@@ -35,7 +35,7 @@ class Failing(FigureKind):
 
 @pytest.fixture(scope="module")
 def results(made: Path) -> Results:
-    return api.load(made)
+    return api.load(made).results
 
 
 def test_files_are_the_same_whoever_draws(results: Results) -> None:

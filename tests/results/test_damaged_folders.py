@@ -47,7 +47,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def load(folder: Path) -> None:
     """Read all that Python code may ask of a results folder."""
     with suppress(UserError, RunError):
-        results = api.load(folder)
+        results = api.load(folder).results
         for point in results.points():
             for ask in (results.runs, results.tracks, results.facts, results.steps):
                 ask(point)

@@ -41,7 +41,9 @@ Metric = Annotated[str, typer.Option(help="row of summary.csv, as rms(rmse_posit
 Folders = Annotated[list[Path], typer.Argument(metavar="DIR...", help="results folders")]
 
 
-def compare_two(first: Path, second: Path, out: Path | None, json: bool) -> None:
+def compare_two(
+    first: Path, second: Path, out: Path | None, json: bool, markdown: bool = False
+) -> None:
     """Print how the numbers of two folders differ, and draw a figure."""
     from trackbench.errors import UserError, counted
     from trackbench.report import compare_views as views
@@ -66,7 +68,7 @@ def compare_two(first: Path, second: Path, out: Path | None, json: bool) -> None
     if len(changed) > len(main):
         more = f"{len(changed) - len(main)} more of windows, components and diagnostics: --json"
         table.notes.append(more)
-    typer.echo(table.aligned())
+    typer.echo(table.markdown() if markdown else table.aligned())
     typer.echo(views.conclusion(rows, names))
 
 

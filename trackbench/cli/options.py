@@ -52,12 +52,13 @@ Force = Annotated[bool, typer.Option("--force", help="let --quick replace result
 SaveTracks = Annotated[
     bool, typer.Option("--save-tracks", help="write every run's track to tracks.npz")
 ]
-Markdown = Annotated[
-    bool, typer.Option("--markdown", help="print tables as Markdown, as into a pipe")
-]
 Format = Annotated[
     str,
-    typer.Option("--format", help="png, svg, pdf, tex (tables, and figures as pdf), with commas"),
+    typer.Option(
+        "--format",
+        help="png, svg, pdf, tex (tables, and figures as pdf), with commas; markdown prints tables as "
+        "into a pipe",
+    ),
 ]
 AllowPlugins = Annotated[
     bool, typer.Option("--allow-plugins", help="run the code of the config's plugins")
@@ -98,7 +99,6 @@ def _shared(
     dry_run: DryRun = False,
     format_: Format = "png,svg",
     allow_plugins: AllowPlugins = False,
-    markdown: Markdown = False,
     json: Json = False,
 ) -> None:
     """Declare the options of all commands that run experiments, with types and defaults."""
@@ -126,7 +126,8 @@ def api_options(given: dict[str, Any]) -> "Options":
     if "engine" in given:
         one_of("--engine", given["engine"], ("serial", "processes", "dask"))
     if "format_" in given:
-        options["formats"] = formats(given["format_"])
+        files = [f for f in formats(given["format_"], (MARKDOWN,)) if f != MARKDOWN]
+        options["formats"] = files or ["png", "svg"]
     fit = []
     if given.get("quick"):
         fit = ["block=fit"]
@@ -135,9 +136,12 @@ def api_options(given: dict[str, Any]) -> "Options":
     return api.Options(**options, set=(*fit, *(given["set_"] or ())))
 
 
-def formats(text: str) -> list[str]:
-    """Return the file formats in a comma-separated list; raises UserError."""
-    return [one_of("--format", f, ("png", "svg", "pdf", "tex")) for f in text.split(",")]
+MARKDOWN = "markdown"
+
+
+def formats(text: str, printed: tuple[str, ...] = ()) -> list[str]:
+    """Return the formats of files, or of what is printed, in a list with commas; raises UserError."""
+    return [one_of("--format", f, ("png", "svg", "pdf", "tex", *printed)) for f in text.split(",")]
 
 
 def one_of(option: str, value: str, known: tuple[str, ...]) -> str:

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from trackbench.cli.options import AllowPlugins, Folder, Json, Markdown, formats, one_of
+from trackbench.cli.options import MARKDOWN, AllowPlugins, Folder, Json, formats, one_of
 from trackbench.cli.output import echo_line
 
 
@@ -19,14 +19,18 @@ def compare(
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="figure of two folders: .png, .svg or .pdf")
     ] = None,
-    markdown_: Markdown = False,
+    format_: Annotated[
+        str, typer.Option("--format", metavar=MARKDOWN, help="print tables as into a pipe")
+    ] = "",
     json: Json = False,
 ) -> None:
     """Compare stored results with the published numbers and claims, or with another folder."""
     from trackbench.cli.compare import compare_two
 
+    if format_:
+        one_of("--format", format_, (MARKDOWN,))
     if other is not None:
-        compare_two(folder, other, out, json)
+        compare_two(folder, other, out, json, format_ == MARKDOWN)
         return
     if out is not None:
         raise typer.BadParameter("--out draws two folders: trackbench compare DIR DIR2 --out FILE")
@@ -35,7 +39,6 @@ def compare(
     from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts
     from trackbench.report.verdicts.files import (
         claim_rows,
-        legend,
         markdown,
         number_rows,
         summary_lines,
@@ -51,7 +54,7 @@ def compare(
     if not found.rows and not found.claims and not times:
         typer.echo(f"{folder}: nothing is published about this experiment", err=True)
         return
-    if markdown_ or not sys.stdout.isatty():
+    if format_ or not sys.stdout.isatty():
         typer.echo("\n".join([markdown(results, found), *(table.markdown() for table in times)]))
         return
     from trackbench.cli.screen import print_lines, print_tables
@@ -59,8 +62,7 @@ def compare(
 
     print_lines([*summary_lines(found), ""])
     print_tables([*verdict_tables(found), *times])
-    print_lines([*reasons(found, results.config["runs"]), ""])
-    print_lines([legend(found.rows).replace("`", "")])
+    print_lines(reasons(found, results.config["runs"]))
 
 
 def plot(

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeAlias
 import typer
 
 from trackbench.cli.options import (
+    MARKDOWN,
     Config,
     Configs,
     Filters,
@@ -112,7 +113,7 @@ def execute(
     from trackbench.plugins.errors import interrupt
 
     options, dry_run, json = api_options(given), given["dry_run"], given["json"]
-    form = partial(_print, json=json, markdown=given["markdown"])
+    form = partial(_print, json=json, markdown=MARKDOWN in given["format_"].split(","))
     if command == "tune":
         api.check_tuned(configs, options)
     if dry_run:

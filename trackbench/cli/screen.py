@@ -1,6 +1,6 @@
 """Tables and sentences on a terminal: aligned, colored, wrapped to its width.
 
-A pipe or a file gets Markdown, as does a terminal with `--markdown`.
+A pipe or a file gets Markdown, as does a terminal with `--format markdown`.
 """
 
 import sys

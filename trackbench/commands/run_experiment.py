@@ -4,12 +4,10 @@ import hashlib
 import json
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, suppress
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import replace
 from importlib import import_module
-from pathlib import Path
 from threading import Thread
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from trackbench.atomic_files import record_writes, write_text
 from trackbench.commands.prepare import (
@@ -23,6 +21,7 @@ from trackbench.commands.prepare import (
     with_tuned,
 )
 from trackbench.commands.shard import run_shard
+from trackbench.commands.stored_results import Report
 from trackbench.config.experiment import Experiment
 from trackbench.config.requested_metrics import takes_times
 from trackbench.config.tuned_entries import held_out, training_cautions
@@ -35,76 +34,14 @@ from trackbench.execution.runner import Outcome, execute, next_batch, stop_reaso
 from trackbench.os_specific import identity
 from trackbench.plugins.errors import guarded
 from trackbench.report import DRAWER
-from trackbench.report.findings.sentences import answer
 from trackbench.report.html.report_page import write_report
 from trackbench.report.render import render
 from trackbench.report.results import Results
-from trackbench.report.sweep import Best, best_points, write_sweep
-from trackbench.report.table import Table, results_html
-from trackbench.report.verdicts.cpu_times import time_line
-from trackbench.report.verdicts.files import summary_lines
-from trackbench.report.verdicts.numbers import Comparison
-from trackbench.report.verdicts.reasons import reasons
+from trackbench.report.sweep import write_sweep
 from trackbench.results.folder_contents import locked, write_manifest
 from trackbench.results.write import Losses, write_results
 from trackbench.tuning.search import write_tuning
 from trackbench.yaml_source import Config
-
-if TYPE_CHECKING:
-    import pandas as pd
-    from matplotlib.figure import Figure
-
-
-@dataclass(repr=False)
-class Report:
-    """Report of a run: its folder, tables, notes and failures; a notebook displays it."""
-
-    folder: Path
-    tables: dict[str, Table]
-    comparison: Comparison
-    notes: list[str] = field(default_factory=list)
-    failed: list[str] = field(default_factory=list)
-    best: list[Best] = field(default_factory=list)
-    """of a sweep: each filter's best values"""
-    answer: list[str] = field(default_factory=list)
-    """what was found, in sentences"""
-
-    def __repr__(self) -> str:
-        failed = f"; {len(self.failed)} failed" if self.failed else ""
-        return f"{repr(self.results).replace('Results', 'Report', 1)[:-1]}{failed}>"
-
-    def _repr_html_(self) -> str:
-        lines = [f"{self.folder}/", *self.failed, *answer(self.results)]
-        lines += summary_lines(self.comparison)
-        tables = (table.texts() for table in self.tables.values())
-        return results_html(self.results.title, lines, tables, self._repr_png_())
-
-    def _repr_png_(self) -> bytes | None:
-        return self.results._repr_png_()
-
-    def figure(self, name: str = "") -> "Figure":
-        """Return a figure of the config for matplotlib; by default the key figure."""
-        return self.results.figure(name)
-
-    @cached_property
-    def results(self) -> Results:
-        """Return the folder's files as data frames."""
-        return Results(self.folder)
-
-    @property
-    def per_run(self) -> "pd.DataFrame":
-        """Return the data frame ``filter,run,metric,value``."""
-        return self.results.per_run
-
-    @property
-    def per_step(self) -> "pd.DataFrame":
-        """Return the data frame ``filter,step,time,metric,value,stderr,runs``."""
-        return self.results.per_step
-
-    @property
-    def summary(self) -> "pd.DataFrame":
-        """Return the data frame ``filter,metric,value,stderr,runs,lost``."""
-        return self.results.summary
 
 
 def run_all(
@@ -192,16 +129,13 @@ def _reported(job: Job, outcome: Outcome, options: Options, sweep: bool) -> Repo
             trained_s = sum(record.cpu_s for record in job.tuning.values())
             facts["cpu_s"] = round(facts["cpu_s"] + trained_s, 3)
         results = Results(job.folder, facts)
-        tables, comparison = render(results, options.formats, most_drawers(options), options.fresh)
+        comparison = render(results, options.formats, most_drawers(options), options.fresh)[1]
         write_report(results, comparison)
         if sweep:
             write_sweep(results)
     write_manifest(job.folder, facts, paths)
-    notes = [*_notes(job.experiment, losses), *summary_lines(comparison), *time_line(results)]
-    notes += reasons(comparison, results.config["runs"])
     failed = [*_failed(job.experiment, outcome, losses), *results.unmade_lines]
-    best = list(best_points(results)) if sweep else []
-    return Report(job.folder, tables, comparison, notes, failed, best, answer(results))
+    return Report(results, failed, list(_notes(job.experiment, losses)), comparison)
 
 
 def _what_happened(outcome: Outcome) -> Iterator[str]:

@@ -4,29 +4,149 @@ import os
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from trackbench.atomic_files import record_writes
+from trackbench.core.arrays import Array
 from trackbench.errors import Mark, Problem, UserError
+from trackbench.report.findings.sentences import answer
 from trackbench.report.open import (
     check_folder,
     explain_content_errors,
     open_results,
     open_with_notes,
 )
+from trackbench.report.paired import Pair
 from trackbench.report.plotting.page_formats import Style
 from trackbench.report.plugin_exhibits import PartialReportError
 from trackbench.report.render import write_figures
 from trackbench.report.results import Results
-from trackbench.report.verdicts.files import write_comparison, write_paired
+from trackbench.report.sweep import Best, best_points
+from trackbench.report.table import Table, results_html
+from trackbench.report.verdicts.cpu_times import time_line
+from trackbench.report.verdicts.files import summary_lines, write_comparison, write_paired
 from trackbench.report.verdicts.numbers import Comparison
 from trackbench.report.verdicts.numbers import compare as hold_against_published
+from trackbench.report.verdicts.reasons import reasons
 from trackbench.results.folder_contents import locked, write_manifest
+from trackbench.results.point_facts import GridPoint
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
 
 
-def load(folder: Path | str) -> Results:
-    """Return the results of an earlier run, as data frames."""
-    return open_results(Path(folder))
+@dataclass(repr=False)
+class Report:
+    """Results of a run or of a stored folder: sentences, tables, verdicts, data frames, figures.
+
+    A notebook displays it. `dir` lists what is public; ``results`` is for the package's own modules.
+    """
+
+    results: Results
+    failed: list[str]
+    """filters, tables and figures that failed, a line each"""
+    run_notes: list[str] = field(default_factory=list)
+    _compared: Comparison | None = None
+
+    def __dir__(self) -> list[str]:
+        return ["failed", *(name for name in dir(type(self)) if not name.startswith("_"))]
+
+    def __repr__(self) -> str:
+        failed = f"; {len(self.failed)} failed" if self.failed else ""
+        return f"{repr(self.results).replace('Results', 'Report', 1)[:-1]}{failed}>"
+
+    def _repr_html_(self) -> str:
+        lines = [f"{self.folder}/", *self.failed, *self.answer, *summary_lines(self.comparison)]
+        tables = (table.texts() for table in self.tables.values())
+        return results_html(self.results.title, lines, tables, self._repr_png_())
+
+    def _repr_png_(self) -> bytes | None:
+        return self.results._repr_png_()
+
+    @property
+    def folder(self) -> Path:
+        """Return the results folder."""
+        return self.results.folder
+
+    @property
+    def config(self) -> dict[str, Any]:
+        """Return the config of the run, defaults included."""
+        return self.results.config
+
+    @property
+    def manifest(self) -> dict[str, Any]:
+        """Return versions, machine and digests of the run."""
+        return self.results.manifest
+
+    @cached_property
+    def answer(self) -> list[str]:
+        """Return the conclusions, a sentence each."""
+        return answer(self.results)
+
+    @property
+    def tables(self) -> dict[str, Table]:
+        """Return the tables of the config by name."""
+        return self.results.tables
+
+    @cached_property
+    def comparison(self) -> Comparison:
+        """Return the verdicts on published numbers and claims."""
+        return self._compared or hold_against_published(self.results)
+
+    @cached_property
+    def notes(self) -> list[str]:
+        """Return lost runs, counts of verdicts, and reasons of those that are inconclusive."""
+        lines = [*self.run_notes, *summary_lines(self.comparison), *time_line(self.results)]
+        return lines + reasons(self.comparison, self.config["runs"])
+
+    @cached_property
+    def best(self) -> list[Best]:
+        """Return the best values of each filter; empty without a sweep."""
+        return [*best_points(self.results)] if (self.folder / "sweep.csv").is_file() else []
+
+    def figure(self, name: str = "") -> "Figure":
+        """Return a figure of the config for matplotlib; by default the key figure."""
+        return self.results.figure(name)
+
+    @property
+    def per_run(self) -> "pd.DataFrame":
+        """Return the data frame ``filter,run,metric,value``."""
+        return self.results.per_run
+
+    @property
+    def per_step(self) -> "pd.DataFrame":
+        """Return the data frame ``filter,step,time,metric,value,stderr,runs``."""
+        return self.results.per_step
+
+    @property
+    def summary(self) -> "pd.DataFrame":
+        """Return the data frame ``filter,metric,value,stderr,runs,lost``."""
+        return self.results.summary
+
+    @property
+    def timing(self) -> "pd.DataFrame":
+        """Return the data frame of CPU times."""
+        return self.results.timing
+
+    @property
+    def pairs(self) -> list[tuple[GridPoint, list[Pair]]]:
+        """Return the differences of every two filters, by point of the grid."""
+        return self.results.pairs
+
+    def tracks(self, point: GridPoint | None = None) -> "dict[str, Array]":
+        """Return the stored tracks at a point of the grid, by default the first."""
+        return self.results.tracks(self.results.points()[0] if point is None else point)
+
+
+def load(folder: Path | str) -> Report:
+    """Return the results of an earlier run."""
+    results = open_results(Path(folder))
+    failed = [f"{row['filter']} failed: {row['reason']}" for row in results.failed]
+    return Report(results, failed)
 
 
 def compare(folder: Path | str) -> Comparison:

@@ -27,11 +27,12 @@ _LARGEST = (
 
 
 class SeriesMean(NamedTuple):
-    """Mean of a series, its standard error, and the z with the tail probability of Student's t."""
+    """Mean of a series, its standard error, the z with Student's tail probability, and its freedom."""
 
     value: float
     stderr: float
     z: float
+    freedom: float = np.nan
 
 
 def series_mean(series: Array) -> SeriesMean:
@@ -56,4 +57,4 @@ def series_mean(series: Array) -> SeriesMean:
     variance = float(total(weights * weights)) / nu / (1.0 - r) ** 2
     # Step 3: t = mean / sqrt(variance / T) has Student's distribution of nu degrees of freedom.
     stderr = sqrt(variance / T)
-    return SeriesMean(mean, stderr, normal_of_t(mean / stderr, nu))
+    return SeriesMean(mean, stderr, normal_of_t(mean / stderr, nu), nu)

@@ -6,6 +6,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Mask
 from trackbench.evaluation import inference
+from trackbench.evaluation.autocorrelation import series_mean
 from trackbench.evaluation.inference import (
     Events,
     Sides,
@@ -20,8 +21,8 @@ from trackbench.evaluation.inference import (
 )
 from trackbench.evaluation.statistics import Estimate, influence_of_ratio, mean, z_score
 
-_BY_CHANCE = 0.01
-"""Probability below which so many more lost runs of one filter are no chance."""
+_LEVEL = 0.05
+"""Probability that chance alone makes any filter of an experiment lose more runs than another."""
 
 
 def in_words(lost: int, runs: int, what: str = " runs lost") -> str:
@@ -32,17 +33,16 @@ def in_words(lost: int, runs: int, what: str = " runs lost") -> str:
     return f"{lost} of {runs}{what} ({low} to {high} %)"
 
 
-def loses_more(a: Array, b: Array) -> bool:
-    """Return whether a filter loses more of the same runs, by codes (M,): sign test."""
-    return chance_of_losing_more(a, b) < _BY_CHANCE
+def loses_more(a: Array, b: Array, filters: int) -> bool:
+    """Return whether one of so many filters loses more of the same runs, by codes (M,).
 
-
-def chance_of_losing_more(a: Array, b: Array) -> float:
-    """Return the probability that the first loses by chance so many of the unequal runs."""
+    A sign test of the runs that only one of the two loses, with Bonferroni's correction for all pairs.
+    """
     from scipy.special import bdtrc  # the upper tail of a binomial distribution
 
     alone, other = int(np.sum((a > 0) & (b == 0))), int(np.sum((b > 0) & (a == 0)))
-    return float(bdtrc(alone - 1, alone + other, 0.5)) if alone else 1.0
+    chance = float(bdtrc(alone - 1, alone + other, 0.5)) if alone else 1.0
+    return chance * filters * (filters - 1) < _LEVEL
 
 
 # A filter that left the numbers has infinite statistics; they are shown, not warned about.
@@ -74,6 +74,11 @@ class RunEstimate(NamedTuple):
     def splits(self) -> bool:
         """Return whether batches of runs have numbers of their own."""
         return self.influences is not None
+
+    @property
+    def is_exact(self) -> bool:
+        """Return whether its test needs no margin for runs that were not drawn."""
+        return False
 
     @property
     def losses(self) -> str:
@@ -166,6 +171,11 @@ class Share(RunEstimate):
     __slots__ = ()
 
     @property
+    def is_exact(self) -> bool:
+        """Return True: of the binomial distribution nothing is estimated."""
+        return True
+
+    @property
     def events(self) -> int:
         """Return runs that have had the event."""
         return round(self.value * self.runs)
@@ -181,6 +191,51 @@ class Share(RunEstimate):
         if other > 0.0 or not self.runs:
             return super().interval(level, other)
         return inference.share_interval(self.events, self.runs, level)
+
+
+class OfSteps(RunEstimate):
+    """A number of one recording: its influences are those of the steps (T,), which are correlated."""
+
+    __slots__ = ()
+
+    @classmethod
+    def of(cls, value: float, steps: Array) -> "OfSteps":
+        """Return a number from what each step adds to it; NaN steps have no value."""
+        return cls(value, series_mean(steps).stderr, steps - value, 1)
+
+    def minus(self, other: "OfSteps", factor: float = 1.0) -> "OfSteps":
+        """Return the difference, step by step."""
+        assert self.influences is not None
+        assert other.influences is not None
+        value, of_steps = (
+            self.value - factor * other.value,
+            self.influences - factor * other.influences,
+        )
+        return OfSteps.of(value, of_steps + value)
+
+    @property
+    def is_exact(self) -> bool:
+        """Return True: there is no other seed."""
+        return True
+
+    def parts(self, number: int) -> list[RunEstimate]:
+        """Return no parts: batches are of runs."""
+        return []
+
+    def stressed(self) -> list[RunEstimate]:
+        """Return nothing: no other run could be drawn."""
+        return []
+
+    def z(self, target: float = 0.0, other: float = 0.0) -> float:
+        """Return z of the hypothesis that the mean of the steps is the target."""
+        assert self.influences is not None
+        return series_mean(self.influences + (self.value - target)).z
+
+    def interval(self, level: float = 0.95, other: float = 0.0) -> tuple[float, float]:
+        """Return the confidence interval of the steps' mean, by Student's t."""
+        assert self.influences is not None
+        width = quantile(level, series_mean(self.influences).freedom) * self.stderr
+        return self.value - width, self.value + width
 
 
 MISSING = RunEstimate(np.nan, np.nan, None, 0)

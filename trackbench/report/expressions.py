@@ -21,6 +21,7 @@ from trackbench.evaluation.statistics import OVER_RUNS, influence, median
 from trackbench.field_types import is_number
 from trackbench.report.estimates import (
     MISSING,
+    OfSteps,
     RunEstimate,
     Share,
     as_difference_of_proportions,
@@ -72,6 +73,19 @@ class Evaluator:
             return MISSING
         return self._at_step(m) if m.steps is not None else self._plain(m)
 
+    def of_steps(self, m: Measure) -> OfSteps | None:
+        """Return a measure of one recording with what each step adds to it, if that is known."""
+        key = m.filter, m.name
+        if not m.is_over_runs or m.statistic not in ("mean", "rms") or key not in self._steps:
+            return None
+        return OfSteps.of(float(self.runs[key][0]), self._steps[key])
+
+    @cached_property
+    def _steps(self) -> dict[tuple[str, str], Array]:
+        if any(len(values) > 1 for values in self.runs.values()):
+            return {}
+        return self.results.judged_steps(self.point)
+
     def at_each_step(self, m: Measure) -> list[Measure]:
         """Return a measure of many steps at each of those at which anything is known of the filter."""
         if not m.is_many:
@@ -85,7 +99,10 @@ class Evaluator:
 
     @ignore_float_errors
     def difference(self, left: Measure, right: Measure, factor: float = 1.0) -> RunEstimate:
-        """Return ``left - factor * right``, paired on common runs."""
+        """Return ``left - factor * right``, paired on common runs, or on the steps of a recording."""
+        first, second = self.of_steps(left), self.of_steps(right)
+        if first is not None and second is not None:
+            return first.minus(second, factor)
         common = self._common_runs(left, right)
         a, b = self.term(left, common), self.term(right, common)
         term = linear_combination(a.value - factor * b.value, a, b, 1.0, -factor)

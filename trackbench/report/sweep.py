@@ -106,9 +106,9 @@ def _best(standing: Ranking, best: Candidate) -> Best:
     text += f"mean {metric_words(metric)} {with_unit(rounded(*best.overall, 4), metric)}"
     if standing.ties:
         text += f"; no significant difference: {listed([c.setting for c, _ in standing.ties])}"
-    nearest, pair = standing.nearest or (None, None)
-    if nearest is not None and pair is not None:
-        off, side = abs(pair.difference), "smaller" if standing.more_is_better else "larger"
+    nearest, apart = standing.nearest or (None, None)
+    if nearest is not None and apart is not None:
+        off, side = abs(apart.value), "smaller" if standing.more_is_better else "larger"
         score = metric.family[0].is_score
         by = with_unit(two_digits(off), metric) if score else percent(off / best.overall.value)
         text += f"; {by} {side} at {nearest.setting}"
@@ -120,8 +120,8 @@ def _best(standing: Ranking, best: Candidate) -> Best:
         stderr=best.overall.stderr,
         ties=[c.own for c, _ in standing.ties],
         next={} if nearest is None else nearest.own,
-        difference=nan if pair is None else pair.difference,
-        difference_stderr=nan if pair is None else pair.stderr,
+        difference=nan if apart is None else apart.value,
+        difference_stderr=nan if apart is None else apart.stderr,
         text=text,
     )
 

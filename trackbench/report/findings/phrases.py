@@ -103,6 +103,14 @@ def two_digits(x: float) -> str:
     return f"{float(f'{x:.2g}'):g}"
 
 
+def run_count(runs: float) -> str:
+    """Return a number of runs with two digits: ``5800``, ``more than 1000000``."""
+    return f"{float(f'{runs:.2g}'):.0f}" if runs < _MOST_RUNS else f"more than {_MOST_RUNS:.0f}"
+
+
+_MOST_RUNS = 1e6
+
+
 def three_digits(x: float) -> str:
     """Return ``0.00421``, ``1010``."""
     return f"{float(f'{x:.3g}'):g}"

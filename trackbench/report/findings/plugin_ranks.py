@@ -56,12 +56,12 @@ def _sentence(results: Results, mine: Candidate, found: Ranking) -> str:
         f"{statistic_words(mine.statistic, found.metric)}: "
         f"{with_unit(rounded(*mine.overall, 4), found.metric)}"
     )
-    pairs = {other.name: pair for other, pair in (*found.ties, *found.worse)}
-    if found.best is not None and mine.name in pairs and pairs[mine.name].stderr:
-        pair, best = pairs[mine.name], found.best
-        apart = with_unit(rounded(pair.difference, pair.stderr, 3), found.metric)
+    differences = {other.name: difference for other, difference in (*found.ties, *found.worse)}
+    if found.best is not None and mine.name in differences and differences[mine.name].stderr:
+        difference, best = differences[mine.name].estimate, found.best
+        apart = with_unit(rounded(*difference, 3), found.metric)
         if not found.metric.family[0].is_score:
-            apart += f", {percent(pair.difference / best.overall.value)}"
+            apart += f", {percent(difference.value / best.overall.value)}"
         text += f"; its difference from {best.name}, the best, is {apart}"
         text += ", which is not significant" if mine in found.among_the_best else ""
     return f"{text}{''.join(_ratios(results, mine, found))}."

@@ -1,8 +1,8 @@
 """Rankings: the best filter, those without a significant difference from it, those that lose more runs.
 
 Decided by the statistic of the first table's column, such as rms(rmse_position): its differences on
-common runs, with Holm's correction over all pairs. A filter that loses significantly more runs than
-another is never the best.
+common runs, by the rule of the verdicts. A filter that loses significantly more runs than another is
+never the best.
 """
 
 from collections.abc import Collection, Iterator, Sequence
@@ -14,19 +14,17 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.inference import holm
 from trackbench.evaluation.metric_expression import Measure, measured
 from trackbench.evaluation.statistics import STATISTICS, Estimate
-from trackbench.report.estimates import chance_of_losing_more
+from trackbench.report.estimates import MISSING, OfSteps, RunEstimate, loses_more
+from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import named
 from trackbench.report.grid_queries import own_values, points_of, scenes
-from trackbench.report.paired import Pair, difference_of, pairs_of, primary_metrics
+from trackbench.report.paired import difference_of, primary_metrics
 from trackbench.report.results import Results
+from trackbench.report.verdicts.rules import difference_sign
 from trackbench.results.point_facts import GridPoint
-
-LEVEL = 0.05
-"""Probability of a false word on any pair."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,8 +41,8 @@ class Candidate:
     """what the grid gives the filter, by path"""
     statistic: str = "mean"
     """over the runs: mean or rms"""
-    steps: Array | None = None
-    """what each step (T,) of the only run adds, if that is a recording"""
+    steps: OfSteps | None = None
+    """the metric of the only run with its steps, if that is a recording"""
 
     @cached_property
     def name(self) -> str:
@@ -62,9 +60,15 @@ class Candidate:
         """Return the statistic over the runs that are not lost."""
         return STATISTICS[self.statistic](self.values[np.isfinite(self.values)])
 
-    def minus(self, other: "Candidate") -> tuple[Estimate, Array]:
-        """Return the difference of the statistic over common runs, and their influences on it."""
-        return difference_of(self.statistic, *self.common_runs(other))
+    def minus(self, other: "Candidate") -> RunEstimate:
+        """Return the difference of the statistic over common runs, or steps of a recording."""
+        if self.steps is not None and other.steps is not None:
+            return self.steps.minus(other.steps)
+        a, b = self.common_runs(other)
+        if not len(a):
+            return MISSING
+        difference, influences = difference_of(self.statistic, a, b)
+        return RunEstimate(*difference, influences, len(a))
 
     @cached_property
     def losses(self) -> int:
@@ -85,9 +89,9 @@ class Ranking(NamedTuple):
     metric: Measure
     best: Candidate | None
     """nothing where none can be said: without two runs, or where common runs contradict it"""
-    ties: list[tuple[Candidate, Pair]]
-    """filters without a significant difference from the best; each pair is of it and the best"""
-    worse: list[tuple[Candidate, Pair]]
+    ties: list[tuple[Candidate, RunEstimate]]
+    """filters without a significant difference from the best; each with its difference"""
+    worse: list[tuple[Candidate, RunEstimate]]
     losing: list[Candidate]
     """filters that lose more runs than another does"""
     reference: Candidate | None
@@ -96,6 +100,8 @@ class Ranking(NamedTuple):
     chosen: bool
     """whether a filter is there with the best of several values that the grid gives it"""
     runs: int
+    batches: int = 1
+    """of runs, each of which the rule leaves out"""
     conflict: tuple[Candidate, Candidate] | None = None
     """the filter that leads over its runs, and the one whose common runs with it contradict that"""
 
@@ -105,9 +111,9 @@ class Ranking(NamedTuple):
         return [self.best, *(c for c, _ in self.ties)] if self.best is not None else []
 
     @property
-    def nearest(self) -> tuple[Candidate, Pair] | None:
+    def nearest(self) -> tuple[Candidate, RunEstimate] | None:
         """Return the filter nearest to the best among those that are worse."""
-        return min(self.worse, key=lambda item: abs(item[1].difference), default=None)
+        return min(self.worse, key=lambda item: abs(item[1].value), default=None)
 
     @property
     def more_is_better(self) -> bool:
@@ -123,9 +129,13 @@ def rankings(
     ``labels`` are those of the ranked filters; by default all.
     """
     metric, statistic = _ranked_by(results, metric)
-    places = scenes(results) if metric else []
-    labels = results.filters if labels is None else labels
-    return [_standing(results, p, metric, statistic, len(places), labels) for p in places]
+    found, labels = [], results.filters if labels is None else labels
+    for where in scenes(results) if metric else []:
+        every = _settings(results, points_of(results, where), metric, statistic)
+        settings = [candidate for candidate in every if candidate.label in labels]
+        reference, batches = results.config.get("reference"), Evaluator(results, where).batches
+        found.append(ranking_of(settings, metric, reference, batches)._replace(scene=where))
+    return found
 
 
 def _ranked_by(results: Results, metric: str) -> tuple[str, str]:
@@ -146,20 +156,18 @@ def _ranked_by(results: Results, metric: str) -> tuple[str, str]:
 def best_settings(results: Results) -> list[Ranking]:
     """Yield for each varied filter which of its values are best, by scenario."""
     metric = next(iter(ranking_metrics(results)), "")
-    found: list[list[Candidate]] = []
-    wheres: list[GridPoint] = []
+    found = []
     for where in scenes(results) if metric else []:
         settings = list(_settings(results, points_of(results, where), metric))
         for label in dict.fromkeys(c.label for c in settings if c.own):
             # One ranking for each filter with several values.
             mine = [c for c in settings if c.label == label]
             if len(mine) > 1:
-                found.append(mine)
-                wheres.append(where)
-    return [
-        ranking_of(settings, metric, times=len(found), apart=True)._replace(scene=where)
-        for settings, where in zip(found, wheres, strict=True)
-    ]
+                ranking = ranking_of(
+                    mine, metric, batches=Evaluator(results, where).batches, apart=True
+                )
+                found.append(ranking._replace(scene=where))
+    return found
 
 
 def ranking_metrics(results: Results) -> list[str]:
@@ -172,29 +180,14 @@ def ranking_metrics(results: Results) -> list[str]:
     return [*errors, *told]
 
 
-def _standing(
-    results: Results,
-    where: GridPoint,
-    metric: str,
-    statistic: str,
-    times: int,
-    labels: Collection[str],
-) -> Ranking:
-    """Return the ranking in one scenario of several."""
-    every = _settings(results, points_of(results, where), metric, statistic)
-    settings = [candidate for candidate in every if candidate.label in labels]
-    found = ranking_of(settings, metric, results.config.get("reference"), times)
-    return found._replace(scene=where)
-
-
 def ranking_of(
     settings: Sequence[Candidate],
     metric: str,
     reference: str | None = None,
-    times: int = 1,
+    batches: int = 1,
     apart: bool = False,
 ) -> Ranking:
-    """Return the ranking of filters, each with its best values, in one scenario of several.
+    """Return the ranking of filters, each with its best values, in one scenario.
 
     ``apart``: of the values themselves.
     """
@@ -210,32 +203,20 @@ def ranking_of(
     losing += [c for c in ranked if c not in rivals and c not in losing and c.losses]
     chosen, runs = len(tried) > len(ranked), max((len(c.lost) for c in ranked), default=0)
     # Step 3: compare the first of the others with all the rest on common runs.
-    found = Ranking({}, measure, None, [], [], losing, floor, rivals, chosen, runs)
+    found = Ranking({}, measure, None, [], [], losing, floor, rivals, chosen, runs, batches)
     if not rivals or not (isfinite(rivals[0].overall.stderr) or rivals[0].steps is not None):
         return found
-    # Values that were tried and not taken were compared as well.
-    factor = times * _pairs_of(len(tried)) / max(_pairs_of(len(ranked)), 1)
-    others = [c for c in (*ranked, floor) if c is not None and c is not rivals[0]]
-    pairs = _to_the_best(rivals[0], others, metric, factor)
-    return _compared(found, rivals[0], [(c, pairs.get(c.name)) for c in rivals[1:]], sign)
-
-
-def _compared(
-    found: Ranking, best: Candidate, rivals: list[tuple[Candidate, Pair | None]], sign: float
-) -> Ranking:
-    """Return the ranking with every comparison to the best, unless these contradict it."""
-    ties: list[tuple[Candidate, Pair]] = []
-    worse: list[tuple[Candidate, Pair]] = []
-    for rival, pair in rivals:
-        if pair is None or (pair.p_holm < LEVEL and sign * pair.difference < 0.0):
+    best = rivals[0]
+    ties: list[tuple[Candidate, RunEstimate]] = []
+    worse: list[tuple[Candidate, RunEstimate]] = []
+    for rival in rivals[1:]:
+        difference = rival.minus(best)
+        side = sign * difference_sign(difference, batches)
+        if not difference.runs or side < 0.0:
             # No runs in common; or on these the other is the better one.
             return found._replace(conflict=(best, rival))
-        (worse if pair.p_holm < LEVEL else ties).append((rival, pair))
+        (worse if side > 0.0 else ties).append((rival, difference))
     return found._replace(best=best, ties=ties, worse=worse)
-
-
-def _pairs_of(n: int) -> int:
-    return n * (n - 1) // 2
 
 
 def _settings(
@@ -246,13 +227,14 @@ def _settings(
         seen = set()
         for point in points:
             runs, own = results.runs(point), own_values(results, point, label)
-            steps = results.judged_steps(point).get((label, metric))
             # Each set of values counts once, at the first point that has it.
             if str(own) not in seen and (label, "lost") in runs:
                 seen.add(str(own))
                 lost = runs[label, "lost"]
                 values = runs.get((label, metric), np.full(len(lost), np.nan))
-                yield Candidate(label, point, lost, values, own, statistic, steps)
+                steps = results.judged_steps(point).get((label, metric))
+                of_steps = None if steps is None else OfSteps.of(float(values[0]), steps)
+                yield Candidate(label, point, lost, values, own, statistic, of_steps)
 
 
 def _rank(candidate: Candidate, sign: float) -> tuple[bool, float]:
@@ -272,24 +254,13 @@ def _best_of_each(settings: Sequence[Candidate], sign: float) -> list[Candidate]
 
 
 def _losing(found: Sequence[Candidate]) -> list[Candidate]:
-    """Return the filters that lose more of the same runs: sign tests, Holm over all of them."""
-    tests = [(a, b) for a in found for b in found if a is not b and len(a.lost) == len(b.lost)]
-    if not any(c.losses for c in found):
-        return []
-    # Test every ordered pair; a filter that loses no run cannot lose more than another.
-    p = [chance_of_losing_more(a.lost, b.lost) if a.losses else 1.0 for a, b in tests]
-    losing = {a for (a, _), chance in zip(tests, holm(np.array(p)), strict=True) if chance < LEVEL}
-    return [c for c in found if c in losing]
-
-
-def _to_the_best(
-    best: Candidate, others: Sequence[Candidate], metric: str, factor: float
-) -> dict[str, Pair]:
-    """Return each filter minus the best by name; corrected over all pairs of both, and by the factor."""
-    known = {c.name: c.values for c in (*others, best) if np.isfinite(c.values).any()}
-    steps = {c.name: c.steps for c in (*others, best) if c.steps is not None}
-    pairs = pairs_of(metric, list(known), known, best.statistic, steps)
-    found = {p.filter_a: p for p in pairs if p.filter_b == best.name}
-    return {
-        name: pair._replace(p_holm=min(pair.p_holm * factor, 1.0)) for name, pair in found.items()
-    }
+    """Return the filters that lose significantly more of the same runs than another."""
+    return [
+        a
+        for a in found
+        if any(
+            len(a.lost) == len(b.lost) and loses_more(a.lost, b.lost, len(found))
+            for b in found
+            if b is not a
+        )
+    ]

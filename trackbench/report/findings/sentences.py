@@ -12,9 +12,8 @@ import numpy as np
 
 from trackbench.config.tuning import tuned_label
 from trackbench.errors import counted
-from trackbench.evaluation.inference import deviations, interval_of
 from trackbench.evaluation.statistics import STATISTICS
-from trackbench.report.estimates import in_words
+from trackbench.report.estimates import RunEstimate, in_words
 from trackbench.report.findings import phrases
 from trackbench.report.findings.cost_and_calibration import calibration, cost, over_points
 from trackbench.report.findings.phrases import (
@@ -22,19 +21,20 @@ from trackbench.report.findings.phrases import (
     metric_words,
     named,
     percent,
+    run_count,
     statistic_words,
     verb,
     with_unit,
 )
 from trackbench.report.findings.plugin_ranks import plugin_ranks
-from trackbench.report.findings.ranking import LEVEL, Candidate, Ranking, ranking_metrics, rankings
-from trackbench.report.paired import Pair
+from trackbench.report.findings.ranking import Candidate, Ranking, ranking_metrics, rankings
 from trackbench.report.results import Results
 from trackbench.report.table import rounded
+from trackbench.report.verdicts import rules
 
 HOW_DECIDED = (
-    "Filters differ significantly if this number does on common runs, at 5 % with "
-    "Holm's correction over all pairs. One that loses significantly more runs than another is unranked."
+    f"Filters differ significantly if this number does on common runs: {rules.HOW_DECIDED}. One that "
+    "loses significantly more runs than another is unranked."
 )
 
 
@@ -154,8 +154,7 @@ def _value(standing: Ranking) -> str:
     if reference is None or standing.metric.family[0].is_score:
         return text
     # The reference is named only if the best is significantly above it on common runs.
-    difference, influences = best.minus(reference)
-    if not interval_of(difference.value, influences)[0] > 0.0:
+    if rules.difference_sign(best.minus(reference), standing.batches) <= 0:
         return text
     own, least = (STATISTICS[best.statistic](x).value for x in best.common_runs(reference))
     above = percent(own / least - 1.0)
@@ -167,14 +166,12 @@ def _tie_margin(standing: Ranking) -> str:
     assert standing.best is not None
     if standing.runs == 1:
         return _runs_needed(standing)
-    # Differences and influences, positive where the other filter is worse.
-    sign = -1.0 if standing.more_is_better else 1.0
-    apart = [other.minus(standing.best) for other, _ in standing.ties]
-    apart = [(difference, of) for difference, of in apart if np.any(of) or difference.value]
+    apart = [of for _, of in standing.ties if np.any(of.influences) or of.value]
     if not apart:
         return "equal in every run"
-    # The largest upper limit of the differences.
-    most = max(interval_of(sign * difference.value, sign * of)[1] for difference, of in apart)
+    # The largest limit of the differences, on the side where the other filter is worse.
+    worst = 0 if standing.more_is_better else 1
+    most = max(abs(of.interval()[worst]) for of in apart)
     if standing.metric.family[0].is_score:
         text = f"at most {most:.2g} nats smaller, 95 %"
     else:
@@ -184,18 +181,16 @@ def _tie_margin(standing: Ranking) -> str:
 
 def _runs_needed(standing: Ranking) -> str:
     """Return how many runs would decide the ties if the differences are as large as measured."""
-    needed = []
-    for _, pair in standing.ties:
-        if isfinite(pair.z) and pair.z:
-            # Deviations at which Holm's correction by the same factor leaves 5 %.
-            least = deviations(1.0 - LEVEL * pair.p / pair.p_holm)
-            needed.append(max(pair.runs * (least / pair.z) ** 2, pair.runs + 1.0))
+    needed = [
+        rules.runs_needed(
+            of.runs, z, [part.z() for part in of.parts(standing.batches)], of.is_exact
+        )
+        for _, of in standing.ties
+        if isfinite(z := of.z()) and z
+    ]
     if not needed:
         return "equal at every step"
-    words = (
-        f"{float(f'{n:.2g}'):.0f}" if n < _MOST_RUNS else f"more than {_MOST_RUNS:.0f}"
-        for n in (min(needed), max(needed))
-    )
+    words = map(run_count, (min(needed), max(needed)))
     what = "a difference" if len(needed) == 1 else "differences"
     verb = "needs" if len(needed) == 1 else "need"
     long = " to ".join(dict.fromkeys(words))
@@ -203,38 +198,35 @@ def _runs_needed(standing: Ranking) -> str:
     return f"{what} as large as measured {verb} {amount}"
 
 
-_MOST_RUNS = 1e6
-
-
 def _worse_clause(standing: Ranking, matters: float) -> str:
     """Return how much worse the other filters are, the nearest first."""
     assert standing.nearest is not None
-    nearest, pair = standing.nearest
-    apart = "smaller" if standing.more_is_better else "larger"
-    by = f"by {_difference(standing, pair)}{_tiny(standing, matters)}"
+    nearest, difference = standing.nearest
+    side = "smaller" if standing.more_is_better else "larger"
+    by = f"by {_difference(standing, difference)}{_tiny(standing, matters)}"
     n = len(standing.worse)
     if n == 1:
-        return f"that of {nearest.name} is {apart} {by}"
+        return f"that of {nearest.name} is {side} {by}"
     other = "remaining" if standing.ties else "other"
-    return f"those of the {other} {n} are {apart}, the nearest ({nearest.name}) {by}"
+    return f"those of the {other} {n} are {side}, the nearest ({nearest.name}) {by}"
 
 
 def _tiny(standing: Ranking, matters: float) -> str:
     """Return words on a significant difference that is too small to matter."""
     assert standing.nearest is not None
     assert standing.best is not None
-    share = abs(standing.nearest[1].difference) / abs(standing.best.overall.value)
+    share = abs(standing.nearest[1].value) / abs(standing.best.overall.value)
     if standing.metric.family[0].is_score or not share < matters:
         return ""
     return f", significant but tiny (below {percent(matters)})"
 
 
-def _difference(standing: Ranking, pair: Pair) -> str:
+def _difference(standing: Ranking, apart: RunEstimate) -> str:
     """Return ``0.97 ± 0.08 m (2.2 %)``; of scores no share."""
-    text = with_unit(rounded(abs(pair.difference), pair.stderr, 3), standing.metric)
+    text = with_unit(rounded(abs(apart.value), apart.stderr, 3), standing.metric)
     if standing.best is None or standing.metric.family[0].is_score:
         return text
-    return f"{text} ({percent(abs(pair.difference) / standing.best.overall.value)})"
+    return f"{text} ({percent(abs(apart.value) / standing.best.overall.value)})"
 
 
 def _other_metrics(results: Results, standing: Ranking) -> str:

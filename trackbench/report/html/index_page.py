@@ -16,7 +16,7 @@ from trackbench.report.open import explain_content_errors, open_with_notes
 from trackbench.report.results import Results
 from trackbench.report.text import TextTable
 from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts
-from trackbench.report.verdicts.files import Bar, bars, legend, summary_lines, verdict_tables
+from trackbench.report.verdicts.files import Bar, bars, summary_lines, verdict_tables
 from trackbench.report.verdicts.numbers import Comparison, compare
 
 _SVG = "{http://www.w3.org/2000/svg}"
@@ -119,7 +119,6 @@ def _write_index(folder: Path, found: Overview, everything: Comparison) -> Path:
         counted=bars(everything),
         verdict_lines=summary_lines(everything),
         ledger=[*verdict_tables(everything), *_times(found)],
-        legend=legend(everything.rows).replace("`", ""),
     )
 
 
@@ -176,7 +175,7 @@ def _ledger(folder: Path, found: Overview, everything: Comparison) -> str:
         parts.append(f"## [{results.config['name']}]({name}/): {results.title}")
         parts += [f"- {line}" for line in summary_lines(comparison)]
         parts += [table.markdown().rstrip() for table in verdict_tables(comparison)]
-    return "\n\n".join([*parts, legend(everything.rows)]) + "\n"
+    return "\n\n".join(parts) + "\n"
 
 
 def _times(found: Overview) -> list[TextTable]:

@@ -84,12 +84,9 @@ VERDICTS = {
     "agrees": "good",
     "holds": "good",
     "compatible": "fair",
-    "near": "fair",
     "differs": "bad",
     "fails": "bad",
-    "chosen": "open",
     "inconclusive": "open",
-    "not measured": "open",
 }
 """Verdicts and how they look."""
 

@@ -13,7 +13,7 @@ from trackbench.report.results import Results
 from trackbench.report.table import rounded
 from trackbench.report.text import Text, TextTable
 from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts
-from trackbench.report.verdicts.files import bars, legend, summary_lines, verdict_tables
+from trackbench.report.verdicts.files import bars, summary_lines, verdict_tables
 from trackbench.report.verdicts.numbers import Comparison, compare
 
 
@@ -23,7 +23,7 @@ def write_report(
     """Write report.html into the results folder, or another file."""
     comparison = comparison or compare(results)
     tables = [table.texts() for table in results.tables.values()]
-    pairs, undecided = _pairs(results)
+    pairs = _pairs(results)
     verdicts = verdict_tables(comparison)
     figures, times = drawings(results), time_tables(time_verdicts(results))
     sections = (
@@ -50,10 +50,8 @@ def write_report(
         verdict_lines=summary_lines(comparison),
         verdict_tables=verdicts,
         times=times,
-        legend=legend(comparison.rows).replace("`", ""),
         tables=tables,
         pairs=pairs if pairs.rows else None,
-        undecided=undecided,
         rerun=_rerun(results),
         config=as_yaml(results.config),
         versions=_versions(results),
@@ -84,14 +82,12 @@ def _facts(results: Results) -> list[tuple[str, object]]:
     return [*facts, ("Grid", grid)] if grid else facts
 
 
-def _pairs(results: Results) -> tuple[TextTable, int]:
-    """Return all pairs, and how many of them do not differ significantly."""
+def _pairs(results: Results) -> TextTable:
+    """Return all pairs."""
     heads = [*results.grid_heads, "a", "b", "Metric", "Mean of a - b", "z", "p (Holm)"]
     table = TextTable("Differences per run, corrected over all pairs of a metric (Holm)", heads)
-    undecided = 0
     for point, pairs in results.pairs:
         for pair in pairs:
-            undecided += not pair.p_holm < 0.05
             difference = rounded(pair.difference, pair.stderr, 4)
             table.rows.append(
                 [
@@ -102,7 +98,7 @@ def _pairs(results: Results) -> tuple[TextTable, int]:
                     Text(f"{pair.p_holm:.2g}", pair.p_holm),
                 ]
             )
-    return table, undecided
+    return table
 
 
 def _point_cell(value: Any) -> Text:

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-from trackbench.evaluation.statistics import Estimate
 from trackbench.field_types import Digits
 from trackbench.registry import register
 from trackbench.report.findings import phrases
@@ -20,8 +19,8 @@ _MOST = 6
 class BestSettings(TableKind):
     """A row per filter that the grid varies: its best values, and those not significantly different.
 
-    By the first error's mean per run, or the log score: paired differences on common runs, with Holm's
-    correction at 5 %. Values with which more runs are lost are not among the best. `Next` is how far off
+    By the first error's mean per run, or the log score: paired differences on common runs, by the rule
+    of the verdicts. Values with which more runs are lost are not among the best. `Next` is how far off
     the nearest of the others is.
     """
 
@@ -59,5 +58,5 @@ def _cells(standing: Ranking) -> list[Cell]:
     cell = Cell(best.overall, len(best.lost) - best.losses, best.losses)
     if standing.nearest is None:
         return [cell, Cell.missing()]
-    _, pair = standing.nearest
-    return [cell, Cell(Estimate(pair.difference, pair.stderr), pair.runs, 0)]
+    _, difference = standing.nearest
+    return [cell, Cell(difference.estimate, difference.runs, 0)]

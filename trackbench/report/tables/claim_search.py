@@ -14,10 +14,8 @@ from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
 from trackbench.report.tables.reading_search import readings
 from trackbench.report.verdicts.claims import judge
-from trackbench.report.verdicts.rules import CLAIM_WORDS, NOT_MEASURED
+from trackbench.report.verdicts.rules import CLAIM_WORDS
 from trackbench.results.point_facts import GridPoint
-
-_WORDS = tuple(word for word in CLAIM_WORDS if word != NOT_MEASURED)
 
 
 class _Reading(NamedTuple):
@@ -58,9 +56,9 @@ class ClaimReadings(TableKind):
         # Step 2: the most claims that hold come first, then the fewest that fail.
         found = [_Reading(shown, at) for (shown, _), at in zip(points, verdicts, strict=True)]
         found.sort(key=lambda r: (-r.count("holds"), r.count("fails")))
-        table = Table(self.title, ["Rank", *heads], [w.capitalize() for w in _WORDS], digits=1)
+        table = Table(self.title, ["Rank", *heads], [w.capitalize() for w in CLAIM_WORDS], digits=1)
         for rank, reading in enumerate(found[: self.rows], start=1):
-            cells = [Cell(Estimate(reading.count(w), float("nan")), 0, 0) for w in _WORDS]
+            cells = [Cell(Estimate(reading.count(w), float("nan")), 0, 0) for w in CLAIM_WORDS]
             table.add([str(rank), *reading.shown], cells)
         table.notes += _notes(heads, claims, found)
         return table
@@ -83,9 +81,10 @@ def _judged(
 ) -> tuple[list[Claim], list[list[str]]]:
     """Return the claims that any point decides, and the words on each of them at every point."""
     evidence = [Evaluator(results, point) for point in points]
-    found = [[judge(claim, there).verdict.word for claim in claims] for there in evidence]
-    measured = [any(at[i] != NOT_MEASURED for at in found) for i in range(len(claims))]
-    return list(compress(claims, measured)), [list(compress(at, measured)) for at in found]
+    found = [[judge(claim, there) for claim in claims] for there in evidence]
+    measured = [any(at[i].is_measured for at in found) for i in range(len(claims))]
+    words = [[judged.verdict.word for judged in compress(at, measured)] for at in found]
+    return list(compress(claims, measured)), words
 
 
 def _notes(heads: list[str], claims: list[Claim], found: list[_Reading]) -> list[str]:

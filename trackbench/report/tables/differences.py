@@ -71,8 +71,8 @@ class ClaimRow(Labelled):
 class Claims(TableKind):
     """A row per claim, a column per value of the grid: paired difference, negative where it holds.
 
-    A claim holds, or fails, beyond five standard errors of the paired difference, and beyond three
-    without any one of the experiment's batches; else it is undecided. The notes give the values of each.
+    A claim holds, or fails, if the paired difference is significant; else it is inconclusive. The notes
+    give the values of each.
     """
 
     label_keys: ClassVar[tuple[str, ...]] = ("claims",)
@@ -101,9 +101,8 @@ def _compared(evidence: Evaluator, claim: ClaimRow) -> tuple[RunEstimate, str]:
     less, than = mean.of(claim.less), mean.of(claim.than)
     # mean(less - than) on common runs, negative where the claim holds
     off = evidence.difference(less, than)
-    return off, rules.claim_verdict(
-        -off.z(), [-part.z() for part in off.parts(evidence.batches)]
-    ).word
+    sign = rules.difference_sign(off, evidence.batches)
+    return off, (UNDECIDED, "fails", "holds")[sign]
 
 
 def _ranges(names: list[str], words: list[str]) -> str:

@@ -219,7 +219,7 @@ def _best(found: dict[str, AtCost], higher: bool) -> str:
         # Inconclusive within _CLEAR standard errors; a worse filter may still lose fewer runs.
         if not abs(difference.z(0.0, other)) > _CLEAR:
             open_.append(name)
-        elif loses_more(found[first].lost, at.lost):
+        elif loses_more(found[first].lost, at.lost, len(found)):
             fewer.append(name)
     parts = [f"best {first}"]
     parts += [f"inconclusive beside it: {', '.join(open_)}"] if open_ else []

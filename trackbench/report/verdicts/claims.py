@@ -8,12 +8,14 @@ from trackbench.config.published import Claim, PublishedNumber, picks
 from trackbench.errors import counted
 from trackbench.evaluation.statistics import Estimate, z_score
 from trackbench.report import estimates
-from trackbench.report.estimates import RunEstimate, Share
+from trackbench.report.estimates import OfSteps, RunEstimate
 from trackbench.report.expressions import Evaluator
 from trackbench.report.results import Results
 from trackbench.report.verdicts import rules
-from trackbench.report.verdicts.rules import NOT_MEASURED, UNDECIDED, Verdict
+from trackbench.report.verdicts.rules import UNDECIDED, Verdict
 from trackbench.results.point_facts import GridPoint
+
+NOT_MEASURED = "not measured"
 
 
 class ClaimVerdict(NamedTuple):
@@ -23,6 +25,8 @@ class ClaimVerdict(NamedTuple):
     verdict: Verdict
     paired: bool
     note: str
+    is_measured: bool = True
+    is_exact: bool = False
 
 
 def judge(claim: Claim, evidence: Evaluator | None) -> ClaimVerdict:
@@ -41,21 +45,22 @@ def judge(claim: Claim, evidence: Evaluator | None) -> ClaimVerdict:
         [rules.weakest(zs, len(single)) for zs in zip(*every, strict=True)] if all(every) else []
         for every in ([score.parts for score in found], [score.stressed for score in found])
     )
-    exact = isinstance(weakest.off.term, Share)  # and so are all that are measured
+    exact = weakest.off.term.is_exact  # and so are all that are measured
     verdict = rules.claim_verdict(z, parts, stressed, claim.relation == "~", exact)
     # Step 3: a filter that loses more runs is no better, whatever its error.
     losing = [_loses_more(evidence, claim, right) for right in claim.rights]
-    if isnan(weakest.off.term.value):
-        verdict = verdict._replace(word=NOT_MEASURED, fragile=False)
-    elif verdict.word == "holds" and any(losing):
+    if verdict.word == "holds" and any(losing):
         verdict = verdict._replace(word=UNDECIDED, fragile=False)
     steps = _of_steps(weakest, found) if len(single) > 1 else ""
-    note = noted(*losing, _why(evidence, weakest), steps, claim.note)
-    return ClaimVerdict(claim, verdict, weakest.off.term.splits, note)
+    measured = not isnan(weakest.off.term.value)
+    why = "" if measured else NOT_MEASURED
+    note = noted(*losing, why, _why(evidence, weakest), steps, claim.note)
+    return ClaimVerdict(claim, verdict, weakest.off.term.splits, note, measured, exact)
 
 
 def _unjudged(claim: Claim, why: str) -> ClaimVerdict:
-    return ClaimVerdict(claim, Verdict(NOT_MEASURED, nan), False, noted(why, claim.note))
+    note = noted(why or NOT_MEASURED, claim.note)
+    return ClaimVerdict(claim, Verdict(UNDECIDED, nan), False, note, is_measured=False)
 
 
 def _at_each_step(claim: Claim, whole: Evaluator) -> list[Claim]:
@@ -88,6 +93,8 @@ class _Margin(NamedTuple):
 
     def in_favour(self, claim: Claim) -> float:
         """Return z of the claim."""
+        if claim.relation == "~" and isinstance(self.term, OfSteps):
+            return self.term.z(self.term.value - self.margin(claim))
         if claim.relation == "~":
             return z_score(Estimate(self.margin(claim), self.term.stderr))
         z = self.term.z(self.edge)
@@ -118,7 +125,8 @@ def _score(evidence: Evaluator, claim: Claim, right: str) -> _Score:
 def _margin(expressions: Evaluator, claim: Claim, right: str) -> _Margin:
     left, *others = claim.sides(right)
     if not others:
-        return _Margin(expressions.term(left), claim.factor, claim.factor)
+        term = expressions.of_steps(left) or expressions.term(left)
+        return _Margin(term, claim.factor, claim.factor)
     target = claim.factor * expressions.term(others[0]).value
     return _Margin(expressions.difference(left, others[0], claim.factor), 0.0, target)
 
@@ -148,7 +156,10 @@ def _loses_more(expressions: Evaluator, claim: Claim, right: str) -> str:
     a, b = (expressions.runs.get((label, "lost")) for label in (claim.left, right))
     # Only a claim that the left side is better is affected.
     better = ">" if claim.expression and claim.expression.family[0].more_is_better else "<"
-    if claim.relation != better or a is None or b is None or not estimates.loses_more(a, b):
+    filters = sum(metric == "lost" for _, metric in expressions.runs)
+    if claim.relation != better or a is None or b is None:
+        return ""
+    if not estimates.loses_more(a, b, filters):
         return ""
     mine = counted(int((a > 0).sum()), "run")
     return f"{claim.left} loses {mine}, {right} {int((b > 0).sum())}"

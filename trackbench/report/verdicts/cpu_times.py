@@ -20,7 +20,7 @@ from trackbench.report.expressions import repeats_of
 from trackbench.report.results import Results
 from trackbench.report.text import Text, TextTable
 from trackbench.report.verdicts.claims import point_of
-from trackbench.report.verdicts.rules import NOT_MEASURED, UNDECIDED
+from trackbench.report.verdicts.rules import UNDECIDED
 from trackbench.results.folder_contents import TIME_VERDICTS
 
 SCATTER = 2.0
@@ -83,7 +83,7 @@ def _verdicts(results: Results, row: PublishedNumber | Claim) -> Iterator[TimeVe
         return
     found = [_verdict(results, row, row.left, right) for right in row.rights or [other]]
     # A claim has the worst verdict of its comparisons.
-    order = ("fails", NOT_MEASURED, UNDECIDED, "holds")
+    order = ("fails", UNDECIDED, "holds")
     yield min(found, key=lambda verdict: order.index(verdict.word))
 
 
@@ -93,7 +93,7 @@ def _verdict(results: Results, row: PublishedNumber | Claim, left: str, right: s
     labels = [label for label in (left, right) if label]
     operations = "; ".join(f"{b} {stored[b].operations}" for b in labels if b in stored)
     seconds = [stored[b].seconds for b in labels if b in stored]
-    value, low, high, word = nan, nan, nan, NOT_MEASURED
+    value, low, high, word = nan, nan, nan, UNDECIDED
     lengths = {len(s) for s in seconds}
     if wanted and len(seconds) == len(labels) > 0 and len(lengths) == 1 and lengths.pop() > 1:
         # Ratio (or seconds) of each repeat: median and rank interval, widened by SCATTER.
@@ -128,7 +128,7 @@ def _word(row: PublishedNumber | Claim, low: float, high: float, least: float, m
         return UNDECIDED
     outside = high <= least or low >= most
     if not isinstance(row, Claim):
-        return "chosen" if row.chosen else "differs" if outside else "compatible"
+        return UNDECIDED if row.chosen else "differs" if outside else "compatible"
     if outside:
         return "fails"
     return "holds" if least <= low and high <= most else UNDECIDED

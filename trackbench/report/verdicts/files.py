@@ -1,7 +1,7 @@
 """The verdicts as files: comparison.csv, comparison.md and claims.csv; the pairs as paired.csv."""
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from math import isfinite, isnan
 from typing import NamedTuple
 
@@ -12,10 +12,10 @@ from trackbench.report.paired import Pair
 from trackbench.report.results import Results
 from trackbench.report.table import rounded
 from trackbench.report.text import Text, TextTable
-from trackbench.report.verdicts.claims import ClaimVerdict
+from trackbench.report.verdicts.claims import ClaimVerdict, noted
 from trackbench.report.verdicts.cpu_times import time_verdicts, write_time_verdicts
-from trackbench.report.verdicts.numbers import Compared, Comparison, Ranked
-from trackbench.report.verdicts.rules import CLAIM_WORDS, NUMBER_WORDS, Verdict
+from trackbench.report.verdicts.numbers import Compared, Comparison, Ranked, Reproduced
+from trackbench.report.verdicts.rules import HOW_DECIDED, MEANINGS, UNDECIDED, Verdict
 from trackbench.results.folder_contents import DIGITS, TIME_VERDICTS
 
 _VERBS = ("agrees", "differs", "holds", "fails")
@@ -50,7 +50,7 @@ def parts(found: Iterable[Compared | ClaimVerdict]) -> list[Tally]:
     rows = list(found)
     numbers = Counter(row.verdict.word for row in rows)
     fragile = Counter(row.verdict.word for row in rows if row.verdict.fragile)
-    words = (*(word for word in NUMBER_WORDS if word not in CLAIM_WORDS), *CLAIM_WORDS)
+    words = ("equal", "agrees", "compatible", "differs", "holds", "fails", UNDECIDED)
     return [
         Tally(n, word, word.removesuffix("s") if n > 1 and word in _VERBS else word, fragile[word])
         for word in words
@@ -157,32 +157,21 @@ def markdown(results: Results, comparison: Comparison) -> str:
     parts = [f"# Published and measured: {results.title}", counts]
     parts += [table.markdown().rstrip() for table in verdict_tables(comparison)]
     times = f"Verdicts on CPU times stand in {TIME_VERDICTS}: they depend on the machine."
-    return (
-        "\n\n".join([*parts, legend(comparison.rows), *([times] if time_verdicts(results) else [])])
-        + "\n"
-    )
+    return "\n\n".join([*parts, *([times] if time_verdicts(results) else [])]) + "\n"
 
 
-def legend(rows: Iterable[Compared]) -> str:
-    """Return the meaning of the verdicts on these rows."""
-    return _LEGEND + (_EQUAL if any(row.verdict.word == "equal" for row in rows) else "")
-
-
-_LEGEND = (
-    "`agrees`: the 95 % interval of the difference (the paper's error from its printed spread, "
-    "else from ours, and its number of runs) lies within 10 % of the printed number or within its "
-    "printed digits; `compatible`: no difference is seen, but the interval is wider; `near`: it "
-    "differs by less than 10 %; `differs`: by more. A claim `holds` or `fails`. What is near, "
-    "differs, holds or fails does so beyond five standard errors, and beyond three without any one "
-    "batch of runs, else it is `inconclusive`. `fragile`: as many runs of another seed, one run "
-    "fewer or three far ones more could well say otherwise. "
-    "`chosen`: agrees or not with a value that was chosen for it. No verdict excludes an event that "
-    "none of M runs had and that is rarer than 3 / M."
-)
-_EQUAL = (
-    " `equal`: on recorded data a filter without random numbers gives the printed digits, of which the "
-    "results keep seven; else it `differs`."
-)
+def _explained(table: TextTable, verdicts: Sequence[Verdict]) -> TextTable:
+    """Add a line of meaning for each word that occurs in a table of verdicts."""
+    words = {verdict.word for verdict in verdicts}
+    lines = {word: meaning for word, meaning in MEANINGS.items() if word in words}
+    if words & {"differs", "holds", "fails"}:
+        lines["significant"] = HOW_DECIDED
+    if any(verdict.fragile for verdict in verdicts):
+        lines["fragile"] = (
+            "another seed, one run fewer or three far ones more could change the verdict"
+        )
+    table.notes += [f"{word}: {meaning}." for word, meaning in lines.items()]
+    return table
 
 
 def verdict_tables(comparison: Comparison) -> list[TextTable]:
@@ -194,16 +183,20 @@ def verdict_tables(comparison: Comparison) -> list[TextTable]:
 
 def _number_tables(comparison: Comparison) -> list[TextTable]:
     """Return a table of verdicts per published table, and of those with several readings all of them."""
-    tables: dict[str, dict[str, TextTable]] = {}
+    places: dict[str, list[Reproduced]] = {}
     for number in comparison.numbers:
-        place = f"{number.best.published.paper}, {number.best.published.table}"
-        found = {"published and measured": [_row(number.best, number.readings)]}
-        if number.readings > 1:
-            found["every reading"] = [_row(row) for row in number.rows]
-        for what, rows in found.items():
-            empty = TextTable(f"{place}: {what}", _HEADS)
-            tables.setdefault(place, {}).setdefault(what, empty).rows += rows
-    return [table for of_place in tables.values() for table in of_place.values()]
+        published = number.best.published
+        places.setdefault(f"{published.paper}, {published.table}", []).append(number)
+    tables = []
+    for place, numbers in places.items():
+        best = [_row(number.best, number.readings) for number in numbers]
+        table = TextTable(f"{place}: published and measured", _HEADS, best)
+        tables.append(_explained(table, [number.best.verdict for number in numbers]))
+        readings = [row for number in numbers if number.readings > 1 for row in number.rows]
+        if readings:
+            table = TextTable(f"{place}: every reading", _HEADS, [_row(row) for row in readings])
+            tables.append(_explained(table, [row.verdict for row in readings]))
+    return tables
 
 
 _HEADS = ["Filter", "Metric", "Verdict", "Published", "Measured", "z", "z without a batch", "Note"]
@@ -216,17 +209,17 @@ def _row(row: Compared, readings: int = 1) -> list[Text]:
     return [
         Text((name if row.label else p.filter) + tried),
         Text(f"{p.metric}, {p.row}" if p.row else p.metric),
-        Text(_word(row)),
+        Text(verdict.word),
         Text(printed(p), None if isinstance(p.value, str) else p.value),
         Text(_measured(row), row.measured.value),
         Text(_z(verdict.z), verdict.z),
         Text(_parts(verdict)),
-        Text(row.note),
+        Text(_note(row)),
     ]
 
 
-def _word(row: Compared | ClaimVerdict) -> str:
-    return row.verdict.word + (", fragile" if row.verdict.fragile else "")
+def _note(row: Compared | ClaimVerdict) -> str:
+    return noted("fragile" if row.verdict.fragile else "", row.note)
 
 
 def _parts(verdict: Verdict) -> str:
@@ -249,10 +242,10 @@ def _claim_table(claims: list[ClaimVerdict]) -> TextTable:
     )
     for row in claims:
         source, z = f"{row.claim.paper}, {row.claim.source}".rstrip(", "), row.verdict.z
-        cells = [row.claim.claim, _word(row), _z(z), _parts(row.verdict), _yes(row.paired)]
-        cells += [row.note, source]
+        cells = [row.claim.claim, row.verdict.word, _z(z), _parts(row.verdict), _yes(row.paired)]
+        cells += [_note(row), source]
         table.rows.append([Text(c, z if i == 2 else None) for i, c in enumerate(cells)])
-    return table
+    return _explained(table, [row.verdict for row in claims])
 
 
 def _rank_table(ranks: list[Ranked]) -> TextTable:

@@ -7,7 +7,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
-from math import inf, isfinite, nan
+from math import inf, isfinite, isnan, nan
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,9 +18,16 @@ from trackbench.report.estimates import MISSING, RunEstimate
 from trackbench.report.expressions import Evaluator
 from trackbench.report.results import Results
 from trackbench.report.verdicts import rules
-from trackbench.report.verdicts.claims import ClaimVerdict, evidence_at, judge, no_results, noted
+from trackbench.report.verdicts.claims import (
+    NOT_MEASURED,
+    ClaimVerdict,
+    evidence_at,
+    judge,
+    no_results,
+    noted,
+)
 from trackbench.report.verdicts.cpu_times import without_times
-from trackbench.report.verdicts.rules import NOT_MEASURED, NUMBER_WORDS, Verdict
+from trackbench.report.verdicts.rules import NEAR, NUMBER_WORDS, UNDECIDED, Verdict
 
 
 class Compared(NamedTuple):
@@ -126,8 +133,9 @@ def kendall(a: Sequence[Any], b: Sequence[Any]) -> float:
 
 def _readings(number: PublishedNumber, evidence: Evaluator | None) -> Iterator[Compared]:
     if evidence is None or not number.labels or not number.expression:
-        note = noted(no_results(number, evidence), number.reading, number.note)
-        yield Compared(number, "", MISSING, Verdict(NOT_MEASURED, nan), note)
+        why = no_results(number, evidence) or NOT_MEASURED
+        note = noted(why, number.reading, number.note)
+        yield Compared(number, "", MISSING, Verdict(UNDECIDED, nan), note)
         return
     for label in number.labels:
         measured = evidence.term(number.expression.of(label))
@@ -142,6 +150,19 @@ def _readings(number: PublishedNumber, evidence: Evaluator | None) -> Iterator[C
         parts = measured.parts(evidence.batches)
         deterministic = label in evidence.results.deterministic
         verdict = rules.number_verdict(judged, measured, parts, deterministic)
-        source = "" if exact is None else "exact, without runs"
-        note = noted(measured.losses, source, number.chosen, number.reading, number.note)
+        reasons = [
+            "differs by less than 10 %" if _is_near(number, measured, verdict) else "",
+            NOT_MEASURED if isnan(measured.value) and not measured.lost else "",
+            measured.losses,
+            "" if exact is None else "exact, without runs",
+            f"chosen for this number: {number.chosen}" if number.chosen else "",
+        ]
+        note = noted(*reasons, number.reading, number.note)
         yield Compared(number, label, measured, verdict, note)
+
+
+def _is_near(number: PublishedNumber, measured: RunEstimate, verdict: Verdict) -> bool:
+    """Return whether a number differs significantly from the printed one, but by a small share."""
+    if verdict.word != "differs" or isinstance(number.value, str):
+        return False
+    return abs(measured.value - number.value) <= NEAR * abs(number.value)

@@ -1,12 +1,12 @@
 """Reasons for inconclusive verdicts: what decides, what was measured, how many runs would do."""
 
 from collections.abc import Iterator
-from math import ceil, isfinite
+from math import isfinite
 
-from trackbench.config.published import Claim, PublishedNumber
+from trackbench.report.findings.phrases import run_count
 from trackbench.report.verdicts.claims import ClaimVerdict
 from trackbench.report.verdicts.numbers import Compared, Comparison
-from trackbench.report.verdicts.rules import DECIDED, SURE, UNDECIDED
+from trackbench.report.verdicts.rules import DECIDED, SURE, UNDECIDED, runs_needed
 
 _MOST = 5
 """Longer lists are cut; comparison.md has all verdicts."""
@@ -37,17 +37,21 @@ def _name(row: Compared | ClaimVerdict) -> str:
 def _reason(row: Compared | ClaimVerdict, runs: int) -> str:
     verdict = row.verdict
     z, needed = abs(verdict.z), _needed(row, verdict.z)
-    if not isfinite(z):
+    if not isfinite(z) or (isinstance(row, Compared) and row.published.chosen):
         return row.note or "no standard error"
     if needed is None:
         return f"neither within its margin nor beyond it by {DECIDED:g} standard errors"
     if z < needed:
-        text = f"{z:.1f} standard errors, and {needed:g} decide"
+        text = f"{z:.2f} standard errors, and {needed:g} decide"
         if z < _NOTHING:
             return f"{text}; no sign of a difference"
-        return (
-            f"{text}; a difference as large as measured needs {runs_needed(runs, z, needed)} runs"
+        most = runs_needed(runs, z, exact=needed == SURE)
+        what = (
+            f"{run_count(most)} runs"
+            if runs > 1
+            else f"a recording {run_count(most)} times as long"
         )
+        return f"{text}; a difference as large as measured needs about {what}"
     least = min(verdict.parts, key=abs, default=verdict.z)
     if abs(least) < SURE or least * verdict.z < 0.0:
         return (
@@ -60,16 +64,8 @@ _NOTHING = 0.5
 """Standard errors below which a measured difference says nothing about its size."""
 
 
-def runs_needed(runs: int, z: float, needed: float) -> str:
-    """Return the runs at which a difference of ``z`` standard errors has as many as ``needed``."""
-    number = ceil(runs * (needed / z) ** 2)
-    return f"about {float(f'{number:.2g}'):.0f}"
-
-
 def _needed(row: Compared | ClaimVerdict, z: float) -> float | None:
     """Return the standard errors that decide; None of a bias, which is compared with a margin."""
-    of: PublishedNumber | Claim = row.claim if isinstance(row, ClaimVerdict) else row.published
-    if isinstance(of, PublishedNumber):
-        return None if isinstance(of.value, str) else DECIDED
-    exact = of.expression is not None and of.expression.is_share
-    return SURE if z > 0.0 and (exact or of.relation == "~") else DECIDED
+    if isinstance(row, Compared):
+        return None if isinstance(row.published.value, str) else DECIDED
+    return SURE if row.is_exact or (z > 0.0 and row.claim.relation == "~") else DECIDED

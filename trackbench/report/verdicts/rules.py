@@ -1,13 +1,12 @@
 """Rules of the verdicts: the words for a number and for a claim, from all runs and from parts of them.
 
-All runs have to show a difference beyond `DECIDED` standard errors, and the runs without any one of the
-batches beyond `SURE`: then a number is `near`, `differs` or is `biased`, and a claim `holds` or `fails`.
-An agreement is an equivalence: all runs show it beyond `SURE`, and no part contradicts it.
-docs/statistics.md has the error rates and the power.
+`decided` is the one rule for a significant difference, of rankings, tables' marks and claims; a number
+differs from the printed one by the same standard errors. An agreement is an equivalence: all runs show
+it beyond `SURE`, and no part contradicts it. docs/statistics.md has the error rates and the power.
 """
 
 from collections.abc import Iterator, Sequence
-from math import inf, isfinite, isnan, log, nan, sqrt
+from math import copysign, inf, isfinite, isnan, log, nan, sqrt
 from typing import NamedTuple
 
 from trackbench.config.published import PublishedNumber
@@ -22,24 +21,24 @@ ANOTHER_SEED = 1.6449 * sqrt(2.0)
 """Standard errors within which nine in ten numbers of another seed lie."""
 NEAR = 0.1
 """Share of a published number within which the difference must lie to be none."""
-NOT_MEASURED, UNDECIDED = "not measured", "inconclusive"
-NUMBER_WORDS = (
-    "equal",
-    "agrees",
-    "compatible",
-    "near",
-    UNDECIDED,
-    "differs",
-    "chosen",
-    NOT_MEASURED,
+UNDECIDED = "inconclusive"
+HOW_DECIDED = (
+    "beyond five standard errors of all runs, and three without any one batch of them; an equality, a "
+    "share of runs or one recording beyond three"
 )
-"""Verdicts on a number, the best first: it differs only if it does so under every reading."""
-CLAIM_WORDS = ("holds", "fails", UNDECIDED, NOT_MEASURED)
-_DIFFERENT = ("near", "differs")
-_SHOWN = {"near": _DIFFERENT, "differs": _DIFFERENT} | {
-    w: (w,) for w in ("holds", "fails", "biased")
+MEANINGS = {
+    "equal": "the printed digits, by a filter without random numbers on recorded data",
+    "agrees": "the 95 % interval of the difference lies within 10 % of the printed number, or within "
+    "its digits; a word on a bias is confirmed",
+    "compatible": "no significant difference, but its interval is wider than 10 %",
+    UNDECIDED: "not decided; z or the note says why",
+    "differs": "significantly; without random numbers on recorded data, in its digits",
+    "holds": "significant",
+    "fails": "the opposite is significant",
 }
-_CONTRADICTED = {"agrees": _DIFFERENT, "compatible": _DIFFERENT, "unbiased": ("biased",)}
+"""Verdicts with their meanings; the first five are those on a number, the best first."""
+NUMBER_WORDS = (*MEANINGS,)[:5]
+CLAIM_WORDS = ("holds", "fails", UNDECIDED)
 
 
 class Verdict(NamedTuple):
@@ -50,6 +49,35 @@ class Verdict(NamedTuple):
     parts: tuple[float, ...] = ()
     fragile: bool = False
     """whether another seed, a run that was drawn or three that were not could well turn the word"""
+
+
+def decided(z: float, parts: Sequence[float] = (), exact: bool = False) -> int:
+    """Return the sign of a significant difference, 0 of any other: the one rule for all of them.
+
+    All runs show it beyond `DECIDED` standard errors, and ``parts``, the runs without any one batch,
+    beyond `SURE`. An ``exact`` test is shown by all runs beyond `SURE`; no part may contradict it.
+    """
+    sign = int(copysign(1.0, z))
+    if exact:
+        shown = abs(z) >= SURE and not any(sign * part <= -SURE for part in parts)
+    else:
+        shown = abs(z) >= DECIDED and all(sign * part >= SURE for part in parts)
+    return sign if shown else 0
+
+
+def difference_sign(term: RunEstimate, batches: int) -> int:
+    """Return the sign of a measured difference if it is significant, else 0."""
+    return decided(term.z(), [part.z() for part in term.parts(batches)], term.is_exact)
+
+
+def runs_needed(runs: int, z: float, parts: Sequence[float] = (), exact: bool = False) -> float:
+    """Return the runs that decide a difference as large as measured; infinite without a sign of it."""
+    if not abs(z) > 0.0 or (not exact and any(not part * z > 0.0 for part in parts)):
+        return inf
+    factors = [(SURE if exact else DECIDED) / abs(z)]
+    factors += [SURE / abs(part) for part in parts if not exact]
+    needed = runs * max(factors) ** 2
+    return max(needed, runs + 1.0) if runs > 1 else needed
 
 
 def number_verdict(
@@ -73,10 +101,9 @@ def number_verdict(
     word = combine_batches(word, [w for w, _ in found])
     if word in ("biased", "unbiased"):
         word = "agrees" if word == number.value else "differs"
-    if number.chosen and word not in (NOT_MEASURED, UNDECIDED):
-        word = "chosen"
-    decides = word not in (NOT_MEASURED, UNDECIDED, "chosen")
-    return Verdict(word, z, tuple(z for _, z in found), turns and decides)
+    if number.chosen:
+        word = UNDECIDED  # a value that was chosen for the number shows nothing
+    return Verdict(word, z, tuple(z for _, z in found), turns and word != UNDECIDED)
 
 
 def _others(whole: RunEstimate) -> Iterator[RunEstimate]:
@@ -100,18 +127,14 @@ def claim_verdict(
     parts may not contradict it.
     """
 
-    def claimed(z: float) -> str:
-        return _claimed(z, SURE if equal or exact else DECIDED, SURE if exact else DECIDED)
+    def claimed(z: float, parts: Sequence[float] = ()) -> str:
+        sign = decided(z, parts, exact or (equal and z > 0.0))
+        return (UNDECIDED, "holds", "fails")[sign]
 
-    word, found = claimed(z), [_claimed(part, SURE, SURE) for part in parts]
     # What another seed, or runs under stress, could well have shown.
     others = (z - ANOTHER_SEED, z + ANOTHER_SEED, *stressed)
-    turns = any(claimed(other) != word for other in others)
-    # Such a word stands unless a batch says the opposite; any other word needs every batch.
-    if exact or (equal and word == "holds"):
-        word = UNDECIDED if {word, *found} >= {"holds", "fails"} else word
-    else:
-        word = combine_batches(word, found)
+    turns = any(claimed(other) != claimed(z) for other in others)
+    word = claimed(z, parts)
     return Verdict(word, z, tuple(parts), turns and word != UNDECIDED)
 
 
@@ -132,13 +155,12 @@ def weakest(zs: Sequence[float], steps: int = 1) -> float:
 
 def combine_batches(word: str, parts: Sequence[str]) -> str:
     """Return the word of all runs, unless a part of them does not show it or contradicts it."""
-    if word in _SHOWN:
-        return word if all(part in _SHOWN[word] for part in parts) else UNDECIDED
-    return UNDECIDED if set(parts) & set(_CONTRADICTED.get(word, ())) else word
+    if word in _OPPOSITE.values():
+        return word if all(part == word for part in parts) else UNDECIDED
+    return UNDECIDED if _OPPOSITE.get(word) in parts else word
 
 
-def _claimed(z: float, holds: float, fails: float) -> str:
-    return "holds" if z >= holds else "fails" if z <= -fails else UNDECIDED
+_OPPOSITE = {"agrees": "differs", "compatible": "differs", "unbiased": "biased"}
 
 
 def _difference(number: PublishedNumber, measured: RunEstimate, least: float) -> tuple[str, float]:
@@ -147,7 +169,7 @@ def _difference(number: PublishedNumber, measured: RunEstimate, least: float) ->
     if measured.lost > measured.runs > 0:
         return "differs", inf  # what survives says nothing of the filter
     if not isfinite(value):
-        return (NOT_MEASURED, nan) if not measured.lost else ("differs", inf)
+        return (UNDECIDED, nan) if not measured.lost else ("differs", inf)
     assert not isinstance(printed, str)
     theirs = _of_the_paper(number, measured)
     z = measured.z(printed, theirs)
@@ -159,9 +181,7 @@ def _difference(number: PublishedNumber, measured: RunEstimate, least: float) ->
     # Otherwise z decides whether it differs, and the difference by how much.
     if abs(z) <= SURE:
         return "compatible", z
-    if not abs(z) >= least:  # too little, or without an error
-        return UNDECIDED, z
-    return ("near" if abs(value - printed) <= room else "differs"), z
+    return ("differs" if abs(z) >= least else UNDECIDED), z  # too little, or without an error
 
 
 def _has_digits_of(number: PublishedNumber, value: float) -> bool:
@@ -185,7 +205,7 @@ def _bias(number: PublishedNumber, measured: RunEstimate, least: float) -> tuple
     """Compare a bias with its margin: biased if beyond it for certain, unbiased if within it."""
     value, stderr = measured.estimate
     if not isfinite(value):
-        return NOT_MEASURED, nan
+        return UNDECIDED, nan
     z = measured.z()
     if abs(value) - number.margin >= least * stderr:
         return "biased", z
