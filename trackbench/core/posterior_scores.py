@@ -184,6 +184,8 @@ class LinePosterior(Posterior):
 def distance(e: Array, P: Array) -> Array:
     """Return ``e' P^-1 e`` (*batch); infinite for a finite error and a singular P."""
     squared = linalg.mahalanobis(e, P)
+    if not np.isnan(squared).any():
+        return squared
     finite = np.isfinite(e).all(axis=0) & np.isfinite(P).all(axis=(0, 1))
     return np.where(np.isnan(squared) & finite, np.inf, squared)
 

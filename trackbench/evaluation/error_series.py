@@ -7,14 +7,14 @@ names, ``error_<quantity>`` the signed error of a scalar one, ``nees`` the norma
 """
 
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 
 from trackbench.core.arrays import Array, Mask
-from trackbench.core.sums import total
+from trackbench.core.sums import dot, total
 from trackbench.evaluation.validate_output import checked_metrics
 from trackbench.filters.base import WrongReturnError
 from trackbench.metrics import is_reserved, joined, metrics_of
@@ -22,6 +22,7 @@ from trackbench.scenarios.base import Scenario, in_window
 
 _OF_TRUTH = re.compile(r"squared(?!_(?:predicted|held)_)")
 FOUND, NOT_FINITE, TOO_FAR = 0.0, 1.0, 2.0
+_COLUMNS = 8192  # runs times steps whose errors are computed at a time
 LOST_BECAUSE = {NOT_FINITE: "the estimate left the numbers", TOO_FAR: "the error passed the limit"}
 
 
@@ -46,17 +47,32 @@ def series(
     """
     out: dict[str, Array] = {}
     if scenario.has_truth:
-        # Squared norm of each error vector; a scalar error keeps its sign, too.
-        for quantity, error in scenario.errors(mean, truth).items():
-            out[joined("squared", quantity)] = total(np.square(error), axis=0)
-            if len(error) == 1:
-                out[joined("error", quantity)] = error[0]
+        out |= _errors(scenario, mean, truth, "squared", "error")
         out["nees"] = nees
         out["outside_region"] = np.where(np.isnan(nees), np.nan, nees > _gate(len(truth)))
     if exact is not None:
-        # Squared distance to the reference's estimate.
-        for quantity, error in scenario.errors(mean, exact).items():
-            out[joined("rmsd", quantity)] = total(np.square(error), axis=0)
+        out |= _errors(scenario, mean, exact, "rmsd")
+    return out
+
+
+def _errors(
+    scenario: Scenario, mean: Array, other: Array, squared: str, signed: str = ""
+) -> dict[str, Array]:
+    """Return the squared norm of each error vector; of scalar errors the signed value, too."""
+    out: dict[str, Array] = {}
+    steps, runs = mean.shape[1:]
+    # The steps are taken in pieces that stay in the cache.
+    at_a_time = max(1, _COLUMNS // runs)
+    for first in range(0, steps, at_a_time):
+        part = slice(first, first + at_a_time)
+        for quantity, error in scenario.errors(mean[:, part], other[:, part]).items():
+            rows = {joined(squared, quantity): total(np.square(error), axis=0)}
+            if signed and len(error) == 1:
+                rows[joined(signed, quantity)] = error[0]
+            for name, values in rows.items():
+                if name not in out:
+                    out[name] = np.empty((steps, runs))
+                out[name][part] = values
     return out
 
 
@@ -70,10 +86,7 @@ def per_run_metrics(
     """
     # Step 1: reduce every series over the steps of each window.
     lost = lost_runs(scenario, values, finite)
-    out: dict[str, Array] = {"lost": lost}
-    for window, mask in scenario.windows.items():
-        for name, numbers in over_steps(values, mask, counts):
-            out[in_window(name, window)] = numbers
+    out = {"lost": lost} | over_windows(values, scenario.windows, counts)
     # Step 2: add the scenario's own metrics, whose names must be new.
     for name, numbers in checked_metrics(scenario.run_metrics(values), len(lost)).items():
         if name in out and (name == "lost" or is_reserved(name)):
@@ -87,18 +100,46 @@ def per_run_metrics(
     return {n: v if n == "lost" else np.where(lost > 0, np.nan, v) for n, v in out.items()}
 
 
-def over_steps(
-    values: dict[str, Array], mask: Mask, counts: Collection[str]
-) -> Iterator[tuple[str, Array]]:
-    """Yield each metric's name and numbers per run (M,) over the steps of one window."""
+def over_windows(
+    values: Mapping[str, Array], windows: Mapping[str, Mask], counts: Collection[str]
+) -> dict[str, Array]:
+    """Return each metric's numbers per run (M,) over the steps of each window, window by window."""
+    found: dict[str, dict[str, Array]] = {window: {} for window in windows}
+    steps = {window: _as_slice(mask) for window, mask in windows.items()}
     for series, rows in values.items():
-        for metric, name in metrics_of(series, counts):
-            if metric.over_steps:
-                yield name, _OVER_STEPS[metric.over_steps](rows[mask])
-    yield from _of_innovations(values, mask)
+        wanted = {name: m.over_steps for m, name in metrics_of(series, counts) if m.over_steps}
+        if not wanted:
+            continue
+        kinds = set(wanted.values())
+        # Step 1: values that do not exist add zero; an infinite NEES of collapsed particles counts.
+        missing = np.isnan(rows)
+        complete = not missing.any()
+        known = rows if complete else np.where(missing, 0.0, rows)
+        roots = np.sqrt(known) if "root" in kinds else known  # of squares
+        # Step 2: sums over the steps of each window, and over the number of existing values.
+        for window, mask in windows.items():
+            part = steps[window]
+            number = mask.sum() if complete else mask.sum() - missing[part].sum(axis=0)
+            added = total(known[part], axis=0)
+            mean = np.asarray(added / number)
+            of_window = {"sum": added, "mean": mean, "last": rows[part][-1]}
+            if "rms" in kinds:
+                of_window["rms"] = np.sqrt(mean)  # of squares
+            if "root" in kinds:
+                of_window["root"] = np.asarray(total(roots[part], axis=0) / number)
+            found[window] |= {name: of_window[how] for name, how in wanted.items()}
+    for window, mask in windows.items():
+        found[window] |= _of_innovations(values, mask)
+    return {in_window(n, w): numbers for w, of_w in found.items() for n, numbers in of_w.items()}
 
 
-def _of_innovations(values: dict[str, Array], mask: Mask) -> Iterator[tuple[str, Array]]:
+def _as_slice(mask: Mask) -> slice | Mask:
+    """Return consecutive steps as a slice, whose rows need no copy."""
+    part = slice(mask.argmax(), len(mask) - mask[::-1].argmax())
+    return part if mask[part].all() else mask
+
+
+def _of_innovations(values: Mapping[str, Array], mask: Mask) -> Iterator[tuple[str, Array]]:
     """Yield sums over steps and components, over their number and over those of lag 0."""
     if "innovations" not in values:
         return
@@ -131,8 +172,8 @@ def lost_runs(scenario: Scenario, values: dict[str, Array], finite: Mask) -> Arr
 def step_sums(rows: Array, lost: Array) -> StepSums:
     """Return sums over the runs that are not lost and whose value exists."""
     counted: Mask = (lost == FOUND) & ~np.isnan(rows)
-    kept = np.where(counted, rows, 0.0)
-    return StepSums(total(kept), total(np.square(kept)), counted.sum(axis=1).astype(float))
+    kept = rows if counted.all() else np.where(counted, rows, 0.0)
+    return StepSums(total(kept), dot(kept, kept), counted.sum(axis=1).astype(float))
 
 
 @cache
@@ -143,26 +184,5 @@ def _gate(n_x: int) -> float:
     return float(chdtri(n_x, 1e-6))
 
 
-def _mean(rows: Array) -> Array:
-    """Return the mean over steps of the values that exist; NaN where none does."""
-    there = ~np.isnan(rows)  # an infinite NEES of a collapsed cloud counts
-    return np.asarray(total(np.where(there, rows, 0.0), axis=0) / there.sum(axis=0))
-
-
-def _rms(rows: Array) -> Array:
-    return np.sqrt(_mean(rows))  # of squares
-
-
-def _mean_root(rows: Array) -> Array:
-    return _mean(np.sqrt(rows))  # of squares
-
-
 def _sum(rows: Array) -> Array:
     return total(np.where(np.isnan(rows), 0.0, rows), axis=0)
-
-
-def _last(rows: Array) -> Array:
-    return np.asarray(rows[-1])
-
-
-_OVER_STEPS = {"mean": _mean, "rms": _rms, "root": _mean_root, "sum": _sum, "last": _last}

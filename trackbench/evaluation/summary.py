@@ -7,7 +7,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.sums import mean as average
-from trackbench.evaluation.error_series import FOUND, StepSums, over_steps
+from trackbench.evaluation.error_series import FOUND, StepSums, over_windows
 from trackbench.evaluation.exact_errors import QUADRATIC
 from trackbench.evaluation.merge import FilterResult
 from trackbench.evaluation.metric_expression import TIME_MEAN, Measure, measured
@@ -144,9 +144,7 @@ def exact_rows(
 ) -> tuple[list[SummaryRow], list[StepRow]]:
     """Return the rows, over runs and at every step, that follow from exact means (T + 1,) of series."""
     columns = {name: values[:, None] for name, values in means.items()}
-    per_run, steps = {"lost": np.zeros(1)}, {}
-    for window, mask in windows.items():
-        per_run |= {in_window(n, window): x for n, x in over_steps(columns, mask, ())}
+    per_run, steps = {"lost": np.zeros(1)} | over_windows(columns, windows, ()), {}
     for name, values in means.items():
         # Sums as of one run; the mean square of a signed error gives its spread.
         squares, known = means.get(name.replace("error", "squared", 1), values), ~np.isnan(values)

@@ -59,7 +59,7 @@ class Positions(LinearSensor):
 
     def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
         """Return signed errors (1, *batch) along each axis."""
-        e = (mean - truth)[self.places]
+        e = mean[self.places] - truth[self.places]
         return {name: e[i : i + 1] for i, name in enumerate(self.components)}
 
 
