@@ -19,6 +19,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import chi_square_cdf, log, normal_cdf, normal_density
 from trackbench.core.particles import Particles
+from trackbench.core.plane_quadrature import Plane
 from trackbench.core.sums import dot, total
 
 _ROOT_PI = 1.7724538509055159
@@ -179,6 +180,42 @@ class LinePosterior(Posterior):
         """Return ``E|X - x| - E|X - X'| / 2``, by the interpolating polynomials."""
         to_x = quadrature.distance_from(self.panels, x[0])
         return (to_x - quadrature.half_distance_within(self.panels))[None]
+
+
+@dataclass(frozen=True)
+class PlanePosterior(Posterior):
+    """A density of two components on a grid of nodes, one for each run."""
+
+    planes: tuple[Plane, ...]
+
+    def below(self, x: Array) -> Array:
+        """Return the mass below each component of x, of cells taken as normal."""
+        columns = []
+        for plane, at in zip(self.planes, x.T, strict=True):
+            # The standard deviation of a cell, uniform along both of its sides.
+            sides = plane.box.basis * plane.box.step
+            sd = np.sqrt(total(sides * sides) / 12.0)[: len(at)]
+            below = normal_cdf((at - plane.box.nodes.T[:, : len(at)]) / sd)
+            columns.append(total(plane.mass[:, None] * below, axis=0))
+        return np.stack(columns, axis=-1)
+
+    def within(self, x: Array) -> Array:
+        """Return the mass of the nodes nearer to the mean than x."""
+        masses = []
+        for plane, at in zip(self.planes, x.T, strict=True):
+            n, normal = len(at), plane.moments()
+            mean, cov = normal.mean[:n], normal.cov[:n, :n]
+            nearer = distance(plane.box.nodes[:n] - mean[:, None], cov) < distance(at - mean, cov)
+            masses.append(total(plane.mass * nearer))
+        return np.array(masses)
+
+    def crps(self, x: Array) -> Array:
+        """Return the score of the nodes as weighted particles."""
+        each = [
+            ParticlePosterior(Particles(plane.box.nodes[:, None], plane.mass[None]))
+            for plane in self.planes
+        ]
+        return np.concatenate([p.crps(x[:, i : i + 1]) for i, p in enumerate(each)], axis=1)
 
 
 def distance(e: Array, P: Array) -> Array:

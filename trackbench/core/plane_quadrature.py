@@ -1,0 +1,359 @@
+"""The exact posterior of a state of two components, whose noise is additive and Gaussian.
+
+The logarithm of the density is stored at the nodes of a grid that moves with the posterior. The axes of
+the grid are those in which the noise has no correlation and the prediction has unit covariance. Then the
+Chapman-Kolmogorov equation is a sum over nodes if the noise reaches from each node to the next. If the
+noise is narrower, the density moves along the inverse of the motion's map, and one axis after the other
+is convolved with the noise.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from trackbench.core import linalg
+from trackbench.core.arrays import Array, Index, Mask
+from trackbench.core.distributions import LOG_2PI, Gaussian
+from trackbench.core.elementary import exp, log
+from trackbench.core.sums import total
+from trackbench.core.unscented import gauss_hermite
+
+_DEPTH = 36.0  # log-density below the largest at which a posterior ends: 8.5 standard deviations
+_REACH = 8.0  # standard deviations of the noise
+_MARGIN = 3  # nodes about a posterior
+_SEARCHES = 3
+_ITERATIONS = 20
+_OFFSETS = range(-2, 4)  # of six neighbors on a line, for an interpolation of degree five
+_EDGE = 2, 3  # nodes that these need before the first and after the last interval
+_SMALLEST = 1e-300
+_MASS_TOLERANCE = 1e-3
+_HERMITE = (
+    7  # nodes of the noise: exact for densities that are polynomials of degree 13 over its width
+)
+
+
+class UnresolvedError(ValueError):
+    """Grid whose nodes do not resolve a prediction."""
+
+
+@dataclass(frozen=True)
+class Map:
+    """Motion x' = f(x) + w: f and its Jacobian of states (2, N), and the covariance Q (2, 2) of w."""
+
+    f: Callable[[Array], Array]
+    jacobian: Callable[[Array], Array]
+    Q: Array
+
+
+class Box(NamedTuple):
+    """Nodes x = basis v at the centers of equal cells: v_i = low_i + (j + 1/2) step_i."""
+
+    basis: Array
+    low: Array
+    step: Array
+    shape: tuple[int, int]
+
+    @property
+    def nodes(self) -> Array:
+        """Return the nodes (2, n1 n2), the second axis fastest."""
+        lines = [
+            low + (np.arange(n) + 0.5) * step
+            for low, step, n in zip(self.low, self.step, self.shape, strict=True)
+        ]
+        v = np.stack([np.repeat(lines[0], self.shape[1]), np.tile(lines[1], self.shape[0])])
+        return linalg.matvec(self.basis, v)
+
+    @property
+    def cell(self) -> float:
+        """Return the area of a cell."""
+        return float(abs(_determinant(self.basis)) * self.step[0] * self.step[1])
+
+    def places(self, x: Array) -> Array:
+        """Return the indices (2, N) of states, which need not be whole."""
+        v = linalg.matvec(_inverse(self.basis), x)
+        return np.asarray((v - self.low[:, None]) / self.step[:, None] - 0.5)
+
+    def part(self, first: Array, last: Array, n: int) -> "Box":
+        """Return a box of n by n nodes over the cells from first to last of each axis."""
+        high = self.low + (last + 1) * self.step
+        low = self.low + first * self.step
+        return Box(self.basis, low, (high - low) / n, (n, n))
+
+
+class Plane(NamedTuple):
+    """Log-density at the nodes of a box (n1 n2,), and log p(z) of the last measurement."""
+
+    box: Box
+    log_density: Array
+    evidence: float = np.nan
+
+    @property
+    def mass(self) -> Array:
+        """Return the probability at each node, in sum one."""
+        p = exp(self.log_density - self.log_density.max())
+        return np.asarray(p / total(p))
+
+    def moments(self) -> Gaussian:
+        """Return the mean (2,) and covariance (2, 2)."""
+        return _moments(self.box.nodes, self.mass)
+
+
+def over_prior(prior: Gaussian, n: int) -> Plane:
+    """Return a prior N(mean (2,), cov) on n by n nodes over 8.5 standard deviations."""
+    basis = linalg.cholesky(prior.cov)
+    span = np.full(2, np.sqrt(2.0 * _DEPTH))
+    center = linalg.matvec(_inverse(basis), prior.mean)
+    box = Box(basis, center - span, 2.0 * span / n, (n, n))
+    scale = LOG_2PI + log(abs(_determinant(basis)))
+    return Plane(box, _normal_part(prior, box.nodes) - scale)
+
+
+def condition(
+    old: Plane | Array, motion: Map, log_likelihood: Callable[[Array], Array], n: int
+) -> Plane:
+    """Return the posterior on n by n nodes after one step of the motion and one measurement.
+
+    Parameters
+    ----------
+    old : Plane or array (2,)
+        Posterior of the step before, or a known state.
+    motion : Map
+        Motion over the step.
+    log_likelihood : callable
+        log p(z | x) (N,) of states (2, N).
+    n : int
+        Nodes along each axis.
+
+    Raises
+    ------
+    UnresolvedError
+        If the noise is narrower than the distance of the nodes and the map has no inverse.
+    """
+    # Step 1: a box around all that the prediction reaches.
+    box, variances = _predicted_box(old, motion, n // 2)
+    # Step 2: cut it to what the measurement leaves, with half as many nodes.
+    for search in range(_SEARCHES):
+        log_joint = _predict(old, motion, box, variances)
+        if not search:
+            _check_mass(log_joint, box)
+        log_joint = log_joint + log_likelihood(box.nodes)
+        inside = (log_joint > log_joint.max() - _DEPTH).reshape(box.shape)
+        ends = [np.flatnonzero(inside.any(axis=1 - axis))[[0, -1]] for axis in (0, 1)]
+        first = np.maximum([e[0] - _MARGIN for e in ends], 0)
+        last = np.minimum([e[1] + _MARGIN for e in ends], np.array(box.shape) - 1)
+        small = ((last - first + 1) < 0.8 * np.array(box.shape)).any()
+        box = box.part(first, last, n // 2 if small and search < _SEARCHES - 1 else n)
+        if not small:
+            break
+    # Step 3: the posterior there, p(z | x) p(x) / p(z).
+    log_joint = _predict(old, motion, box, variances) + log_likelihood(box.nodes)
+    top = log_joint.max()
+    evidence = top + log(total(exp(log_joint - top)) * box.cell)
+    return Plane(box, log_joint - evidence, float(evidence))
+
+
+def _predicted_box(old: Plane | Array, motion: Map, n: int) -> tuple[Box, Array]:
+    """Return a box of n by n nodes around the prediction, and the noise's variances on its axes."""
+    if isinstance(old, Plane):
+        likely = old.log_density > old.log_density.max() - _DEPTH
+        moved, mass = motion.f(old.box.nodes[:, likely]), old.mass[likely]
+    else:
+        moved, mass = motion.f(old[:, None]), np.ones(1)
+    # Axes in which the prediction's covariance is one and the noise's diagonal.
+    L = linalg.cholesky(_moments(moved, mass).cov + motion.Q)
+    whitened = linalg.solve_lower(L, linalg.solve_lower(L, motion.Q).T)
+    variances, V = linalg.eigen(linalg.symmetrize(whitened))
+    basis = linalg.matmul(L, V)
+    variances = np.maximum(variances, 0.0)
+    # Every likely state's image, and the noise about it.
+    v = linalg.matvec(_inverse(basis), moved)
+    reach = _REACH * np.sqrt(variances)
+    low, high = v.min(axis=1) - reach, v.max(axis=1) + reach
+    return Box(basis, low, (high - low) / n, (n, n)), variances
+
+
+def _predict(old: Plane | Array, motion: Map, box: Box, variances: Array) -> Array:
+    """Return the log-density of the prediction at the nodes of a box."""
+    if not isinstance(old, Plane):
+        if not np.all(variances > 0.0):
+            raise UnresolvedError("a known first state needs noise of both components")
+        # N(x'; f(x), Q) in the axes of the box.
+        v = linalg.matvec(_inverse(box.basis), box.nodes - motion.f(old[:, None]))
+        scale = LOG_2PI + log(abs(_determinant(box.basis))) + 0.5 * log(variances[0] * variances[1])
+        return np.asarray(-0.5 * total(v * v / variances[:, None], axis=0) - scale)
+    if _spacing(old, motion, box.basis, variances) <= 1.0:
+        return _by_sums(old, motion, box, variances)
+    return _by_inverse(old, motion, box, variances)
+
+
+def _spacing(old: Plane, motion: Map, basis: Array, variances: Array) -> float:
+    """Return the largest distance of neighbors' images, in standard deviations of the noise."""
+    likely = (old.log_density > old.log_density.max() - _DEPTH).reshape(old.box.shape)
+    moved = linalg.matvec(_inverse(basis), motion.f(old.box.nodes)).reshape(2, *old.box.shape)
+    gaps = [
+        np.abs(np.diff(moved, axis=axis + 1))[:, _both(likely, axis)].max(axis=1) for axis in (0, 1)
+    ]
+    with np.errstate(divide="ignore"):
+        return float((np.max(gaps, axis=0) / np.sqrt(variances)).max())
+
+
+def _by_sums(old: Plane, motion: Map, box: Box, variances: Array) -> Array:
+    """Return the log of ``sum_j N(x'; f(x_j), Q) m_j`` over the likely nodes x_j of mass m_j."""
+    likely = old.log_density > old.log_density.max() - _DEPTH
+    moved = linalg.matvec(_inverse(box.basis), motion.f(old.box.nodes[:, likely]))
+    kernels = []
+    # On the axes of the box the noise's density is a product.
+    for axis in (0, 1):
+        line = box.low[axis] + (np.arange(box.shape[axis]) + 0.5) * box.step[axis]
+        e = (line - moved[axis][:, None]) / np.sqrt(variances[axis])
+        kernels.append(exp(-0.5 * e * e))
+    kernels[0] *= old.mass[likely][:, None]
+    scale = LOG_2PI + log(abs(_determinant(box.basis))) + 0.5 * log(variances[0] * variances[1])
+    return np.asarray(_log(_sum_of_products(*kernels)).ravel() - scale)
+
+
+def _by_inverse(old: Plane, motion: Map, box: Box, variances: Array) -> Array:
+    """Return the log-density by the inverse of the map, convolved with the noise.
+
+    Without noise it is ``p(f^-1(x')) / |det F|`` at x', F the Jacobian at f^-1(x').
+    """
+    # Step 1: more nodes on each side, as far as the noise and the moved density reach.
+    likely = old.log_density > old.log_density.max() - _DEPTH
+    places = box.places(motion.f(old.box.nodes[:, likely]))
+    spread = np.sqrt(variances) / box.step
+    extra = []
+    for axis, n in enumerate(box.shape):
+        reach = np.ceil(_REACH * spread[axis])
+        below, above = -np.floor(places[axis].min()), np.ceil(places[axis].max()) - n
+        extra.append([int(max(min(reach, side), 0)) + 2 * _MARGIN + 1 for side in (below, above)])
+    before = np.array([e[0] for e in extra])
+    shape = (box.shape[0] + sum(extra[0]), box.shape[1] + sum(extra[1]))
+    wide = Box(box.basis, box.low - before * box.step, box.step, shape)
+    # Step 2: their origins, and the density there.
+    x, F = _origins(old, motion, wide.nodes)
+    moved = (_interpolate(old, x) - log(np.abs(_determinant(F)))).reshape(shape)
+    # Step 3: the noise, along one axis and then the other.
+    moved = _blurred(moved, extra[0][0], box.shape[0], spread[0]).T
+    return _blurred(moved, extra[1][0], box.shape[1], spread[1]).T.ravel()
+
+
+def _origins(old: Plane, motion: Map, target: Array) -> tuple[Array, Array]:
+    """Return f^-1 (2, N) of states and the Jacobians there, by Newton's method."""
+    # Start from the map's linear part at the mean.
+    mean = old.moments().mean[:, None]
+    x = mean + linalg.matvec(_inverse(motion.jacobian(mean)), target - motion.f(mean))
+    for _ in range(_ITERATIONS):
+        change = linalg.matvec(_inverse(motion.jacobian(x)), target - motion.f(x))
+        x = x + change
+        if np.abs(old.box.places(x + change) - old.box.places(x)).max() < 1e-9:
+            break
+    return x, motion.jacobian(x)
+
+
+def _interpolate(plane: Plane, x: Array) -> Array:
+    """Return the log-density (N,) at states: that of its Gaussian, and the interpolated difference.
+
+    Beyond the box the difference is that at its edge, so the tails stay smooth.
+    """
+    normal = plane.moments()
+    difference = (plane.log_density - _normal_part(normal, plane.box.nodes)).reshape(
+        plane.box.shape
+    )
+    places = plane.box.places(x)
+    left: list[Index] = []
+    weights = []
+    for place, n in zip(places, plane.box.shape, strict=True):
+        place = np.clip(place, _EDGE[0], n - _EDGE[1])
+        index = np.minimum(np.floor(place).astype(np.intp), n - _EDGE[1] - 1)
+        left.append(index)
+        weights.append(_lagrange(place - index))
+    value = np.zeros(x.shape[1])
+    for i, a in zip(_OFFSETS, weights[0], strict=True):
+        row = np.zeros(x.shape[1])
+        for j, b in zip(_OFFSETS, weights[1], strict=True):
+            row += b * difference[left[0] + i, left[1] + j]
+        value += a * row
+    return np.asarray(value + _normal_part(normal, x))
+
+
+def _normal_part(normal: Gaussian, x: Array) -> Array:
+    """Return the Gaussian's log-density at states (2, N), but for a constant."""
+    e = linalg.solve_lower(linalg.cholesky(normal.cov), x - normal.mean[:, None])
+    return np.asarray(-0.5 * total(e * e, axis=0))
+
+
+def _blurred(log_density: Array, first: int, n: int, spread: float) -> Array:
+    """Return n rows from the first, convolved along the columns with noise of so many rows."""
+    kept = log_density[first : first + n]
+    if spread == 0.0:
+        return kept
+    if spread >= 1.0:
+        # A sum over rows, since the noise reaches from row to row.
+        e = (np.arange(n)[:, None] + first - np.arange(len(log_density))) / spread
+        kernel = exp(-0.5 * e * e - 0.5 * LOG_2PI - log(spread))
+        top = log_density.max()
+        return np.asarray(_log(_sum_of_products(kernel.T, exp(log_density - top))) + top)
+    # Else Gauss-Hermite nodes of the noise between the rows.
+    value = np.zeros(kept.shape)
+    for node, weight in gauss_hermite(_HERMITE).nodes:
+        shift = int(np.floor(node * spread))
+        near = zip(_OFFSETS, _lagrange(np.array(node * spread - shift)), strict=True)
+        rows = [w * log_density[first + shift + i : first + shift + i + n] for i, w in near]
+        value += weight * exp(total(np.array(rows), axis=0) - kept)
+    return np.asarray(log(value) + kept)
+
+
+def _check_mass(log_density: Array, box: Box) -> None:
+    """Raise UnresolvedError if a prediction over all that it reaches has not the mass one."""
+    mass = float(total(exp(np.minimum(log_density, 700.0))) * box.cell)
+    if not abs(mass - 1.0) <= _MASS_TOLERANCE:
+        raise UnresolvedError(
+            f"the prediction has the mass {mass:.4g}: the noise of the motion is too narrow for the "
+            "nodes, and its map has no inverse that they resolve"
+        )
+
+
+def _sum_of_products(a: Array, b: Array) -> Array:
+    """Return ``sum_j a_j b_j'`` (n, p) of rows a (m, n) and b (m, p), in order."""
+    out = np.zeros((a.shape[1], b.shape[1]))
+    for column, row in zip(a, b, strict=True):
+        out += column[:, None] * row
+    return out
+
+
+def _lagrange(t: Array) -> list[Array]:
+    """Return the weights of six neighbors at `_OFFSETS` for the polynomial at t in [0, 1]."""
+    weights = []
+    for i in _OFFSETS:
+        weight = np.ones_like(t)
+        for j in _OFFSETS:
+            if i != j:
+                weight = weight * (t - j) / (i - j)
+        weights.append(weight)
+    return weights
+
+
+def _moments(x: Array, mass: Array) -> Gaussian:
+    mean = total(mass * x)
+    e = x - mean[:, None]
+    return Gaussian(mean, total(mass * e[:, None] * e))
+
+
+def _both(likely: Mask, axis: int) -> Mask:
+    """Return whether a node and the next along an axis are both likely."""
+    return likely[1:] & likely[:-1] if axis == 0 else likely[:, 1:] & likely[:, :-1]
+
+
+def _log(density: Array) -> Array:
+    return log(np.maximum(density, _SMALLEST))
+
+
+def _determinant(A: Array) -> Array:
+    return np.asarray(A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0])
+
+
+def _inverse(A: Array) -> Array:
+    """Return the inverse of a matrix (2, 2[, N]) that need not be symmetric."""
+    return np.array([[A[1, 1], -A[0, 1]], [-A[1, 0], A[0, 0]]]) / _determinant(A)
