@@ -17,13 +17,18 @@ from trackbench.evaluation.run_filter import run_filter
 Function = Callable[[Any], Any]
 
 
-def filtered(name: str, label: str) -> tuple[Any, Any, Any, Any, Any]:
-    """Return a run's measurements, estimates (n, K), log-likelihoods, and the prior's moments."""
+def first_block(name: str, label: str) -> BlockTask:
+    """Return one run of a shipped experiment's filter."""
     point = load(ROOT / "experiments" / f"{name}.yaml").points[0]
-    task = BlockTask(
+    return BlockTask(
         point.scenario, point.filters[label], seed=3, index=0, width=1, runs_used=1,
         predictive_metrics=("score",), assume=point.assumed.get(label),
     )  # fmt: skip
+
+
+def filtered(name: str, label: str) -> tuple[Any, Any, Any, Any, Any]:
+    """Return a run's measurements, estimates (n, K), log-likelihoods, and the prior's moments."""
+    task = first_block(name, label)
     data = task.data
     got, prior = run_filter(task, data), data.prior
     scores = got.diagnostics["log_likelihood"][1:, 0]
