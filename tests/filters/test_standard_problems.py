@@ -17,11 +17,11 @@ from trackbench.evaluation.run_filter import run_filter
 Function = Callable[[Any], Any]
 
 
-def first_block(name: str, label: str) -> BlockTask:
-    """Return one run of a shipped experiment's filter."""
+def first_block(name: str, label: str, runs: int = 1) -> BlockTask:
+    """Return runs of a shipped experiment's filter at the first point of its grid."""
     point = load(ROOT / "experiments" / f"{name}.yaml").points[0]
     return BlockTask(
-        point.scenario, point.filters[label], seed=3, index=0, width=1, runs_used=1,
+        point.scenario, point.filters[label], seed=3, index=0, width=runs, runs_used=runs,
         predictive_metrics=("score",), assume=point.assumed.get(label),
     )  # fmt: skip
 
