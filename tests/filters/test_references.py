@@ -24,16 +24,16 @@ def outputs(name: str, label: str, runs: int) -> tuple[Any, Any, Any]:
     ("name", "quantity", "runs"),
     [
         ("ungm", "", 20),
-        ("falling-body", "altitude", 4),
+        ("falling-body", "altitude", 8),
         ("lorenz63", "state", 3),
         ("lorenz63-anderson", "state", 3),
         ("lorenz63-ramgraber", "state", 3),
         ("lorenz63-wiljes", "state", 10),
         ("lorenz96", "state", 3),
         ("double-pendulum-20", "state", 3),
-        ("double-pendulum-30", "state", 3),
-        ("double-pendulum-60", "state", 3),
-        ("double-pendulum-100", "state", 3),
+        ("double-pendulum-30", "state", 4),
+        ("double-pendulum-60", "state", 4),
+        ("double-pendulum-100", "state", 4),
     ],
 )
 def test_twice_the_particles_change_the_error_by_less_than_its_standard_error(
