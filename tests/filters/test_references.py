@@ -26,7 +26,7 @@ def outputs(name: str, label: str, runs: int) -> tuple[Any, Any, Any]:
         ("ungm", "", 20),
         ("falling-body", "altitude", 8),
         ("lorenz63", "state", 3),
-        ("lorenz63-anderson", "state", 3),
+        ("lorenz63-anderson", "state", 6),
         ("lorenz63-ramgraber", "state", 3),
         ("lorenz63-wiljes", "state", 10),
         ("lorenz96", "state", 3),
