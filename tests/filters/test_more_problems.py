@@ -296,3 +296,24 @@ def test_kalman_filter_of_the_ferry() -> None:
         m, P, score = kalman_step(m, P, z[:, k], model)
         np.testing.assert_allclose(mean[:, k], m, rtol=1e-6, atol=1e-6)
         np.testing.assert_allclose(scores[k], score, rtol=1e-6)
+
+
+def falling(x: Any) -> Any:
+    altitude, velocity, ballistic = x
+    drag = np.exp(-5e-5 * altitude) * velocity**2 * ballistic
+    return np.stack([-velocity, -drag, 0 * drag])
+
+
+def test_ukf_of_the_falling_body() -> None:
+    z, mean, _, m, P = filtered("falling-body", "UKF")
+    expected = sigma_points(
+        m,
+        P,
+        z[:, :20],
+        lambda x, k: runge_kutta(falling, x, 0.125, 8),
+        lambda x, k: np.sqrt(1e10 + (x[:1] - 1e5) ** 2),
+        np.zeros((3, 3)),
+        1e4 * np.eye(1),
+        (3, 2),
+    )
+    np.testing.assert_allclose(mean[:, :20].T, expected, rtol=1e-6, atol=1e-6)
