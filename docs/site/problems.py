@@ -15,7 +15,7 @@ from trackbench.evaluation.metric_expression import measured
 
 
 class Row(NamedTuple):
-    """A problem's errors: the first column of its first table, at the first point of its grid."""
+    """A problem's errors: a column of its first table, at the first point of its grid."""
 
     problem: ShippedProblem
     expression: str
@@ -46,20 +46,22 @@ def rows() -> list[Row]:
 
 def _row(problem: ShippedProblem, e: gallery.Experiment) -> Row:
     tables = [table for table in e.config["tables"].values() if table.get("columns")]
-    expression = str(next(iter(tables[0]["columns"].values())))
+    columns = [str(expression) for expression in tables[0]["columns"].values()]
     point = next(iter(e.grid_rows), ())
+    measured_by: dict[str, dict[str, float]] = {expression: {} for expression in columns}
     with (e.folder / "summary.csv").open(encoding="utf-8", newline="") as file:
-        values = {
-            row["filter"]: float(row["value"])
-            for row in csv.DictReader(file)
-            if row["metric"] == expression
-            and tuple(row[path] for path in e.config["grid"]) == point
-        }
+        for row in csv.DictReader(file):
+            if row["metric"] in columns and tuple(row[p] for p in e.config["grid"]) == point:
+                measured_by[row["metric"]][row["filter"]] = float(row["value"])
+    # A bound has no mean error: take the first column that has the reference.
+    with_reference = (x for x in columns if problem.reference in measured_by[x])
+    expression = next(with_reference, columns[0])
+    values = measured_by[expression]
     filters = {b for b, keys in e.config["filters"].items() if not keys.get("smooth")}
     shown = [b for b, x in values.items() if b in {*filters, problem.reference} and isfinite(x)]
-    row = Row(problem, expression, {label: values[label] for label in shown})
-    ranked = sorted(row.values.items(), key=itemgetter(1), reverse=row.is_score)
-    return row._replace(values=dict(ranked))
+    found = Row(problem, expression, {label: values[label] for label in shown})
+    ranked = sorted(found.values.items(), key=itemgetter(1), reverse=found.is_score)
+    return found._replace(values=dict(ranked))
 
 
 def table(folder: str = "") -> str:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import EXPERIMENTS, shipped
-from trackbench.config.published import read_published
+from trackbench.config.published import picks, read_published
 from trackbench.errors import UserError
 from trackbench.evaluation.metric_expression import measure
 
@@ -78,3 +78,10 @@ def test_experiments_that_measure_something_name_the_file() -> None:
         for file in FILES:
             if any(name in r["experiment"].split(";") for r in rows(file.name)):
                 assert file.name in experiment.published.files, f"{path.name} misses {file.name}"
+
+
+def test_a_point_of_a_label_with_an_equals_sign() -> None:
+    values = {"filters.EnKF (N=10).inflation": 1.2, "runs": 5}
+    assert picks("filters.EnKF (N=10).inflation=1.2; runs = 5", values)
+    assert not picks("filters.EnKF (N=10).inflation=1.3", values)
+    assert not picks("filters.EnKF (N=10)=1.2", values)

@@ -8,25 +8,38 @@ import pytest
 
 from tests.conftest import ROOT
 from tests.filters.test_ekfukf import sigma_points, straight, white_acceleration
-from tests.filters.test_standard_problems import filtered, lorenz63, lorenz96, runge_kutta
+from tests.filters.test_standard_problems import (
+    filtered,
+    first_block,
+    lorenz63,
+    lorenz96,
+    runge_kutta,
+)
 from trackbench.config.load import load
+from trackbench.core.random_streams import block_stream
 
 TURN = np.array(
     [[np.cos(np.pi / 18), -np.sin(np.pi / 18)], [np.sin(np.pi / 18), np.cos(np.pi / 18)]]
 )
 
 
-def kalman(m: Any, P: Any, z: Any, model: tuple[Any, ...]) -> tuple[Any, Any]:
-    """Return means (n, K) and log-likelihoods (K,) for F, u, Q, H, a, R: x' = F x + u, z = H x + a."""
+def kalman_step(m: Any, P: Any, z: Any, model: tuple[Any, ...]) -> tuple[Any, Any, float]:
+    """Return the moments and the log-likelihood for F, u, Q, H, a, R: x' = F x + u, z = H x + a."""
     F, u, Q, H, a, R = model
+    m, P = F @ m + u, F @ P @ F.T + Q
+    nu, S = z - H @ m - a, H @ P @ H.T + R
+    K = P @ H.T @ np.linalg.inv(S)
+    score = -0.5 * (nu @ np.linalg.solve(S, nu) + np.linalg.slogdet(2 * np.pi * S)[1])
+    return m + K @ nu, P - K @ S @ K.T, score
+
+
+def kalman(m: Any, P: Any, z: Any, model: tuple[Any, ...]) -> tuple[Any, Any]:
+    """Return means (n, K) and log-likelihoods (K,) of all steps."""
     means, scores = [], []
-    for k in range(z.shape[1]):
-        m, P = F @ m + u, F @ P @ F.T + Q
-        nu, S = z[:, k] - H @ m - a, H @ P @ H.T + R
-        K = P @ H.T @ np.linalg.inv(S)
-        m, P = m + K @ nu, P - K @ S @ K.T
+    for at_step in z.T:
+        m, P, score = kalman_step(m, P, at_step, model)
         means.append(m)
-        scores.append(-0.5 * (nu @ np.linalg.solve(S, nu) + np.linalg.slogdet(2 * np.pi * S)[1]))
+        scores.append(score)
     return np.transpose(means), np.array(scores)
 
 
@@ -162,7 +175,26 @@ def test_fading_ekf_of_the_double_pendulum(steps: int, growth: float) -> None:
         np.eye(4)[::2],
         0.01 * np.eye(2),
     )
-    np.testing.assert_allclose(mean[:, :40].T, expected, rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(mean[:, :40].T, expected, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize(("steps", "N"), [(30, 20), (60, 20), (100, 40)])
+def test_transform_filter_of_the_double_pendulum(steps: int, N: int) -> None:
+    """From the members before each step: the mean after it, which no rotation moves."""
+    task = first_block(f"double-pendulum-{steps}", f"ETKF (N={N})")
+    model, tracker, rng = task.scenario.model, task.filter, block_stream(1, 0)
+    state = tracker.init(model, task.data.prior, rng)
+    R_inverse, H = 100 * np.eye(2), np.eye(4)[::2]
+    for k in range(1, 11):
+        x = runge_kutta(pendulums, state.x[:, 0], 0.01, steps)
+        m, z = x.mean(axis=1), task.data.measurements[:, k - 1]
+        X = x - m[:, None]
+        Y = H @ X
+        # w = [(N - 1) I + Y' R^-1 Y]^-1 Y' R^-1 (z - H m)
+        C = Y.T @ R_inverse
+        w = np.linalg.solve((N - 1) * np.eye(N) + C @ Y, C @ (z[:, 0] - H @ m))
+        state = tracker.step(model, state, z, k, rng)
+        np.testing.assert_allclose(state.x[:, 0].mean(axis=1), m + X @ w, rtol=1e-6, atol=1e-6)
 
 
 def test_ckf_of_the_cubes_of_mandel() -> None:
@@ -241,3 +273,47 @@ def test_kalman_filter_of_the_lidar() -> None:
     model = straight(1.0), np.zeros(4), 39.5 * G @ G.T, H, np.zeros(2), 625.0 * np.eye(2)
     expected, _ = kalman(m.reshape(4), P.reshape(4, 4), z[:, :steps], model)
     np.testing.assert_allclose(mean[:, :steps], expected, rtol=1e-6, atol=1e-6)
+
+
+def test_kalman_filter_of_calibration() -> None:
+    z, mean, scores, m, P = filtered("calibration", "KF")
+    H, R = np.eye(4)[::2], 25.0 * np.eye(2)
+    model = straight(1.0), np.zeros(4), white_acceleration(1.0, 1.0), H, np.zeros(2), R
+    expected = kalman(m, P, z, model)
+    np.testing.assert_allclose(mean, expected[0], rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(scores, expected[1], rtol=1e-6)
+
+
+def test_kalman_filter_of_the_ferry() -> None:
+    """With the reports' own intervals; positions and velocities are measured."""
+    z, mean, scores, m, P = filtered("ais", "KF (CV)")
+    apart = np.diff(first_block("ais", "KF (CV)").scenario.times)
+    assert len(apart) == z.shape[1]
+    m, P = m.reshape(4), P.reshape(4, 4)
+    H, R = np.eye(4)[[0, 2, 1, 3]], np.diag([25.0, 25.0, 0.09, 0.09])
+    for k, T in enumerate(apart):
+        model = straight(T), np.zeros(4), white_acceleration(0.1, T), H, np.zeros(4), R
+        m, P, score = kalman_step(m, P, z[:, k], model)
+        np.testing.assert_allclose(mean[:, k], m, rtol=1e-6, atol=1e-6)
+        np.testing.assert_allclose(scores[k], score, rtol=1e-6)
+
+
+def falling(x: Any) -> Any:
+    altitude, velocity, ballistic = x
+    drag = np.exp(-5e-5 * altitude) * velocity**2 * ballistic
+    return np.stack([-velocity, -drag, 0 * drag])
+
+
+def test_ukf_of_the_falling_body() -> None:
+    z, mean, _, m, P = filtered("falling-body", "UKF")
+    expected = sigma_points(
+        m,
+        P,
+        z[:, :20],
+        lambda x, k: runge_kutta(falling, x, 0.125, 8),
+        lambda x, k: np.sqrt(1e10 + (x[:1] - 1e5) ** 2),
+        np.zeros((3, 3)),
+        1e4 * np.eye(1),
+        (3, 2),
+    )
+    np.testing.assert_allclose(mean[:, :20].T, expected, rtol=1e-6, atol=1e-6)

@@ -17,13 +17,18 @@ from trackbench.evaluation.run_filter import run_filter
 Function = Callable[[Any], Any]
 
 
-def filtered(name: str, label: str) -> tuple[Any, Any, Any, Any, Any]:
-    """Return a run's measurements, estimates (n, K), log-likelihoods, and the prior's moments."""
+def first_block(name: str, label: str, runs: int = 1) -> BlockTask:
+    """Return runs of a shipped experiment's filter at the first point of its grid."""
     point = load(ROOT / "experiments" / f"{name}.yaml").points[0]
-    task = BlockTask(
-        point.scenario, point.filters[label], seed=3, index=0, width=1, runs_used=1,
+    return BlockTask(
+        point.scenario, point.filters[label], seed=3, index=0, width=runs, runs_used=runs,
         predictive_metrics=("score",), assume=point.assumed.get(label),
     )  # fmt: skip
+
+
+def filtered(name: str, label: str) -> tuple[Any, Any, Any, Any, Any]:
+    """Return a run's measurements, estimates (n, K), log-likelihoods, and the prior's moments."""
+    task = first_block(name, label)
     data = task.data
     got, prior = run_filter(task, data), data.prior
     scores = got.diagnostics["log_likelihood"][1:, 0]

@@ -41,11 +41,15 @@ def picks(point: str, values: Mapping[str, object]) -> bool:
 
     Paths that vary together are one path with a list of values: ``a.N & b.N=[10, 5]``.
     """
-    for part in split(point):
-        path, value = (text.strip() for text in part.split("=", 1))
-        if path not in values or scalar(value) not in (values[path], str(values[path])):
-            return False
-    return True
+    pairs = values.items()
+    return all(any(_picks_value(part, *pair) for pair in pairs) for part in split(point))
+
+
+def _picks_value(part: str, path: str, value: object) -> bool:
+    """Return whether a part is ``path=value``; a label in the path may contain ``=``."""
+    rest = part.removeprefix(path).lstrip()
+    picked = scalar(rest[1:].strip())
+    return part.startswith(path) and rest.startswith("=") and picked in (value, str(value))
 
 
 @dataclass(frozen=True, kw_only=True)

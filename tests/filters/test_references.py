@@ -1,0 +1,68 @@
+"""Particle filters that are references of standard problems: twice the particles change nothing."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.conftest import EXPERIMENTS, shipped
+from tests.filters.test_standard_problems import first_block
+from trackbench.config.shipped_experiments import problems
+from trackbench.evaluation.run_filter import run_filter
+
+
+def outputs(name: str, label: str, runs: int) -> tuple[Any, Any, Any]:
+    """Return the block of runs, and the filter's output with N and with 2 N particles."""
+    task = first_block(name, label, runs)
+    tracker: Any = task.filter
+    twice = replace(task, filter=replace(tracker, N=2 * tracker.N))
+    return task, run_filter(task, task.data), run_filter(twice, task.data)
+
+
+@pytest.mark.parametrize(
+    ("name", "quantity", "runs"),
+    [
+        ("ungm", "", 20),
+        ("falling-body", "altitude", 8),
+        ("lorenz63", "state", 3),
+        ("lorenz63-anderson", "state", 6),
+        ("lorenz63-ramgraber", "state", 3),
+        ("lorenz63-wiljes", "state", 10),
+        ("lorenz96", "state", 3),
+        ("double-pendulum-20", "state", 3),
+        ("double-pendulum-30", "state", 4),
+        ("double-pendulum-60", "state", 4),
+        ("double-pendulum-100", "state", 4),
+    ],
+)
+def test_twice_the_particles_change_the_error_by_less_than_its_standard_error(
+    name: str, quantity: str, runs: int
+) -> None:
+    problem = shipped(name).settings.problem
+    assert problem is not None
+    assert problem.reference is not None
+    task, *both = outputs(name, problem.reference, runs)
+    scored = task.scenario.windows[""]
+    once, twice = (
+        np.sqrt(
+            (task.scenario.errors(output.mean, task.data.truth)[quantity][:, scored] ** 2)
+            .sum(axis=0)
+            .mean(axis=0)
+        )
+        for output in both
+    )
+    assert abs((twice - once).mean()) < once.std(ddof=1) / np.sqrt(runs)
+
+
+def test_twice_the_particles_on_the_recording_of_the_pendulum() -> None:
+    """Means differ by a few hundredths of their standard deviation."""
+    task, once, twice = outputs("pendulum", "PF", 1)
+    apart = (once.mean - twice.mean)[0, 1:, 0]
+    scatter = np.sqrt(np.mean(apart**2))
+    assert scatter < 0.05 * np.sqrt(np.mean((once.mean - task.data.truth)[0, 1:] ** 2))
+
+
+@pytest.mark.parametrize("name", [problem.name for problem in problems() if not problem.reference])
+def test_a_problem_without_a_reference_says_why(name: str) -> None:
+    assert "\n# No reference: " in (EXPERIMENTS / f"{name}.yaml").read_text(encoding="utf-8")
