@@ -93,11 +93,14 @@ def test_of_the_growth_model_it_is_a_sum_over_many_states(
     ("motion", "what"),
     [
         ("{kind: map, components: [x], next: {x: x}, Q: 0}", "needs process noise"),
-        ("{kind: map, components: [x, y], next: {x: y, y: x}, Q: 1}", "a state of one component"),
+        (
+            "{kind: map, components: [x, y, z], next: {x: y, y: z, z: x}, Q: 1}",
+            "a state of one or two components",
+        ),
     ],
 )
 def test_what_it_cannot_do_is_a_line(motion: str, what: str, tmp_path: Path) -> None:
-    sigma = "1, 1" if "[x, y]" in motion else "1"
+    sigma = "1, 1, 1" if "[x, y, z]" in motion else "1"
     text = CONFIG.format(motion=motion, sensor=SQUARE, sigma=sigma, nodes=64, other="ekf")
     (tmp_path / "c.yaml").write_text(text)
     with pytest.raises(UserError, match=what):

@@ -51,7 +51,7 @@ def outputs(
 )
 def test_of_a_linear_model_it_is_the_kalman_filter(Q: str, tmp_path: Path) -> None:
     """Wide, correlated and narrow noise, noise of one component, and none."""
-    _, (exact, kf) = outputs(tmp_path, next=LINEAR, Q=Q)
+    _, (exact, kf) = outputs(tmp_path, nodes=96, next=LINEAR, Q=Q)
     assert kf.cov is not None and exact.cov is not None
     sd = np.sqrt(np.moveaxis(np.diagonal(kf.cov), -1, 0))
     assert (np.abs(exact.mean - kf.mean) / sd).max() < 1e-6
@@ -89,7 +89,7 @@ def test_of_growth_with_a_drift_it_is_a_sum_over_a_lattice(tmp_path: Path) -> No
         tmp_path, runs=1, last="4", next=growth, Q="[10, 1]", h="a**2/20", R="1", sigma="[0.5, 1]",
         other="ekf", nodes=160,
     )  # fmt: skip
-    a, b = np.linspace(-40, 40, 401), np.linspace(-9, 9, 61)
+    a, b = np.linspace(-32, 32, 801), np.linspace(-9, 9, 41)
     A, B = (g.ravel() for g in np.meshgrid(a, b, indexing="ij"))
     p = np.exp(-0.5 * (4 * A**2 + B**2)) / np.pi
     cell = (a[1] - a[0]) * (b[1] - b[0])
@@ -108,7 +108,7 @@ def test_of_growth_with_a_drift_it_is_a_sum_over_a_lattice(tmp_path: Path) -> No
 
 
 def test_scores_of_a_normal_density_are_those_in_closed_form(tmp_path: Path) -> None:
-    outputs(tmp_path, next=LINEAR, Q="[0.5, 0.2]")
+    outputs(tmp_path, last="1", next=LINEAR, Q="[0.5, 0.2]")
     point = load(tmp_path / "c.yaml").points[0]
     grid, model = point.filters["Exact"], point.scenario.model
     assert isinstance(grid, Grid)
@@ -124,7 +124,7 @@ def test_scores_of_a_normal_density_are_those_in_closed_form(tmp_path: Path) -> 
 
 
 def test_a_known_first_state(tmp_path: Path) -> None:
-    _, (exact, kf) = outputs(tmp_path, next=LINEAR, Q="[0.5, 0.2]", sigma="[0, 0]")
+    _, (exact, kf) = outputs(tmp_path, nodes=96, next=LINEAR, Q="[0.5, 0.2]", sigma="[0, 0]")
     np.testing.assert_allclose(exact.mean, kf.mean, atol=1e-6)
 
 

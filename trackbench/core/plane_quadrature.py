@@ -28,7 +28,9 @@ _ITERATIONS = 20
 _OFFSETS = range(-2, 4)  # of six neighbors on a line, for an interpolation of degree five
 _EDGE = 2, 3  # nodes that these need before the first and after the last interval
 _SMALLEST = 1e-300
-_MASS_TOLERANCE = 1e-3
+_MASS_TOLERANCE = 1e-5
+_MOST_PARTS = 32  # of a cell
+_RELEVANT = 20.0  # log-density below the largest at which a node still counts: the rest has 1e-9
 _HERMITE = (
     7  # nodes of the noise: exact for densities that are polynomials of degree 13 over its width
 )
@@ -131,14 +133,12 @@ def condition(
     UnresolvedError
         If the noise is narrower than the distance of the nodes and the map has no inverse.
     """
-    # Step 1: a box around all that the prediction reaches.
+    # Step 1: a box around all that the prediction reaches, and a way to compute it.
     box, variances = _predicted_box(old, motion, n // 2)
+    predict = _predictor(old, motion, box, variances)
     # Step 2: cut it to what the measurement leaves, with half as many nodes.
     for search in range(_SEARCHES):
-        log_joint = _predict(old, motion, box, variances)
-        if not search:
-            _check_mass(log_joint, box)
-        log_joint = log_joint + log_likelihood(box.nodes)
+        log_joint = predict(box) + log_likelihood(box.nodes)
         inside = (log_joint > log_joint.max() - _DEPTH).reshape(box.shape)
         ends = [np.flatnonzero(inside.any(axis=1 - axis))[[0, -1]] for axis in (0, 1)]
         first = np.maximum([e[0] - _MARGIN for e in ends], 0)
@@ -148,7 +148,7 @@ def condition(
         if not small:
             break
     # Step 3: the posterior there, p(z | x) p(x) / p(z).
-    log_joint = _predict(old, motion, box, variances) + log_likelihood(box.nodes)
+    log_joint = predict(box) + log_likelihood(box.nodes)
     top = log_joint.max()
     evidence = top + log(total(exp(log_joint - top)) * box.cell)
     return Plane(box, log_joint - evidence, float(evidence))
@@ -174,29 +174,64 @@ def _predicted_box(old: Plane | Array, motion: Map, n: int) -> tuple[Box, Array]
     return Box(basis, low, (high - low) / n, (n, n)), variances
 
 
-def _predict(old: Plane | Array, motion: Map, box: Box, variances: Array) -> Array:
-    """Return the log-density of the prediction at the nodes of a box."""
+def _predictor(
+    old: Plane | Array, motion: Map, box: Box, variances: Array
+) -> Callable[[Box], Array]:
+    """Return the way to compute the log-density of the prediction at the nodes of a part of the box."""
     if not isinstance(old, Plane):
         if not np.all(variances > 0.0):
             raise UnresolvedError("a known first state needs noise of both components")
-        # N(x'; f(x), Q) in the axes of the box.
-        v = linalg.matvec(_inverse(box.basis), box.nodes - motion.f(old[:, None]))
-        scale = LOG_2PI + log(abs(_determinant(box.basis))) + 0.5 * log(variances[0] * variances[1])
-        return np.asarray(-0.5 * total(v * v / variances[:, None], axis=0) - scale)
-    if _spacing(old, motion, box.basis, variances) <= 1.0:
-        return _by_sums(old, motion, box, variances)
-    return _by_inverse(old, motion, box, variances)
+        return lambda part: _of_known(old, motion, part, variances)
+    # Way 1: a sum over the nodes, if the noise reaches from the image of each to that of the next.
+    parts = _parts(old, motion, box.basis, variances)
+    if parts.prod() == 1.0:
+        return lambda part: _by_sums(old, motion, part, variances)
+    # Way 2: the inverse of the map, if there is one: then the mass is one.
+    if _keeps_orientation(old, motion):
+        mass = float(total(exp(_by_inverse(old, motion, box, variances))) * box.cell)
+        if abs(mass - 1.0) <= _MASS_TOLERANCE:
+            return lambda part: _by_inverse(old, motion, part, variances)
+    # Way 3: a sum over more nodes.
+    if parts.prod() > _MOST_PARTS:
+        raise UnresolvedError(
+            "the noise of the motion is too narrow for the nodes, and its map has no inverse that they "
+            "resolve"
+        )
+    n1, n2 = (parts * old.box.shape).astype(int)
+    wide = Box(old.box.basis, old.box.low, old.box.step / parts, (n1, n2))
+    finer = Plane(wide, _interpolate(old, wide.nodes))
+    return lambda part: _by_sums(finer, motion, part, variances)
 
 
-def _spacing(old: Plane, motion: Map, basis: Array, variances: Array) -> float:
-    """Return the largest distance of neighbors' images, in standard deviations of the noise."""
-    likely = (old.log_density > old.log_density.max() - _DEPTH).reshape(old.box.shape)
+def _of_known(state: Array, motion: Map, box: Box, variances: Array) -> Array:
+    """Return log N(x'; f(x), Q) of a known state x (2,), in the axes of the box."""
+    v = linalg.matvec(_inverse(box.basis), box.nodes - motion.f(state[:, None]))
+    return np.asarray(-0.5 * total(v * v / variances[:, None], axis=0) - _scale(box, variances))
+
+
+def _scale(box: Box, variances: Array) -> Array:
+    """Return the logarithm by which the noise's density is normalized."""
+    return LOG_2PI + log(abs(_determinant(box.basis))) + 0.5 * log(variances[0] * variances[1])
+
+
+def _parts(old: Plane, motion: Map, basis: Array, variances: Array) -> Array:
+    """Return how many parts of a cell (2,) have images within a standard deviation of the noise."""
+    counts = (old.log_density > old.log_density.max() - _RELEVANT).reshape(old.box.shape)
     moved = linalg.matvec(_inverse(basis), motion.f(old.box.nodes)).reshape(2, *old.box.shape)
-    gaps = [
-        np.abs(np.diff(moved, axis=axis + 1))[:, _both(likely, axis)].max(axis=1) for axis in (0, 1)
-    ]
-    with np.errstate(divide="ignore"):
-        return float((np.max(gaps, axis=0) / np.sqrt(variances)).max())
+    parts = []
+    for axis in (0, 1):
+        gap = np.abs(np.diff(moved, axis=axis + 1))[:, _both(counts, axis)].max(axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            deviations = np.where(gap > 0.0, gap / np.sqrt(variances), 0.0)
+        parts.append(max(np.ceil(deviations.max()), 1.0))
+    return np.array(parts)
+
+
+def _keeps_orientation(old: Plane, motion: Map) -> bool:
+    """Return whether the Jacobian's determinant has one sign at all nodes that count."""
+    counts = old.log_density > old.log_density.max() - _RELEVANT
+    determinants = _determinant(motion.jacobian(old.box.nodes[:, counts]))
+    return bool((determinants > 0.0).all() or (determinants < 0.0).all())
 
 
 def _by_sums(old: Plane, motion: Map, box: Box, variances: Array) -> Array:
@@ -210,8 +245,7 @@ def _by_sums(old: Plane, motion: Map, box: Box, variances: Array) -> Array:
         e = (line - moved[axis][:, None]) / np.sqrt(variances[axis])
         kernels.append(exp(-0.5 * e * e))
     kernels[0] *= old.mass[likely][:, None]
-    scale = LOG_2PI + log(abs(_determinant(box.basis))) + 0.5 * log(variances[0] * variances[1])
-    return np.asarray(_log(_sum_of_products(*kernels)).ravel() - scale)
+    return np.asarray(_log(_sum_of_products(*kernels)).ravel() - _scale(box, variances))
 
 
 def _by_inverse(old: Plane, motion: Map, box: Box, variances: Array) -> Array:
@@ -303,16 +337,6 @@ def _blurred(log_density: Array, first: int, n: int, spread: float) -> Array:
         rows = [w * log_density[first + shift + i : first + shift + i + n] for i, w in near]
         value += weight * exp(total(np.array(rows), axis=0) - kept)
     return np.asarray(log(value) + kept)
-
-
-def _check_mass(log_density: Array, box: Box) -> None:
-    """Raise UnresolvedError if a prediction over all that it reaches has not the mass one."""
-    mass = float(total(exp(np.minimum(log_density, 700.0))) * box.cell)
-    if not abs(mass - 1.0) <= _MASS_TOLERANCE:
-        raise UnresolvedError(
-            f"the prediction has the mass {mass:.4g}: the noise of the motion is too narrow for the "
-            "nodes, and its map has no inverse that they resolve"
-        )
 
 
 def _sum_of_products(a: Array, b: Array) -> Array:
