@@ -95,7 +95,7 @@ def test_of_the_growth_model_it_is_a_sum_over_many_states(
         ("{kind: map, components: [x], next: {x: x}, Q: 0}", "needs process noise"),
         (
             "{kind: map, components: [x, y, z], next: {x: y, y: z, z: x}, Q: 1}",
-            "a state of one or two components",
+            "a state of one component",
         ),
     ],
 )

@@ -12,7 +12,7 @@ from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.run_filter import FilterOutput, run_filter
 from trackbench.filters.base import WrongReturnError
-from trackbench.filters.grid import Grid
+from trackbench.filters.plane_grid import PlaneGrid
 from trackbench.scenarios.base import Simulation
 
 CONFIG = """name: c
@@ -24,7 +24,7 @@ scenario:
   sensor: {{kind: function, h: {{z: {h}}}, R: {R}}}
   start: {{kind: gaussian, sigma: {sigma}}}
 filters:
-  Exact: {{kind: grid, nodes: {nodes}}}
+  Exact: {{kind: grid-2d, nodes: {nodes}}}
   Other: {{kind: {other}}}
 metrics: [rmse_a, log_score]
 """
@@ -111,7 +111,7 @@ def test_scores_of_a_normal_density_are_those_in_closed_form(tmp_path: Path) -> 
     outputs(tmp_path, last="1", next=LINEAR, Q="[0.5, 0.2]")
     point = load(tmp_path / "c.yaml").points[0]
     grid, model = point.filters["Exact"], point.scenario.model
-    assert isinstance(grid, Grid)
+    assert isinstance(grid, PlaneGrid)
     rng = np.random.default_rng(1)
     state = grid.init(model, Gaussian(np.zeros((2, 2)), np.diag([1.0, 0.25])), rng)
     state = grid.step(model, state, np.array([[0.7, np.nan]]), 1, rng)
@@ -131,7 +131,7 @@ def test_a_known_first_state(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("nodes", "keys", "what"),
     [
-        (16, {"next": "{a: a + sin(3*b), b: b}", "Q": "[0.01, 0.01]"}, "raise `nodes`"),
+        (32, {"next": "{a: a + sin(3*b), b: b}", "Q": "[0.01, 0.01]"}, "raise `nodes`"),
         (64, {"next": "{a: abs(a), b: b}", "Q": "[1e-6, 1e-6]"}, "its map has no inverse"),
         (64, {"next": LINEAR, "Q": "[0, 0.1]", "sigma": "[0, 0]"}, "needs noise of both"),
         (64, {"next": LINEAR, "Q": "[0.1, 0.1]", "sigma": "[1, 0]"}, "has no density"),

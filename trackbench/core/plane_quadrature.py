@@ -9,6 +9,7 @@ is convolved with the noise.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -135,10 +136,10 @@ def condition(
     """
     # Step 1: a box around all that the prediction reaches, and a way to compute it.
     box, variances = _predicted_box(old, motion, n // 2)
-    predict = _predictor(old, motion, box, variances)
+    predict, log_predicted = _predictor(old, motion, box, variances)
     # Step 2: cut it to what the measurement leaves, with half as many nodes.
     for search in range(_SEARCHES):
-        log_joint = predict(box) + log_likelihood(box.nodes)
+        log_joint = (predict(box) if search else log_predicted) + log_likelihood(box.nodes)
         inside = (log_joint > log_joint.max() - _DEPTH).reshape(box.shape)
         ends = [np.flatnonzero(inside.any(axis=1 - axis))[[0, -1]] for axis in (0, 1)]
         first = np.maximum([e[0] - _MARGIN for e in ends], 0)
@@ -176,34 +177,36 @@ def _predicted_box(old: Plane | Array, motion: Map, n: int) -> tuple[Box, Array]
 
 def _predictor(
     old: Plane | Array, motion: Map, box: Box, variances: Array
-) -> Callable[[Box], Array]:
-    """Return the way to compute the log-density of the prediction at the nodes of a part of the box."""
+) -> tuple[Callable[[Box], Array], Array]:
+    """Return the way to compute the prediction's log-density in a part of the box, and that in all."""
     if not isinstance(old, Plane):
         if not np.all(variances > 0.0):
             raise UnresolvedError("a known first state needs noise of both components")
-        return lambda part: _of_known(old, motion, part, variances)
-    # Way 1: a sum over the nodes, if the noise reaches from the image of each to that of the next.
+        predict = partial(_of_known, old, motion, variances)
+        return predict, predict(box)
+    # Way 1: the inverse of the map, if the nodes are farther apart than the noise reaches.
     parts = _parts(old, motion, box.basis, variances)
-    if parts.prod() == 1.0:
-        return lambda part: _by_sums(old, motion, part, variances)
-    # Way 2: the inverse of the map, if there is one: then the mass is one.
-    if _keeps_orientation(old, motion):
-        mass = float(total(exp(_by_inverse(old, motion, box, variances))) * box.cell)
-        if abs(mass - 1.0) <= _MASS_TOLERANCE:
-            return lambda part: _by_inverse(old, motion, part, variances)
-    # Way 3: a sum over more nodes.
+    if parts.prod() > 1.0 and _keeps_orientation(old, motion):
+        predict = partial(_by_inverse, old, motion, variances)
+        log_predicted = predict(box)
+        # A map without an inverse loses mass.
+        if abs(total(exp(log_predicted)) * box.cell - 1.0) <= _MASS_TOLERANCE:
+            return predict, log_predicted
+    # Way 2: a sum over so many nodes that the noise reaches from the image of each to the next.
     if parts.prod() > _MOST_PARTS:
         raise UnresolvedError(
             "the noise of the motion is too narrow for the nodes, and its map has no inverse that they "
             "resolve"
         )
-    n1, n2 = (parts * old.box.shape).astype(int)
-    wide = Box(old.box.basis, old.box.low, old.box.step / parts, (n1, n2))
-    finer = Plane(wide, _interpolate(old, wide.nodes))
-    return lambda part: _by_sums(finer, motion, part, variances)
+    if parts.prod() > 1.0:
+        n1, n2 = (parts * old.box.shape).astype(int)
+        finer = Box(old.box.basis, old.box.low, old.box.step / parts, (n1, n2))
+        old = Plane(finer, _interpolate(old, finer.nodes))
+    predict = partial(_by_sums, old, motion, variances)
+    return predict, predict(box)
 
 
-def _of_known(state: Array, motion: Map, box: Box, variances: Array) -> Array:
+def _of_known(state: Array, motion: Map, variances: Array, box: Box) -> Array:
     """Return log N(x'; f(x), Q) of a known state x (2,), in the axes of the box."""
     v = linalg.matvec(_inverse(box.basis), box.nodes - motion.f(state[:, None]))
     return np.asarray(-0.5 * total(v * v / variances[:, None], axis=0) - _scale(box, variances))
@@ -234,7 +237,7 @@ def _keeps_orientation(old: Plane, motion: Map) -> bool:
     return bool((determinants > 0.0).all() or (determinants < 0.0).all())
 
 
-def _by_sums(old: Plane, motion: Map, box: Box, variances: Array) -> Array:
+def _by_sums(old: Plane, motion: Map, variances: Array, box: Box) -> Array:
     """Return the log of ``sum_j N(x'; f(x_j), Q) m_j`` over the likely nodes x_j of mass m_j."""
     likely = old.log_density > old.log_density.max() - _DEPTH
     moved = linalg.matvec(_inverse(box.basis), motion.f(old.box.nodes[:, likely]))
@@ -248,7 +251,7 @@ def _by_sums(old: Plane, motion: Map, box: Box, variances: Array) -> Array:
     return np.asarray(_log(_sum_of_products(*kernels)).ravel() - _scale(box, variances))
 
 
-def _by_inverse(old: Plane, motion: Map, box: Box, variances: Array) -> Array:
+def _by_inverse(old: Plane, motion: Map, variances: Array, box: Box) -> Array:
     """Return the log-density by the inverse of the map, convolved with the noise.
 
     Without noise it is ``p(f^-1(x')) / |det F|`` at x', F the Jacobian at f^-1(x').

@@ -1,4 +1,4 @@
-"""Exact posterior of a state of one or two components by quadrature."""
+"""Exact posterior of a scalar state by quadrature."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -11,11 +11,8 @@ from numpy.random import Generator
 from trackbench.core import elementary, quadrature
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.distributions import Distribution, Gaussian, Shifted
-from trackbench.core.plane_quadrature import Plane
-from trackbench.core.posterior_scores import LinePosterior, PlanePosterior, Posterior
-from trackbench.filters import plane_grid
+from trackbench.core.posterior_scores import LinePosterior, Posterior
 from trackbench.filters.base import Filter, WrongReturnError
-from trackbench.filters.plane_grid import Planes
 from trackbench.models.base import (
     GammaMotion,
     Model,
@@ -73,25 +70,19 @@ class Resolved(NamedTuple):
 
 @register("filters", "grid")
 @dataclass(frozen=True, kw_only=True)
-class Grid(Filter[Resolved | Planes]):
-    """Exact posterior by quadrature (hdepf paper, eqs. 3-5): no RMSE is smaller.
+class Grid(Filter[Resolved]):
+    """Exact posterior of a scalar state by quadrature (hdepf paper, eqs. 3-5): no RMSE is smaller.
 
-    **One component.** Gauss-Legendre nodes lie where the measurement has a likelihood, around each root
-    of the measurement equation. Where an eighth more nodes change a mean by a millionth of its standard
-    deviation, or a variance by a millionth, or where the motion's noise does not reach from node to
-    node, the nodes are doubled, up to four times as many. The filter fails if these do not do.
-
-    **Two components**, with a Gaussian prior and additive Gaussian noise of constant covariance. A grid
-    of `nodes` by `nodes` moves with the posterior. Noise that is narrower than the grid needs a motion
-    with an inverse. The filter fails where half as many nodes change a mean or a covariance by a
-    millionth. A run takes some 0.1 s a step at `nodes: 200`.
+    Gauss-Legendre nodes lie where the measurement has a likelihood, around each root of the measurement
+    equation. Where an eighth more nodes change a mean by a millionth of its standard deviation, or a
+    variance by a millionth, or where the motion's noise does not reach from node to node, the nodes are
+    doubled, up to four times as many. The filter fails if these do not do.
     """
 
     mixes_runs: ClassVar[bool] = True
 
     nodes: Annotated[int, Ge(8)] = 128
-    """nodes per root of the measurement equation, and more in steps that need them; of two components
-    the nodes along each axis"""
+    """nodes per root of the measurement equation, and more in steps that need them"""
     deviations: Annotated[float, Ge(4)] = 6.5
     """half the span of the nodes, in standard deviations of the measurement noise"""
     reach: Annotated[float, Ge(4)] | None = None
@@ -101,25 +92,19 @@ class Grid(Filter[Resolved | Planes]):
     density_only: ClassVar[bool] = True
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Return too many components, a gamma noise of too large a shape, a motion without a density.
+        """Return several components, a gamma noise of too large a shape, a motion without a density.
 
         The density is continued by its formula below its edge, where a large shape is too steep:
         from 30 on the estimate is wrong if R is large, and no check shows it.
         """
         motion = scenario.model.motion
-        n = len(motion.components)
-        if n > 2:
-            return {"": f"grid needs a state of one or two components; this one has {n}"}
+        if len(motion.components) > 1:
+            what = f"grid needs a state of one component; this one has {len(motion.components)}"
+            return {"": what + "; use grid-2d" if len(motion.components) == 2 else what}
         if isinstance(motion, GammaMotion) and motion.noise.shape > _MAX_GAMMA_SHAPE:
             return {"": f"grid is exact for gamma noise of a shape up to {_MAX_GAMMA_SHAPE} only"}
         # Try one transition to the first step: it shows which density the motion has.
-        transition = motion.transition(np.zeros((n, 1)), int(scenario.steps[0]) + 1)
-        if n == 2:
-            normal = isinstance(transition, Gaussian) and transition.cov.ndim == 2
-            what = "grid of two components needs additive Gaussian noise of constant covariance"
-            if not issubclass(scenario.prior_type, Gaussian):
-                normal, what = False, "grid of two components needs a Gaussian prior"
-            return {} if normal else {"": what}
+        transition = motion.transition(np.zeros((1, 1)), int(scenario.steps[0]) + 1)
         if isinstance(transition, Gaussian):
             no_noise = not np.all(transition.cov > 0.0)
             return {"": "grid needs process noise, and this motion has none"} if no_noise else {}
@@ -129,19 +114,11 @@ class Grid(Filter[Resolved | Planes]):
         return {}
 
     def extra_memory(self, model: Model) -> int:
-        """Return the numbers of the kernels of nodes by nodes; in the plane, of two densities."""
+        """Return the numbers of the kernels of nodes by nodes."""
         return 7 * self.nodes * self.nodes
 
-    def idle_keys(self, scenario: Scene) -> dict[str, str]:
-        """Return the keys that a state of two components does not use."""
-        if len(scenario.model.motion.components) == 1:
-            return {}
-        return dict.fromkeys(("deviations", "reach"), "as the state has two components")
-
-    def init(self, model: Model, prior: Distribution, rng: Generator) -> Resolved | Planes:
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> Resolved:
         """Put all mass on a known first state, or nodes over a Gaussian prior."""
-        if len(prior.mean) == 2:
-            return plane_grid.start(prior, self.nodes)
         if not np.any(prior.cov):
             point = quadrature.point_mass(prior.mean)
             return Resolved(point, point)
@@ -163,17 +140,13 @@ class Grid(Filter[Resolved | Planes]):
         both = [quadrature.nodes_between(spans, support, n) for n in _counts(self.nodes)]
         return Resolved(*(tuple(_with_density(p, prior) for p in panels) for panels in both))
 
-    def step(
-        self, model: Model, state: Resolved | Planes, z: Array, k: int, rng: Generator
-    ) -> Resolved | Planes:
+    def step(self, model: Model, state: Resolved, z: Array, k: int, rng: Generator) -> Resolved:
         """Place nodes where z and the prediction allow mass, and condition on z.
 
         Nodes that do not resolve the posterior are doubled for this step, up to four times as many.
 
         Raises WrongReturnError if these are too few as well.
         """
-        if isinstance(state, Planes):
-            return plane_grid.step(model, state, z, k, self.nodes)
         nodes, old = self.nodes, state
         for doubled in range(_DOUBLINGS + 1):
             # Step 1: condition twice, with n nodes and with n + n / 8 as a check.
@@ -235,22 +208,16 @@ class Grid(Filter[Resolved | Planes]):
             likelihood,
         )
 
-    def estimate(self, state: Resolved | Planes) -> Gaussian:
-        """Return the posterior mean and covariance."""
-        if isinstance(state, Planes):
-            return plane_grid.moments(state.posteriors)
+    def estimate(self, state: Resolved) -> Gaussian:
+        """Return the posterior mean and variance."""
         return quadrature.moments(state.posterior)
 
-    def posterior(self, state: Resolved | Planes) -> Posterior:
+    def posterior(self, state: Resolved) -> Posterior:
         """Return the density itself."""
-        if isinstance(state, Planes):
-            return PlanePosterior(tuple(p for p in state.posteriors if isinstance(p, Plane)))
         return LinePosterior(state.posterior)
 
-    def log_likelihood(self, state: Resolved | Planes) -> Array:
+    def log_likelihood(self, state: Resolved) -> Array:
         """Return log p(z_k | z_1..k-1) (M,), exact."""
-        if isinstance(state, Planes):
-            return plane_grid.evidence(state.posteriors)
         first = state.posterior[0]
         unknown = np.full(first.low.shape, np.nan)
         return unknown if first.evidence is None else elementary.log(first.evidence)

@@ -1,18 +1,23 @@
-"""Exact posterior of a state of two components, one run after the other: the kind `grid` uses it."""
+"""Exact posterior of a state of two components on a grid that moves with it."""
 
 from collections.abc import Iterable
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
+from annotated_types import Ge
+from numpy.random import Generator
 
 from trackbench.core import linalg, plane_quadrature
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.plane_quadrature import Map, Plane, UnresolvedError
-from trackbench.filters.base import WrongReturnError
-from trackbench.models.base import Model, SampledMotion, central_differences, log_likelihood
+from trackbench.core.posterior_scores import PlanePosterior, Posterior
+from trackbench.filters.base import Filter, WrongReturnError
+from trackbench.models.base import Model, SampledMotion, Scene, central_differences, log_likelihood
+from trackbench.registry import register
 
-TOLERANCE = 1e-6  # of means in standard deviations, and of covariances likewise, by half the nodes
+_TOLERANCE = 1e-6  # of means in standard deviations, and of covariances likewise, by half the nodes
 State = Plane | Array
 
 
@@ -23,57 +28,107 @@ class Planes(NamedTuple):
     checks: tuple[State, ...]
 
 
-def start(prior: Distribution, nodes: int) -> Planes:
-    """Return the prior of each run, on nodes or as a known state.
+@register("filters", "grid-2d")
+@dataclass(frozen=True, kw_only=True)
+class PlaneGrid(Filter[Planes]):
+    """Exact posterior of a state of two components with additive Gaussian noise: no RMSE is smaller.
 
-    Raises WrongReturnError if the prior has no density and is no known state either.
+    A grid of `nodes` by `nodes` moves with the posterior, and the prediction is a sum over its nodes.
+    Where the noise is narrower than the distance of two nodes, the density moves along the inverse of
+    the motion's map and is convolved with the noise (`core/plane_quadrature.py`). The filter fails
+    where half as many nodes change a mean or a covariance by a millionth. Likelihoods of any law are
+    used as they are.
     """
-    runs = range(prior.mean.shape[1])
-    if not np.any(prior.cov):
-        known = tuple(prior.mean[:, run] for run in runs)
-        return Planes(known, known)
-    if linalg.is_singular(_of_run(prior.cov, 0)):
-        raise WrongReturnError("init", "a part of the prior has no density: raise its `sigma`")
-    each = [Gaussian(prior.mean[:, run], _of_run(prior.cov, run)) for run in runs]
-    return Planes(
-        *(tuple(plane_quadrature.over_prior(p, n) for p in each) for n in (nodes, nodes // 2))
-    )
+
+    loops_over_runs: ClassVar[bool] = True
+    density_only: ClassVar[bool] = True
+
+    nodes: Annotated[int, Ge(32)] = 128
+    """nodes along each axis; a step of a run takes 0.1 to 0.2 s at 128"""
+
+    def conflicts(self, scenario: Scene) -> dict[str, str]:
+        """Return another number of components, and a prior or noise that is not Gaussian."""
+        motion = scenario.model.motion
+        n = len(motion.components)
+        if n != 2:
+            return {"": f"grid-2d needs a state of two components; this one has {n}"}
+        if not issubclass(scenario.prior_type, Gaussian):
+            return {"": "grid-2d needs a Gaussian start"}
+        transition = motion.transition(np.zeros((2, 1)), int(scenario.steps[0]) + 1)
+        if not isinstance(transition, Gaussian) or transition.cov.ndim > 2:
+            return {"": "grid-2d needs additive Gaussian noise of constant covariance"}
+        return {}
+
+    def extra_memory(self, model: Model) -> int:
+        """Return the numbers of the two densities, and their share of what one run needs at once."""
+        return 10 * self.nodes * self.nodes
+
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> Planes:
+        """Return the prior of each run, on nodes or as a known state.
+
+        Raises WrongReturnError if the prior has no density and is no known state either.
+        """
+        runs = range(prior.mean.shape[1])
+        if not np.any(prior.cov):
+            known = tuple(prior.mean[:, run] for run in runs)
+            return Planes(known, known)
+        each = [Gaussian(prior.mean[:, run], _of_run(prior.cov, run)) for run in runs]
+        if any(linalg.is_singular(p.cov) for p in each):
+            raise WrongReturnError("init", "a part of the prior has no density: raise its `sigma`")
+        return Planes(
+            *(tuple(plane_quadrature.over_prior(p, n) for p in each) for n in self._node_counts)
+        )
+
+    @property
+    def _node_counts(self) -> tuple[int, int]:
+        return self.nodes, self.nodes // 2
+
+    def step(self, model: Model, state: Planes, z: Array, k: int, rng: Generator) -> Planes:
+        """Return the posterior of each run after the measurement z (n_z, M) of step k.
+
+        Raises WrongReturnError if half as many nodes give other moments.
+        """
+        motion = _map(model.motion, k)
+        both: tuple[list[State], list[State]] = ([], [])
+        for run, pair in enumerate(zip(*state, strict=True)):
+
+            def likelihood(x: Array, z: Array = z[:, run : run + 1]) -> Array:
+                return log_likelihood(model.sensor, z, x[:, None], k)[0]
+
+            try:
+                for new, old, n in zip(both, pair, self._node_counts, strict=True):
+                    new.append(plane_quadrature.condition(old, motion, likelihood, n))
+            except UnresolvedError as error:
+                raise self._unresolved(k, f": {error}") from None
+        planes = Planes(tuple(both[0]), tuple(both[1]))
+        if not _difference(planes) <= _TOLERANCE:
+            raise self._unresolved(k, "")
+        return planes
+
+    def _unresolved(self, k: int, why: str) -> WrongReturnError:
+        what = f"grid-2d does not resolve the posterior at step {k} with `nodes: {self.nodes}`{why}"
+        return WrongReturnError("step", f"{what}; raise `nodes`, or narrow the start")
+
+    def estimate(self, state: Planes) -> Gaussian:
+        """Return the posterior mean (2, M) and covariance (2, 2, M)."""
+        return _moments(state.posteriors)
+
+    def posterior(self, state: Planes) -> Posterior | None:
+        """Return the density itself, but for a known state."""
+        planes = tuple(p for p in state.posteriors if isinstance(p, Plane))
+        return PlanePosterior(planes) if len(planes) == len(state.posteriors) else None
+
+    def log_likelihood(self, state: Planes) -> Array:
+        """Return log p(z_k | z_1..k-1) (M,), exact; NaN before the first measurement."""
+        return np.array([s.evidence if isinstance(s, Plane) else np.nan for s in state.posteriors])
 
 
-def step(model: Model, old: Planes, z: Array, k: int, nodes: int) -> Planes:
-    """Return the posterior of each run after the measurement z (n_z, M) of step k.
-
-    Raises WrongReturnError if half as many nodes give other moments.
-    """
-    motion = _map(model.motion, k)
-    both: tuple[list[State], list[State]] = ([], [])
-    for run, pair in enumerate(zip(*old, strict=True)):
-
-        def likelihood(x: Array, z: Array = z[:, run : run + 1]) -> Array:
-            return log_likelihood(model.sensor, z, x[:, None], k)[0]
-
-        try:
-            for new, prior, n in zip(both, pair, (nodes, nodes // 2), strict=True):
-                new.append(plane_quadrature.condition(prior, motion, likelihood, n))
-        except UnresolvedError as error:
-            raise _unresolved(k, nodes, f": {error}") from None
-    new_planes = Planes(tuple(both[0]), tuple(both[1]))
-    if not _difference(new_planes) <= TOLERANCE:
-        raise _unresolved(k, nodes, "")
-    return new_planes
-
-
-def moments(states: Iterable[State]) -> Gaussian:
+def _moments(states: Iterable[State]) -> Gaussian:
     """Return the means (2, M) and covariances (2, 2, M)."""
     each = [s.moments() if isinstance(s, Plane) else Gaussian(s, np.zeros((2, 2))) for s in states]
     return Gaussian(
         np.stack([m.mean for m in each], axis=-1), np.stack([m.cov for m in each], axis=-1)
     )
-
-
-def evidence(states: Iterable[State]) -> Array:
-    """Return log p(z_k | z_1..k-1) (M,), NaN before the first measurement."""
-    return np.array([s.evidence if isinstance(s, Plane) else np.nan for s in states])
 
 
 def _map(motion: SampledMotion, k: int) -> Map:
@@ -92,13 +147,8 @@ def _of_run(cov: Array, run: int) -> Array:
 
 def _difference(both: Planes) -> float:
     """Return the largest difference from the check, in standard deviations."""
-    ours, check = moments(both.posteriors), moments(both.checks)
+    ours, check = _moments(both.posteriors), _moments(both.checks)
     sd = np.sqrt(linalg.diagonal(ours.cov))
     means = np.abs(check.mean - ours.mean) / sd
     covariances = np.abs(check.cov - ours.cov) / (sd[:, None] * sd)
     return float(max(means.max(), covariances.max()))
-
-
-def _unresolved(k: int, nodes: int, why: str) -> WrongReturnError:
-    what = f"grid does not resolve the posterior at step {k} with `nodes: {nodes}`{why}"
-    return WrongReturnError("step", f"{what}; raise `nodes`, or narrow the start")
