@@ -24,11 +24,11 @@ from trackbench.models.base import (
 from trackbench.registry import register
 
 _MAX_GAMMA_SHAPE = 20
-_TOLERANCE = 1e-6  # difference of means in standard deviations, and of variances relatively
-_REFINE_ABOVE = 0.5 * _TOLERANCE  # leaves the next steps a part of it
+_REFINE_ABOVE = 1e-6  # difference of means in standard deviations, and of variances relatively
+_TOLERANCE = 1e-5  # the two densities drift apart from step to step
 _DOUBLINGS = 2
 _PRIOR_REACH = 8.0  # standard deviations of a Gaussian prior beyond which its mass is below 1e-14
-_PRIOR_PARTS = 8
+_WIDE_PARTS = 8
 _NOISE_REACH = 8.0  # the same of Gaussian process noise
 _SEARCHED = 1025  # states at which the likely ones are looked for
 _MOST_INTERVALS = 8
@@ -76,7 +76,7 @@ class Grid(Filter[Resolved]):
     Gauss-Legendre nodes lie where the measurement has a likelihood, around each root of the measurement
     equation. Where an eighth more nodes change a mean by a millionth of its standard deviation, or a
     variance by a millionth, or where the motion's noise does not reach from node to node, the nodes are
-    doubled, up to four times as many. The filter fails if these do not do.
+    doubled, up to four times as many. The filter fails where a difference above 1e-5 is left.
     """
 
     mixes_runs: ClassVar[bool] = True
@@ -128,14 +128,12 @@ class Grid(Filter[Resolved]):
             # Else place nodes over a few standard deviations on both sides of the mean.
             mean, reach = prior.mean[0], _PRIOR_REACH * np.sqrt(prior.cov[0, 0])
             spans = [(mean - reach, mean + reach)]
-        if isinstance(model.motion, BoundedMotion):
-            # Beyond an edge its density is continued and grows, the more the wider a panel is.
-            parts = np.linspace(0.0, 1.0, _PRIOR_PARTS + 1)
-            spans = [
-                (low + a * (high - low), low + b * (high - low))
-                for low, high in spans
-                for a, b in pairwise(parts)
-            ]
+        parts = np.linspace(0.0, 1.0, _parts(model.motion) + 1)
+        spans = [
+            ((1.0 - a) * low + a * high, (1.0 - b) * low + b * high)
+            for low, high in spans
+            for a, b in pairwise(parts)
+        ]
         support = spans[0][0], spans[-1][1]
         both = [quadrature.nodes_between(spans, support, n) for n in _counts(self.nodes)]
         return Resolved(*(tuple(_with_density(p, prior) for p in panels) for panels in both))
@@ -183,7 +181,7 @@ class Grid(Filter[Resolved]):
             intervals = sensor.preimage(z, self.deviations, k)
         else:
             intervals = _likely_intervals(sensor, z, self.deviations, k, support)
-        reach = _support_if_missing(z, intervals, support)
+        reach = _support_if_missing(z, intervals, support, _parts(motion))
 
         def transition(x: Array, x_new: Array) -> Array:
             distribution = motion.transition(x[None], k)
@@ -249,17 +247,29 @@ def _with_density(panel: quadrature.Panel, prior: Distribution) -> quadrature.Pa
 
 
 def _support_if_missing(
-    z: Array, reach: list[quadrature.Interval], support: quadrature.Interval
+    z: Array, reach: list[quadrature.Interval], support: quadrature.Interval, parts: int
 ) -> list[quadrature.Interval]:
-    """Return the intervals; without a measurement the first is the support, the others are empty."""
+    """Return the intervals; without a measurement they are parts of the support, and empty ones."""
     missing = np.isnan(z).any(axis=0)
     if not missing.any():
         return reach
-    # The first interval becomes the support; others shrink to its lower end.
     low, high = support
-    (first_low, first_high), *others = reach
-    first = np.where(missing, low, first_low), np.where(missing, high, first_high)
-    return [first, *((np.where(missing, low, a), np.where(missing, low, b)) for a, b in others)]
+    # With a measurement further intervals are empty.
+    empty = [(low, low)] * (parts - len(reach))
+    shares = [min(i / parts, 1.0) for i in range(max(parts, len(reach)) + 1)]
+    ends = [(1.0 - s) * low + s * high for s in shares]
+    return [
+        (np.where(missing, a, first), np.where(missing, b, last))
+        for (first, last), a, b in zip([*reach, *empty], ends[:-1], ends[1:], strict=True)
+    ]
+
+
+def _parts(motion: SampledMotion) -> int:
+    """Return into how many panels a wide interval is cut.
+
+    Beyond an edge of the noise its density is continued and grows, the more the wider a panel is.
+    """
+    return _WIDE_PARTS if isinstance(motion, BoundedMotion) else 1
 
 
 def _support(
