@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array, Mask
+from trackbench.errors import counted
 from trackbench.evaluation import inference
 from trackbench.evaluation.inference import (
     Events,
@@ -30,6 +31,20 @@ def in_words(lost: int, runs: int, what: str = " runs lost") -> str:
         f"{100 * end:.{3 if end > 0.995 else 2}g}" for end in inference.share_interval(lost, runs)
     )
     return f"{lost} of {runs}{what} ({low} to {high} %)"
+
+
+_COLLAPSED_ANEES = 1e4
+COLLAPSED_NOTE = (
+    f"A collapsed run has a mean squared error of more than {_COLLAPSED_ANEES:g} times what its "
+    "covariance says. One alone decides the mean, so their number is shown."
+)
+
+
+def collapsed_in_words(anees: Array) -> str:
+    """Return ``collapsed in 3 of 40 runs`` from each run's ANEES or ANIS (M,); empty for none."""
+    runs = anees[~np.isnan(anees)]
+    collapsed = int(np.sum(runs > _COLLAPSED_ANEES))
+    return f"collapsed in {collapsed} of {counted(len(runs), 'run')}" if collapsed else ""
 
 
 def loses_more(a: Array, b: Array) -> bool:
