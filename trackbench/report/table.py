@@ -91,6 +91,8 @@ class Table:
     keys: list[list[str]] = field(default_factory=list)
     cells: list[list[Cell]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    units: dict[str, str] = field(default_factory=dict)
+    """units of key headers that do not name theirs, which the files in CSV leave out"""
     best: set[tuple[int, int]] = field(default_factory=set)
     """row and column of the best values, and of those without a significant difference from them"""
 
@@ -131,10 +133,11 @@ class Table:
     def texts(self) -> TextTable:
         """Return ``value ± stderr`` in every cell; lost runs are named in a last column."""
         lost = any(c.lost for cells in self.cells for c in cells)
-        heads = [*self.key_headers, *self.value_headers, *(["Lost runs"] if lost else [])]
+        keys = [f"{h} ({self.units[h]})" if h in self.units else h for h in self.key_headers]
+        heads = [*keys, *self.value_headers, *(["Lost runs"] if lost else [])]
         table = TextTable(self.title, heads, notes=self.notes)
-        for r, (keys, cells) in enumerate(zip(self.keys, self.cells, strict=True)):
-            row = [Text(key) for key in keys]
+        for r, (values, cells) in enumerate(zip(self.keys, self.cells, strict=True)):
+            row = [Text(key) for key in values]
             for i, c in enumerate(cells):
                 bold, tex = r"\bfseries " if (r, i) in self.best else "", None
                 if isfinite(c.estimate.value) and not c.words:

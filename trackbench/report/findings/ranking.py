@@ -23,6 +23,7 @@ from trackbench.report.findings.phrases import named
 from trackbench.report.grid_queries import own_values, points_of, scenes
 from trackbench.report.paired import Pair, difference_of, pairs_of, primary_metrics
 from trackbench.report.results import Results
+from trackbench.results.folder_contents import TRACK
 from trackbench.results.point_facts import GridPoint
 
 LEVEL = 0.05
@@ -137,9 +138,9 @@ def _ranked_by(results: Results, metric: str) -> tuple[str, str]:
         whole = not (m.window or m.steps or m.relation) and m.statistic in ("mean", "rms")
         if whole and m.metric in known and metric in ("", m.metric):
             return m.metric, m.statistic
-    # A config without tables and figures has a default table of rms errors.
+    # A config without tables, and figures but the default track, has a default table of rms errors.
     name = metric or next(iter(known), "")
-    by_default = not (tables or results.config.get("figures"))
+    by_default = not tables and {*(results.config.get("figures") or ())} <= {TRACK}
     return name, "rms" if by_default and name and measured(name).is_error else "mean"
 
 

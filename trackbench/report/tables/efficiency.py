@@ -70,7 +70,7 @@ class EfficiencyTable(TableKind):
         """Return the table from a results folder."""
         heads = ["Efficiency", "Without control variate", "Runs saved", "Cross term / MSE"]
         every, labels = scenes(results), shown(results, self.filters)
-        table = Table(self.title, [*map(phrases.axis, every[0]), "Filter"], heads, self.digits)
+        table = Table(self.title, [*map(results.axis, every[0]), "Filter"], heads, self.digits)
         for scene in every:
             for label in labels:
                 for name, point in _forms(results, scene, label):
@@ -156,7 +156,7 @@ class EqualCost(TableKind):
     def table(self, results: Results) -> Table:
         """Return the table from a results folder."""
         every, metric = scenes(results), str(self.metric)
-        heads = [*map(phrases.axis, every[0]), f"At {self.of}'s {self.along}", "Filter"]
+        heads = [*map(results.axis, every[0]), f"At {self.of}'s {self.along}", "Filter"]
         values = [COST, self.along, metric, "Interpolation", f"Over {self.of}'s"]
         table = Table(self.title, heads, values, self.digits)
         labels = shown(results, self.filters)

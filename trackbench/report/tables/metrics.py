@@ -103,6 +103,8 @@ def best_labels(
         return []
     rivals = [c for label in labels for c in _candidate(expressions, m.plain.of(label))]
     if len(rivals) > 1:
+        if len({c.overall.value for c in rivals}) == 1:
+            return []
         return [c.label for c in ranking_of(rivals, m.metric, times=times).among_the_best]
     values = {label: _cell(expressions, m.of(label)).estimate.value for label in labels}
     values = {label: value for label, value in values.items() if isfinite(value)}
