@@ -1,5 +1,7 @@
 """Figures show the best filters; swept keys have units, and those of a scenario no best value."""
 
+import shutil
+
 import numpy as np
 import pytest
 import yaml
@@ -9,6 +11,7 @@ from trackbench.report.figures.over_parameter import RmseVsParameter
 from trackbench.report.figures.over_time import RmseVsTime
 from trackbench.report.figures.sweep import SweepFigure
 from trackbench.report.findings.ranking import rankings
+from trackbench.report.html.index_page import short_answer
 from trackbench.report.plotting import style
 from trackbench.report.results import Results
 
@@ -92,3 +95,30 @@ def test_a_swept_key_has_its_unit_and_a_scenario_no_best(tmp_path, path, marks):
         assert len(best) == marks
         assert bool(spec.default_caption(results)) == bool(marks)
         style.close(figure)
+
+
+def test_the_index_groups_by_topic_and_says_each_result(plane, made, tmp_path):
+    for name, results in (("plane", plane), ("small", Results(made))):
+        shutil.copytree(results.folder, tmp_path / name)
+    index, ledger = api.report(tmp_path)
+    (found,) = rankings(plane)
+    result = short_answer([found])
+    assert found.among_the_best[0].label in result or "no significant difference" in result
+    assert len(result.split()) <= 7
+    page, text = index.read_text(), ledger.read_text()
+    topics = ("Targets seen by radar, lidar or bearings", "Other dynamic systems")
+    for topic, name in zip(topics, ("plane", "small"), strict=True):
+        assert page.index(topic) < page.index(f">{name}<")
+        assert text.index(f"## {topic}") < text.index(f"### [{name}]")
+    assert f"- Result: {result}" in text
+    assert f"<strong>{result}</strong>" in page
+    assert short_answer([found, found]).endswith("best at 2 of 2")
+
+
+def test_a_result_is_five_words(plane):
+    (found,) = rankings(plane)
+    first, *others = found.order
+    alone = found._replace(best=first, ties=[], worse=[(c, None) for c in others])
+    assert short_answer([alone]) == f"{first.label} best of 4 filters"
+    assert short_answer([found._replace(best=None)]) == "which is best is inconclusive"
+    assert short_answer([]) == ""

@@ -5,7 +5,6 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array, Mask
-from trackbench.errors import counted
 from trackbench.evaluation import inference
 from trackbench.evaluation.inference import (
     Events,
@@ -41,10 +40,13 @@ COLLAPSED_NOTE = (
 
 
 def collapsed_in_words(anees: Array) -> str:
-    """Return ``collapsed in 3 of 40 runs`` from each run's ANEES or ANIS (M,); empty for none."""
+    """Return ``collapsed in 3 of 40 runs`` from each run's ANEES or ANIS (M,).
+
+    Empty if no run collapsed, or if there is one run only, whose number says as much.
+    """
     runs = anees[~np.isnan(anees)]
     collapsed = int(np.sum(runs > _COLLAPSED_ANEES))
-    return f"collapsed in {collapsed} of {counted(len(runs), 'run')}" if collapsed else ""
+    return f"collapsed in {collapsed} of {len(runs)} runs" if collapsed and len(runs) > 1 else ""
 
 
 def loses_more(a: Array, b: Array) -> bool:
