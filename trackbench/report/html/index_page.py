@@ -11,7 +11,6 @@ from xml.etree import ElementTree as ET
 
 from trackbench.atomic_files import write_text
 from trackbench.errors import Problem, UserError
-from trackbench.report.findings.phrases import named
 from trackbench.report.findings.ranking import Ranking, rankings
 from trackbench.report.html.render import key_picture, write_page
 from trackbench.report.html.svg import cleaned, outline
@@ -179,14 +178,16 @@ def short_answer(found: Sequence[Ranking]) -> str:
         return "which is best is inconclusive" if any(s.order[1:] for s in found) else ""
     (label, most), *others = leaders.most_common()
     if len(found) > 1:
-        return f"{named(label)} best at {most} of {len(found)}"
+        return f"{label} best at {most} of {len(found)}"
     filters = len(found[0].order) + len(found[0].losing)
     if filters == 1:
         return ""
     if len(others) + 1 == filters:
         return f"no significant difference between {filters}"
-    best = named(found[0].among_the_best[0].label)
-    return f"{best} and {len(others)} more best" if others else f"{best} best of {filters} filters"
+    best = found[0].among_the_best[0].label
+    return (
+        f"{best} and {len(others)} others best" if others else f"{best} best of {filters} filters"
+    )
 
 
 def _together(comparisons: list[Comparison]) -> Comparison:
