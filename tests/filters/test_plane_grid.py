@@ -52,7 +52,8 @@ def outputs(
 def test_of_a_linear_model_it_is_the_kalman_filter(Q: str, tmp_path: Path) -> None:
     """Wide, correlated and narrow noise, noise of one component, and none."""
     _, (exact, kf) = outputs(tmp_path, last="8", next=LINEAR, Q=Q)
-    assert kf.cov is not None and exact.cov is not None
+    assert kf.cov is not None
+    assert exact.cov is not None
     sd = np.sqrt(np.moveaxis(np.diagonal(kf.cov), -1, 0))
     assert (np.abs(exact.mean - kf.mean) / sd).max() < 1e-6
     np.testing.assert_allclose(exact.cov, kf.cov, rtol=1e-5, atol=1e-9)

@@ -274,7 +274,9 @@ def test_verdicts_are_filtered_by_word_and_by_text(shown):
     assert words() == {"fails"}
 
 
-def test_a_figure_is_enlarged(shown):
+@pytest.mark.parametrize(("width", "height"), [(1400, 900), (390, 844), (844, 390)])
+def test_a_figure_is_enlarged(shown, width, height):
+    sized(shown, width, height)
     drawing = part(shown, "#figure-time svg")
     before = drawing.size
     press(shown, "#figure-time", "Enlarge")

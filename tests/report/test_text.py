@@ -3,14 +3,17 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from trackbench import api
 from trackbench.evaluation.metric_expression import measure
 from trackbench.evaluation.statistics import Estimate
-from trackbench.report.estimates import Share
+from trackbench.report.estimates import RunEstimate, Share
+from trackbench.report.expressions import Evaluator
+from trackbench.report.findings.ranking import rankings
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table, in_tex, rounded
-from trackbench.report.tables.metrics import Metrics, _lost_notes
+from trackbench.report.tables.metrics import Metrics, _lost_notes, best_labels
 from trackbench.report.text import Text, TextTable
 
 
@@ -70,7 +73,7 @@ def test_latex_has_one_exponent_for_value_and_error():
 
 
 def test_latex_numbers_its_tables_by_itself_and_marks_the_best():
-    made = Table("Table 2. Errors", ["R", "Filter"], ["RMSE", "N"], 3, least=[0], apart={"Bound"})
+    made = Table("Table 2. Errors", ["R", "Filter"], ["RMSE", "N"], 3, best={(1, 0)})
     for R, label, value in (("1", "A", 2.0), ("1", "B", 1.0), ("1", "Bound", 0.5), ("2", "A", 0.9)):
         cell = Cell(Estimate(value, 0.1), 10, 0)
         made.add([R, label], [cell, cell])
@@ -81,13 +84,51 @@ def test_latex_numbers_its_tables_by_itself_and_marks_the_best():
     assert r"1 & B & \bfseries \num{1.00 +- 0.10} & \num{1.00 +- 0.10} \\" in text
 
 
-def test_the_least_is_marked_only_where_it_is_the_best(folder, tmp_path):
-    wanted = {
-        "mean(rmse)": True, "rmse@last": True, "cpu_s_per_run": True, "ratio(mean(rmse), PF)": True,
-        "win_rate(rmse, PF)": False, "gain(rmse, PF)": False, "gain(mean(rmse), PF)": False,
+@pytest.mark.parametrize("text", ["mean(rmse)", "ratio(mean(rmse), PF)"])
+def test_all_that_do_not_differ_significantly_from_the_best_are_marked(folder, tmp_path, text):
+    results = Results(folder)
+    evaluator = Evaluator(results, {})
+    (standing,) = rankings(results)
+    best = [c.label for c in standing.among_the_best]
+    labels = [label for label in results.labels if label != "Exact"]
+    assert best_labels(evaluator, labels, measure(text)) == best
+    # A copy of the best with other noise of no mean is no worse; its double is.
+    runs = evaluator.runs
+    values = runs[best[0], "rmse"]
+    noise = np.where(np.arange(len(values)) % 2, 0.1, -0.1)
+    evaluator.__dict__["runs"] = {
+        ("A", "rmse"): values, ("B", "rmse"): values + 0.001 + noise, ("C", "rmse"): 2.0 * values
     }  # fmt: skip
-    made = Metrics(columns={m: measure(m) for m in wanted}).table(Results(folder))
-    assert made.least == [i for i, least in enumerate(wanted.values()) if least]
+    assert best_labels(evaluator, ["A", "B", "C"], measure("mean(rmse)")) == ["A", "B"]
+
+
+def test_the_best_is_marked_where_runs_have_no_values_and_never_of_a_gain(folder, tmp_path):
+    results = Results(folder)
+    evaluator, labels = Evaluator(results, {}), results.filters
+    for text, number in {
+        "rmse@last": 1, "cpu_s_per_run": 1, "win_rate(rmse, PF)": 0, "gain(mean(rmse), PF)": 0
+    }.items():  # fmt: skip
+        assert len(best_labels(evaluator, labels, measure(text))) == number
+    table = Metrics(columns={"Mean": measure("mean(rmse)")}).table(results)
+    assert table.best
+    assert all(table.keys[row] != ["Exact"] for row, _ in table.best)  # the reference is no rival
+
+
+def test_a_collapsed_run_is_counted_and_not_averaged(made):
+    evaluator = Evaluator(Results(made), {})
+    nees = np.ones(40)
+    nees[:3] = 1e12
+    evaluator.__dict__["runs"] = {("PF", "nees"): nees}
+    words = {m: evaluator.collapse(measure(m).of("PF")) for m in ("anees", "mean(nees)")}
+    assert set(words.values()) == {"collapsed in 3 of 40 runs"}
+    assert evaluator.collapse(measure("median(nees)").of("PF")) == ""
+    table = Table("", ["Filter"], ["ANEES"], 3)
+    table.add(["PF"], [Cell.of(RunEstimate(7.5e10, 1e10, None, 40), words["anees"])])
+    table.add(["KF"], [Cell.of(RunEstimate(1.0, 0.1, None, 40))])
+    assert "| PF | collapsed in 3 of 40 runs |" in table.markdown()
+    assert "e+10" not in table.texts().tex()
+    assert table.csv_rows()[0][1] == 7.5e10  # the file keeps the number
+    assert sum(note.startswith("A collapsed run") for note in table.notes) == 1
 
 
 def test_one_lost_run_is_no_runs():

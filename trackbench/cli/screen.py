@@ -64,7 +64,7 @@ def _show(table: TextTable, console: Console) -> None:
         console.print(grid)
         console.print()
     if any(cell.best for row in table.rows for cell in row):
-        console.print(Styled("* best of its column", "dim"))
+        console.print(Styled("* best, or not significantly worse", "dim"))
     for note in table.notes:
         console.print(Styled(note, "dim"))
 

@@ -305,7 +305,7 @@ def _add_default_exhibits(source: Source, settings: Settings, points: list[Point
     planar = points[0].scenario.components[:4] == position_velocity_names(2)
     if any(p.scenario.has_truth for p in points):
         if planar and not settings.grid and not settings.tables and not settings.figures:
-            track = {"kind": "track", "filters": list(points[0].filters)[:4], "runs": 1}
+            track = {"kind": "track", "best": 3}
             override(source, ("figures",), {"track": track}, Mark("default in the plane"))
         return
     mark = Mark("default without ground truth")
@@ -317,7 +317,7 @@ def _add_default_exhibits(source: Source, settings: Settings, points: list[Point
             "whiteness": {"kind": "autocorrelation"},
         }
         if planar:
-            figures["track"] = {"kind": "track", "filters": list(points[0].filters)[:4]}
+            figures["track"] = {"kind": "track", "best": 3}
         else:
             figures["estimates"] = {"kind": "estimates"}
         override(source, ("figures",), figures, mark)

@@ -33,6 +33,23 @@ def in_words(lost: int, runs: int, what: str = " runs lost") -> str:
     return f"{lost} of {runs}{what} ({low} to {high} %)"
 
 
+_COLLAPSED_ANEES = 1e4
+COLLAPSED_NOTE = (
+    f"A collapsed run has a mean squared error of more than {_COLLAPSED_ANEES:g} times what its "
+    "covariance says. One alone decides the mean, so their number is shown."
+)
+
+
+def collapsed_in_words(anees: Array) -> str:
+    """Return ``collapsed in 3 of 40 runs`` from each run's ANEES or ANIS (M,).
+
+    Empty if no run collapsed, or if there is one run only, whose number says as much.
+    """
+    runs = anees[~np.isnan(anees)]
+    collapsed = int(np.sum(runs > _COLLAPSED_ANEES))
+    return f"collapsed in {collapsed} of {len(runs)} runs" if collapsed and len(runs) > 1 else ""
+
+
 def loses_more(a: Array, b: Array, filters: int) -> bool:
     """Return whether one of so many filters loses more of the same runs, by codes (M,).
 

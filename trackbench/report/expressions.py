@@ -26,6 +26,7 @@ from trackbench.report.estimates import (
     Share,
     as_difference_of_proportions,
     as_difference_of_variances,
+    collapsed_in_words,
     gain,
     ignore_float_errors,
     linear_combination,
@@ -85,6 +86,28 @@ class Evaluator:
         if any(len(values) > 1 for values in self.runs.values()):
             return {}
         return self.results.judged_steps(self.point)
+
+    def collapse(self, m: Measure) -> str:
+        """Return ``collapsed in 3 of 40 runs`` of a chi-square statistic that such runs decide."""
+        family, quantity = m.family
+        values = self.runs.get((m.filter, in_window(m.base, m.window)))
+        is_mean = not (m.relation or m.steps or m.statistic == "median")
+        if family.name not in ("nees", "anees", "nis", "anis") or values is None or not is_mean:
+            return ""
+        # Divide by the number of components; ANIS is divided already.
+        facts = self.results.facts(self.point)
+        sizes = {"anis": 1, "nis": len(facts.measured)}
+        return collapsed_in_words(values / sizes.get(family.name, facts.sizes.get(quantity, 1)))
+
+    def per_run(self, m: Measure) -> tuple[str, Array] | None:
+        """Return the statistic that a measure is, and the values (M,) of runs; None for others."""
+        over_runs = self._of_runs(m)
+        if over_runs is None or (m.filter, over_runs.name) not in self.runs:
+            return None
+        values = self.runs[m.filter, over_runs.name] / over_runs.divisor
+        if m.is_share:
+            values = np.where(np.isnan(values), np.nan, values > 0)
+        return over_runs.statistic, values
 
     def at_each_step(self, m: Measure) -> list[Measure]:
         """Return a measure of many steps at each of those at which anything is known of the filter."""

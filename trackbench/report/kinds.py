@@ -1,11 +1,12 @@
 """Base classes of tables and figures."""
 
 from abc import abstractmethod
-from dataclasses import dataclass, is_dataclass
+from dataclasses import dataclass, is_dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from trackbench.config.experiment import DrawnExhibit, Exhibit
 from trackbench.evaluation.metric_expression import Measure
+from trackbench.report.findings.ranking import rankings
 from trackbench.report.table import Table
 
 if TYPE_CHECKING:
@@ -42,6 +43,15 @@ class FigureKind(DrawnExhibit):
     def default_caption(self, results: "Results") -> str:
         """Return what to see in the figure of these results; empty if its kind says enough."""
         return ""
+
+    def with_best(self, results: "Results") -> "FigureKind":
+        """Return the figure; if it compares some of the filters, the best ones are among them."""
+        if self.filters is None or len(self.filters) < 2:
+            return self
+        leaders = [s.best or next(iter(s.order), None) for s in rankings(results)]
+        best = [c.label for c in leaders if c is not None]
+        more: Any = {"filters": tuple(dict.fromkeys([*self.filters, *best]))}
+        return replace(self, **more)
 
     @abstractmethod
     def draw(self, results: "Results") -> "Figure":

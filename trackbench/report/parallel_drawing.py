@@ -29,7 +29,7 @@ def _drawn(spec: FigureKind, results: Results, formats: Sequence[str]) -> Files:
     if spec.shown_runs and not results.shown:
         return []
     with style.rc_context():
-        figure = as_figure(spec.draw(results))
+        figure = as_figure(spec.with_best(results).draw(results))
         # The SVG first, as git has it: after a PNG matplotlib simplifies other lines.
         forms = () if is_crowded(figure) else sorted(formats, key=lambda form: form != "svg")
         contents = [(form, style.content(figure, form)) for form in forms]

@@ -66,7 +66,7 @@ def _table_files(results: Results) -> Iterator[tuple[str, Table]]:
         reproducible = specs[name].without_cpu_times()
         if reproducible is not specs[name]:
             yield f"run/tables/{name}", table
-            table = reproducible and reproducible.table(results)
+            table = reproducible and results.with_units(reproducible.table(results))
         if table is not None:
             yield f"tables/{name}", table
 

@@ -1,19 +1,57 @@
 """The config of a results folder: filters, grid, names of tables and figures."""
 
+import re
 from collections.abc import Container
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
+from trackbench.config.build import dataclasses_in, help_texts, hints_of
 from trackbench.config.experiment import labels_to_run
 from trackbench.config.grid import combinations, single_paths
+from trackbench.config.includes import split_path
 from trackbench.config.published import Published, read_published
 from trackbench.errors import counted
 from trackbench.evaluation.exact_errors import exact_label
+from trackbench.field_types import part_group
+from trackbench.models.sensors.base import Assume
 from trackbench.registry import Group, kinds
+from trackbench.report.findings import phrases
 from trackbench.report.plotting import style
-from trackbench.yaml_source import Source, read
+from trackbench.yaml_source import Keys, Source, read
+
+_UNIT = re.compile(r", (k?m|m?rad|deg|s|(?:m|deg|m\^2)/s(?:\^\d)?|\(m/s\^2\)\^2)(?=,(?! or)|$)")
+"""Unit in the documentation of a key: ``standard deviation of the range, m``."""
+
+
+def _key_text(config: dict[str, Any], keys: Keys) -> str:
+    """Return the documentation of the config's key at a path; empty if its component is unknown."""
+    # Step 1: the component or the filter's model that the path begins in.
+    first, *rest = (k for k in keys if not isinstance(k, int))
+    part = config[first]
+    group: str | None = "scenarios"
+    if first == "filters":
+        label, *rest = rest
+        part, group = part[label], "filters"
+    # Step 2: go down; a key holds a component of a kind, or the keys of a dataclass.
+    cls: type[Any] | None = None
+    for i, key in enumerate(rest):
+        if group is not None:
+            cls = kinds(cast(Group, group)).get(part.get("kind", "ekf"))
+        if key == "assume" and cls is not None and key not in hints_of(cls):
+            cls, group, part = Assume, None, part[key]
+            continue
+        if cls is None or key not in hints_of(cls):
+            return ""
+        if i == len(rest) - 1:
+            return help_texts(cls).get(key, "")
+        hint, part = hints_of(cls)[key], (part or {}).get(key)
+        group, nested = part_group(hint), dataclasses_in(hint)
+        cls = nested[0] if group is None and len(nested) == 1 else None
+        if not isinstance(part, dict):
+            return ""
+    return ""
 
 
 @dataclass(frozen=True)
@@ -125,6 +163,22 @@ class ResultsConfig:
     def grid_heads(self) -> list[str]:
         """Return the paths as headings of a table: of paths that vary together, the first."""
         return [single_paths(path)[0] for path in self.grid]
+
+    def axis(self, path: str) -> str:
+        """Return a swept path as the label of an axis: ``q (m^2/s^3)``."""
+        words, unit = phrases.quantity(path)
+        unit = unit or self.grid_units.get(path, "")
+        return f"{words} ({unit})" if unit else words
+
+    @cached_property
+    def grid_units(self) -> dict[str, str]:
+        """Return the units of paths of the grid that the keys' documentation names, not the keys."""
+        found: dict[str, str] = {}
+        for path in (p for p in self.grid if not phrases.quantity(p)[1]):
+            keys = split_path(self.source, single_paths(path)[0])
+            unit = _UNIT.search(_key_text(self.config, keys))
+            found |= {path: unit[1]} if unit else {}
+        return found
 
     @cached_property
     def grid_points(self) -> list[dict[str, Any]]:

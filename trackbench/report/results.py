@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trackbench.config.build import build_kind, unknown
+from trackbench.config.grid import single_paths
 from trackbench.config.includes import split_path
 from trackbench.config.tuning import tuned_label
 from trackbench.core.arrays import Array
@@ -102,7 +103,7 @@ class Results(ResultFiles):
         if name not in figures and (name or not figures):
             raise UserError(Problem(Mark("figure"), name, unknown(name, [*figures])))
         with style.rc_context():
-            return style.lay_out(figures[name or self.key_figure].draw(self))
+            return style.lay_out(figures[name or self.key_figure].with_best(self).draw(self))
 
     @property
     def key_figure(self) -> str:
@@ -149,8 +150,13 @@ class Results(ResultFiles):
         made = {}
         for name, spec in self.parts("tables").items():
             with self.without(f"table {name}"), catch_plugin_errors(spec):
-                made[name] = as_table(spec.table(self), spec)
+                made[name] = self.with_units(as_table(spec.table(self), spec))
         return made
+
+    def with_units(self, table: Table) -> Table:
+        """Return the table with the units of the grid's paths in its headings."""
+        table.units = {single_paths(path)[0]: unit for path, unit in self.grid_units.items()}
+        return table
 
     @cached_property
     def unmade(self) -> dict[str, str]:

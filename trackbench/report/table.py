@@ -9,7 +9,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.errors import counted
 from trackbench.evaluation.statistics import Estimate, paired_difference
-from trackbench.report.estimates import RunEstimate, Share, in_words
+from trackbench.report.estimates import COLLAPSED_NOTE, RunEstimate, Share, in_words
 from trackbench.report.text import Text, TextTable
 
 if TYPE_CHECKING:
@@ -60,9 +60,8 @@ class Cell(NamedTuple):
     """in place of the number"""
 
     @classmethod
-    def of(cls, term: RunEstimate) -> "Cell":
+    def of(cls, term: RunEstimate, words: str = "") -> "Cell":
         """Return a measured number; of an event that all runs or none of them had, how sure that is."""
-        words = ""
         if isinstance(term, Share) and term.value in (0.0, 1.0):
             words = in_words(round(term.value * term.runs), term.runs, what="")
         return cls(term.estimate, term.runs, term.lost, words)
@@ -92,10 +91,10 @@ class Table:
     keys: list[list[str]] = field(default_factory=list)
     cells: list[list[Cell]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
-    least: list[int] = field(default_factory=list)
-    """numbers of the columns whose least value is the best"""
-    apart: set[str] = field(default_factory=set)
-    """last keys of rows that are no rivals, such as a bound"""
+    units: dict[str, str] = field(default_factory=dict)
+    """units of key headers that do not name theirs, which the files in CSV leave out"""
+    best: set[tuple[int, int]] = field(default_factory=set)
+    """row and column of the best values, and of those without a significant difference from them"""
 
     def __repr__(self) -> str:
         return f"<Table {self.title!r}: {counted(len(self.keys), 'row')}>"
@@ -114,6 +113,8 @@ class Table:
         """Append a row."""
         self.keys.append(keys)
         self.cells.append(cells)
+        if COLLAPSED_NOTE not in self.notes and any(c.words.startswith("collapsed") for c in cells):
+            self.notes.append(COLLAPSED_NOTE)
 
     @property
     def csv_header(self) -> list[str]:
@@ -132,37 +133,22 @@ class Table:
     def texts(self) -> TextTable:
         """Return ``value ± stderr`` in every cell; lost runs are named in a last column."""
         lost = any(c.lost for cells in self.cells for c in cells)
-        heads = [*self.key_headers, *self.value_headers, *(["Lost runs"] if lost else [])]
+        keys = [f"{h} ({self.units[h]})" if h in self.units else h for h in self.key_headers]
+        heads = [*keys, *self.value_headers, *(["Lost runs"] if lost else [])]
         table = TextTable(self.title, heads, notes=self.notes)
-        best = self._best()
-        for r, (keys, cells) in enumerate(zip(self.keys, self.cells, strict=True)):
-            row = [Text(key) for key in keys]
+        for r, (values, cells) in enumerate(zip(self.keys, self.cells, strict=True)):
+            row = [Text(key) for key in values]
             for i, c in enumerate(cells):
-                bold, tex = r"\bfseries " if (r, i) in best else "", None
+                bold, tex = r"\bfseries " if (r, i) in self.best else "", None
                 if isfinite(c.estimate.value) and not c.words:
                     tex = bold + in_tex(*c.estimate, self.digits)
-                row.append(Text(self.text(c), c.estimate.value, tex, (r, i) in best))
+                row.append(Text(self.text(c), c.estimate.value, tex, (r, i) in self.best))
             if lost:
                 most = max(cells, key=lambda c: (c.lost, c.runs))
                 runs = most.lost + most.runs  # a bound has none
                 row.append(Text(in_words(most.lost, runs, what="") if runs else "–", most.lost))
             table.rows.append(row)
         return table
-
-    def _best(self) -> set[tuple[int, int]]:
-        """Return row and column of the least values, among rows that share all keys but the last."""
-        groups: dict[tuple[str, ...], list[int]] = {}
-        for r, keys in enumerate(self.keys):
-            if keys[-1] not in self.apart:
-                groups.setdefault(tuple(keys[:-1]), []).append(r)
-        best: set[tuple[int, int]] = set()
-        for i in self.least:
-            for rows in groups.values():
-                there = {r: v for r in rows if isfinite(v := self.cells[r][i].estimate.value)}
-                if len(set(there.values())) > 1:
-                    least = min(there.values())
-                    best |= {(r, i) for r, v in there.items() if v == least}
-        return best
 
     def markdown(self) -> str:
         """Return a Markdown table."""

@@ -12,7 +12,8 @@ from trackbench.core.arrays import Array
 from trackbench.evaluation.block import Tracks
 from trackbench.evaluation.merge import FilterResult
 from trackbench.execution.plan import Key
-from trackbench.models.sensors.stacked import Sensors
+from trackbench.models.sensors.angular import AngularSensor
+from trackbench.models.sensors.stacked import Sensors, StackedSensor
 from trackbench.results.point_facts import array_prefix
 from trackbench.scenarios.base import Scenario
 from trackbench.scenarios.starts.base import position_part
@@ -61,7 +62,7 @@ class FigureTracks(TrackFile):
 
     A figure that only draws lines over the plane names its components in ``shown_components``. Its
     estimates are float32, rounded to the resolution of the page, and NaN in the other components. If it
-    draws measurements, ``seen`` has the positions of the first run's.
+    draws measurements, ``seen`` has the positions of the first run's, ``sensor/<n>`` those of a sensor.
     """
 
     def _arrays(self, label: str, tracks: Tracks, scenario: Scenario) -> dict[str, Array]:
@@ -74,7 +75,9 @@ class FigureTracks(TrackFile):
             positions = measured_positions(scenario, tracks.measurements[..., :1])
             if positions is not None:
                 arrays["seen"] = _quantised(positions, list(range(len(positions))))
-        of_filter = [f for f in figures if f.filters is None or label in f.filters]
+            arrays |= {f"sensor/{n}": path for n, path in sensor_paths(scenario)}
+        # A figure of one filter shows no other; any other figure may show the best, too.
+        of_filter = [f for f in figures if len(f.filters or ()) != 1 or label in (f.filters or ())]
         only_lines = [f for f in of_filter if f.shown_components is not None]
         means = tracks.mean[..., : _most_runs(of_filter)]
         if len(only_lines) < len(of_filter):
@@ -85,6 +88,18 @@ class FigureTracks(TrackFile):
         if tracks.cov is not None and any(f.shown_covariances for f in of_filter):
             arrays[f"cov/{label}"] = tracks.cov[..., :exact]
         return arrays
+
+
+def sensor_paths(scenario: Scenario) -> list[tuple[int, Array]]:
+    """Return number and path (2, T) of each sensor that has a place."""
+    sensor = scenario.true_sensor
+    sensors = sensor.sensors if isinstance(sensor, StackedSensor) else (sensor,)
+    steps = [int(k) for k in scenario.steps]
+    return [
+        (n, np.array([(each.place(k) or (0.0, 0.0))[:2] for k in steps]).T)
+        for n, each in enumerate(sensors, 1)
+        if isinstance(each, AngularSensor)
+    ]
 
 
 def measured_positions(scenario: Scenario, z: Array) -> Array | None:

@@ -72,7 +72,7 @@ class HeatMap(FigureKind):
         if self.y is None:
             rows = [[self._cell(results, {x: c}, b) for c in columns] for b in labels]
             names = [style.wrap_label(b) for b in labels]
-            return self._panels(x, columns, "", names, {"": np.array(rows)})
+            return self._panels(results.axis(x), columns, "", names, {"": np.array(rows)})
         levels = list(dict.fromkeys(point[self.y] for point in points))
         panels = {
             b: np.array(
@@ -80,7 +80,7 @@ class HeatMap(FigureKind):
             )
             for b in labels
         }
-        return self._panels(x, columns, self.y, levels, panels)
+        return self._panels(results.axis(x), columns, results.axis(self.y), levels, panels)
 
     def _cell(self, results: Results, wanted: GridPoint, label: str) -> float:
         points = points_of(results, wanted)
@@ -104,9 +104,9 @@ class HeatMap(FigureKind):
             names = [phrases.number(c) for c in columns]
             _ticks(ax, names, [phrases.number(v) for v in levels], cell_in)
             ax.set_title(style.wrap_label(name))
-            ax.set_xlabel(phrases.axis(x))
+            ax.set_xlabel(x)
             _numbers(ax, values, [[f"{v:.3g}" for v in row] for row in values], image, cell_in)
-        axes[0][0].set_ylabel(phrases.axis(y))
+        axes[0][0].set_ylabel(y)
         figure.colorbar(image, ax=list(axes[:, 0]), label=self.bar_label or str(self.metric))
         style.title(figure, self.title)
         return figure

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trackbench.config.experiment import Point
+from trackbench.config.grid import is_of_scenario
 from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import Measure, OfSummary, measure
 from trackbench.field_types import is_number
@@ -28,6 +29,7 @@ _GAP = 0.2  # of a decade's factor: where zero stands on a logarithmic axis, lef
 class RmseVsParameter(FigureKind):
     """A metric of summary.csv against a grid parameter, a line per filter, each best value marked.
 
+    Of a key of the scenario, which changes the problem, no value is the best.
     Bars are two standard errors. A filter that the parameter does not touch is a horizontal line. Zero
     on a logarithmic axis stands at the left, apart.
     """
@@ -60,7 +62,7 @@ class RmseVsParameter(FigureKind):
         path, shown = self._shown(results)
         name, unit = phrases.quantity(path)
         told = []
-        for label in results.chosen(self.filters):
+        for label in results.chosen(self.filters) if not is_of_scenario(path) else ():
             rows = shown.where(filter=label)
             x, y = (rows[c][np.isfinite(rows["value"])] for c in (path, "value"))
             if len(y) and np.ptp(y) > 0.0:
@@ -85,12 +87,17 @@ class RmseVsParameter(FigureKind):
             rows = rows.chosen(np.argsort(rows[path], kind="stable"))
             x, y, stderr = (rows[c].astype(float) for c in (path, "value", "stderr"))
             self._line(ax, x, y, stderr, label, results.line_style(label))
+            if np.isfinite(y).any() and np.ptp(y) != 0.0 and not is_of_scenario(path):
+                best, shown_x = best_place(y, self.metric), _moved_zero(x) if self.log_x else x
+                colour = results.line_style(label)["color"]
+                ax.plot(shown_x[best], y[best], "o", color=colour, markersize=5, zorder=3,
+                        label=f"_{label}")  # fmt: skip
         if self.log_x and len(shown):
             _logarithmic(ax, np.unique(shown[path].astype(float)))
         if self.log_y and len(shown):  # nothing, where every filter failed, has no logarithm
             ax.set_yscale("log")
             style.plain_log_axis(ax.yaxis, most=float("inf"))
-        ax.set_xlabel(self.x_label or phrases.axis(path))
+        ax.set_xlabel(self.x_label or results.axis(path))
         ax.set_ylabel(self.y_label or phrases.error_of(self.metric))
         style.title(figure, self.title)
         style.legend_outside(figure)
@@ -106,10 +113,6 @@ class RmseVsParameter(FigureKind):
         ax.plot(shown, y, label=label, **look)
         bars = 2.0 * stderr
         ax.errorbar(shown, y, bars, fmt="none", color=look["color"], capsize=1.5, elinewidth=0.8,
-                    label=f"_{label}")  # fmt: skip
-        if np.isfinite(y).any():
-            best = best_place(y, self.metric)
-            ax.plot(shown[best], y[best], "o", color=look["color"], markersize=5, zorder=3,
                     label=f"_{label}")  # fmt: skip
 
 

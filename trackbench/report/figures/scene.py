@@ -6,12 +6,10 @@ from trackbench.config.experiment import Experiment
 from trackbench.core.arrays import Array
 from trackbench.evaluation.block import simulate
 from trackbench.models.base import position_velocity_names
-from trackbench.models.sensors.angular import AngularSensor
-from trackbench.models.sensors.stacked import StackedSensor
-from trackbench.report.figures.track import draw_truth, plane_unit
+from trackbench.report.figures.track import draw_sensor, draw_truth, plane_unit
 from trackbench.report.plotting import style
 from trackbench.report.plotting.artist_types import Axes, Figure
-from trackbench.results.tracks import measured_positions
+from trackbench.results.tracks import measured_positions, sensor_paths
 from trackbench.scenarios.base import Scenario
 
 _RUNS = 20  # whose paths are drawn
@@ -38,7 +36,7 @@ def _in_the_plane(scenario: Scenario, truth: Array, z: Array) -> Figure:
     figure, (plane, speed) = style.subplots(1, 2, 4.0, width_ratios=(2, 1))
     paths, times = truth[[0, 2]], scenario.times
     seen = measured_positions(scenario, z[..., :1])
-    sites = _sites(scenario)
+    sites = sensor_paths(scenario)
     metres, unit = plane_unit(paths.reshape(2, -1), *(site for _, site in sites))
     # Step 1: paths of all runs, measurements of the first.
     same = bool(np.all((paths == paths[..., :1]) | np.isnan(paths)))
@@ -56,9 +54,7 @@ def _in_the_plane(scenario: Scenario, truth: Array, z: Array) -> Figure:
         plane.annotate(f"{times[i]:g} s", (x, y), (4, 4), textcoords="offset points", fontsize=7)
     # Step 3: sensors, and the way of those that move.
     for number, site in sites:
-        name = f"Sensor {number}" if len(sites) > 1 else "Sensor"
-        plane.plot(*(site / metres), color=style.COLOURS[1], linewidth=1.0)
-        plane.plot(*(site[:, :1] / metres), "^", color=style.COLOURS[1], markersize=8, label=name)
+        draw_sensor(plane, site / metres, f"Sensor {number}" if len(sites) > 1 else "Sensor")
     plane.set_aspect("equal", adjustable="datalim")
     plane.set_xlabel(f"x ({unit})")
     plane.set_ylabel(f"y ({unit})")
@@ -70,18 +66,6 @@ def _in_the_plane(scenario: Scenario, truth: Array, z: Array) -> Figure:
     speed.set_xlabel("Time (s)")
     speed.set_ylabel("Speed (m/s)")
     return figure
-
-
-def _sites(scenario: Scenario) -> list[tuple[int, Array]]:
-    """Return number and path (2, T) of each sensor that has a place."""
-    sensor = scenario.true_sensor
-    sensors = sensor.sensors if isinstance(sensor, StackedSensor) else (sensor,)
-    steps = [int(k) for k in scenario.steps]
-    return [
-        (n, np.array([(each.place(k) or (0.0, 0.0))[:2] for k in steps]).T)
-        for n, each in enumerate(sensors, 1)
-        if isinstance(each, AngularSensor)
-    ]
 
 
 def _over_time(scenario: Scenario, truth: Array, z: Array) -> Figure:

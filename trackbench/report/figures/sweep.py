@@ -37,7 +37,8 @@ class SweepFigure(FigureKind):
     Over one path: the filters that it varies, the best of each marked, bars of two standard errors; of
     filters that it leaves as they are a level, if they are many the best one's only. Over two paths: a
     heat map for each filter that they vary, the best framed. Other paths keep their first values, and
-    filters that only they vary are left out.
+    filters that only they vary are left out. Over a key of the scenario, which changes the problem, no
+    value is marked the best.
     """
 
     paths: tuple[str, ...]
@@ -57,7 +58,8 @@ class SweepFigure(FigureKind):
         """Return where each filter is best by the first metric."""
         held, metrics = _Held(results, self.paths), list(self._metrics(results).values())
         told = []
-        for label in self._labels(results)[1] if metrics else ():
+        changes_problem = any(map(is_of_scenario, self.paths))
+        for label in self._labels(results)[1] if metrics and not changes_problem else ():
             rows = held.of(label, metrics[0])
             if rows:
                 best = rows[best_place(np.array([row[-2] for row in rows]), metrics[0])]
@@ -134,7 +136,7 @@ def _lines(
         if heights and 0.0 < _DECADE * min(heights) < max(heights):
             ax.set_yscale("log")
             style.plain_log_axis(ax.yaxis, most=np.inf)
-        ax.set(xlabel=phrases.axis(path), ylabel=words)
+        ax.set(xlabel=held.results.axis(path), ylabel=words)
     style.title(figure, title)
     style.legend_outside(figure)
     return figure
@@ -164,8 +166,9 @@ def _line(
     ax.plot(x, y, label=label, marker="o", markersize=3, **look)
     more: Any = {"color": look["color"], "label": f"_{label}"}
     ax.errorbar(x, y, bars, fmt="none", capsize=2, **more)
-    best = best_place(y, metric)
-    ax.plot(x[best], y[best], "o", markersize=6, zorder=3, **more)
+    if not any(map(is_of_scenario, held.paths)):
+        best = best_place(y, metric)
+        ax.plot(x[best], y[best], "o", markersize=6, zorder=3, **more)
 
 
 def _scale(ax: Axes, values: list[Any], numeric: bool) -> None:
@@ -194,9 +197,10 @@ def _heat_maps(
         ax.set_title(style.wrap_label(label))
         ax.grid(visible=False)
         _write_values(ax, values, finite, few=len(axes) == 1)
-        _frame(ax, np.unravel_index(best_place(values.ravel(), metric), values.shape))
-    figure.supxlabel(phrases.axis(x))
-    figure.supylabel(phrases.axis(y))
+        if not any(map(is_of_scenario, held.paths)):
+            _frame(ax, np.unravel_index(best_place(values.ravel(), metric), values.shape))
+    figure.supxlabel(held.results.axis(x))
+    figure.supylabel(held.results.axis(y))
     style.title(figure, title)
     if fields:
         figure.colorbar(image, ax=axes, label=words)

@@ -8,8 +8,9 @@ import numpy as np
 
 from trackbench.config.experiment import Point
 from trackbench.core.arrays import Array
-from trackbench.field_types import Count
+from trackbench.field_types import Count, Natural
 from trackbench.registry import register
+from trackbench.report.findings.ranking import rankings
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
 from trackbench.report.plotting.artist_types import Axes, Figure
@@ -19,21 +20,27 @@ from trackbench.report.results import Results
 
 _AXES = ("x", "y")
 _LONG_M = 2000.0
+_FAR = 4.0  # times as long as the tracks: a picture with a sensor so far away shows no track
 
 
 @register("figures", "track")
 @dataclass(frozen=True, kw_only=True)
 class Track(FigureKind):
-    """The true track in the plane and, one panel per filter, estimates of the first runs over it."""
+    """The true track in the plane, its sensors and, one panel per filter, estimates of the first runs.
+
+    With `best`, one panel shows the first run's estimates of the best filters.
+    """
 
     filters: tuple[str, ...] = ()
-    """labels, a panel each; none draws the truth alone"""
+    """labels, a panel each; none draws the truth alone, or the best"""
+    best: Natural = 0
+    """number of the best filters that are drawn over each other, if no filters are named"""
     runs: Count = 50
     """number of runs drawn over each other"""
     components: tuple[int, int] = (0, 2)
     """numbers of the state's two positions, from 0"""
     measurements: bool = True
-    """the first run's measurements as dots, where a sensor tells positions"""
+    """sensors, and the first run's measurements as dots where a sensor tells positions"""
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
         """Return the reason if the two components are not in the state, or not positions."""
@@ -41,7 +48,7 @@ class Track(FigureKind):
         names = points[0].scenario.components
         if len(names) > 1 and names[:2] != ("px", "vx"):
             return {"": f"shows positions, and the state is {', '.join(names)}: take `estimates`"}
-        if not self.filters and not all(p.scenario.has_truth for p in points):
+        if not (self.filters or self.best) and not all(p.scenario.has_truth for p in points):
             return {"filters": "there is no truth to draw: name the filters whose tracks to draw"}
         if all(0 <= c <= last for c in self.components):
             return {}
@@ -50,7 +57,7 @@ class Track(FigureKind):
     @property
     def shown_runs(self) -> int:
         """Return the runs whose tracks must be kept."""
-        return self.runs if self.filters else 1
+        return self.runs if self.filters else 1  # of the best, the first run's
 
     @property
     def shown_components(self) -> tuple[int, ...]:
@@ -69,10 +76,14 @@ class Track(FigureKind):
         point = next(filter(results.tracks, results.grid_points))
         turning, tracks = results.facts(point).spans, results.tracks(point)
         truth = tracks["truth"][list(self.components), :, 0]
-        seen = tracks["seen"][:2, :, 0] if self._sees(tracks) else np.empty((2, 0))
+        in_plane = self.measurements and self.components == (0, 2)
+        seen = tracks["seen"][:2, :, 0] if in_plane and "seen" in tracks else np.empty((2, 0))
         estimates = {b: tracks[f"mean/{b}"][list(self.components), :, : self.runs]
-                     for b in self.filters if f"mean/{b}" in tracks}  # fmt: skip
+                     for b in self.filters or self._best(results) if f"mean/{b}" in tracks}  # fmt: skip
         first = truth, seen, *(mean[..., 0] for mean in estimates.values())
+        paths = {n.partition("/")[2]: x for n, x in tracks.items() if n.startswith("sensor/")}
+        sensors = {n: x for n, x in paths.items() if in_plane and _is_near(x, first)}
+        first += tuple(sensors.values())
         metres, unit = plane_unit(*first)
         width, height = _size(panels, *(xy / metres for xy in first))
         figure, axes = style.subplots(
@@ -80,11 +91,17 @@ class Track(FigureKind):
         )
         for i, ax in enumerate(axes[0]):
             label = self.filters[i] if self.filters else ""
-            ax.plot(*(seen / metres), ".", color="#bbbbbb", markersize=2.0,
-                    label="Measurements, first run", rasterized=True, zorder=0)  # fmt: skip
+            if seen.size:
+                ax.plot(*(seen / metres), ".", color="#bbbbbb", markersize=2.0,
+                        label="Measurements, first run", rasterized=True, zorder=0)  # fmt: skip
             if label in estimates:
                 self._estimates(ax, estimates[label] / metres, results.line_style(label)["color"])
-            draw_truth(ax, truth / metres, tracks["times"], turning, thin=bool(label))
+            for rank, (name, mean) in enumerate(estimates.items() if not self.filters else ()):
+                look = results.line_style(name) | {"zorder": 1.9 - 0.1 * rank}  # best on top
+                ax.plot(*(mean[..., 0] / metres), label=name, **look)
+            draw_truth(ax, truth / metres, tracks["times"], turning, thin=bool(estimates))
+            for number, path in sensors.items():
+                draw_sensor(ax, path / metres, f"Sensor {number}" if len(paths) > 1 else "Sensor")
             ax.set_aspect("equal")
             ax.set_xlabel(f"x ({unit})")
             ax.locator_params(nbins=5)
@@ -94,8 +111,10 @@ class Track(FigureKind):
         style.legend_outside(figure)
         return figure
 
-    def _sees(self, tracks: dict[str, Array]) -> bool:
-        return self.measurements and "seen" in tracks and self.components == (0, 2)
+    def _best(self, results: Results) -> list[str]:
+        """Return the best filters of the first ranking, else the first ones."""
+        ranked = [c.label for found in rankings(results)[:1] for c in found.order]
+        return (ranked or results.filters)[: self.best]
 
     def _estimates(self, ax: Axes, xy: Array, colour: str) -> None:
         x, y = xy
@@ -113,6 +132,22 @@ def plane_unit(*tracks: Array) -> tuple[float, str]:
     points = points[:, np.isfinite(points).all(axis=0)]
     long = points.size and np.ptp(points, axis=1).max() >= _LONG_M
     return (1000.0, "km") if long else (1.0, "m")
+
+
+def _is_near(path: Array, tracks: Iterable[Array]) -> bool:
+    """Return whether a sensor's path (2, T) leaves the tracks (2, T) a quarter of the picture."""
+    points = np.concatenate([*tracks], axis=1)
+    points = points[:, np.isfinite(points).all(axis=0)]
+    if not points.size:
+        return False
+    both = np.concatenate([points, path], axis=1)
+    return bool(np.ptp(both, axis=1).max() <= _FAR * np.ptp(points, axis=1).max())
+
+
+def draw_sensor(ax: Axes, path: Array, name: str) -> None:
+    """Draw a sensor where it begins, and its path (2, T)."""
+    ax.plot(*path, color=style.COLOURS[1], linewidth=1.0)
+    ax.plot(*path[:, :1], "^", color=style.COLOURS[1], markersize=8, label=name)
 
 
 def _size(panels: int, *tracks: Array) -> tuple[float, float]:

@@ -9,6 +9,7 @@ from typing import Literal, NamedTuple, TypeAlias
 import numpy as np
 
 from trackbench.evaluation.statistics import Estimate, interval, mean
+from trackbench.report.estimates import collapsed_in_words
 from trackbench.report.findings.phrases import listed, named, two_digits, verb
 from trackbench.report.findings.ranking import Candidate, Ranking
 from trackbench.report.results import Results
@@ -114,6 +115,8 @@ def consistency(results: Results, candidate: Candidate) -> tuple[Credibility, st
     values = runs[candidate.label, name]
     values = values[~np.isnan(values)] / n
     word = name.upper() if name == "anis" else "ANEES"
+    if words := collapsed_in_words(values):
+        return "overconfident", words
     found = mean(values)
     if found.value == inf:
         return "overconfident", f"{word} infinite"

@@ -24,6 +24,7 @@ from trackbench.report.grid_queries import own_values, points_of, scenes
 from trackbench.report.paired import difference_of, primary_metrics
 from trackbench.report.results import Results
 from trackbench.report.verdicts.rules import difference_sign
+from trackbench.results.folder_contents import TRACK
 from trackbench.results.point_facts import GridPoint
 
 
@@ -147,9 +148,9 @@ def _ranked_by(results: Results, metric: str) -> tuple[str, str]:
         whole = not (m.window or m.steps or m.relation) and m.statistic in ("mean", "rms")
         if whole and m.metric in known and metric in ("", m.metric):
             return m.metric, m.statistic
-    # A config without tables and figures has a default table of rms errors.
+    # A config without tables, and figures but the default track, has a default table of rms errors.
     name = metric or next(iter(known), "")
-    by_default = not (tables or results.config.get("figures"))
+    by_default = not tables and {*(results.config.get("figures") or ())} <= {TRACK}
     return name, "rms" if by_default and name and measured(name).is_error else "mean"
 
 

@@ -2,7 +2,8 @@
 
 import os
 import re
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -10,6 +11,7 @@ from xml.etree import ElementTree as ET
 
 from trackbench.atomic_files import write_text
 from trackbench.errors import Problem, UserError
+from trackbench.report.findings.ranking import Ranking, rankings
 from trackbench.report.html.render import key_picture, write_page
 from trackbench.report.html.svg import cleaned, outline
 from trackbench.report.open import explain_content_errors, open_with_notes
@@ -94,6 +96,8 @@ class Card:
     title: str
     filters: int
     runs: int
+    result: str
+    """in about five words"""
     counted: list[Bar]
     thumbnail: Any
     link: str
@@ -115,7 +119,10 @@ def _write_index(folder: Path, found: Overview, everything: Comparison) -> Path:
         "index.html",
         live=False,
         title="Experiments and what they say of the papers",
-        experiments=[_card(folder, *item) for item in found],
+        topics={
+            topic: [_card(folder, *item) for item in group]
+            for topic, group in _by_topic(found).items()
+        },
         counted=bars(everything),
         verdict_lines=summary_lines(everything),
         ledger=[*verdict_tables(everything), *_times(found)],
@@ -132,9 +139,53 @@ def _card(folder: Path, results: Results, comparison: Comparison) -> Card:
         title=results.fill_title(config["title"]),
         filters=len(results.filters),
         runs=config["runs"],
+        result=short_answer(rankings(results)),
         counted=bars(comparison),
         thumbnail=Markup(thumbnail(picture)) if picture else "",
         link=report.relative_to(folder).as_posix() if report.is_file() else "",
+    )
+
+
+_RECORDINGS, _ANGLES = "Recordings", "Targets seen by radar, lidar or bearings"
+_POSITIONS, _OTHERS = "Targets with measured positions", "Other dynamic systems"
+
+
+def _by_topic(found: Overview) -> dict[str, Overview]:
+    """Return the experiments by what is estimated and measured; topics without any are left out."""
+    groups: dict[str, Overview] = {t: [] for t in (_RECORDINGS, _ANGLES, _POSITIONS, _OTHERS)}
+    for item in found:
+        groups[_topic(item[0])].append(item)
+    return {topic: group for topic, group in groups.items() if group}
+
+
+def _topic(results: Results) -> str:
+    scenario = results.config["scenario"]
+    sensors = scenario.get("sensor")
+    sensors = sensors if isinstance(sensors, list) else [sensors or {}]
+    if (scenario.get("target") or {}).get("kind") in ("measured", "recorded"):
+        return _RECORDINGS
+    if results.facts(results.grid_points[0]).components[:2] != ["px", "vx"]:
+        return _OTHERS
+    measured = {sensor.get("kind") for sensor in sensors}
+    return _POSITIONS if measured <= {"position", "velocity"} else _ANGLES
+
+
+def short_answer(found: Sequence[Ranking]) -> str:
+    """Return the result in about five words: ``IMM best of 16 filters``; empty without a ranking."""
+    leaders = Counter(c.label for standing in found for c in standing.among_the_best)
+    if not leaders:
+        return "which is best is inconclusive" if any(s.order[1:] for s in found) else ""
+    (label, most), *others = leaders.most_common()
+    if len(found) > 1:
+        return f"{label} best at {most} of {len(found)}"
+    filters = len(found[0].order) + len(found[0].losing)
+    if filters == 1:
+        return ""
+    if len(others) + 1 == filters:
+        return f"no significant difference between {filters}"
+    best = found[0].among_the_best[0].label
+    return (
+        f"{best} and {len(others)} others best" if others else f"{best} best of {filters} filters"
     )
 
 
@@ -170,11 +221,15 @@ def _opened(folder: Path) -> Overview:
 def _ledger(folder: Path, found: Overview, everything: Comparison) -> str:
     lines = [f"- {line}" for line in summary_lines(everything)]
     parts = [_HEAD.rstrip(), "\n".join(lines) or "Nothing is published about these experiments."]
-    for results, comparison in found:
-        name = results.folder.relative_to(folder).as_posix()
-        parts.append(f"## [{results.config['name']}]({name}/): {results.title}")
-        parts += [f"- {line}" for line in summary_lines(comparison)]
-        parts += [table.markdown().rstrip() for table in verdict_tables(comparison)]
+    for topic, group in _by_topic(found).items():
+        parts.append(f"## {topic}")
+        for results, comparison in group:
+            name = results.folder.relative_to(folder).as_posix()
+            parts.append(f"### [{results.config['name']}]({name}/): {results.title}")
+            result = short_answer(rankings(results))
+            lines = [*([f"Result: {result}"] if result else []), *summary_lines(comparison)]
+            parts += [f"- {line}" for line in lines]
+            parts += [table.markdown().rstrip() for table in verdict_tables(comparison)]
     return "\n\n".join(parts) + "\n"
 
 

@@ -51,7 +51,7 @@ def _caption(results: Results, name: str, spec: FigureKind | None) -> str:
     """Return the figure's caption, if it has one."""
     if spec is not None:
         with results.without(f"caption of figure {name}"), catch_plugin_errors(spec):
-            return spec.default_caption(results)
+            return spec.with_best(results).default_caption(results)
     return ""
 
 

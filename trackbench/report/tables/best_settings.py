@@ -30,7 +30,7 @@ class BestSettings(TableKind):
     def table(self, results: Results) -> Table:
         """Return the table from a results folder."""
         found = best_settings(results)
-        where = [phrases.axis(path) for path in (found[0].scene if found else ())]
+        where = [results.axis(path) for path in (found[0].scene if found else ())]
         heads = [*where, "Filter", "Best at", "No significant difference"]
         value = mean_of(found[0].metric) if found else "Mean"
         title = self.title or "Each filter's best values"

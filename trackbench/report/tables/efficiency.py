@@ -70,7 +70,7 @@ class EfficiencyTable(TableKind):
         """Return the table from a results folder."""
         heads = ["Efficiency", "Without control variate", "Runs saved", "Cross term / MSE"]
         every, labels = scenes(results), shown(results, self.filters)
-        table = Table(self.title, [*map(phrases.axis, every[0]), "Filter"], heads, self.digits)
+        table = Table(self.title, [*map(results.axis, every[0]), "Filter"], heads, self.digits)
         for scene in every:
             for label in labels:
                 for name, point in _forms(results, scene, label):
@@ -156,10 +156,9 @@ class EqualCost(TableKind):
     def table(self, results: Results) -> Table:
         """Return the table from a results folder."""
         every, metric = scenes(results), str(self.metric)
-        heads = [*map(phrases.axis, every[0]), f"At {self.of}'s {self.along}", "Filter"]
+        heads = [*map(results.axis, every[0]), f"At {self.of}'s {self.along}", "Filter"]
         values = [COST, self.along, metric, "Interpolation", f"Over {self.of}'s"]
         table = Table(self.title, heads, values, self.digits)
-        table.least = [] if self.metric.family[0].more_is_better else [values.index(metric)]
         labels = shown(results, self.filters)
         for scene in every:
             wanted = dict.fromkeys([*labels, self.of])
@@ -178,17 +177,22 @@ class EqualCost(TableKind):
         own = AtCost(budget.size, logged(budget.error), lost=budget.lost)
         # Every filter's error at this CPU time; None where its own times do not reach.
         found = {curve.name: curve.at(budget.cost) for curve in rivals}
+        there = {name: at for name, at in found.items() if at is not None}
+        best, open_, fewer = _compared(there, self.metric.family[0].more_is_better)
         for name, at in found.items():
+            if name in (*best, *open_):
+                table.best.add((len(table.keys), table.value_headers.index(str(self.metric))))
             cells = [Cell.missing()] * 4 if at is None else _cells(at, own)
             time = Cell(Estimate(*(MICRO * x for x in budget.cost.estimate)), budget.cost.runs, 0)
             table.add([*keys, name], [time, *cells])
-        there = {name: at for name, at in found.items() if at is not None}
         if there:
             text = f"{MICRO * budget.cost.value:.3g} µs a step"
             where = ", ".join([*map(" = ".join, zip(table.key_headers[:-2], keys, strict=False))])
             heading = f"{table.key_headers[-2]} = {keys[-1]}" + (f", {where}" if where else "")
-            best = _best(there, self.metric.family[0].more_is_better)
-            table.notes.append(f"{heading} ({text}): {best}.")
+            parts = [f"best {best[0]}"]
+            parts += [f"inconclusive beside it: {', '.join(open_)}"] if open_ else []
+            parts += [f"losing fewer runs: {', '.join(fewer)}"] if fewer else []
+            table.notes.append(f"{heading} ({text}): {'; '.join(parts)}.")
 
 
 def _cells(at: AtCost, own: AtCost) -> list[Cell]:
@@ -207,21 +211,18 @@ def _cells(at: AtCost, own: AtCost) -> list[Cell]:
     return [Cell(number, at.error.runs, lost) for number in numbers]
 
 
-def _best(found: dict[str, AtCost], higher: bool) -> str:
-    """Return the best filter, those that may be as good, and those that are but lose fewer runs."""
+def _compared(found: dict[str, AtCost], higher: bool) -> tuple[list[str], list[str], list[str]]:
+    """Return the best filter, those that may be as good, and worse ones that lose fewer runs."""
     sign = -1.0 if higher else 1.0
-    first = min(found, key=lambda name: sign * found[name].error.value)
+    best = sorted(found, key=lambda name: sign * found[name].error.value)[:1]
     open_, fewer = [], []
     for name, at in found.items():
-        difference, other = beside(at, found[first])
-        if name == first:
+        if name in best:
             continue
         # Inconclusive within _CLEAR standard errors; a worse filter may still lose fewer runs.
+        difference, other = beside(at, found[best[0]])
         if not abs(difference.z(0.0, other)) > _CLEAR:
             open_.append(name)
-        elif loses_more(found[first].lost, at.lost, len(found)):
+        elif loses_more(found[best[0]].lost, at.lost, len(found)):
             fewer.append(name)
-    parts = [f"best {first}"]
-    parts += [f"inconclusive beside it: {', '.join(open_)}"] if open_ else []
-    parts += [f"losing fewer runs: {', '.join(fewer)}"] if fewer else []
-    return "; ".join(parts)
+    return best, open_, fewer

@@ -8,6 +8,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.core.sums import total
 from trackbench.evaluation.inference import anees_band
+from trackbench.evaluation.metric_expression import measured
 from trackbench.field_types import Digits
 from trackbench.registry import register
 from trackbench.report.estimates import MISSING
@@ -80,18 +81,21 @@ class Innovations(TableKind):
 
     def table(self, results: Results) -> Table:
         """Return the table from a results folder; columns that no filter has are left out."""
-        found = {
-            tuple(point.items()): Evaluator(results, point).stored for point in results.points()
-        }
-        there = {metric for cells in found.values() for _, metric in cells}
+        found = {tuple(point.items()): Evaluator(results, point) for point in results.points()}
+        there = {metric for evaluator in found.values() for _, metric in evaluator.stored}
         columns = {h: m for h, m in _COLUMNS.items() if m in there} | _errors(results)
         table = Table(self.title, [*results.grid_heads, "Filter"], list(columns), self.digits)
-        for point, cells in found.items():
+        for point, evaluator in found.items():
             for label in results.chosen(self.filters):
-                row = [Cell.of(cells.get((label, m), MISSING)) for m in columns.values()]
+                row = [_cell(evaluator, label, metric) for metric in columns.values()]
                 table.add([*(str(v) for _, v in point), label], row)
         table.notes += _bands(results, results.chosen(self.filters))
         return table
+
+
+def _cell(evaluator: Evaluator, label: str, metric: str) -> Cell:
+    words = evaluator.collapse(measured(metric).of(label))
+    return Cell.of(evaluator.stored.get((label, metric), MISSING), words)
 
 
 def _errors(results: Results) -> dict[str, str]:

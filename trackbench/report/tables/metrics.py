@@ -1,7 +1,8 @@
 """Table kind `metrics`: filters down, metrics across, each number with its standard error."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from math import isfinite
 from typing import ClassVar
 
 import numpy as np
@@ -13,6 +14,7 @@ from trackbench.evaluation.metric_expression import Expression, Measure
 from trackbench.field_types import Digits
 from trackbench.registry import register
 from trackbench.report.expressions import Evaluator
+from trackbench.report.findings.ranking import Candidate, ranking_of
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
@@ -58,18 +60,19 @@ class Metrics(TableKind):
         """Return the table of a results folder."""
         labels = results.chosen(self.filters, exact=True)
         table = Table(self.title, [*results.grid_heads, "Filter"], list(self.columns), self.digits)
-        table.least = [i for i, m in enumerate(self.columns.values()) if _is_least_best(m)]
-        bound, reference = (str(results.config.get(key)) for key in ("bound", "reference"))
-        table.apart = {bound, reference, *results.exact}
+        no_rivals = {*map(results.config.get, ("bound", "reference")), *results.exact}
+        rivals = [label for label in labels if label not in no_rivals]
         for point in results.points():
             expressions = Evaluator(results, point)
             keys = [str(v) for v in point.values()]
+            for i, m in enumerate(self.columns.values()):
+                best = best_labels(expressions, rivals, m)
+                table.best |= {(len(table.keys) + labels.index(label), i) for label in best}
             for label in labels:
                 wanted = [m.of(label) for m in self.columns.values()]
                 table.add([*keys, label], [_cell(expressions, m) for m in wanted])
             if self.gain is not None:
                 head = f"{self.gain.of} below {self.gain.over} (%)"
-                table.apart.add(head)
                 # Last row: the gain over another filter in each column.
                 beside = [m.beside("gain", self.gain.over) for m in self.columns.values()]
                 gains = [expressions.term(m.of(self.gain.of)) for m in beside]
@@ -87,16 +90,42 @@ class Metrics(TableKind):
         return table
 
 
-def _is_least_best(m: Measure) -> bool:
-    """Return whether the least is the best: of a gain, and of a share of runs won, the most is."""
+def best_labels(expressions: Evaluator, labels: Sequence[str], m: Measure) -> list[str]:
+    """Return the filters with the best value, and those without a significant difference from it.
+
+    They are those of the ranking at this point. Of a time or a step, of which runs have no values, only
+    the least value is the best.
+    """
     smaller = m.is_cpu_time or m.family[0].better == "lower"
-    return smaller and m.relation not in ("gain", "win_rate")
+    if not (smaller or m.family[0].is_score) or m.relation in ("gain", "win_rate"):
+        return []
+    rivals = [c for label in labels for c in _candidate(expressions, m.plain.of(label))]
+    if len(rivals) > 1:
+        if len({c.overall.value for c in rivals}) == 1:
+            return []
+        ranking = ranking_of(rivals, m.metric, batches=expressions.batches)
+        return [c.label for c in ranking.among_the_best]
+    values = {label: _cell(expressions, m.of(label)).estimate.value for label in labels}
+    values = {label: value for label, value in values.items() if isfinite(value)}
+    least = min(values.values(), default=0.0)
+    best = [label for label, value in values.items() if value == least]
+    return best if smaller and len(best) < len(values) else []
+
+
+def _candidate(expressions: Evaluator, m: Measure) -> Iterator[Candidate]:
+    """Yield a filter with the values of its runs, if the measure has them."""
+    if (found := expressions.per_run(m)) is None:
+        return
+    statistic, values = found
+    point, lost = expressions.point, expressions.runs.get((m.filter, "lost"), np.zeros(len(values)))
+    steps = expressions.of_steps(m)
+    yield Candidate(m.filter, point, lost, values, statistic=statistic, steps=steps)
 
 
 def _cell(expressions: Evaluator, m: Measure) -> Cell:
     """Return a row of summary.csv, or evaluate it, such as a ratio to another filter."""
     stored = None if m.is_share else expressions.stored.get((m.filter, str(m)))
-    return Cell.of(stored or expressions.term(m))
+    return Cell.of(stored or expressions.term(m), expressions.collapse(m))
 
 
 def _lost_notes(results: Results, point: GridPoint, labels: list[str]) -> Iterator[str]:

@@ -1,0 +1,124 @@
+"""Figures show the best filters; swept keys have units, and those of a scenario no best value."""
+
+import shutil
+
+import numpy as np
+import pytest
+import yaml
+
+from trackbench import api
+from trackbench.report.figures.over_parameter import RmseVsParameter
+from trackbench.report.figures.over_time import RmseVsTime
+from trackbench.report.figures.sweep import SweepFigure
+from trackbench.report.findings.ranking import rankings
+from trackbench.report.html.index_page import short_answer
+from trackbench.report.plotting import style
+from trackbench.report.results import Results
+
+PLANE = """
+name: plane
+runs: 8
+scenario:
+  kind: tracking
+  T: 5
+  last: 20
+  target: {kind: driven, motion: {kind: cwna, q: 1}, launch: {x: 500, y: 300, vx: 10}}
+  sensor:
+    - {kind: bearing, sigma_mrad: 5, at: [0, 0]}
+    - {kind: bearing, sigma_mrad: 5, at: [900, 0]}
+    - {kind: bearing, sigma_mrad: 5, at: [90000, 0]}
+  start: {kind: gaussian, sigma: [30, 5, 30, 5]}
+filters:
+  Prior: {kind: prior-mean}
+  EKF: {kind: ekf}
+  UKF: {kind: ukf}
+  Wide: {kind: ekf, assume: {motion: {kind: cwna, q: 100}}}
+"""
+
+
+def run(folder, text):
+    (folder / "c.yaml").write_text(text)
+    options = api.Options(engine="serial", quiet=True, out=folder / "out", formats=("svg",))
+    return Results(api.run(folder / "c.yaml", options).folder)
+
+
+@pytest.fixture(scope="module")
+def plane(tmp_path_factory):
+    return run(tmp_path_factory.mktemp("plane"), PLANE)
+
+
+def test_a_figure_that_compares_some_filters_shows_the_best_too(made):
+    results = Results(made)
+    best = rankings(results)[0].order[0].label
+    others = tuple(b for b in results.filters if b not in (best, "Exact"))
+    assert RmseVsTime(filters=others[:2]).with_best(results).filters == (*others[:2], best)
+    for kept in (others[:1], (best, *others[:1]), None):
+        assert RmseVsTime(filters=kept).with_best(results).filters == kept
+    figure = RmseVsTime(filters=others[:2]).with_best(results).draw(results)
+    assert best in {line.get_label() for line in figure.axes[0].lines}
+    style.close(figure)
+
+
+def test_the_default_track_has_the_three_best_and_sensors_that_are_near(plane):
+    best = [c.label for c in rankings(plane)[0].order[:3]]
+    assert "Prior" not in best  # the first in the config, and the worst
+    assert yaml.safe_load((plane.folder / "config.yaml").read_text())["figures"].keys() == {"track"}
+    figure = plane.figure("track")
+    lines = {line.get_label(): line for line in figure.axes[0].lines}
+    assert [label for label in lines if label in plane.filters] == best
+    assert {"Truth", "Start", "Sensor 1", "Sensor 2"} < lines.keys()
+    assert "Sensor 3" not in lines  # 90 km away the track would be a dot
+    np.testing.assert_allclose(lines["Sensor 2"].get_xydata(), [[900, 0]])
+    np.testing.assert_allclose(
+        lines[best[0]].get_xdata(), plane.shown[f"mean/{best[0]}"][0, :, 0], equal_nan=True
+    )
+    style.close(figure)
+
+
+@pytest.mark.parametrize(
+    ("path", "marks"), [("scenario.target.motion.q", 0), ("filters.Wide.assume.motion.q", 1)]
+)
+def test_a_swept_key_has_its_unit_and_a_scenario_no_best(tmp_path, path, marks):
+    table = "tables: {t: {kind: metrics, columns: {E: mean(rmse_position)}}}"
+    results = run(tmp_path, f"{PLANE}\ngrid: {{{path}: [0.5, 1, 4]}}\n{table}\n")
+    assert results.axis(path) == "q (m^2/s^3)"
+    assert f"| {path} (m^2/s^3) |" in (results.folder / "tables" / "t.md").read_text()
+    assert (results.folder / "tables" / "t.csv").read_text().startswith(f"{path},Filter,E,")
+    only = ("Wide",)
+    for spec in (RmseVsParameter(filters=only), SweepFigure(paths=(path,), filters=only)):
+        figure = spec.draw(results)
+        ax = figure.axes[0]
+        best = [
+            line for line in ax.lines if line.get_marker() == "o" and len(line.get_xdata()) == 1
+        ]
+        assert ax.get_xlabel() == "q (m^2/s^3)"
+        assert len(best) == marks
+        assert bool(spec.default_caption(results)) == bool(marks)
+        style.close(figure)
+
+
+def test_the_index_groups_by_topic_and_says_each_result(plane, made, tmp_path):
+    for name, results in (("plane", plane), ("small", Results(made))):
+        shutil.copytree(results.folder, tmp_path / name)
+    index, ledger = api.report(tmp_path)
+    (found,) = rankings(plane)
+    result = short_answer([found])
+    assert found.among_the_best[0].label in result or "no significant difference" in result
+    assert len(result.split()) <= 7
+    page, text = index.read_text(), ledger.read_text()
+    topics = ("Targets seen by radar, lidar or bearings", "Other dynamic systems")
+    for topic, name in zip(topics, ("plane", "small"), strict=True):
+        assert page.index(topic) < page.index(f">{name}<")
+        assert text.index(f"## {topic}") < text.index(f"### [{name}]")
+    assert f"- Result: {result}" in text
+    assert f"<strong>{result}</strong>" in page
+    assert short_answer([found, found]).endswith("best at 2 of 2")
+
+
+def test_a_result_is_five_words(plane):
+    (found,) = rankings(plane)
+    first, *others = found.order
+    alone = found._replace(best=first, ties=[], worse=[(c, None) for c in others])
+    assert short_answer([alone]) == f"{first.label} best of 4 filters"
+    assert short_answer([found._replace(best=None)]) == "which is best is inconclusive"
+    assert short_answer([]) == ""
