@@ -1,4 +1,4 @@
-"""Simulate how often verdicts are wrong, decided and repeated: the tables of docs/statistics.md.
+"""Simulate how often verdicts are wrong, decided and repeated: the numbers of docs/statistics.md.
 
 ``python -m tests.simulated`` prints them in a few minutes. The tests take fewer repetitions.
 """
@@ -168,7 +168,7 @@ def _of_mean_one(law: str, M: int, rng: Rng) -> Array:
 
 
 def main() -> None:
-    """Print the tables of docs/statistics.md."""
+    """Print the numbers of docs/statistics.md, with more sizes."""
     rng = np.random.default_rng(2026)
     for law in LAWS:
         for M in (200, 800, 3200):

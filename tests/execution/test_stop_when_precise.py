@@ -138,7 +138,7 @@ def test_two_looks_in_a_row_have_to_succeed(exact: list[bool], after: int | None
 
 @pytest.mark.parametrize(("law", "share"), [("HDEPF", 0.02), ("rare", 0.01), ("lognormal", 0.04)])
 def test_rare_far_runs_bias_what_ends_early(law: str, share: float) -> None:
-    """docs/statistics.md has more of them. Before, the first success after 50 runs was the end."""
+    """docs/statistics.md has longer runs. Before, the first success after 50 runs was the end."""
     R = 200
     before, now = ended(law, share, R, np.random.default_rng(61), most=8000)
     assert now[1] == pytest.approx(0.0, abs=0.2 * share + 3.0 * share / np.sqrt(R))
