@@ -312,7 +312,7 @@ def odd(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_odd_words_and_kinds_are_stored_as_they_are(odd: Path) -> None:
     assert parse((odd / "config.yaml").read_text(), "").data["title"] == "$\\frac{$\x85$"
-    results = api.load(odd)
+    results = api.load(odd).results
     assert (
         set(results.summary["filter"]) == set(results.labels) == set(yaml.safe_load(ODD)["filters"])
     )
