@@ -4,6 +4,7 @@ import os
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -139,7 +140,7 @@ def _card(folder: Path, results: Results, comparison: Comparison) -> Card:
         title=results.fill_title(config["title"]),
         filters=len(results.filters),
         runs=config["runs"],
-        result=short_answer(rankings(results)),
+        result=_result(results),
         counted=bars(comparison),
         thumbnail=Markup(thumbnail(picture)) if picture else "",
         link=report.relative_to(folder).as_posix() if report.is_file() else "",
@@ -168,6 +169,13 @@ def _topic(results: Results) -> str:
         return _OTHERS
     measured = {sensor.get("kind") for sensor in sensors}
     return _POSITIONS if measured <= {"position", "velocity"} else _ANGLES
+
+
+def _result(results: Results) -> str:
+    """Return the result in a few words; empty where git keeps the runs' digests alone."""
+    with suppress(UserError):
+        return short_answer(rankings(results))
+    return ""
 
 
 def short_answer(found: Sequence[Ranking]) -> str:
@@ -226,7 +234,7 @@ def _ledger(folder: Path, found: Overview, everything: Comparison) -> str:
         for results, comparison in group:
             name = results.folder.relative_to(folder).as_posix()
             parts.append(f"### [{results.config['name']}]({name}/): {results.title}")
-            result = short_answer(rankings(results))
+            result = _result(results)
             lines = [*([f"Result: {result}"] if result else []), *summary_lines(comparison)]
             parts += [f"- {line}" for line in lines]
             parts += [table.markdown().rstrip() for table in verdict_tables(comparison)]

@@ -11,6 +11,7 @@ from trackbench.config.experiment import Labelled
 from trackbench.errors import counted
 from trackbench.evaluation.error_series import LOST_BECAUSE
 from trackbench.evaluation.metric_expression import Expression, Measure
+from trackbench.evaluation.statistics import STATISTICS
 from trackbench.field_types import Digits
 from trackbench.registry import register
 from trackbench.report.expressions import Evaluator
@@ -117,6 +118,8 @@ def _candidate(expressions: Evaluator, m: Measure) -> Iterator[Candidate]:
     if (found := expressions.per_run(m)) is None:
         return
     statistic, values = found
+    if statistic not in STATISTICS:  # no ranking is by it
+        return
     point, lost = expressions.point, expressions.runs.get((m.filter, "lost"), np.zeros(len(values)))
     steps = expressions.of_steps(m)
     yield Candidate(m.filter, point, lost, values, statistic=statistic, steps=steps)
