@@ -9,8 +9,7 @@ is convolved with the noise.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
-from typing import NamedTuple
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -50,7 +49,8 @@ class Map:
     Q: Array
 
 
-class Box(NamedTuple):
+@dataclass(frozen=True)
+class Box:
     """Nodes x = basis v at the centers of equal cells: v_i = low_i + (j + 1/2) step_i."""
 
     basis: Array
@@ -58,7 +58,7 @@ class Box(NamedTuple):
     step: Array
     shape: tuple[int, int]
 
-    @property
+    @cached_property
     def nodes(self) -> Array:
         """Return the nodes (2, n1 n2), the second axis fastest."""
         lines = [
@@ -85,19 +85,25 @@ class Box(NamedTuple):
         return Box(self.basis, low, (high - low) / n, (n, n))
 
 
-class Plane(NamedTuple):
+@dataclass(frozen=True)
+class Plane:
     """Log-density at the nodes of a box (n1 n2,), and log p(z) of the last measurement."""
 
     box: Box
     log_density: Array
     evidence: float = np.nan
 
-    @property
+    def within(self, depth: float) -> Mask:
+        """Return the nodes (n1 n2,) whose log-density is at most so far below the largest."""
+        return np.asarray(self.log_density > self.log_density.max() - depth)
+
+    @cached_property
     def mass(self) -> Array:
         """Return the probability at each node, in sum one."""
         p = exp(self.log_density - self.log_density.max())
         return np.asarray(p / total(p))
 
+    @cached_property
     def moments(self) -> Gaussian:
         """Return the mean (2,) and covariance (2, 2)."""
         return _moments(self.box.nodes, self.mass)
@@ -158,7 +164,7 @@ def condition(
 def _predicted_box(old: Plane | Array, motion: Map, n: int) -> tuple[Box, Array]:
     """Return a box of n by n nodes around the prediction, and the noise's variances on its axes."""
     if isinstance(old, Plane):
-        likely = old.log_density > old.log_density.max() - _DEPTH
+        likely = old.within(_DEPTH)
         moved, mass = motion.f(old.box.nodes[:, likely]), old.mass[likely]
     else:
         moved, mass = motion.f(old[:, None]), np.ones(1)
@@ -219,7 +225,7 @@ def _scale(box: Box, variances: Array) -> Array:
 
 def _parts(old: Plane, motion: Map, basis: Array, variances: Array) -> Array:
     """Return how many parts of a cell (2,) have images within a standard deviation of the noise."""
-    counts = (old.log_density > old.log_density.max() - _RELEVANT).reshape(old.box.shape)
+    counts = old.within(_RELEVANT).reshape(old.box.shape)
     moved = linalg.matvec(_inverse(basis), motion.f(old.box.nodes)).reshape(2, *old.box.shape)
     parts = []
     for axis in (0, 1):
@@ -232,14 +238,14 @@ def _parts(old: Plane, motion: Map, basis: Array, variances: Array) -> Array:
 
 def _keeps_orientation(old: Plane, motion: Map) -> bool:
     """Return whether the Jacobian's determinant has one sign at all nodes that count."""
-    counts = old.log_density > old.log_density.max() - _RELEVANT
+    counts = old.within(_RELEVANT)
     determinants = _determinant(motion.jacobian(old.box.nodes[:, counts]))
     return bool((determinants > 0.0).all() or (determinants < 0.0).all())
 
 
 def _by_sums(old: Plane, motion: Map, variances: Array, box: Box) -> Array:
     """Return the log of ``sum_j N(x'; f(x_j), Q) m_j`` over the likely nodes x_j of mass m_j."""
-    likely = old.log_density > old.log_density.max() - _DEPTH
+    likely = old.within(_DEPTH)
     moved = linalg.matvec(_inverse(box.basis), motion.f(old.box.nodes[:, likely]))
     kernels = []
     # On the axes of the box the noise's density is a product.
@@ -257,7 +263,7 @@ def _by_inverse(old: Plane, motion: Map, variances: Array, box: Box) -> Array:
     Without noise it is ``p(f^-1(x')) / |det F|`` at x', F the Jacobian at f^-1(x').
     """
     # Step 1: more nodes on each side, as far as the noise and the moved density reach.
-    likely = old.log_density > old.log_density.max() - _DEPTH
+    likely = old.within(_DEPTH)
     places = box.places(motion.f(old.box.nodes[:, likely]))
     spread = np.sqrt(variances) / box.step
     extra = []
@@ -279,7 +285,7 @@ def _by_inverse(old: Plane, motion: Map, variances: Array, box: Box) -> Array:
 def _origins(old: Plane, motion: Map, target: Array) -> tuple[Array, Array]:
     """Return f^-1 (2, N) of states and the Jacobians there, by Newton's method."""
     # Start from the map's linear part at the mean.
-    mean = old.moments().mean[:, None]
+    mean = old.moments.mean[:, None]
     x = mean + linalg.matvec(_inverse(motion.jacobian(mean)), target - motion.f(mean))
     for _ in range(_ITERATIONS):
         change = linalg.matvec(_inverse(motion.jacobian(x)), target - motion.f(x))
@@ -294,7 +300,7 @@ def _interpolate(plane: Plane, x: Array) -> Array:
 
     Beyond the box the difference is that at its edge, so the tails stay smooth.
     """
-    normal = plane.moments()
+    normal = plane.moments
     difference = (plane.log_density - _normal_part(normal, plane.box.nodes)).reshape(
         plane.box.shape
     )

@@ -203,7 +203,7 @@ class PlanePosterior(Posterior):
         """Return the mass of the nodes nearer to the mean than x."""
         masses = []
         for plane, at in zip(self.planes, x.T, strict=True):
-            n, normal = len(at), plane.moments()
+            n, normal = len(at), plane.moments
             mean, cov = normal.mean[:n], normal.cov[:n, :n]
             nearer = distance(plane.box.nodes[:n] - mean[:, None], cov) < distance(at - mean, cov)
             masses.append(total(plane.mass * nearer))

@@ -4,7 +4,6 @@ import os
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -173,9 +172,8 @@ def _topic(results: Results) -> str:
 
 def _result(results: Results) -> str:
     """Return the result in a few words; empty where git keeps the runs' digests alone."""
-    with suppress(UserError):
-        return short_answer(rankings(results))
-    return ""
+    has_runs = (results.folder / "per_run.csv").is_file()
+    return short_answer(rankings(results)) if has_runs else ""
 
 
 def short_answer(found: Sequence[Ranking]) -> str:
