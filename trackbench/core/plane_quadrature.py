@@ -1,10 +1,10 @@
 """The exact posterior of a state of two components, whose noise is additive and Gaussian.
 
 The logarithm of the density is stored at the nodes of a grid that moves with the posterior. The axes of
-the grid are those in which the noise has no correlation and the prediction has unit covariance. Then the
-Chapman-Kolmogorov equation is a sum over nodes if the noise reaches from each node to the next. If the
-noise is narrower, the density moves along the inverse of the motion's map, and one axis after the other
-is convolved with the noise.
+the grid are those in which the noise has no correlation and the prediction has unit covariance. The
+density moves along the inverse of the motion's map, and one axis after the other is convolved with the
+noise, however narrow. If the map has no inverse, the Chapman-Kolmogorov equation is a sum over so many
+nodes that the noise reaches from the image of each to the next.
 """
 
 from collections.abc import Callable
@@ -141,9 +141,9 @@ def condition(
         If the noise is narrower than the distance of the nodes and the map has no inverse.
     """
     # Step 1: a box around all that the prediction reaches, and a way to compute it.
-    box, variances = _predicted_box(old, motion, n // 2)
+    box, variances = _predicted_box(old, motion, n)
     predict, log_predicted = _predictor(old, motion, box, variances)
-    # Step 2: cut it to what the measurement leaves, with half as many nodes.
+    # Step 2: cut it to what the measurement leaves, then with half as many nodes.
     for search in range(_SEARCHES):
         log_joint = (predict(box) if search else log_predicted) + log_likelihood(box.nodes)
         inside = (log_joint > log_joint.max() - _DEPTH).reshape(box.shape)
@@ -190,15 +190,15 @@ def _predictor(
             raise UnresolvedError("a known first state needs noise of both components")
         predict = partial(_of_known, old, motion, variances)
         return predict, predict(box)
-    # Way 1: the inverse of the map, if the nodes are farther apart than the noise reaches.
-    parts = _parts(old, motion, box.basis, variances)
-    if parts.prod() > 1.0 and _keeps_orientation(old, motion):
+    # Way 1: the inverse of the map, if there is one.
+    if _keeps_orientation(old, motion):
         predict = partial(_by_inverse, old, motion, variances)
         log_predicted = predict(box)
         # A map without an inverse loses mass.
         if abs(total(exp(log_predicted)) * box.cell - 1.0) <= _MASS_TOLERANCE:
             return predict, log_predicted
     # Way 2: a sum over so many nodes that the noise reaches from the image of each to the next.
+    parts = _parts(old, motion, box.basis, variances)
     if parts.prod() > _MOST_PARTS:
         raise UnresolvedError(
             "the noise of the motion is too narrow for the nodes, and its map has no inverse that they "

@@ -33,11 +33,11 @@ class Planes(NamedTuple):
 class PlaneGrid(Filter[Planes]):
     """Exact posterior of a state of two components with additive Gaussian noise: no RMSE is smaller.
 
-    A grid of `nodes` by `nodes` moves with the posterior, and the prediction is a sum over its nodes.
-    Where the noise is narrower than the distance of two nodes, the density moves along the inverse of
-    the motion's map and is convolved with the noise (`core/plane_quadrature.py`). The filter fails
-    where half as many nodes change a mean or a covariance by a millionth. Likelihoods of any law are
-    used as they are.
+    A grid of `nodes` by `nodes` moves with the posterior. The density moves along the inverse of the
+    motion's map and is convolved with the noise, however narrow. If the map has no inverse, the
+    prediction is a sum over all nodes, which takes some ten times as long and needs noise that reaches
+    from node to node (`core/plane_quadrature.py`). The filter fails where half as many nodes change a
+    mean or a covariance by a millionth. Likelihoods of any law are used as they are.
     """
 
     loops_over_runs: ClassVar[bool] = True
