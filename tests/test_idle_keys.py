@@ -49,6 +49,20 @@ PROBLEMS: dict[str, Keys] = {
         "last": 40,
         "assume": {"motion": {"kind": "cwna", "q": 10.0}},
     },
+    "pair": {
+        "target": {
+            "kind": "driven",
+            "motion": {
+                "kind": "map",
+                "components": ["a", "b"],
+                "next": {"a": "a + 0.1*b", "b": "b - sin(a)"},
+                "Q": [0.01, 0.1],
+            },
+        },
+        "sensor": {"kind": "function", "h": {"z": "a"}, "R": 0.1},
+        "start": {"kind": "gaussian", "sigma": [0.3, 0.3]},
+        "last": 3,
+    },
 }
 """In the order in which a key's effect is looked for."""
 

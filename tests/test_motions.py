@@ -55,7 +55,7 @@ PROPOSING = ("epf", "upf", "hdepf", "pfde")
 EXACT = ("kf", "iekf", "ukf", "ckf", "ghkf", "iplf", "imm", *BRINGS_ITS_OWN)
 """Equal to the extended filter where motion and sensor are linear."""
 POLAR = ("cmkf", "mcaekf", "conversion", "mpf", "los-rbpf")
-OTHERS = ("prior-mean", "conversion", "grid", "inversion")  # no posterior; of a scalar state
+OTHERS = ("prior-mean", "conversion", "grid", "grid-2d", "inversion")  # no posterior; small states
 OURS = [kind for kind, c in kinds("filters").items() if c.__module__.startswith("trackbench.")]
 CASES = [
     (sensor, motion, assumed)
@@ -113,7 +113,7 @@ def is_right(found: dict[str, Array], best: dict[str, Array]) -> bool:
 def refused(sensor: str, motion: str) -> set[str]:
     """Kinds that a config may not have there."""
     kind = MOTIONS[motion]["kind"]
-    out = {"grid", "inversion", *(POLAR if sensor == "position" else ("kf", FIXED_GAIN))}
+    out = {"grid", "grid-2d", "inversion", *(POLAR if sensor == "position" else ("kf", FIXED_GAIN))}
     if sensor == "radar":
         out |= BRINGS_ITS_OWN.keys()
     if kind not in ("cv", "cwna"):

@@ -17,7 +17,8 @@ BRED = {"pfde", "hdepf"}
 KINDS = [
     k
     for k, cls in kinds("filters").items()
-    if all(has(SCENARIO, need) for need in getattr(cls, "requires", ()))
+    if k != "grid-2d"  # of two components
+    and all(has(SCENARIO, need) for need in getattr(cls, "requires", ()))
 ]
 
 

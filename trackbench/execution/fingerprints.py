@@ -50,6 +50,8 @@ NO_PART_OF_BLOCKS = {
     "core/build_compiled.py": "builds what `core/compiled.py` loads; a worker never imports it",
     "plugins/errors.py": _ERRORS,
     "errors.py": _ERRORS,
+    "atomic_files.py": "writes finished blocks",
+    "execution/block_file.py": "writes finished blocks",
     "execution/fingerprints.py": _KEYS,
     "plugins/load.py": "runs a plugin's source, whose digest is part of the key",
 }
