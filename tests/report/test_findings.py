@@ -323,7 +323,7 @@ def test_what_is_said_of_shipped_results_is_in_their_files(path: Path, tmp_path:
             | ((pairs["filter_b"] == best) & (pairs["filter_a"] == other.label))
         ].to_dict("records")
         # The rule of the verdicts: five standard errors, of one recording three.
-        assert abs(row["z"]) >= (3 if results.config["runs"] == 1 else 5)
+        assert abs(float(row["z"])) >= (3 if results.config["runs"] == 1 else 5)
         assert (sign * row["difference"] < 0) == (row["filter_a"] == best)
     lost = runs[runs["metric"] == "lost"].assign(value=lambda f: f["value"] > 0)
     losses = lost.groupby("filter")["value"].sum()
