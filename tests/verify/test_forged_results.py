@@ -115,7 +115,7 @@ def test_an_edited_name_is_found_by_one_run(folder, case):
     [
         ("tables/table1.md", "| PF | 0.", "| PF | 1.", "tables/table1.md: 1 rows "),
         ("comparison.md", "plainly wrong", "right", "comparison.md: 1 rows "),
-        ("comparison.csv", ",near,", ",agrees,", "comparison.csv: 1 rows do not follow"),
+        ("comparison.csv", ",compatible,", ",agrees,", "comparison.csv: 1 rows do not follow"),
         ("claims.csv", "better,fails", "better,holds", "claims.csv: 1 rows do not follow"),
         ("claims.csv", ",no\n", ",no", "claims.csv: has "),
         ("published/claims.csv", "Fewer particles", "Less", "claims.csv: 1 rows "),
