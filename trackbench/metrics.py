@@ -44,7 +44,7 @@ class Metric:
 
     @property
     def is_score(self) -> bool:
-        """Return whether it is an average of logarithms, of which no ratio says anything."""
+        """Return whether the metric is an average of logarithms, so that ratios are meaningless."""
         return self.series.endswith("log_likelihood")
 
     @property
@@ -60,7 +60,7 @@ METRICS: dict[str, Metric] = {}
 def metric(name: str, help: str, unit: str = "", better: Better = "") -> None:
     """Declare a metric of a plugin: a filter's diagnostic or a scenario's run metric.
 
-    Raises ValueError if the name is one of the package's own, or `better` is no way to be better.
+    Raises ValueError if the name is one of the package's own, or `better` is an unknown direction.
     """
     if name in _PACKAGE or is_reserved(name):
         raise ValueError(f"there is a metric {name!r} already")

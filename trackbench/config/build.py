@@ -324,7 +324,7 @@ def _build_with_parts(
 
 
 class _InnerParts(NamedTuple):
-    """The components within a component, in the order of the numbers that stand for them."""
+    """The components within a component, in the order of their placeholders."""
 
     source: Source
     parts: list[object]

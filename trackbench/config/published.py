@@ -104,7 +104,7 @@ class PublishedNumber:
 
     @property
     def labels(self) -> list[str]:
-        """Return labels in the experiment."""
+        """Return the labels of the filters that measure this number, as a list."""
         return split(self.label)
 
     @property

@@ -61,7 +61,7 @@ def backwards(
 
 
 def smooth_step(posterior: Gaussian, transition: Transition, later: Gaussian) -> Gaussian:
-    """Return x_k given the measurements that ``later``, the distribution of x_{k+1}, is given."""
+    """Return the smoothed x_k (Rauch-Tung-Striebel) from ``later``, the smoothed x_{k+1}."""
     predicted, G = transition.predicted, transition.gain
     # m + G (m_later - m_pred), P + G (P_later - P_pred) G'
     mean = posterior.mean + linalg.matvec(G, later.mean - predicted.mean)

@@ -131,7 +131,7 @@ class BlockResult(NamedTuple):
 
 @lru_cache(maxsize=2)
 def simulate(scenario: Scenario, seed: int, first_run: int, width: int) -> Simulation:
-    """Return the block's data; cached, because every filter of a block sees the same, and read-only."""
+    """Return the block's data: cached and read-only, since all filters of a block share it."""
     # Training runs count down: -1, -2, ...
     step = 1 if first_run >= 0 else -1
     rng = RunStreams(seed, range(first_run, first_run + step * width, step))

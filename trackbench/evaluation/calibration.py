@@ -35,7 +35,7 @@ _EULER = 0.5772156649015329
 
 
 def calibration_series(components: Sequence[str], exact: bool) -> list[str]:
-    """Return names of all series that may be asked for; ``exact``: there is a reference's likelihood."""
+    """Return the names of all series on request; ``exact``: with the likelihood of a reference."""
     quantities = (*components, _NEES)
     out = [f"pit_{q}" for q in quantities] + [f"coverage_{p}" for p in LEVELS] + ["nci"]
     out += [f"crps_{c}" for c in components]

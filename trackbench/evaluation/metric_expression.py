@@ -95,23 +95,23 @@ class Measure(NamedTuple):
 
     @property
     def is_row(self) -> bool:
-        """Return whether it is what a file calls so: no statistic of it, and not at a step."""
+        """Return whether this is a metric of a CSV file: no statistic, step or second filter."""
         return not (self.statistic or self.steps or self.relation)
 
     @property
     def is_error(self) -> bool:
-        """Return whether it is an error that a truth tells."""
+        """Return whether this is an error against the truth."""
         found, quantity = self.family
         return found.name == "rmse" and not quantity.startswith(("predicted_", "held_"))
 
     @property
     def is_cpu_time(self) -> bool:
-        """Return whether it is a time, which another execution measures again."""
+        """Return whether this is a CPU time."""
         return self.metric == "cpu_s_per_run"
 
     @property
     def is_efficiency(self) -> bool:
-        """Return whether it is made of a filter's runs and the reference's."""
+        """Return whether this is an efficiency, from the runs of a filter and of the reference."""
         return self.family[0].name == "efficiency" and self.is_row
 
     def made_of(self) -> tuple["Measure", "Measure"]:
@@ -122,12 +122,12 @@ class Measure(NamedTuple):
 
     @property
     def is_over_runs(self) -> bool:
-        """Return whether it is a statistic of numbers that each run has."""
+        """Return whether this is a statistic over runs of one number per run."""
         return self.statistic in STATISTICS and not self.relation
 
     @property
     def is_share(self) -> bool:
-        """Return whether it is the share of runs that have an event."""
+        """Return whether this is the share of runs with an event."""
         return self.is_over_runs and self.statistic == "mean" and self.family[0].is_event
 
     @property
@@ -139,7 +139,7 @@ class Measure(NamedTuple):
 
     @property
     def is_many(self) -> bool:
-        """Return whether it is of several steps."""
+        """Return whether this is a range of steps."""
         return self.steps is not None and bool(self.steps.last)
 
     def of(self, label: str) -> "Measure":

@@ -19,7 +19,7 @@ _GROWTH = 1.5  # from one number of runs at which the errors are tried to the ne
 
 
 class PrecisionTarget(NamedTuple):
-    """The standard error that is wanted of a number of the summary, in its unit or as a share of it."""
+    """Target standard error of a number of the summary, in its unit or as a share of it."""
 
     metric: str
     error: float
@@ -33,7 +33,7 @@ class PrecisionTarget(NamedTuple):
         return cls(metric, float(error), relative=False)
 
     def share(self, row: SummaryRow) -> float:
-        """Return the standard error as a share of what is wanted; NaN where there is none."""
+        """Return the standard error as a share of the target; NaN if the target is zero."""
         # The requested error: a share of the value, or a number in its unit.
         most = self.error * abs(row.value) if self.relative else self.error
         stderr = row.stderr
@@ -45,7 +45,7 @@ class PrecisionTarget(NamedTuple):
 
 
 class PrecisionCheck(NamedTuple):
-    """A number after so many runs, and its standard error as a share of what is wanted."""
+    """A number of the summary, and its standard error as a share of the target."""
 
     wanted: PrecisionTarget
     row: SummaryRow
@@ -53,12 +53,12 @@ class PrecisionCheck(NamedTuple):
 
     @property
     def enough(self) -> bool:
-        """Return whether it is as exact as wanted; a number that no run is left for never will be."""
+        """Return whether the target is met, or every run is lost."""
         return self.share <= 1.0 or self.row.runs == 0
 
 
 def checkpoints(least: int, most: int) -> Iterator[int]:
-    """Yield numbers of runs at which the errors are looked at: half as many again each time."""
+    """Yield the numbers of runs after which errors are checked: half as many again each time."""
     runs = min(least, most)
     # n, 1.5 n, 2.25 n, ..., and the largest number last.
     while runs < most:
@@ -81,7 +81,7 @@ def check_precision(
     windows: Mapping[str, Mask],
     runs: int | None = None,
 ) -> list[PrecisionCheck]:
-    """Return the numbers of one filter that are wanted, after its first ``runs`` runs."""
+    """Compare the standard errors of one filter after its first ``runs`` runs with the targets."""
     # Only the metrics behind the requested numbers, and only the first ``runs`` runs.
     names = {w.metric for w in wanted}
     parts = {_values(name) for name in names} | {_values("lost")}

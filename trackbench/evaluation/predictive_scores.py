@@ -88,7 +88,7 @@ class PredictionScorer:
 
     @property
     def disabled(self) -> bool:
-        """Return whether nothing is to be told."""
+        """Return whether no predictive score is requested."""
         return not self._wanted and self._held is None
 
     def snapshot(self, state: Any) -> Any:

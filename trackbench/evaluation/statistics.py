@@ -107,7 +107,7 @@ def _of_variance(x: Array) -> Array:
 
 
 def _of_median(x: Array) -> Array:
-    """Return the sign of each run's deviation over twice the density, which the standard error tells."""
+    """Return influences: the sign of each deviation over twice the density, from the standard error."""
     value, stderr = median(x)
     return np.sign(x - value) * stderr * np.sqrt(len(x))
 

@@ -56,7 +56,7 @@ Guard: TypeAlias = Callable[[], AbstractContextManager[None]]
 
 
 def measure(tasks: Sequence[BlockTask], guard: Guard = nullcontext) -> list[Measured | Exception]:
-    """Time filters over their blocks, in turns; what a filter raises stands in place of its times."""
+    """Time filters over their blocks, in turns; return times, or the exception of a filter."""
     keep_freed_memory()
     found = [_tried(guard, _Sample, task) for task in tasks]
     for repeat in range(REPEATS):

@@ -146,7 +146,7 @@ class BlockStore:
 
 @contextmanager
 def announced(root: Path) -> Iterator[Path]:
-    """Place a file in the cache folder for a while: a worker that sees it shares the folder."""
+    """Place a temporary file in the cache folder, by which a worker detects that it shares it."""
     token = root.absolute() / f"shared-{os.urandom(8).hex()}"
     write_text(token, "")
     try:

@@ -125,7 +125,7 @@ class Filter(Part, Generic[State]):
         return {}
 
     def cautions(self, scenario: Scene) -> list[str]:
-        """Return sentences that a user should know, though nothing is wrong."""
+        """Return notes for the user on legal but unexpected settings."""
         return []
 
     @property

@@ -47,7 +47,7 @@ class BoundedMotion(Protocol):
 
 @runtime_checkable
 class SensorWithPreimage(Protocol):
-    """A sensor of a scalar state that knows the states of a measurement."""
+    """A sensor of a scalar state that can be inverted to the states of a measurement."""
 
     def preimage(self, z: Array, deviations: float, k: int) -> list[quadrature.Interval]:
         """Return the intervals of x whose h(x) is within so many standard deviations of z (1, M)."""

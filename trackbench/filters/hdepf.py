@@ -85,7 +85,7 @@ class Greedy:
         return np.asarray(gain > 0.0)
 
     def cool(self) -> "Greedy":
-        """Return the same rule."""
+        """Return this rule, which has no temperature."""
         return self
 
 

@@ -144,7 +144,7 @@ class Motion(Part):
 
     @property
     def uses_time(self) -> bool:
-        """Return whether it depends on the time k T, so that all steps must be equal."""
+        """Return whether the motion depends on the time k T, so that all steps must be equal."""
         return False
 
 

@@ -69,12 +69,12 @@ class Row(NamedTuple):
 
     @property
     def is_event(self) -> bool:
-        """Return whether it is a share of runs."""
+        """Return whether the metric is a share of runs."""
         return self.metric.endswith(INFINITE) or measured(self.metric).family[0].is_event
 
     @property
     def is_primary(self) -> bool:
-        """Return whether it is an error, a score, a share of runs or the ANEES, over the whole run."""
+        """Return whether the metric is an error, a score, a share of runs or the ANEES of whole runs."""
         if measured(self.metric).window:
             return False
         return self.is_event or self.metric == "anees" or bool(primary_metrics([self.metric]))

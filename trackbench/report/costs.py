@@ -72,7 +72,7 @@ class Curve:
 
     @property
     def is_fixed(self) -> bool:
-        """Return whether it cannot be made any dearer."""
+        """Return whether the filter has a single size, hence a single cost."""
         return len(self.spots) == 1
 
     def at(self, cost: RunEstimate) -> AtCost | None:

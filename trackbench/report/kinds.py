@@ -41,7 +41,7 @@ class FigureKind(DrawnExhibit):
     """what to see in it, said below it in the report; default: what its numbers tell"""
 
     def default_caption(self, results: "Results") -> str:
-        """Return what to see in the figure of these results; empty if its kind says enough."""
+        """Return a caption for the figure of these results; empty if the kind needs none."""
         return ""
 
     def with_best(self, results: "Results") -> "FigureKind":

@@ -36,7 +36,7 @@ class WrongOutputError(RunError):
 
 @contextmanager
 def catch_plugin_errors(part: Any) -> Iterator[None]:
-    """Raise OutputError for what a part of one's own raises; what the package's own raise is a bug."""
+    """Raise OutputError for an exception of a plugin; one of the package itself is a bug."""
     if not is_foreign(part):
         yield
         return

@@ -107,7 +107,7 @@ class Results(ResultFiles):
 
     @property
     def key_figure(self) -> str:
-        """Name of the figure that stands for all; empty if there is none."""
+        """Name of the key figure; empty if there is none."""
         figures = self.parts("figures")
         named = self.config.get("key_figure")
         return named if named in figures else next(iter(figures), "")
@@ -146,7 +146,7 @@ class Results(ResultFiles):
 
     @cached_property
     def tables(self) -> dict[str, Table]:
-        """Return the experiment's tables by name, without those of one's own that fail."""
+        """Return the experiment's tables by name, without those of plugins that fail."""
         made = {}
         for name, spec in self.parts("tables").items():
             with self.without(f"table {name}"), catch_plugin_errors(spec):
@@ -160,7 +160,7 @@ class Results(ResultFiles):
 
     @cached_property
     def unmade(self) -> dict[str, str]:
-        """Return tables and figures of one's own that failed, as far as they were asked for, and why."""
+        """Return the requested tables and figures of plugins that failed, with the reasons."""
         return {}
 
     @property

@@ -204,7 +204,7 @@ def _write_runs(writer: CsvWriter, experiment: Experiment, key: Key, result: Fil
 
 
 def _rows_without_runs(experiment: Experiment) -> Iterator[tuple[str, Row]]:
-    """Yield files and rows of lower bounds and exact errors, which stand there like a filter's."""
+    """Yield files and rows of lower bounds and exact errors, written like a filter's."""
     settings = experiment.settings
     for point in experiment.points:
         scenario, rows = point.scenario, dict[str, tuple[Iterable[Any], Iterable[Any]]]()
@@ -345,7 +345,7 @@ def _installed(name: str) -> str | None:
 
 
 def _processor() -> str:
-    """Return the processor's name, which Python does not know on Linux."""
+    """Return the processor's name; Python reports none on Linux."""
     with suppress(OSError):
         line = _PROCESSOR.search(Path("/proc/cpuinfo").read_text(encoding="utf-8"))
         return line.group(1) if line else platform.machine()

@@ -53,7 +53,7 @@ class Scenario(Scene):
         return self.model.sensor
 
     def with_assumptions(self, assume: Assume) -> "Scenario":
-        """Return the scenario as a filter sees it that assumes this."""
+        """Return the scenario with the model that a filter assumes."""
         raise InvalidKeyError(f"of scenario {self.kind} filters assume what it says")
 
     def assumed_prior(self, runs: int) -> Distribution | None:

@@ -95,7 +95,7 @@ class Score:
                 raise InvalidKeyError("name its components", "score", "errors", name)
 
     def last_trained(self, steps: Index, times: Array) -> int | None:
-        """Number of the last step that tuning sees, if the steps are shared out between both."""
+        """Return the number of the last training step; None if all steps are scored."""
         if self.train is None:
             return None
         within = times - times[0] <= self.train * (times[-1] - times[0])

@@ -31,7 +31,7 @@ _EVERYTHING = Score()
 @register("scenarios", "tracking")
 @dataclass(frozen=True, kw_only=True)
 class Tracking(Scenario):
-    """A target that is seen by sensors: each a part of its own, in any combination.
+    """A target, its sensors, an initialization and a score, in any combination.
 
     What filters believe of it is ``assume``, of the scenario and of each filter.
     """
@@ -216,7 +216,7 @@ class Tracking(Scenario):
 
     @cached_property
     def _trained(self) -> int | None:
-        """Number of the last step that is not scored, as tuning sees it."""
+        """Number of the last training step; None if all steps are scored."""
         return self.score.last_trained(self.steps, self.times)
 
     @property
@@ -256,7 +256,7 @@ class Tracking(Scenario):
 
     @cached_property
     def position_sigma(self) -> float | None:
-        """Return the largest standard deviation of a position that one scan at the first state tells, m.
+        """Return the largest standard deviation of the position by one scan at the first state, m.
 
         In space an upper bound of it. None if a scan does not tell the position.
         """
@@ -307,7 +307,7 @@ class Tracking(Scenario):
         return Simulation(flight.truth[:, self._skipped :], seen, prior)
 
     def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
-        """Return error vectors by quantity: of the state, and as each sensor would see them."""
+        """Return error vectors by quantity: of the state, and in the coordinates of each sensor."""
         return self.score.error_vectors(self.true_sensor, self.components, mean, truth)
 
     def observables(self, x: Array) -> dict[str, Array]:

@@ -66,7 +66,7 @@ class Track(FigureKind):
 
     @property
     def shown_measurements(self) -> bool:
-        """Return the positions that the first run's measurements tell must be kept."""
+        """Return whether the figure needs the measured positions of the first run."""
         return self.measurements
 
     def draw(self, results: Results) -> Figure:

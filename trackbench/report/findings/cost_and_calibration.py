@@ -39,7 +39,7 @@ class Time(NamedTuple):
         return f"{two_digits(self.value * scale)} {unit}"
 
     def above(self, other: "Time") -> bool:
-        """Return whether it is longer beyond what times scatter."""
+        """Return whether this time is longer than the other beyond the scatter of CPU times."""
         return self.value > SCATTER * other.value
 
 

@@ -84,7 +84,7 @@ def _shapes(ax: Axes) -> Iterator[tuple[Artist, str]]:
 
 
 def _is_called_zero(ax: Axes, tick: float) -> bool:
-    """Return whether a logarithmic axis says that zero is here."""
+    """Return whether a logarithmic axis labels this place as zero."""
     return ax.xaxis.get_major_formatter()(tick, None) == "0"
 
 

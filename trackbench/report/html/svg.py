@@ -125,7 +125,7 @@ def cleaned(content: bytes, name: str) -> ET.Element:
 
 
 def inline(content: bytes, name: str, title: str) -> str:
-    """Return the SVG as an element; ids start with ``name``, ``title`` is what a screen reader says."""
+    """Return the SVG as an element; ids start with ``name``, ``title`` is for screen readers."""
     root = cleaned(content, name)
     for element in root.iter():
         for key, value in element.attrib.items():

@@ -22,7 +22,7 @@ def power_of_ten(exponent: int) -> str:
 
 
 def in_letters(figure: Figure) -> None:
-    """Let all logarithmic axes say their powers in letters; the font has to have raised digits."""
+    """Write the powers on logarithmic axes as raised digits, which the font must have."""
     for ax in figure.axes:
         for axis in (ax.xaxis, ax.yaxis):
             major, minor = axis.get_major_formatter(), axis.get_minor_formatter()

@@ -96,7 +96,7 @@ class Claims(TableKind):
 
 
 def _compared(evidence: Evaluator, claim: ClaimRow) -> tuple[RunEstimate, str]:
-    """Return the difference of the two filters on common runs, and what it says of the claim."""
+    """Return the difference of the two filters on common runs, and the verdict on the claim."""
     mean = claim.metric._replace(statistic="mean")
     less, than = mean.of(claim.less), mean.of(claim.than)
     # mean(less - than) on common runs, negative where the claim holds

@@ -181,7 +181,7 @@ def _by(statistic: str, number: PublishedNumber) -> PublishedNumber:
 
 
 def _is_average(m: Measure) -> bool:
-    """Return whether it is of the metric's unit, over the runs."""
+    """Return whether the expression is a statistic in the metric's unit over whole runs."""
     averages = [TIME_MEAN, *(name for name, s in STATISTICS.items() if s.power == 1)]
     return m.statistic in averages and not m.steps and not m.relation
 

@@ -30,7 +30,7 @@ _CODES_OF_AIS = {"speed": 102.3, "course": 360.0}
 
 
 class Impossible(NamedTuple):
-    """The first row with an impossible value, and what to say of it."""
+    """The first row with an impossible value, and the message on it."""
 
     row: int
     what: str

@@ -43,7 +43,7 @@ _ONE_SIGMA = 0.683  # of a normal law's values are within its standard deviation
 
 
 class Found(NamedTuple):
-    """A column that may be a quantity, and the unit that its name says."""
+    """A column that may be a quantity, and the unit in its name."""
 
     column: str
     unit: str | None
@@ -62,7 +62,7 @@ class Guess:
 
     @property
     def places(self) -> tuple[str, str]:
-        """Return the two quantities that tell where the target is."""
+        """Return the two quantities of the position."""
         return places_of(self.columns)
 
     @property

@@ -40,7 +40,7 @@ class Rows(NamedTuple):
 
     @property
     def ticks(self) -> Numbers:
-        """Return times as whole numbers of `TICK`, by which they are told apart."""
+        """Return times as whole numbers of `TICK`, for comparison."""
         return np.rint(self.time / TICK).astype(np.int64)
 
 
@@ -238,7 +238,7 @@ def chosen_runs(
 
 
 def in_order(found: Gathered, rows: Rows) -> Rows:
-    """Return the rows by run and time; what is out of order, or there twice, is told.
+    """Return the rows sorted by run and time; report unsorted and repeated rows.
 
     Raises DataError where two rows of a run and time differ.
     """
@@ -259,7 +259,7 @@ def in_order(found: Gathered, rows: Rows) -> Rows:
 
 
 def _without_twins(found: Gathered, rows: Rows, again: Numbers) -> Rows:
-    """Return the rows without those that say again what the one before says."""
+    """Return the rows without repetitions of the row before."""
     # Repeated rows agree if every value is equal or missing in both.
     now, before = rows.values[:, again], rows.values[:, again - 1]
     differ = ~((now == before) | (np.isnan(now) & np.isnan(before))).all(axis=0)

@@ -43,7 +43,7 @@ class Start(Part):
         return Gaussian
 
     def check(self, components: tuple[str, ...], sensor: Sensors) -> None:
-        """Raise InvalidKeyError if it cannot start such a target seen so."""
+        """Raise InvalidKeyError if this start cannot be used with these components and sensors."""
 
     def truth(self, nominal: Array, rng: Streams) -> Array:
         """Return the true first state (n_x, M) of a driven target, given the configured one (n_x, M)."""
@@ -82,7 +82,7 @@ class FixedStart(Start):
 
 
 def position_part(sensor: Sensors) -> tuple[LocatingSensor, slice] | None:
-    """Return the first sensor that tells a position, and where its components stand."""
+    """Return the first sensor that measures a position, and its rows of the stacked measurement."""
     for one, where in zip(sensors_of(sensor), rows_of(sensor), strict=True):
         if isinstance(one, LocatingSensor):
             return one, where

@@ -40,7 +40,7 @@ class _FromScans(Start):
 
 
 def _position_information(sensor: Sensors, x: Array, k: int) -> Gaussian:
-    """Return the true position (axes, 1) and the covariance of what one scan tells of it."""
+    """Return the true position (axes, 1) with the covariance of its estimate from one scan."""
     # Covariance of the position: inverse of its block of H' R^-1 H.
     information = sensor.information(x, k, certain=True)[0::2, 0::2]
     return Gaussian(x[0::2, None], linalg.inverse(information))
@@ -75,7 +75,7 @@ class TwoScan(_FromScans):
         return two_point_difference(one, two, opening.T, opening.diffusion)
 
     def bound(self, path: Array, k: int, sensor: Sensors, T: float, diffusion: float) -> Array:
-        """Return two-point differencing at the truth, which knows no velocity beforehand."""
+        """Return two-point differencing at the truth, without prior knowledge of the velocity."""
         one, two = (_position_information(sensor, path[:, i], k + i) for i in range(2))
         return two_point_difference(one, two, T, diffusion).cov
 

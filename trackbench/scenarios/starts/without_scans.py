@@ -114,7 +114,7 @@ class NormalStart(_Spread, Start):
 @register("starts", "gaussian")
 @dataclass(frozen=True, kw_only=True)
 class GaussianStart(NormalStart):
-    """Truth and prior mean differ by a normal error, of which every filter knows the covariance.
+    """The prior mean is the truth plus a normal error, whose covariance every filter has.
 
     The truth of a driven target is drawn about its configured state; about a path that is flown in every
     run the prior's mean is.

@@ -86,11 +86,11 @@ class Target(Part):
     @property
     @abstractmethod
     def axes(self) -> int:
-        """Return axes of the space it moves in."""
+        """Return the number of axes of the space in which the target moves."""
 
     @property
     def own_motion(self) -> Motion | None:
-        """Return the motion that drives it, which filters assume if they are not told otherwise."""
+        """Return the motion that drives the target, the filters' default model; None without one."""
         return None
 
     @property
@@ -100,7 +100,7 @@ class Target(Part):
 
     @property
     def has_truth(self) -> bool:
-        """Return whether it is known where it really is."""
+        """Return whether the true path is known."""
         return True
 
     @property
@@ -110,11 +110,11 @@ class Target(Part):
 
     @property
     def notices(self) -> tuple[str, ...]:
-        """Return sentences on what is no mistake in its data but should be known."""
+        """Return notes on properties of the data that are legal and unexpected."""
         return ()
 
     def own_timeline(self, sensor: Sensors, start: Start, T: float) -> Timeline | None:
-        """Return the time there is, if its data say so: steps of T seconds, if they say only steps.
+        """Return the clock of recorded data; steps without times are T seconds apart.
 
         Raises DataError with the mistakes of the data, InvalidKeyError for what does not go with them.
         """
@@ -266,7 +266,7 @@ class Schedule(NamedTuple):
         return Timeline(steps, np.asarray((steps - self.first) * T + (self.begin or 0.0)), T)
 
     def of_recorded(self, own: Timeline) -> Timeline:
-        """Return the target's own steps up to the last, begun when the keys say."""
+        """Return the recorded steps up to the key `last`, shifted to start at the key `begin`."""
         if self.last is not None:
             end = int(np.searchsorted(own.steps, self.last, side="right"))
             own = own._replace(steps=own.steps[:end], times=own.times[:end])

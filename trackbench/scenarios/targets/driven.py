@@ -26,7 +26,7 @@ from trackbench.scenarios.targets.base import Flight, Launch, Target, Timeline
 
 @dataclass(frozen=True, kw_only=True)
 class PolarLaunch:
-    """The first state of a planar target as seen from the origin."""
+    """The first state of a planar target in polar coordinates about the origin."""
 
     range_km: Positive
     """range"""
@@ -54,7 +54,7 @@ class PolarLaunch:
 @register("targets", "driven")
 @dataclass(frozen=True, kw_only=True)
 class Driven(Target):
-    """A target whose path is drawn from a motion, which filters assume unless told otherwise."""
+    """A target whose path is drawn from a motion, the filters' default model."""
 
     motion: Annotated[Motion, Registered("motions")]
     """motion that drives it: {kind: cwna, q: 0.1}"""
