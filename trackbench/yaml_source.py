@@ -382,7 +382,7 @@ def _as_plain(value: object, keys: Keys, source: Source) -> Any:
 
 
 def _inexpressible(value: object, keys: Keys) -> str | None:
-    """Return why a value of Python cannot stand in a config."""
+    """Return the reason why a Python value cannot be written into a config; None if it can."""
     if len(keys) > DEEPEST:
         return f"nested more than {DEEPEST} levels deep"
     if isinstance(value, Mapping):

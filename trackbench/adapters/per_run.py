@@ -51,7 +51,7 @@ class LoopFilter(Filter[RunObjects]):
         return self.one(**self._keys)
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Return components that differ from the scenario's."""
+        """Reject components that differ from the scenario's."""
         one = self.one
         why = component_mismatch(scenario.model, one.state, one.measured, one.extra_std)
         return {"": why} if why else {}

@@ -171,7 +171,7 @@ class Exhibit(Labelled, Part):
         return None
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
-        """Return what prevents showing these points, by key (``""``: the component itself)."""
+        """Return reasons why these points cannot be shown, by key (``""``: the exhibit as a whole)."""
         return {}
 
 

@@ -56,7 +56,7 @@ class AlphaBeta(InnovationFilter[Smoothed]):
             raise InvalidKeyError(f"unstable: beta must be below {4 - 2 * self.alpha:g}", "beta")
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
-        """Return the assumed motion: the filter's own has the key `q`."""
+        """Report an assumed motion as idle: the filter's own has the key `q`."""
         return OWN_MOTION
 
     def gains(self, T: float, sigma: float) -> tuple[float, float]:

@@ -35,7 +35,7 @@ class CMKF(GaussianFilter):
     requires: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.reading")
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
-        """Return ``start`` without two scans to convert."""
+        """Report ``start`` as idle if there are no two scans to convert."""
         if issubclass(scenario.prior_type, Convertible):
             return {}
         return {"start": "as this scenario does not start from two scans of a radar"}
@@ -91,7 +91,7 @@ class Converted(Filter[LastTwoScans]):
     requires: ClassVar[tuple[str, ...]] = ("state.planar", "sensor.reading", "prior.gaussian")
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Return a motion with further components than positions and velocities."""
+        """Reject a motion with further components than positions and velocities."""
         others = ", ".join(scenario.model.motion.components[4:])
         if others:
             what = f"conversion estimates position and velocity only; its motion has {others}, too"

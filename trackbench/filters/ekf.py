@@ -48,7 +48,7 @@ class EKF(NonlinearFilter):
     presets: ClassVar[dict[str, dict[str, object]]] = {"merwe-demo": MERWE_DEMO}
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
-        """Return also ``order`` if the Jacobians are constant."""
+        """Report also ``order`` as idle if the Jacobians are constant."""
         motion, sensor = cast(Differentiable, scenario.model)
         x, k = np.ones((len(motion.components), 1)), int(scenario.steps[-1])
         linear = all(part.jacobian(x, k).ndim == 2 for part in (motion, sensor))

@@ -116,11 +116,11 @@ class EnKF(SmoothingFilter[Ensemble], EnsembleFilter):
     """estimate each step from all measurements of the run, or from so many later ones: {lag: 5}"""
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
-        """Return the key of the other form."""
+        """Report the key of the other form as idle."""
         return {"rotation" if self.form == "perturbed" else "centered": f"with `form: {self.form}`"}
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Return that a smoother follows each member, which a rotation mixes with the others."""
+        """Reject a smoother with rotations: it follows each member, which a rotation mixes."""
         out = super().conflicts(scenario)
         if self.smooths and self.rotation:
             out["smooth"] = "follows each member backwards, and `rotation: true` mixes the members"

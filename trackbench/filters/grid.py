@@ -92,7 +92,7 @@ class Grid(Filter[Resolved]):
     density_only: ClassVar[bool] = True
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Return several components, a gamma noise of too large a shape, a motion without a density.
+        """Reject several components, gamma noise of a large shape, and motions without a density.
 
         The density is continued by its formula below its edge, where a large shape is too steep:
         from 30 on the estimate is wrong if R is large, and no check shows it.

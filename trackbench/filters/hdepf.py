@@ -153,7 +153,7 @@ class EvolutionFilter(ProposalFilter):
         """Selection of the first generation."""
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
-        """Return the keys of an evolution without generations, and unused final weights."""
+        """Report as idle the keys of an evolution without generations, and unused final weights."""
         idle = super().idle_keys(scenario)
         if self.G == 0:
             of_reading = ("fitness", "keep_best", "bounds", "select")
@@ -335,6 +335,6 @@ class HDEPF(UnscentedProposal, EvolutionFilter, KalmanProposalFilter):
         return Greedy() if self.reading.select == "greedy" else Metropolis(self.T0, self.rho)
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
-        """Return also the keys of the temperature under greedy selection."""
+        """Report as idle also the keys of the temperature under greedy selection."""
         keys = ("T0", "rho") if self.reading.select == "greedy" else ()
         return dict.fromkeys(keys, "with `select: greedy`") | super().idle_keys(scenario)

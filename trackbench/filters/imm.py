@@ -81,7 +81,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         return (*self.requires, *(n for n in self.filter.requires if not n.startswith("motion.")))
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Return motions that do not fit, or conflicts of the models' filter with one of them."""
+        """Reject motions that do not fit the target, and conflicts of the models' filter with them."""
         misfits = super().conflicts(scenario)
         if misfits:
             return misfits
@@ -92,7 +92,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         return {f"filter.{key}".rstrip("."): what for key, what in out.items()}
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
-        """Return also the keys of the models' filter that are idle with each of the motions."""
+        """Report also the keys of the models' filter that are idle with every motion."""
         first, *others = (
             self.filter.idle_keys(_WithModel(scenario, model))
             for model in self.models(scenario.model)

@@ -69,13 +69,13 @@ class InputEstimation(Filter[Corrected]):
         return Detector(eta=self.eta, window_s=self.window_s, min_window_s=self.min_window_s)
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Return windows that do not fit the scenario's runs."""
+        """Reject windows that do not fit into the scenario's runs."""
         T = sampling_of(scenario.model).T
         misfits = self.detector.conflicts(T, float(scenario.times[-1]))
         return {key.removeprefix("detector."): what for key, what in misfits.items()}
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
-        """Return the assumed motion: the filter's own is `motion`."""
+        """Report an assumed motion as idle: the filter's own is `motion`."""
         return OWN_MOTION
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Corrected:

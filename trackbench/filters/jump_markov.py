@@ -63,7 +63,7 @@ class JumpMarkov(Filter[State]):
         return np.full(r, 1.0 / r) if self.initial is None else np.array(self.initial)
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Return the motions with other positions and velocities than the target."""
+        """Reject motions with other positions and velocities than the target."""
         target = shared_components(scenario.model.motion)
         out = super().conflicts(scenario)
         for i, (motion, _) in enumerate(self.models(scenario.model)):
@@ -73,7 +73,7 @@ class JumpMarkov(Filter[State]):
         return out
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
-        """Return the assumed motion: the filter's motions are `motions`."""
+        """Report an assumed motion as idle: the filter's motions are `motions`."""
         return super().idle_keys(scenario) | OWN_MOTION
 
     def models(self, model: Model) -> list[Model]:

@@ -125,7 +125,7 @@ class ProposalFilter(Filter[PFState]):
         return state.diagnostics() | {"distinct_particles": distinct}
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Return why the process noise has no density to weigh by, if so."""
+        """Reject process noise without a density."""
         motion, (_, transition) = scenario.model.motion, self._weight_reading
         if isinstance(motion, NormalMotion) and linalg.is_singular(motion.Q):
             return {"": "weighs by the density of the process noise, and this motion's is singular"}
@@ -178,11 +178,11 @@ class KalmanProposalFilter(ProposalFilter):
         return state._replace(P=P)
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Return also what the particles' Kalman filter cannot do with the model."""
+        """Reject also models that the particles' Kalman filter cannot use."""
         return super().conflicts(scenario) | self._kalman_conflicts(scenario.model)
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
-        """Return the keys of a proposal that nothing is drawn from."""
+        """Report as idle the keys of a proposal without draws."""
         keys = ("Q", "R", "P0", "noise_mean", "alpha", "beta", "kappa")
         unused = dict.fromkeys(keys, "with `defensive: 1`") if self.defensive == 1.0 else {}
         return super().idle_keys(scenario) | idle_noise_mean(scenario) | unused

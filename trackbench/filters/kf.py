@@ -164,7 +164,7 @@ class NonlinearFilter(GaussianFilter):
     """conversion of the two scans that initialize a radar's filter; default: the prior's moments"""
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Return a conversion without two scans of a radar, and variances of several components."""
+        """Reject a conversion without two scans of a radar, and variances of several components."""
         out, (motion, sensor) = {}, scenario.model
         if self.start is not None and not issubclass(scenario.prior_type, Convertible):
             out["start"] = "needs a start from two scans, such as `start: two-scan`"
@@ -175,7 +175,7 @@ class NonlinearFilter(GaussianFilter):
         return out
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
-        """Return ``noise_mean`` if the process noise is normal."""
+        """Report ``noise_mean`` as idle if the process noise is normal."""
         return idle_noise_mean(scenario)
 
     def initialize(self, model: Model, prior: Distribution) -> Gaussian:

@@ -116,7 +116,7 @@ class LineOfSight(ParticleFilter):
     diagnostic_names = ParticleFilter.diagnostic_names - {"ess"}  # the weights are not stored
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Return that weights are logarithms, and the radar is at the origin."""
+        """Reject weights other than logarithms, and a radar away from the origin."""
         if self.weights != "log":
             return {"weights": "los-rbpf weighs in the log domain only"}
         if not cast(RangeAzimuth, scenario.model.sensor).at_origin:

@@ -51,13 +51,13 @@ class MPF(ParticleFilter):
     diagnostic_names = ParticleFilter.diagnostic_names - {"ess"}  # the weights are not stored
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Return that the filter needs process noise, which moves the positions."""
+        """Reject a motion without process noise, which moves the positions."""
         if cast(Linear, scenario.model.motion).Q[0, 0] == 0.0:
             return {"": "mpf needs process noise: q must be greater than 0"}
         return {}
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
-        """Return the kernel's keys if nothing is jittered."""
+        """Report the kernel's keys as idle if nothing is jittered."""
         idle = ("kernel", "bandwidth_scale") if self.regularise == "none" else ()
         return super().idle_keys(scenario) | dict.fromkeys(idle, "with `regularise: none`")
 

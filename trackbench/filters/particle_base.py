@@ -119,7 +119,7 @@ class ParticleFilter(WeightedParticlesFilter):
         return self.N * (self.boost if self.boost_scans else 1)
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
-        """Return the key of a boost that is set without the other one."""
+        """Report as idle a key of the boost that is set without the other one."""
         out = {} if self.boost_scans else {"boost": "with `boost_scans: 0`"}
         return out | ({"boost_scans": "with `boost: 1`"} if self.boost == 1 else {})
 
@@ -163,7 +163,7 @@ class SimulatingSmoother(SmoothingFilter[PFState], ParticleFilter):
     """estimate each step from all measurements of the run, or otherwise: {trajectories: 50, lag: 5}"""
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Return that a smoother needs the density of the motion, if it has none."""
+        """Reject a smoother if the motion has no density."""
         out, motion = super().conflicts(scenario), scenario.model.motion
         if self.smooths and isinstance(motion, NormalMotion) and linalg.is_singular(motion.Q):
             what = "weighs by the density of the process noise, and this motion's is singular"

@@ -171,7 +171,7 @@ class APF(SimulatingSmoother):
     """resampling stages of a step: 1 carries the second-stage weights on; 2 resamples by them as well"""
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
-        """Return ``carried`` if the second stage leaves equal weights."""
+        """Report ``carried`` as idle if the second stage leaves equal weights."""
         idle = {"carried": "with `stages: 2`"} if self.stages == 2 else {}
         return super().idle_keys(scenario) | idle
 

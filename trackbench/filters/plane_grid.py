@@ -47,7 +47,7 @@ class PlaneGrid(Filter[Planes]):
     """nodes along each axis; a step of a run takes 0.1 to 0.2 s at 128"""
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Return another number of components, and a prior or noise that is not Gaussian."""
+        """Reject other than two components, and a prior or noise that is not Gaussian."""
         motion = scenario.model.motion
         n = len(motion.components)
         if n != 2:

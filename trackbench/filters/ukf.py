@@ -68,7 +68,7 @@ class UKF(SigmaPointFilter):
     presets: ClassVar[dict[str, dict[str, object]]] = {"merwe-demo": MERWE_DEMO}
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Return also sigma points without spread, and a square root of a negative weight."""
+        """Reject also sigma points without spread, and a square root of a negative weight."""
         out = super().conflicts(scenario)
         out |= spread_conflicts(self.alpha, self.kappa, scenario.model, self.augmented)
         if self.form == "square-root" and not out:
@@ -120,7 +120,7 @@ class GHKF(SigmaPointFilter):
     """points along each axis"""
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Return also an order with too many points."""
+        """Reject also an order with too many points."""
         out = super().conflicts(scenario)
         # A product rule has order^n points.
         number = self.order ** len(scenario.model.motion.components)

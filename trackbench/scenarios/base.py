@@ -82,7 +82,7 @@ class Scenario(Scene):
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """Return sentences on what is no mistake in its data but should be known."""
+        """Return notes on properties of the data that are legal and unexpected."""
         return ()
 
     @property

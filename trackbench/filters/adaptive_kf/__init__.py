@@ -110,6 +110,6 @@ class VDF(VariableDimension):
         return Parameters(self.nmf, self.mf, detector, CONFIRM_EVERY_ALARM, leave, "barshalom")
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Return a window that does not fit the scenario's runs."""
+        """Reject a window that does not fit into the scenario's runs."""
         misfits = super().conflicts(scenario)
         return {"gamma": next(iter(misfits.values()))} if misfits else {}

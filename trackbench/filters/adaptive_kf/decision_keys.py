@@ -80,7 +80,7 @@ class Detector:
         return round(self.min_window_s / T)
 
     def conflicts(self, T: float, duration: float) -> dict[str, str]:
-        """Return what does not fit a scenario of so many seconds, by key."""
+        """Return reasons, by key, why durations do not fit into a scenario of so many seconds."""
         window, out = self.window(T) * T, {}
         if window > duration:
             out["detector.window_s"] = f"{window:g} s is longer than the run of {duration:g} s"

@@ -126,16 +126,16 @@ class VariableDimension(Filter[AdaptiveState]):
         """Return motions and decisions, from the filter's keys."""
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Return windows that do not fit the scenario's runs."""
+        """Reject windows that do not fit into the scenario's runs."""
         T = sampling_of(scenario.model).T
         return self.parameters.detector.conflicts(T, float(scenario.times[-1]))
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
-        """Return the assumed motion: the filter's motions are `nmf` and `mf`."""
+        """Report an assumed motion as idle: the filter's motions are `nmf` and `mf`."""
         return OWN_MOTION
 
     def cautions(self, scenario: Scene) -> list[str]:
-        """Return the effect of the exit test on the scenario's smallest turn."""
+        """Return a note if the exit test fires in the scenario's smallest turn."""
         T, R = sampling_of(scenario.model)
         smallest = min(scenario.turns, default=None)
         return exit_cautions(self.parameters.exit, self.parameters.mf, T, R, smallest)

@@ -124,7 +124,7 @@ class PosteriorEllipses(FigureKind):
 
     @property
     def shown_covariances(self) -> bool:
-        """Return the tracks' covariances must be kept too."""
+        """Return whether the figure needs the covariances of the tracks."""
         return True
 
     def draw(self, results: Results) -> Figure:

@@ -54,7 +54,7 @@ class CalibrationFigure(FigureKind):
             check_rank(m, "columns", head)
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
-        """Return steps that there are not."""
+        """Reject steps outside the run."""
         return steps_that_are_not("columns", self.columns.values(), points)
 
     def default_caption(self, results: Results) -> str:
@@ -136,7 +136,7 @@ class Reliability(Curves):
         check_rank(self.metric, "metric")
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
-        """Return a step that there is not."""
+        """Reject a step outside the run."""
         return steps_that_are_not("metric", [self.metric], points)
 
     def default_caption(self, results: Results) -> str:

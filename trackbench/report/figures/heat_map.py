@@ -44,7 +44,7 @@ class HeatMap(FigureKind):
     """label of the colour bar, with the unit; default: the metric"""
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
-        """Return the axes must be paths of the grid."""
+        """Reject axes that are no paths of the grid."""
         return missing_paths(points, x=self.x, y=self.y)
 
     def default_caption(self, results: Results) -> str:

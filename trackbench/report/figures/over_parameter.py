@@ -50,7 +50,7 @@ class RmseVsParameter(FigureKind):
     """logarithmic vertical axis"""
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
-        """Return the axis must be a path of the grid, and its values numbers."""
+        """Reject an axis that is no path of the grid, and values that are no numbers."""
         path = self.parameter or next(iter(points[0].values), "")
         found = missing_paths(points, parameter=path)
         values = [point.values[path] for point in points] if not found else []

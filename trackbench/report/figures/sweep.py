@@ -49,7 +49,7 @@ class SweepFigure(FigureKind):
     """labels to draw; default: all"""
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
-        """Return one path of the grid, or two."""
+        """Reject other than one or two paths of the grid."""
         if not 1 <= len(self.paths) <= 2:
             return {"paths": f"{len(self.paths)} paths; name one or two"}
         return next((e for p in self.paths if (e := missing_paths(points, paths=p))), {})

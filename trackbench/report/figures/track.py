@@ -43,7 +43,7 @@ class Track(FigureKind):
     """sensors, and the first run's measurements as dots where a sensor tells positions"""
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
-        """Return the reason if the two components are not in the state, or not positions."""
+        """Reject components that are not positions of the state."""
         last = min(len(p.scenario.components) for p in points) - 1
         names = points[0].scenario.components
         if len(names) > 1 and names[:2] != ("px", "vx"):
@@ -194,7 +194,7 @@ class MeanAndStd(FigureKind):
     """labels to draw; default: all"""
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
-        """Return the reason if the scenario has no errors of a position in x and y."""
+        """Reject a scenario without errors of a position in x and y."""
         scenario = points[0].scenario
         nowhere = np.zeros((len(scenario.components), 1))
         moving = scenario.components[:2] == ("px", "vx")

@@ -50,7 +50,7 @@ class CalibrationTable(TableKind):
             check_rank(m, "rows", head)
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
-        """Return steps that there are not."""
+        """Reject steps outside the run."""
         return steps_that_are_not("rows", self.rows.values(), points)
 
     def table(self, results: Results) -> Table:

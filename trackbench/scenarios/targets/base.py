@@ -131,7 +131,7 @@ class Target(Part):
 
     @abstractmethod
     def path(self, timeline: Timeline) -> Array:
-        """Return states (n_x, K) without process noise, along which a bound is reckoned."""
+        """Return states (n_x, K) without process noise, along which a bound is computed."""
 
     @abstractmethod
     def fly(
