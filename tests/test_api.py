@@ -1,5 +1,6 @@
 """From Python: the same code path as the command line."""
 
+import inspect
 import subprocess
 import sys
 from functools import partial
@@ -12,7 +13,7 @@ import trackbench
 from tests.commands import spawned
 from tests.commands import trackbench as command
 from tests.papers import merwe_text
-from trackbench import registry
+from trackbench import api, registry
 from trackbench.errors import UserError
 
 CONFIG = """
@@ -90,9 +91,33 @@ def test_kinds_of_an_installed_package(monkeypatch: pytest.MonkeyPatch, tmp_path
     assert "from-a-package" in registry.kinds("filters")
 
 
-def test_a_wrong_option_is_one_line() -> None:
-    with pytest.raises(UserError, match=r"^option: rusn: did you mean runs"):
-        trackbench.run("merwe2000", rusn=3)
+@pytest.mark.parametrize(
+    ("function", "wrong", "near"),
+    [
+        *((name, "seeed", "seed") for name in ("run", "sweep", "tune", "run_all")),
+        *((name, "foldr", "folder") for name in ("load", "compare", "plot", "report")),
+        ("plot", "format", "formats"),
+        ("report", "allow_plugin", "allow_plugins"),
+        ("Options", "wokers", "workers"),
+    ],
+)
+def test_a_wrong_keyword_is_one_line(function: str, wrong: str, near: str) -> None:
+    with pytest.raises(UserError) as error:
+        getattr(api, function)(**{wrong: 3})
+    assert str(error.value) == f"{function}() has no option {wrong!r}; did you mean {near}?"
+
+
+def test_wrong_keywords_are_reported_together() -> None:
+    with pytest.raises(UserError, match=r"'rusn'.*runs\?\n.*'zzz'; known: "):
+        trackbench.run("merwe2000", rusn=3, zzz=1)
+    with pytest.raises(UserError, match=r"^Options\(\) has no option 'rusn'"):
+        trackbench.Options().changed({"rusn": 3})
+
+
+def test_functions_keep_their_signatures() -> None:
+    assert [*inspect.signature(trackbench.run).parameters] == ["config", "options", "changes"]
+    assert [*inspect.signature(trackbench.load).parameters] == ["folder"]
+    assert trackbench.load.__doc__ == "Return the results of an earlier run."
 
 
 def test_quick_runs_never_replace_more_runs(tmp_path: Path) -> None:

@@ -9,7 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from trackbench.commands.prepare import Options, file_of, prepare
+from trackbench.commands.keywords import with_known_keywords
+from trackbench.commands.prepare import OPTION_NAMES, Options, file_of, prepare
 from trackbench.commands.run_experiment import preview, run_all, run_each
 from trackbench.commands.stored_results import Report, compare, load, plot, report
 from trackbench.errors import UserError
@@ -32,6 +33,7 @@ __all__ = [
 ]
 
 
+@with_known_keywords(*OPTION_NAMES)
 def run(config: Config, options: Options | None = None, **changes: Any) -> Report:
     """Run an experiment and write its results folder.
 
@@ -48,6 +50,7 @@ def run(config: Config, options: Options | None = None, **changes: Any) -> Repor
     return report
 
 
+@with_known_keywords(*OPTION_NAMES)
 def sweep(config: Config, options: Options | None = None, **changes: Any) -> Report:
     """Run the values of ``grid``; also write ``sweep.csv``, best values and figures.
 
@@ -64,6 +67,7 @@ def sweep(config: Config, options: Options | None = None, **changes: Any) -> Rep
     return report
 
 
+@with_known_keywords(*OPTION_NAMES)
 def tune(config: Config, options: Options | None = None, **changes: Any) -> Report:
     """Tune the filters that the config's ``tune`` names, and run them beside the originals.
 

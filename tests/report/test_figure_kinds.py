@@ -1,6 +1,7 @@
 """Every kind of figure is drawn, of one experiment: what stands in it is what the CSV files say."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -11,6 +12,7 @@ from tests.papers import banana_text
 from trackbench import api
 from trackbench.registry import kinds
 from trackbench.report.plotting import style
+from trackbench.report.requested import ResultsConfig
 from trackbench.report.results import Results
 
 CONFIG = f"""name: every
@@ -126,3 +128,20 @@ def test_a_figure_shows_the_numbers_of_the_files(results: Results, name: str) ->
         nearest = there[np.abs(there[:, None] - asked).argmin(axis=0)]
         np.testing.assert_allclose(nearest, asked, rtol=1e-6, atol=1e-12)
     style.close(figure)
+
+
+@pytest.mark.parametrize(
+    ("motion", "unit"),
+    [
+        ("{kind: cv, q: 1, noise_gain: standard}", "(m/s^2)^2"),
+        ("{kind: cv, q: 1, noise_gain: printed}", "(m/s)^2"),
+        ("{kind: ca, q: 1, noise_gain: printed}", "(m/s^2)^2"),
+        ("{kind: cwna, q: 1}", "m^2/s^3"),
+    ],
+)
+def test_a_swept_noise_has_the_unit_of_its_motion(tmp_path: Path, motion: str, unit: str) -> None:
+    path = "filters.A.assume.motion.q"
+    (tmp_path / "config.yaml").write_text(
+        f"filters: {{A: {{kind: kf, assume: {{motion: {motion}}}}}}}\ngrid: {{{path}: [1, 2]}}\n"
+    )
+    assert ResultsConfig(tmp_path).axis(path) == f"q ({unit})"

@@ -11,8 +11,10 @@ from trackbench import api
 from trackbench.config.published import Claim
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
+from trackbench.report.figures.heat_map import HeatMap
 from trackbench.report.findings.ranking import rankings
 from trackbench.report.tables.differences import ClaimRow, Claims
+from trackbench.report.verdicts import rules
 from trackbench.report.verdicts.claims import judge
 
 
@@ -37,6 +39,11 @@ def test_a_claim_holds_where_the_ranking_says_so(tmp_path: Path, rng, statistic:
             row = ClaimRow(less="A", than="B", metric=measure("rmse_position"))
             (note,) = Claims(claims={"c": row}).table(results).notes
             assert f"{word} at" in note
+            caption = HeatMap(metric=expression).default_caption(results)
+            assert caption.endswith(
+                f"{int(not found.worse)} of 1 pair do not differ significantly (by "
+                f"{rules.DECIDED:g} standard errors, and {rules.SURE:g} without any one batch of runs)."
+            )
     assert decided == {"holds", "inconclusive"}
 
 
@@ -65,6 +72,10 @@ def test_claims_on_a_recording_are_decided_by_its_steps(tmp_path: Path) -> None:
     assert found["position"].z == pytest.approx(pairs["rmse_position"], rel=1e-9)
     assert found["velocity"].z == pytest.approx(pairs["rmse_velocity"], rel=1e-9)
     assert any("2.51 standard errors, and 3 decide" in note for note in report.notes)
+    caption = HeatMap(metric=measure("mean(rmse_position)")).default_caption(report.results)
+    assert caption.endswith(
+        f"0 of 1 pair do not differ significantly (by {rules.SURE:g} standard errors)."
+    )
     (ranking,) = rankings(report.results)
     assert [c.label for c, _ in ranking.worse] == ["KF"]
     (difference,) = (d for _, d in ranking.worse)

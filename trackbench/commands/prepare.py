@@ -11,8 +11,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+from trackbench.commands.keywords import check_keywords
 from trackbench.config import load as configurations
-from trackbench.config.build import unknown
 from trackbench.config.dump import as_yaml
 from trackbench.config.experiment import Experiment
 from trackbench.config.shipped_experiments import located
@@ -76,13 +76,18 @@ class Options:
     shard: str = ""
     """i/n: compute the i-th of n parts of the blocks into the cache, and write no results"""
 
+    def __new__(cls, **options: Any) -> "Options":
+        """Return options to initialize; raises UserError for a wrong name."""
+        check_keywords("Options", options, [field.name for field in fields(cls)])
+        return super().__new__(cls)
+
     def changed(self, changes: Mapping[str, Any]) -> "Options":
         """Return the options with changes by name; raises UserError for a wrong name."""
-        names = [field.name for field in fields(self)]
-        wrong = [name for name in changes if name not in names]
-        if wrong:
-            raise UserError(*(Problem(Mark("option"), n, unknown(n, names)) for n in wrong))
         return replace(self, **changes)
+
+
+OPTION_NAMES = tuple(field.name for field in fields(Options))
+"""Names of the options, which Python functions take as keywords."""
 
 
 def file_of(config: Config, options: Options) -> Path | Mapping[str, Any]:

@@ -10,7 +10,9 @@ from threading import Thread
 from typing import Any, NamedTuple
 
 from trackbench.atomic_files import record_writes, write_text
+from trackbench.commands.keywords import with_known_keywords
 from trackbench.commands.prepare import (
+    OPTION_NAMES,
     Job,
     Options,
     jobs_of,
@@ -44,6 +46,7 @@ from trackbench.tuning.search import write_tuning
 from trackbench.yaml_source import Config
 
 
+@with_known_keywords(*OPTION_NAMES)
 def run_all(
     configs: Sequence[Config], options: Options | None = None, **changes: Any
 ) -> Generator[Report]:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from trackbench.atomic_files import record_writes
+from trackbench.commands.keywords import with_known_keywords
 from trackbench.core.arrays import Array
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.report.findings.sentences import answer
@@ -142,6 +143,7 @@ class Report:
         return self.results.tracks(self.results.points()[0] if point is None else point)
 
 
+@with_known_keywords()
 def load(folder: Path | str) -> Report:
     """Return the results of an earlier run."""
     results = open_results(Path(folder))
@@ -149,6 +151,7 @@ def load(folder: Path | str) -> Report:
     return Report(results, failed)
 
 
+@with_known_keywords()
 def compare(folder: Path | str) -> Comparison:
     """Compare a results folder with the published numbers; writes comparison.csv and paired.csv.
 
@@ -166,6 +169,7 @@ def compare(folder: Path | str) -> Comparison:
     return comparison
 
 
+@with_known_keywords()
 def plot(
     folder: Path | str,
     formats: Sequence[str] = ("png", "svg"),
@@ -184,6 +188,7 @@ def plot(
     return _whole(results, written)
 
 
+@with_known_keywords()
 def report(folder: Path | str, allow_plugins: bool = False) -> list[Path]:
     """Write report.html of a results folder, or index.html and README.md over a folder of several.
 

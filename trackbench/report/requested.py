@@ -21,7 +21,9 @@ from trackbench.report.findings import phrases
 from trackbench.report.plotting import style
 from trackbench.yaml_source import Keys, Source, read
 
-_UNIT = re.compile(r", (k?m|m?rad|deg|s|(?:m|deg|m\^2)/s(?:\^\d)?|\(m/s\^2\)\^2)(?=,(?! or)|$)")
+_UNIT = re.compile(
+    r", (k?m|m?rad|deg|s|(?:m|deg|m\^2)/s(?:\^\d)?|\(m/s(?:\^2)?\)\^2)(?=,(?! or)|$)"
+)
 """Unit in the documentation of a key: ``standard deviation of the range, m``."""
 
 
@@ -45,7 +47,8 @@ def _key_text(config: dict[str, Any], keys: Keys) -> str:
         if cls is None or key not in hints_of(cls):
             return ""
         if i == len(rest) - 1:
-            return help_texts(cls).get(key, "")
+            text, _, printed = help_texts(cls).get(key, "").partition("; with the printed gain")
+            return printed if printed and part.get("noise_gain") == "printed" else text
         hint, part = hints_of(cls)[key], (part or {}).get(key)
         group, nested = part_group(hint), dataclasses_in(hint)
         cls = nested[0] if group is None and len(nested) == 1 else None

@@ -101,7 +101,7 @@ class ConstantVelocity(PerAxis):
     """
 
     q: NonNegative
-    """variance of the disturbance per axis: (m/s^2)^2, or (m/s)^2 with the printed gain"""
+    """variance of the disturbance per axis, (m/s^2)^2; with the printed gain, (m/s)^2"""
     noise_gain: NoiseGain = "standard"
     """gain G of the disturbance: [T^2/2, T]' or the printed [T/2, 1]'"""
     kind: Literal["cv"] = "cv"

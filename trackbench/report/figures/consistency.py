@@ -20,7 +20,10 @@ from trackbench.report.results import Results
 @register("figures", "anees")
 @dataclass(frozen=True, kw_only=True)
 class Anees(OverTime):
-    """Average normalised estimation error squared over time, with the band of a consistent filter."""
+    """Average normalised estimation error squared over time, with the band of a consistent filter.
+
+    More than 5 filters over more than 150 steps have a panel each, with the other filters in gray.
+    """
 
     metric: OfStep = measure("anees")
     """metric of per_step.csv: anees, or that of a part of the state as anees_position"""
@@ -46,16 +49,18 @@ class Anees(OverTime):
 
     def draw(self, results: Results) -> Figure:
         """Return one line per filter; between the grey lines a consistent filter stays."""
-        figure, panels = self.panels(results)
-        for (ax,), point in panels:
+        first = self.lines(results, results.points()[0], self.metric)
+        titles = self.panel_titles(results, max((len(rows) for rows, _ in first), default=0))
+        figure, panels = self.panels_over_time(results, titles)
+        for (ax,), point, title in panels:
             runs = 1
             for rows, look in self.lines(results, point, self.metric):
                 if len(rows):
-                    ax.plot(rows[self.x], rows["value"], **look)
+                    self.curve(ax, self.series(rows), look, title, titles)
                     runs = max(runs, int(rows["runs"].max()))
             band = anees_band(self.n_x, runs, self.level)
             ax.axhspan(*band, label=f"{100 * self.level:g} % band", **style.BAND)
-        return self.finish(figure)
+        return self.finish(figure, titles)
 
 
 @register("figures", "bias")
@@ -76,7 +81,7 @@ class Bias(OverTime):
                 ax.axhline(0.0, color="black", linewidth=0.6)
                 lines = list(self.lines(results, point, metric))
                 for i, (rows, look) in enumerate(lines):
-                    k, value, stderr = (rows[c] for c in (self.x, "value", "stderr"))
+                    k, value, stderr = self.series(rows)
                     ax.plot(k, value, **look)
                     style.error_band(ax, k, value, stderr, look, i, len(lines))
                 if self.linear_within is not None:
@@ -125,7 +130,7 @@ class Dots(FigureKind):
                     ax.axvline(self.expected[metric], color="black", linewidth=0.6)
                 ax.locator_params(axis="x", nbins=2)
                 ax.ticklabel_format(axis="x", scilimits=(-2, 4))
-            row[0].set_yticks(range(len(labels)), labels)
+            row[0].set_yticks(range(len(labels)), map(style.wrap_label, labels))
         axes[0][0].invert_yaxis()
         for ax, head in zip(axes[-1], self.columns, strict=True):
             ax.set_xlabel(head)

@@ -20,6 +20,7 @@ from trackbench.report.plotting import style
 from trackbench.report.plotting.artist_types import Axes, Figure
 from trackbench.report.plotting.page_formats import sheet
 from trackbench.report.results import Results
+from trackbench.report.verdicts import rules
 from trackbench.results.point_facts import GridPoint
 
 _LETTER_IN, _DIGIT_IN = 0.075, 0.05  # widths of the ticks' and of the cells' letters
@@ -52,9 +53,20 @@ class HeatMap(FigureKind):
         if results.grid:
             return ""
         pairs = self._shown_pairs(results)
-        alike = sum(not pair.p_holm < 0.05 for pair in pairs)
+        evidence, m = (
+            Evaluator(results, results.points()[0]),
+            self.metric._replace(statistic="mean"),
+        )
+        differences = [evidence.difference(m.of(p.filter_a), m.of(p.filter_b)) for p in pairs]
+        alike = sum(not rules.difference_sign(d, evidence.batches) for d in differences)
+        rule = (
+            f"{rules.DECIDED:g} standard errors, and {rules.SURE:g} without any one batch of runs"
+        )
+        if any(d.is_exact for d in differences):
+            rule = f"{rules.SURE:g} standard errors"
         words = "Blue: the filter on the left has the smaller one, in standard errors of the difference."
-        return f"{words} {alike} of {counted(len(pairs), 'pair')} do not differ at 5 % (Holm)."
+        count = f"{alike} of {counted(len(pairs), 'pair')} do not differ significantly"
+        return f"{words} {count} (by {rule})."
 
     def _shown_pairs(self, results: Results) -> list[Pair]:
         labels = results.chosen(self.filters)

@@ -1,6 +1,6 @@
 """Figure kinds over time: `rmse-vs-time`, `estimates`; what they share with others of curves."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
@@ -20,6 +20,8 @@ from trackbench.results.point_facts import GridPoint
 from trackbench.results.read_csv import Columns
 
 _ROUNDING = 1e-12
+_MOST_CURVES, _MOST_STEPS = 5, 150
+"""Most filters, or most steps, that are drawn in one panel."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,14 +87,14 @@ class Curves(FigureKind):
         for label, look in self.labels(results, exact=True):
             yield rows.where(filter=label), {"label": label, **look}
 
-    def finish(self, figure: Figure) -> Figure:
-        """Return the figure with its legend and legible vertical axes."""
+    def finish(self, figure: Figure, titles: Collection[str] = ()) -> Figure:
+        """Return the figure with legible vertical axes and a legend of all labels but the ``titles``."""
         for ax in figure.axes:
             if self.log:
                 style.plain_log_axis(ax.yaxis)
             else:
                 ax.set_ylim(bottom=0)
-        style.legend_outside(figure)
+        style.legend_outside(figure, titles)
         return figure
 
 
@@ -108,11 +110,63 @@ class OverTime(Curves):
         """Label of the horizontal axis."""
         return self.x_label or {"step": "Step k", "time": "Time (s)"}[self.x]
 
+    def panel_titles(self, results: Results, steps: int) -> list[str]:
+        """Return the filters that are drawn in a panel each; none if one panel is legible."""
+        references = (self.floor, self.baseline, *results.exact)
+        filters = [label for label, _ in self.labels(results) if label not in references]
+        crowded = len(filters) > _MOST_CURVES and steps > _MOST_STEPS
+        return filters if crowded and len(results.points()) == 1 else []
+
+    def panels_over_time(
+        self, results: Results, titles: Sequence[str], rows: int = 1, **layout: Any
+    ) -> tuple[Figure, list[tuple[list[Axes], GridPoint, str]]]:
+        """Return a panel per title, else a column of ``rows`` panels per grid point, without title."""
+        if not titles:
+            figure, panels = self.panels(results, rows, **layout)
+            return figure, [(axes, point, "") for axes, point in panels]
+        figure, panels = style.panels(len(titles), 1, 1.9, balanced=True, sharex=True, sharey=True)
+        across = panels[0][0].get_gridspec().ncols
+        for i, ((ax,), label) in enumerate(zip(panels, titles, strict=True)):
+            ax.set_title(style.wrapped(label, across))
+            if i + across >= len(titles):  # no panel is below
+                ax.set_xlabel(self.x_name)
+                ax.tick_params(labelbottom=True)
+            if self.log:
+                ax.set_yscale("log")
+        figure.supylabel(self.y_label)
+        style.title(figure, self.title)
+        point = results.points()[0]
+        return figure, [([ax], point, label) for (ax,), label in zip(panels, titles, strict=True)]
+
+    def series(self, rows: Columns) -> tuple[Array, ...]:
+        """Return abscissas, values and standard errors, with NaN in gaps of the steps."""
+        return style.with_gaps(rows["step"], *(rows[c] for c in (self.x, "value", "stderr")))
+
+    def curve(
+        self,
+        ax: Axes,
+        line: Sequence[Array],
+        look: style.LineStyle,
+        title: str,
+        titles: Collection[str],
+    ) -> bool:
+        """Draw a line ``x, y``, in gray if it has another panel; return whether it is in color."""
+        x, y, *_ = line
+        label = look["label"]
+        if label in titles and label != title:
+            style.gray_line(ax, x, y)
+            return False
+        ax.plot(x, y, **look | {"linestyle": "-"} if label == title else look)
+        return True
+
 
 @register("figures", "rmse-vs-time")
 @dataclass(frozen=True, kw_only=True)
 class RmseVsTime(OverTime):
-    """A metric of per_step.csv over steps or time, with two standard errors on either side."""
+    """A metric of per_step.csv over steps or time, with two standard errors on either side.
+
+    More than 5 filters over more than 150 steps have a panel each, with the other filters in gray.
+    """
 
     metric: OfStep = measure("rmse")
     """metric of per_step.csv"""
@@ -133,23 +187,29 @@ class RmseVsTime(OverTime):
 
     def draw(self, results: Results) -> Figure:
         """Return one line per filter."""
-        figure, panels = self.panels(results)
-        for (ax,), point in panels:
+        first = self.lines(results, results.points()[0], self.metric)
+        titles = self.panel_titles(results, max((len(rows) for rows, _ in first), default=0))
+        figure, panels = self.panels_over_time(results, titles)
+        for (ax,), point, title in panels:
             lines = list(self.lines(results, point, self.metric))
+            number = 1 if titles else len(lines)
             for i, (rows, look) in enumerate(lines):
-                k, value, stderr = (rows[c] for c in (self.x, "value", "stderr"))
+                k, value, stderr = self.series(rows)
                 if self.log and len(value):
                     # What is known exactly, as a first state may be, has only rounding for an error.
                     value = np.where(value > _ROUNDING * np.nanmax(value), value, np.nan)
-                ax.plot(k, value, **look)
-                style.error_band(ax, k, value, stderr, look, i, len(lines), self.log)
-        return self.finish(figure)
+                if self.curve(ax, (k, value), look, title, titles):
+                    style.error_band(ax, k, value, stderr, look, i, number, self.log)
+        return self.finish(figure, titles)
 
 
 @register("figures", "estimates")
 @dataclass(frozen=True, kw_only=True)
 class EstimatesOfOneRun(OverTime):
-    """Truth and every filter's estimate of one component in one run; below, the estimates' errors."""
+    """Truth and every filter's estimate of one component in one run; below, the estimates' errors.
+
+    More than 5 filters over more than 150 steps have a panel each, which has the errors only.
+    """
 
     run: Count = 1
     """number of the run, from 1"""
@@ -167,29 +227,44 @@ class EstimatesOfOneRun(OverTime):
         tracks = [results.tracks(p) for p in results.points()[: style.MOST_PANELS]]
         c, run = self.component - 1, self.run - 1
         known = any(np.isfinite(t["truth"][c, :, run]).any() for t in tracks if t)
+        titles = self.panel_titles(results, max((len(t["steps"]) for t in tracks if t), default=0))
         layout = {"height_ratios": [3, 2] * -(-len(tracks) // 4)} if known else {}
-        figure, panels = self.panels(results, 2 if known else 1, **layout)
-        for (axes, _), arrays in zip(panels, tracks, strict=True):
+        figure, panels = self.panels_over_time(results, titles, 2 if known else 1, **layout)
+        for (axes, _, title), arrays in zip(panels, tracks * max(len(titles), 1), strict=True):
             if arrays:  # not every filter failed here
-                self._panel(axes, results, arrays, c, run)
-        if known:
+                self._panel(axes, results, arrays, c, run, title, titles)
+        if known and titles:
+            figure.supylabel("Estimate - truth")
+        elif known:
             panels[0][0][1].set_ylabel("Estimate - truth")
             figure.align_ylabels()
-        style.legend_outside(figure)
+        style.legend_outside(figure, titles)
         return figure
 
     def _panel(
-        self, axes: list[Axes], results: Results, tracks: dict[str, Array], c: int, run: int
+        self,
+        axes: list[Axes],
+        results: Results,
+        tracks: dict[str, Array],
+        c: int,
+        run: int,
+        title: str,
+        titles: list[str],
     ) -> None:
         k, truth = tracks[f"{self.x}s"], tracks["truth"][c, :, run]
-        if np.isfinite(truth).any():
+        steps, scored = tracks["steps"], np.isfinite(truth)
+        known = scored.any()
+        # A filter's own panel has its errors only, next to which its estimates would all look alike.
+        below = axes if title and known else axes[1:]
+        if known and axes[0] not in below:
             axes[0].plot(k, truth, label="Truth", marker="o", markersize=2.5, **style.TRUTH)
-        for below in axes[1:]:
-            below.set_yscale("linear")
-            below.axhline(0.0, **style.TRUTH | {"linewidth": 0.8})
+        for ax in below:
+            ax.set_yscale("linear")
+            ax.axhline(0.0, **style.TRUTH | {"linewidth": 0.8})
         for label, look in self.labels(results):
             if f"mean/{label}" in tracks:
                 mean = tracks[f"mean/{label}"][c, :, run]
-                axes[0].plot(k, mean, label=label, **look)
-                for below in axes[1:]:
-                    below.plot(k, mean - truth, label=label, **look)
+                errors = style.with_gaps(steps[scored], k[scored], (mean - truth)[scored])
+                for ax in axes:
+                    line = errors if ax in below else (k, mean)
+                    self.curve(ax, line, {"label": label, **look}, title, titles)

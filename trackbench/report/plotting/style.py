@@ -3,7 +3,7 @@
 import sys
 import textwrap
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeAlias
 
@@ -38,6 +38,9 @@ TRUTH: LineStyle = {"color": "black", "linewidth": 1.4, "linestyle": "-"}
 SPREAD = "± 2 standard errors"
 _MOST_BANDS = 3
 _BARS = 12  # along a line
+_GRAY: LineStyle = {"color": "#c4c4c4", "linewidth": 0.8, "zorder": 1.5}
+_GRAY_POINTS = 100  # of a line at most
+_GAP = 3.0  # usual distances of steps that a line spans at most
 
 _RC: Any = {
     "axes.spines.top": False,
@@ -110,9 +113,30 @@ def error_band(
     ax.plot([], [], linestyle="", color="#888888", marker="|", markersize=8, label=SPREAD)
 
 
-def legend_outside(figure: Figure) -> None:
+def with_gaps(steps: Array, *series: Array) -> tuple[Array, ...]:
+    """Return the series with a NaN in each gap, which is wider than three usual distances of steps."""
+    jumps = np.diff(steps)
+    wide = jumps > _GAP * np.median(jumps) if len(jumps) else np.zeros(0, dtype=bool)
+    places = np.flatnonzero(wide) + 1
+    return tuple(np.insert(np.asarray(s, dtype=float), places, np.nan) for s in series)
+
+
+def gray_line(ax: Axes, x: Array, value: Array) -> None:
+    """Draw the line of another panel's filter behind, as means over windows of successive values."""
+    if not len(x):
+        return
+    over = -(-len(x) // _GRAY_POINTS)
+    starts = np.arange(0, len(x), over)
+    lengths = np.diff([*starts, len(x)])
+    # A window with a NaN is a gap.
+    means = (np.add.reduceat(series, starts) / lengths for series in (x, value))
+    ax.plot(*means, label="_gray", **_GRAY)
+    ax.plot([], [], label=f"Other filters, means over {over} steps", **_GRAY)
+
+
+def legend_outside(figure: Figure, without: Collection[str] = ()) -> None:
     """Draw one legend below the axes, each label once, in as many columns as fit."""
-    found = _legend(figure)
+    found = _legend(figure, without)
     if not found:
         return
     columns = _columns(list(found), figure.get_figwidth())
@@ -138,11 +162,13 @@ def _columns(labels: Sequence[str], width_in: float) -> int:
     return -(-len(labels) // rows)
 
 
-def _legend(figure: Figure) -> dict[str, Any]:
+def _legend(figure: Figure, without: Collection[str]) -> dict[str, Any]:
     """Return the lines by label; the first of each label."""
     found: dict[str, Any] = {}
     for ax in figure.axes:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
+            if label in without:
+                continue
             found.setdefault(wrap_label(label), handle)
     last = {label: found.pop(label) for label in [SPREAD] if label in found}
     return found | last
@@ -152,10 +178,17 @@ MOST_PANELS = 12
 _MOSAIC = 3
 
 
-def panels(number: int, rows: int, height_in: float, **kwargs: Any) -> tuple[Figure, Any]:
-    """Return a figure and the axes (number, rows) of so many panels, four beside each other at most."""
+def panels(
+    number: int, rows: int, height_in: float, balanced: bool = False, **kwargs: Any
+) -> tuple[Figure, Any]:
+    """Return a figure and the axes (number, rows) of so many panels, four beside each other at most.
+
+    ``balanced`` draws 6 panels as 3 and 3, not as 4 and 2.
+    """
     across = min(number, sheet().across)
     blocks = -(-number // across)
+    if balanced:
+        across = -(-number // blocks)
     figure, axes = subplots(rows * blocks, across, height_in * blocks, squeeze=False, **kwargs)
     panes = axes.reshape(blocks, rows, across).swapaxes(1, 2).reshape(-1, rows)
     for ax in panes[number:].flat:

@@ -1,0 +1,166 @@
+"""Figures over time: a panel per filter where one panel is illegible, gaps where steps are missing."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+
+from trackbench import api
+from trackbench.evaluation.metric_expression import measured
+from trackbench.report.figures.consistency import Anees
+from trackbench.report.figures.over_time import EstimatesOfOneRun, OverTime, RmseVsTime
+from trackbench.report.parallel_drawing import draw_figure
+from trackbench.report.plotting import style
+from trackbench.report.results import Results
+
+LABELS = ["A", "B", "C", "D", "E", "A filter with a name of many words", "Bound"]
+CONFIG = """
+name: many
+runs: 4
+metrics: [rmse_position, anees]
+scenario:
+  kind: tracking
+  T: 1
+  last: 160
+  target: {kind: legs, launch: {x: 0, y: 0, vx: 0, vy: -15}, legs: [{start: 10, end: 20, ax: 1, ay: 1}]}
+  sensor: {kind: position, sigma: 10}
+  start: two-scan
+filters: {FILTERS}
+tables: {}
+figures: {time: {kind: rmse-vs-time, metric: rmse_position}, estimates: {kind: estimates}}
+"""
+RMSE = measured("rmse_position")
+FILTER = "{kind: kf, assume: {motion: {kind: cv, q: %g}}}"
+
+
+@pytest.fixture(scope="module")
+def many(tmp_path_factory: pytest.TempPathFactory) -> Results:
+    folder = tmp_path_factory.mktemp("many")
+    filters = [f"{label}: {FILTER % (i + 1)}" for i, label in enumerate(LABELS)]
+    (folder / "c.yaml").write_text(CONFIG.replace("FILTERS", ", ".join(filters)))
+    api.run(folder / "c.yaml", out=folder / "out", workers=1, quiet=True, formats=())
+    return Results(folder / "out")
+
+
+def panels(spec: OverTime, results: Results) -> list[Axes]:
+    with style.rc_context():
+        return [ax for ax in spec.draw(results).axes if ax.axison]
+
+
+def lines(ax: Axes) -> dict[str, np.ndarray]:
+    """Return the points (n, 2) of labelled lines that have any."""
+    found = {str(line.get_label()): np.asarray(line.get_xydata(), float) for line in ax.lines}
+    return {label: xy for label, xy in found.items() if len(xy) > 2 and label[0] != "_"}
+
+
+@pytest.mark.parametrize("log", [False, True])
+def test_many_filters_over_many_steps_have_a_panel_each(many: Results, log: bool) -> None:
+    shown = panels(RmseVsTime(metric=RMSE, floor="Bound", log=log), many)
+    assert [ax.get_title().replace("\n", " ") for ax in shown] == LABELS[:6]
+    frame = many.per_step.query("metric == 'rmse_position'")
+    for ax, label in zip(shown, LABELS, strict=False):
+        assert [*lines(ax)] == [label, "Bound"]
+        np.testing.assert_allclose(
+            lines(ax)[label][:, 1], frame.loc[frame["filter"] == label, "value"]
+        )
+        assert sum(line.get_label() == "_gray" for line in ax.lines) == 5
+    assert len({ax.get_ylim() for ax in shown}) == len({ax.get_xlim() for ax in shown}) == 1
+    (legend,) = shown[0].figure.legends
+    words = [text.get_text().replace("\n", " ") for text in legend.get_texts()]
+    assert words == ["Other filters, means over 2 steps", "Bound", style.SPREAD]
+
+
+@pytest.mark.parametrize("kind", [RmseVsTime(metric=RMSE), Anees(n_x=4), EstimatesOfOneRun()])
+def test_seven_panels_stand_in_rows_of_four_and_three(many: Results, kind: OverTime) -> None:
+    shown = panels(kind, many)
+    assert len(shown) == 7
+    labelled = [ax.get_xlabel() != "" for ax in shown]
+    assert labelled == [False] * 3 + [True] * 4  # where no panel is below
+    ticks = [any(tick.label1.get_visible() for tick in ax.xaxis.get_major_ticks()) for ax in shown]
+    assert ticks == labelled
+
+
+@pytest.mark.parametrize("labels", [LABELS[:5], LABELS[:1]])
+def test_few_filters_have_one_panel(many: Results, labels: Sequence[str]) -> None:
+    (ax,) = panels(RmseVsTime(metric=RMSE, filters=tuple(labels), floor="Bound"), many)
+    assert [*lines(ax)] == [*labels, "Bound"]
+    assert len(panels(EstimatesOfOneRun(filters=tuple(labels)), many)) == 2
+
+
+def test_the_panels_of_estimates_have_the_errors_of_a_run(many: Results) -> None:
+    tracks = many.tracks({})
+    for ax, label in zip(panels(EstimatesOfOneRun(), many), LABELS, strict=True):
+        error = (tracks[f"mean/{label}"] - tracks["truth"])[0, :, 0]
+        np.testing.assert_allclose(lines(ax)[label][:, 1], error[np.isfinite(error)])
+
+
+@pytest.mark.parametrize("form", ["svg", "png", "pdf"])
+def test_panels_come_out_the_same_in_every_format(many: Results, form: str) -> None:
+    first, second = (draw_figure(RmseVsTime(metric=RMSE), many, [form]) for _ in range(2))
+    assert first == second
+
+
+def test_the_page_reads_a_panel_of_its_own_filter_only(many: Results) -> None:
+    ((_, content),) = draw_figure(RmseVsTime(metric=RMSE, floor="Bound"), many, ["svg"])
+    root = ET.fromstring(content)
+    live = json.loads(root.get("data-live", ""))
+    assert live["labels"] == ["A", "Bound", *LABELS[1:6]]
+    assert len({ax["x"]["group"] for ax in live["axes"]}) == 1
+    assert len({ax["y"]["group"] for ax in live["axes"]}) == 1
+    for number, axes in enumerate(live["axes"]):
+        (panel,) = (group for group in root.iter() if group.get("data-axes") == str(number))
+        owners = {g.get("data-of") for g in panel.iter() if g.get("data-of")}
+        own = live["labels"].index(LABELS[number])
+        assert owners == {str(own), "1"}
+        assert set(axes["errors"]) == owners
+
+
+def test_gray_lines_are_means_over_windows() -> None:
+    figure, ax = style.subplots()
+    x = np.arange(250.0)
+    style.gray_line(ax, x, np.where(x == 100.0, np.nan, 2.0 * x))
+    drawn = ax.lines[0].get_xydata()
+    assert len(drawn) == 84
+    assert drawn[0].tolist() == [1.0, 2.0]
+    assert drawn[-1].tolist() == [249.0, 498.0]
+    assert np.isnan(drawn[33, 1])  # the window with the gap
+    assert np.isfinite(np.delete(drawn, 33, axis=0)).all()
+    style.gray_line(ax, x[:0], x[:0])
+    style.close(figure)
+
+
+def test_a_gap_is_wider_than_three_usual_distances() -> None:
+    steps = np.array([1, 2, 3, 6, 7, 11, 12])
+    (shown,) = style.with_gaps(steps, steps)
+    np.testing.assert_array_equal(shown, [1, 2, 3, 6, 7, np.nan, 11, 12])
+    for few in (steps[:0], steps[:1], 10 * np.arange(5)):
+        np.testing.assert_array_equal(style.with_gaps(few, few)[0], few)
+
+
+@pytest.mark.parametrize("kind", [RmseVsTime(metric=RMSE), EstimatesOfOneRun()])
+def test_a_line_ends_where_the_truth_has_a_gap(tmp_path: Path, kind: OverTime) -> None:
+    """The truth lacks steps 41 to 60, and of steps 80 to 99 every second one."""
+    rows = [f"{k},{3 * k},{2 * k}" for k in range(1, 121)]
+    (tmp_path / "z.csv").write_text("\n".join(["step,x,y", *rows]) + "\n")
+    known = [k for k in range(1, 121) if not 40 < k <= 60 and not (80 <= k < 100 and k % 2)]
+    truth = [f"{k},{3 * k},{2 * k},3,2" for k in known]
+    (tmp_path / "t.csv").write_text("\n".join(["step,x,y,vx,vy", *truth]) + "\n")
+    (tmp_path / "c.yaml").write_text(
+        "name: gap\nscenario:\n  kind: tracking\n  T: 1\n"
+        "  target: {kind: measured, measurements: z.csv, truth: t.csv}\n"
+        "  sensor: {kind: position, sigma: 1}\n  start: two-scan\n"
+        f"filters: {{A: {FILTER % 1}}}\nmetrics: [rmse_position]\n"
+        "figures: {one: {kind: estimates}}\n"
+    )
+    api.run(tmp_path / "c.yaml", out=tmp_path / "out", workers=1, quiet=True, formats=())
+    ax = panels(kind, Results(tmp_path / "out"))[-1]
+    xy = lines(ax)["A"]
+    breaks = np.flatnonzero(np.isnan(xy[:, 0]))
+    assert len(breaks) == 1
+    assert xy[breaks[0] - 1, 0] == 40
+    assert xy[breaks[0] + 1, 0] == 61
+    assert {*known[2:]} <= {*xy[np.isfinite(xy[:, 0]), 0].astype(int)}
