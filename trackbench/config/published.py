@@ -11,8 +11,10 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import MISSING, dataclass, field, fields, replace
+from decimal import Decimal
 from difflib import get_close_matches
 from glob import escape, glob
+from math import isfinite
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -20,7 +22,15 @@ from trackbench.config import shipped_experiments
 from trackbench.config.build import build, unknown
 from trackbench.errors import Mark, Problem, UserError, reason
 from trackbench.evaluation.metric_expression import Measure
-from trackbench.field_types import FORMULA, Count, Finite, Natural, NonNegative, Positive
+from trackbench.field_types import (
+    FORMULA,
+    Count,
+    Finite,
+    Natural,
+    NonNegative,
+    Positive,
+    is_number,
+)
 from trackbench.yaml_source import (
     MarkedMapping,
     Source,
@@ -69,7 +79,7 @@ class PublishedNumber:
     value: Finite | Literal["biased", "unbiased"]
     """the number; a word where the paper prints a word"""
     digits: Natural = 0
-    """decimals that are printed"""
+    """decimals that are printed; default: those of the ``value`` as written, so 2 of 0.20"""
     runs: Count | None = None
     """the paper's Monte Carlo runs"""
     variance: Positive | None = None
@@ -335,6 +345,11 @@ def _source(name: str, line: int, cls: type, header: list[str], cells: list[str]
         # The next cell's column: quotes around a cell, and doubled ones in it, take their place.
         quotes = 2 + written.count('"') if _QUOTED.search(written) else 0
         column += len(written) + quotes + 1
+    # Decimals as written: 0.20 has two.
+    value = row.get("value")
+    if cls is PublishedNumber and "digits" not in row and is_number(value) and isfinite(value):
+        decimal = Decimal(cells[header.index("value")].strip())
+        row["digits"] = max(0, -int(decimal.as_tuple().exponent))
     return source
 
 
