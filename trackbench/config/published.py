@@ -11,10 +11,8 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import MISSING, dataclass, field, fields, replace
-from decimal import Decimal
 from difflib import get_close_matches
 from glob import escape, glob
-from math import isfinite
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -22,15 +20,7 @@ from trackbench.config import shipped_experiments
 from trackbench.config.build import build, unknown
 from trackbench.errors import Mark, Problem, UserError, reason
 from trackbench.evaluation.metric_expression import Measure
-from trackbench.field_types import (
-    FORMULA,
-    Count,
-    Finite,
-    Natural,
-    NonNegative,
-    Positive,
-    is_number,
-)
+from trackbench.field_types import FORMULA, Count, Finite, Natural, NonNegative, Positive, decimals
 from trackbench.yaml_source import (
     MarkedMapping,
     Source,
@@ -51,8 +41,7 @@ def picks(point: str, values: Mapping[str, object]) -> bool:
 
     Paths that vary together are one path with a list of values: ``a.N & b.N=[10, 5]``.
     """
-    pairs = values.items()
-    return all(any(_picks_value(part, *pair) for pair in pairs) for part in split(point))
+    return all(any(_picks_value(part, *pair) for pair in values.items()) for part in split(point))
 
 
 def _picks_value(part: str, path: str, value: object) -> bool:
@@ -261,9 +250,8 @@ def _misspelt(known: _Known, folders: list[Path]) -> Iterator[Problem]:
     unknown_names = known.first_rows.keys() - set(shipped_experiments.names())
     if not unknown_names:
         return
-    near = [
-        f for folder in {*folders} for place in (folder, folder.parent) for f in _configs(place)
-    ]
+    places = (place for folder in {*folders} for place in (folder, folder.parent))
+    near = (name for place in places for name in _configs(place))
     names = {known.experiment, *shipped_experiments.names(), *near}
     for name in sorted(unknown_names - names):
         for match in get_close_matches(name, sorted(names), 1, 0.75):
@@ -337,19 +325,15 @@ def _source(name: str, line: int, cls: type, header: list[str], cells: list[str]
             value = scalar(cell)
             row[key] = cell if is_word or type(value) not in (int, float) else value
             row.marks[key] = row.key_marks[key] = Mark(name, line, column)
+            if key == "value" and isinstance(value, float):
+                row.setdefault("digits", decimals(cell))
             what = None if is_printable else unprintable_reason(cell)
-            if is_word and cell[:1] in FORMULA:
-                what = what or formula(cell)
+            what = what or (formula(cell) if is_word and cell[:1] in FORMULA else None)
             if what is not None:
                 source.add_problem((key,), what)
         # The next cell's column: quotes around a cell, and doubled ones in it, take their place.
         quotes = 2 + written.count('"') if _QUOTED.search(written) else 0
         column += len(written) + quotes + 1
-    # Decimals as written: 0.20 has two.
-    value = row.get("value")
-    if cls is PublishedNumber and "digits" not in row and is_number(value) and isfinite(value):
-        decimal = Decimal(cells[header.index("value")].strip())
-        row["digits"] = max(0, -int(decimal.as_tuple().exponent))
     return source
 
 
