@@ -127,6 +127,12 @@ def is_number(value: object) -> TypeGuard[float]:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
+def decimals(text: str) -> int:
+    """Return the decimals of a number as it is written: 2 of 0.20, 4 of 1.5e-3."""
+    mantissa, _, power = text.lower().partition("e")
+    return max(0, len(mantissa.partition(".")[2]) - int(power or 0))
+
+
 def annotations_of(hint: object) -> tuple[object, ...]:
     """Return what an ``Annotated`` type carries beside the type."""
     return getattr(hint, "__metadata__", ())

@@ -50,6 +50,21 @@ def test_a_number_is_the_same_wherever_it_is_measured() -> None:
             assert int(r["digits"]) == decimals, key
 
 
+@pytest.mark.parametrize(("written", "digits"), [
+    ("0.20,", 2), ("0.20,3", 3), ("17,", 0), ("-3.5,", 1), ("1.5e-3,", 4), ("2.5e3,", 0), ("biased,", 0),
+])  # fmt: skip
+def test_a_number_has_the_decimals_that_are_written(
+    written: str, digits: int, tmp_path: Path
+) -> None:
+    path = tmp_path / "numbers.csv"
+    path.write_text(f"paper,table,filter,metric,value,digits\np,t,f,m,{written}\n")
+    (number,) = read_published(tmp_path, [path.name], "x").numbers
+    assert number.digits == digits
+    path.write_text(f"paper,table,filter,metric,value\np,t,f,m,{written.partition(',')[0]}\n")
+    (number,) = read_published(tmp_path, [path.name], "x").numbers
+    assert number.digits == (2 if written == "0.20,3" else digits)
+
+
 def test_claims_of_every_paper() -> None:
     for paper in ("hdepf", "merwe2000", "adaptive-kf", "banana"):
         assert {r["paper"] for r in rows(f"{paper}-claims.csv")} == {paper}

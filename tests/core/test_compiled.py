@@ -142,6 +142,27 @@ def test_matrices(batch: tuple[int, ...], both: Callable[..., None]) -> None:
     both(lambda: points.cross(points.x, np.cos(points.x[:2])))
 
 
+@pytest.mark.parametrize("batch", [(), (1,), (3,), (48,), (2, 301), (0,)])
+def test_eigenvalues(batch: tuple[int, ...], both: Callable[..., None]) -> None:
+    rng = np.random.default_rng(len(batch))
+    for n in (1, 2, 5, 28):
+        A = rng.standard_normal((n, n, *batch))
+        whole = linalg.symmetrize(A)
+        strided, column = linalg.transpose(whole), A[:, :1]
+        singular = linalg.matmul(column, linalg.transpose(column))
+        nearly_diagonal = np.eye(n) + 1e-9 * np.eye(n)[::-1]
+        whole_numbers = np.arange(n * n).reshape(n, n) * np.eye(n, dtype=int)
+        for matrix in (whole, strided, singular, nearly_diagonal, whole_numbers):
+            both(lambda matrix=matrix: linalg.eigen(matrix))
+        if batch == (48,):
+            # Members without a rotation, and with numbers that are no numbers.
+            for i, value in enumerate((0.0, -0.0, np.inf, -np.inf, np.nan, 1e300, 1e-310)):
+                whole[:, :, i] = value
+                whole[0, :, i + 10] = whole[:, 0, i + 10] = value
+            whole[..., 20] = np.eye(n)
+            both(lambda whole=whole: linalg.eigen(whole))
+
+
 def test_they_can_be_turned_off_and_a_stale_file_is_not_used() -> None:
     say = "from trackbench.core import compiled; print(compiled.kernels is None)"
     stale = say.replace(

@@ -21,7 +21,7 @@ def word(published, value, stderr, *parts, runs=400):
 
 @pytest.mark.parametrize(("side", "decided"), [(-0.001, False), (0.001, True)])
 def test_five_standard_errors_of_all_runs_decide_and_three_without_a_batch(side, decided):
-    published, biased = number(1.0, runs=0), number("biased", margin=0.5)
+    published, biased = number(1.0, digits=9, runs=0), number("biased", margin=0.5)
     for sign in (1, -1):
         claim = "holds" if sign > 0 else "fails"
         for z, parts in ((5.0 + side, (9.0,) * 4), (9.0, (9.0, 3.0 + side, 9.0, 9.0))):
@@ -54,7 +54,7 @@ def test_three_standard_errors_show_what_is_equal_or_exact(side, shown):
 @pytest.mark.parametrize(("side", "off"), [(-0.001, False), (0.001, True)])
 def test_a_number_is_compatible_up_to_three_standard_errors(side, off):
     z = 3.0 + side
-    published = number(1.0, runs=0)
+    published = number(1.0, digits=9, runs=0)
     assert word(published, 1.3, 0.3 / z) == ("inconclusive" if off else "compatible")
     # Its interval reaches 5 % off, half the room, by where it lies and by its error.
     assert word(published, 1.03, 0.03 / z) == ("inconclusive" if off else "agrees")
@@ -77,6 +77,49 @@ def test_a_number_agrees_whose_interval_rounds_to_the_printed_digits():
     published = number(1.0, digits=2, runs=0)
     for reach, expected in ((0.0049, "agrees"), (0.0051, "differs")):
         assert word(published, 1.0 + reach - 1e-6, 1e-6 / 1.9599639845400543) == expected
+
+
+@pytest.mark.parametrize(("value", "z"), [
+    (0.12, 0.0), (0.1151, 0.0), (0.1249, 0.0), (0.126, 1.0), (0.113, -2.0), (0.129, 4.0), (0.131, 6.0),
+])  # fmt: skip
+def test_a_difference_is_that_to_the_nearest_number_that_rounds_to_the_printed_one(value, z):
+    for sign in (1, -1):
+        published = number(sign * 0.12, digits=2, runs=0)
+        found = number_verdict(published, RunEstimate(sign * value, 1e-3, None, 400), [])
+        assert found.z == pytest.approx(sign * z, abs=1e-9)
+        decided = "differs" if z == 6.0 else "inconclusive" if z == 4.0 else "agrees"
+        assert found.word == decided
+
+
+def test_a_value_that_rounds_to_the_printed_number_needs_an_error_and_may_be_wide():
+    published = number(0.2, digits=1, runs=0)
+    for stderr, expected in ((0.005, "agrees"), (0.02, "compatible"), (nan, "inconclusive")):
+        assert word(published, 0.24, stderr) == expected
+    assert word(published, 0.24, 0.0) == "agrees"
+    found = number_verdict(published, RunEstimate(0.24, 0.0, None, 400), [])
+    assert found.z == 0.0
+    # Ten percent of the printed number are less than half a unit of its last digit.
+    assert word(published, 0.16, 0.005) == word(published, 0.2, 0.025) == "agrees"
+
+
+def test_the_rounding_of_the_printed_number_turns_no_verdict():
+    """2.5 printed for 2.5425, as for the climatology of `lorenz96-spantini`: 2.8 errors from 2.5."""
+    measured = RunEstimate(2.5425, 0.0101, None, 16)
+    coarse, fine = (number(2.5, digits=n, runs=13) for n in (1, 4))
+    assert number_verdict(coarse, measured, []) == rules.Verdict("agrees", 0.0)
+    found = number_verdict(fine, measured, [])
+    assert (found.word, found.fragile) == ("agrees", True)
+    assert found.z == pytest.approx(2.8, abs=0.05)
+
+
+@pytest.mark.parametrize(("value", "expected"), [
+    (0.125, "equal"), (0.12500001, "equal"), (0.1251, "differs"), (0.1149, "differs"),
+])  # fmt: skip
+def test_a_deterministic_number_is_equal_if_it_rounds_to_the_printed_one(value, expected):
+    """0.12500001: per_run.csv has seven digits."""
+    measured = RunEstimate(value, nan, None, 1)
+    found = number_verdict(number(0.12, digits=2), measured, [], deterministic=True)
+    assert found.word == expected
 
 
 @pytest.mark.parametrize(("kept", "gone", "expected"), [

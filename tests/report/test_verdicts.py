@@ -64,9 +64,9 @@ def test_a_bias_counts_beyond_its_margin(value, word):
 
 def test_z_has_the_papers_error_from_its_own_number_of_runs_or_its_own_spread():
     measured = RunEstimate(2.0, 0.1, None, 100)
-    _, z = verdict(number(1.0, runs=25), measured)
+    _, z = verdict(number(1.0, digits=9, runs=25), measured)
     assert z == pytest.approx(1.0 / np.hypot(0.1, 0.2))
-    _, z = verdict(number(1.0, runs=25, variance=4.0), measured)
+    _, z = verdict(number(1.0, digits=9, runs=25, variance=4.0), measured)
     assert z == pytest.approx(1.0 / np.hypot(0.1, 0.4))
 
 

@@ -20,7 +20,7 @@ from trackbench.config import shipped_experiments
 from trackbench.config.build import build, unknown
 from trackbench.errors import Mark, Problem, UserError, reason
 from trackbench.evaluation.metric_expression import Measure
-from trackbench.field_types import FORMULA, Count, Finite, Natural, NonNegative, Positive
+from trackbench.field_types import FORMULA, Count, Finite, Natural, NonNegative, Positive, decimals
 from trackbench.yaml_source import (
     MarkedMapping,
     Source,
@@ -41,8 +41,7 @@ def picks(point: str, values: Mapping[str, object]) -> bool:
 
     Paths that vary together are one path with a list of values: ``a.N & b.N=[10, 5]``.
     """
-    pairs = values.items()
-    return all(any(_picks_value(part, *pair) for pair in pairs) for part in split(point))
+    return all(any(_picks_value(part, *pair) for pair in values.items()) for part in split(point))
 
 
 def _picks_value(part: str, path: str, value: object) -> bool:
@@ -69,7 +68,7 @@ class PublishedNumber:
     value: Finite | Literal["biased", "unbiased"]
     """the number; a word where the paper prints a word"""
     digits: Natural = 0
-    """decimals that are printed"""
+    """decimals that are printed; default: those of the ``value`` as written, so 2 of 0.20"""
     runs: Count | None = None
     """the paper's Monte Carlo runs"""
     variance: Positive | None = None
@@ -251,9 +250,8 @@ def _misspelt(known: _Known, folders: list[Path]) -> Iterator[Problem]:
     unknown_names = known.first_rows.keys() - set(shipped_experiments.names())
     if not unknown_names:
         return
-    near = [
-        f for folder in {*folders} for place in (folder, folder.parent) for f in _configs(place)
-    ]
+    places = (place for folder in {*folders} for place in (folder, folder.parent))
+    near = (name for place in places for name in _configs(place))
     names = {known.experiment, *shipped_experiments.names(), *near}
     for name in sorted(unknown_names - names):
         for match in get_close_matches(name, sorted(names), 1, 0.75):
@@ -327,9 +325,10 @@ def _source(name: str, line: int, cls: type, header: list[str], cells: list[str]
             value = scalar(cell)
             row[key] = cell if is_word or type(value) not in (int, float) else value
             row.marks[key] = row.key_marks[key] = Mark(name, line, column)
+            if key == "value" and isinstance(value, float):
+                row.setdefault("digits", decimals(cell))
             what = None if is_printable else unprintable_reason(cell)
-            if is_word and cell[:1] in FORMULA:
-                what = what or formula(cell)
+            what = what or (formula(cell) if is_word and cell[:1] in FORMULA else None)
             if what is not None:
                 source.add_problem((key,), what)
         # The next cell's column: quotes around a cell, and doubled ones in it, take their place.

@@ -533,6 +533,61 @@ KERNEL(c_lower_product) {
   DONE;
 }
 
+/* One rotation of `_rotate` that makes A_pq zero, of matrices (n, n, M) in place; return whether any of M needs it. */
+static int rotate(double *A, double *V, Size n, Size M, Size p, Size q, double rounding, double *work) {
+  double *restrict a = work, *restrict b = a + M, *restrict off = b + M, *restrict t = off + M, *restrict c = t + M, *restrict s = c + M;
+  int any = 0;
+  memcpy(a, A + (p * n + p) * M, sizeof(double) * M);
+  memcpy(b, A + (q * n + q) * M, sizeof(double) * M);
+  memcpy(off, A + (p * n + q) * M, sizeof(double) * M);
+  for (Size l = 0; l < M; l++) any |= fabs(off[l]) > rounding * sqrt(fabs(a[l] * b[l]));
+  if (!any) return 0;
+  for (Size l = 0; l < M; l++) {
+    double theta = (b[l] - a[l]) / (2.0 * off[l]);
+    double tangent = (theta < 0.0 ? -1.0 : 1.0) / (fabs(theta) + sqrt(theta * theta + 1.0));
+    t[l] = fabs(off[l]) > rounding * sqrt(fabs(a[l] * b[l])) ? tangent : 0.0;
+    c[l] = 1.0 / sqrt(t[l] * t[l] + 1.0);
+    s[l] = t[l] * c[l];
+  }
+  /* Rows of A and columns of V, then the columns of A, which are its rows. */
+  for (Size i = 0; i < n; i++) {
+    double *restrict x = V + (i * n + p) * M, *restrict y = V + (i * n + q) * M;
+    for (Size l = 0; l < M; l++) { double u = x[l], v = y[l]; x[l] = c[l] * u - s[l] * v; y[l] = s[l] * u + c[l] * v; }
+  }
+  for (Size i = 0; i < n; i++) {
+    double *restrict x = A + (p * n + i) * M, *restrict y = A + (q * n + i) * M;
+    for (Size l = 0; l < M; l++) { double u = x[l], v = y[l]; x[l] = c[l] * u - s[l] * v; y[l] = s[l] * u + c[l] * v; }
+  }
+  for (Size i = 0; i < n; i++) {
+    if (i == p || i == q) continue;
+    memcpy(A + (i * n + p) * M, A + (p * n + i) * M, sizeof(double) * M);
+    memcpy(A + (i * n + q) * M, A + (q * n + i) * M, sizeof(double) * M);
+  }
+  for (Size l = 0; l < M; l++) {
+    int turn = fabs(off[l]) > rounding * sqrt(fabs(a[l] * b[l]));
+    A[(p * n + p) * M + l] = a[l] - t[l] * off[l];
+    A[(q * n + q) * M + l] = b[l] + t[l] * off[l];
+    A[(p * n + q) * M + l] = A[(q * n + p) * M + l] = turn ? 0.0 : off[l];
+  }
+  return 1;
+}
+
+/* eigen(A, V, n, sweeps, rounding): Jacobi rotations of A and V (n, n, batch) in place. */
+KERNEL(c_eigen) {
+  OPEN(2, 0);
+  Size n = WHOLE(2), sweeps = WHOLE(3), M = n > 0 ? LENGTH(0) / (n * n) : 0;
+  double rounding = PyFloat_AsDouble(args[4]), *work = malloc(sizeof(double) * 6 * (M + 1));
+  int rotated = work != NULL;
+  if (!work) PyErr_NoMemory();
+  for (Size sweep = 0; sweep < sweeps && rotated; sweep++) {
+    rotated = 0;
+    for (Size p = 0; p < n; p++)
+      for (Size q = p + 1; q < n; q++) rotated |= rotate(DOUBLES(0), DOUBLES(1), n, M, p, q, rounding, work);
+  }
+  free(work);
+  DONE;
+}
+
 /* weighted(weights, values, out): sums over points of values (m, P, batch). */
 KERNEL(c_weighted) {
   OPEN(3, 2);
@@ -572,7 +627,7 @@ KERNEL(c_cross) {
 static PyMethodDef methods[] = {
   METHOD(exp), METHOD(log), METHOD(cos_sin), METHOD(arctan2), METHOD(normals), METHOD(total), METHOD(dot),
   METHOD(normalize), METHOD(moments), METHOD(ancestors), METHOD(select), METHOD(product), METHOD(sandwich),
-  METHOD(factor), METHOD(whiten), METHOD(lower_product), METHOD(weighted), METHOD(cross), {NULL}};
+  METHOD(factor), METHOD(whiten), METHOD(lower_product), METHOD(eigen), METHOD(weighted), METHOD(cross), {NULL}};
 static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, "_compiled", "Kernels of core/ in C.", -1, methods};
 PyMODINIT_FUNC PyInit__compiled(void) {
   PyObject *m = PyModule_Create(&module);

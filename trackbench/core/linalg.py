@@ -299,11 +299,14 @@ def eigen(A: Array) -> tuple[Array, Array]:
     n = len(A)
     A = A.copy()
     V = np.broadcast_to(np.eye(n).reshape((n, n) + (1,) * (A.ndim - 2)), A.shape).copy()
-    for _ in range(_SWEEPS):
-        rotated = [_rotate(A, V, p, q) for p in range(n) for q in range(p + 1, n)]
-        # A sweep without a rotation leaves every entry as it is.
-        if not any(rotated):
-            break
+    if compiled.kernels and A.dtype == np.float64:
+        compiled.kernels.eigen(A, V, n, _SWEEPS, _ROUNDING)
+    else:
+        for _ in range(_SWEEPS):
+            rotated = [_rotate(A, V, p, q) for p in range(n) for q in range(p + 1, n)]
+            # A sweep without a rotation leaves every entry as it is.
+            if not any(rotated):
+                break
     # -0 becomes 0: sweeps for the sake of another batch member may change the sign of a zero.
     return diagonal(A) + 0.0, V + 0.0
 

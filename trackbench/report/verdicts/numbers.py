@@ -165,4 +165,4 @@ def _is_near(number: PublishedNumber, measured: RunEstimate, verdict: Verdict) -
     """Return whether a number differs significantly from the printed one, but by a small share."""
     if verdict.word != "differs" or isinstance(number.value, str):
         return False
-    return abs(measured.value - number.value) <= NEAR * abs(number.value)
+    return abs(rules.difference(number, measured.value)) <= NEAR * abs(number.value)

@@ -171,24 +171,43 @@ def _difference(number: PublishedNumber, measured: RunEstimate, least: float) ->
     if not isfinite(value):
         return (UNDECIDED, nan) if not measured.lost else ("differs", inf)
     assert not isinstance(printed, str)
-    theirs = _of_the_paper(number, measured)
-    z = measured.z(printed, theirs)
-    # Agreement: within the printed digits; or no difference, and within 10 %.
-    reach = max(abs(end - printed) for end in measured.interval(other=theirs))
-    room, digits = NEAR * abs(printed), 0.5 * 10.0**-number.digits
-    if reach <= digits or (abs(z) <= SURE and reach <= room):
-        return "agrees", z
-    # Otherwise z decides whether it differs, and the difference by how much.
+    theirs, nearest = _of_the_paper(number, measured), _nearest(number, value)
+    z = measured.z(nearest, theirs)
+    if value == nearest and not isnan(measured.stderr):
+        z = 0.0  # it rounds to the printed number
+    # Agreement: no difference, and an interval within 10 % or within the printed digits.
     if abs(z) <= SURE:
-        return "compatible", z
-    return ("differs" if abs(z) >= least else UNDECIDED), z  # too little, or without an error
+        reach = max(abs(end - printed) for end in measured.interval(other=theirs))
+        room = max(NEAR * abs(printed), _rounding(number))
+        return ("agrees" if reach <= room else "compatible"), z
+    # Otherwise z decides whether it differs. It may be too small, or unknown without an error.
+    return ("differs" if abs(z) >= least else UNDECIDED), z
+
+
+def difference(number: PublishedNumber, value: float) -> float:
+    """Return the difference of a value to the nearest number that rounds to the printed one.
+
+    A printed 0.12 stands for 0.115 to 0.125, within which the difference is zero.
+    """
+    return value - _nearest(number, value)
+
+
+def _nearest(number: PublishedNumber, value: float) -> float:
+    """Return the number nearest to a value that rounds to the printed one."""
+    assert not isinstance(number.value, str)
+    half = _rounding(number)
+    return min(max(value, number.value - half), number.value + half)
+
+
+def _rounding(number: PublishedNumber) -> float:
+    """Return the largest rounding error of the printed number: half a unit of its last digit."""
+    return 0.5 * 10.0**-number.digits
 
 
 def _has_digits_of(number: PublishedNumber, value: float) -> bool:
     """Return whether a value rounds to the printed number, as far as per_run.csv stores its digits."""
-    assert not isinstance(number.value, str)
     stored = 0.5 * abs(value) * 10.0 ** (1 - DIGITS["per_run.csv"])
-    return abs(value - number.value) <= 0.5 * 10.0**-number.digits + stored
+    return abs(difference(number, value)) <= stored
 
 
 def _of_the_paper(number: PublishedNumber, measured: RunEstimate) -> float:
