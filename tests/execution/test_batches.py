@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from tests.execution.test_resume import merwe_text, write
+from tests.execution.test_resume import write
+from tests.papers import merwe_text
 from trackbench.config.load import load
 from trackbench.execution import queue
 from trackbench.execution.cache import BlockStore
@@ -55,3 +56,28 @@ def test_a_cluster_gets_batches_that_last_and_stores_their_blocks(
         assert (max(executor.stacks) > 1) == (seconds > 0.0)
         assert executor.stacks[:2] == [1, 1]  # nothing is known yet
     assert results[0] == results[1]
+
+
+def test_a_larger_cluster_gets_more_tasks_and_longer_ones(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = "name: many\nruns: 400\nblock: 2\nscenario: SCENE\nfilters: {KF: {kind: ekf}}\n"
+    plan = make_plan(load(write(tmp_path, text.replace("SCENE", merwe_text(T=6)))))
+    found: list[tuple[float, int]] = []
+
+    def drain(self: queue.Queue, _: Executor, least: float, __: object) -> Iterator[Any]:
+        found.append((least, self._workers))
+        self._waiting.clear()
+        yield from ()
+
+    monkeypatch.setattr(queue.Queue, "_drain", drain)
+    for workers in (1, 1000):
+        tasks = queue.Queue(2, BlockStore(tmp_path))
+        tasks.add(plan.unique, ())
+
+        @contextmanager
+        def opened(workers: int = workers) -> Iterator[Executor]:
+            yield ClusterExecutor(Counting(), workers)
+
+        assert not list(tasks.run(opened))
+    assert found == [(1.0, 2), (8.0, 1000)]

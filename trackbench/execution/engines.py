@@ -133,10 +133,11 @@ _ADDRESS = re.compile(r"((tcp|tls|wss?)://)?(\[[^\s\]]+\]|[^\s:/]+):[0-9]{1,5}")
 
 
 class ClusterExecutor(Executor):
-    """Executor on other machines, for which tasks should last a second: a scheduler takes 4 ms each."""
+    """Executor on a cluster's workers, and how many they are."""
 
-    def __init__(self, executor: Executor) -> None:
+    def __init__(self, executor: Executor, workers: int = 1) -> None:
         self._executor = executor
+        self.workers = workers
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
         """Submit a call."""
@@ -208,4 +209,5 @@ def _dask(workers: int, scheduler: str | None) -> Iterator[Executor]:
         raise UserError(f"--scheduler {scheduler}: no scheduler answers there ({reason})") from None
     with client:
         # pure=False: a block is asked for once, and its result is not to stay in the cluster.
-        yield ClusterExecutor(client.get_executor(pure=False))
+        threads: dict[str, int] = client.nthreads()
+        yield ClusterExecutor(client.get_executor(pure=False), sum(threads.values()))

@@ -27,7 +27,9 @@ _MOST_DEATHS = 4
 _AHEAD = 16
 """Blocks per worker that are handed over: they last while the caller writes an experiment's report."""
 _TASK_SECONDS = 1.0
-"""Time that a task of a cluster should take."""
+"""Least time that a task of a cluster should take."""
+_SCHEDULER_SECONDS = 0.004
+"""Time that a cluster's scheduler takes for a task."""
 
 Found: TypeAlias = dict[int, BlockResult] | Exception
 """A block's results by the number of runs used, or why there are none; empty if they are stored."""
@@ -78,9 +80,13 @@ class Queue:
         while self._waiting:
             try:
                 with open_engine() as executor, announced(self._store.root) as token:
-                    remote = isinstance(executor, ClusterExecutor)
                     shared = None if isinstance(executor, SerialExecutor) else token
-                    yield from self._drain(executor, _TASK_SECONDS if remote else 0.0, shared)
+                    least_seconds = 0.0
+                    if isinstance(executor, ClusterExecutor):
+                        self._workers = max(self._workers, executor.workers)
+                        # The scheduler is idle half of the time.
+                        least_seconds = max(_TASK_SECONDS, 2.0 * _SCHEDULER_SECONDS * self._workers)
+                    yield from self._drain(executor, least_seconds, shared)
             except BrokenExecutor:
                 yield from self._after_death()
 
