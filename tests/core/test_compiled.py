@@ -1,5 +1,6 @@
 """The C kernels give the bytes of the numpy code, for ordinary and for special numbers."""
 
+import inspect
 import os
 import subprocess
 import sys
@@ -9,7 +10,16 @@ import numpy as np
 import pytest
 from numpy.random import SFC64
 
-from trackbench.core import compiled, elementary, linalg, particles, resampling, sums, unscented
+from trackbench.core import (
+    compiled,
+    elementary,
+    kalman,
+    linalg,
+    particles,
+    resampling,
+    sums,
+    unscented,
+)
 from trackbench.core.build_compiled import BUILT
 from trackbench.core.distributions import Gaussian
 from trackbench.core.random_streams import NoiseGenerator, block_stream
@@ -140,6 +150,63 @@ def test_matrices(batch: tuple[int, ...], both: Callable[..., None]) -> None:
     points = unscented.Unscented(0.5, 2.0, 0.0).points(Gaussian(x, P))
     both(lambda: points.moments(np.cos(points.x)))
     both(lambda: points.cross(points.x, np.cos(points.x[:2])))
+
+
+@pytest.mark.parametrize("batch", [(), (1,), (50,), (700,), (3, 401)])
+@pytest.mark.parametrize("n_z", [1, 2, 3])
+@pytest.mark.parametrize("n", [1, 2, 4, 7])
+@pytest.mark.parametrize("special", [False, True])
+def test_kalman_updates(
+    batch: tuple[int, ...], n_z: int, n: int, special: bool, both: Callable[..., None]
+) -> None:
+    rng = np.random.default_rng(100 * n + n_z)
+
+    def draw(*shape: int) -> np.ndarray:
+        values = rng.standard_normal(shape)
+        where = rng.random(shape) < 0.2
+        return np.where(where, rng.choice(SPECIAL, shape), values) if special else values
+
+    def spread(size: int, *shape: int) -> np.ndarray:
+        values = draw(size, size, *shape)
+        return values if special else linalg.matmul(values, linalg.transpose(values))
+
+    P, K = spread(n, *batch), draw(n, n_z, *batch)
+    sparse = np.where(rng.random((n_z, n)) < 0.5, 0.0, draw(n_z, n))
+    # The functions themselves, without the cache of `once`.
+    gain, joseph = inspect.unwrap(kalman.gain), inspect.unwrap(kalman._joseph)
+    for H in (draw(n_z, n, *batch), sparse, np.eye(n_z, n)):
+        for R in (spread(n_z, *batch), spread(n_z), np.diag([0.5, -0.0, 2.0][:n_z])):
+            both(lambda H=H, R=R: gain(P, H, R))
+            both(lambda H=H, R=R: joseph(P, K, H, R))
+            both(lambda H=H, R=R: gain(linalg.transpose(P), H, linalg.transpose(R)))
+
+
+def test_constant_matrices(both: Callable[..., None]) -> None:
+    rng = np.random.default_rng(1)
+    for n in (1, 2, 4, 7):
+        for A in (rng.standard_normal((n, 4)), rng.choice(SPECIAL, (n, 4)), -np.zeros((n, 4))):
+            for B in (
+                rng.standard_normal((4, 4)),
+                rng.choice(SPECIAL, (4, 4)),
+                np.eye(4, dtype=int),
+            ):
+                both(lambda A=A, B=B: linalg.matmul(A, B))
+                both(lambda A=A, B=B: linalg.matmul(A[:, ::2], B[::-2].T[::2].T))
+                both(lambda A=A, B=B: linalg.sandwich(A, B))
+                both(lambda A=A, B=B: linalg.sandwich(A, linalg.symmetrize(B)))
+
+
+def test_matrices_that_do_not_fit_are_errors() -> None:
+    P, wide, narrow = np.ones((4, 4, 50)), np.ones((2, 5)), np.ones((2, 3))
+    for call in (
+        lambda: linalg.matmul(wide, P),
+        lambda: linalg.sandwich(wide, P),
+        lambda: kalman.gain(P, wide, np.eye(2)),
+        lambda: linalg.matmul(narrow, P[..., 0]),
+        lambda: kalman.gain(P[..., 0], narrow, np.eye(2)),
+    ):
+        with pytest.raises((ValueError, IndexError)):
+            call()
 
 
 def test_they_can_be_turned_off_and_a_stale_file_is_not_used() -> None:

@@ -365,12 +365,12 @@ static int same_batch(const Py_buffer *a, int a_axes, const Py_buffer *b, int b_
   return 1;
 }
 
-/* Open arrays with their strides; the last one is written to. */
-static int open_strided(Buffers *b, PyObject *const *args, Size given, int n) {
+/* Open arrays with their strides; those from `written` on are written to. */
+static int open_strided(Buffers *b, PyObject *const *args, Size given, int n, int written) {
   b->count = 0;
   if (given < n) { PyErr_SetString(PyExc_TypeError, "too few arguments"); return 0; }
   for (int i = 0; i < n; i++) {
-    int wanted = PyBUF_STRIDES | PyBUF_FORMAT | (i == n - 1 ? PyBUF_WRITABLE : 0);
+    int wanted = PyBUF_STRIDES | PyBUF_FORMAT | (i < written ? 0 : PyBUF_WRITABLE);
     if (PyObject_GetBuffer(args[i], &b->views[i], wanted)) {
       release(b);
       return 0;
@@ -380,19 +380,26 @@ static int open_strided(Buffers *b, PyObject *const *args, Size given, int n) {
   return 1;
 }
 
-#define OPEN_STRIDED(n) Buffers b; if (!open_strided(&b, args, given, n)) return NULL
+#define OPEN_STRIDED(n, written) Buffers b; if (!open_strided(&b, args, given, n, written)) return NULL
 #define ANSWER(done) do { int answer = (done); release(&b); return PyBool_FromLong(answer); } while (0)
 
 static Matrix transposed(Matrix A) {
   return (Matrix){A.at, A.columns, A.rows, A.column, A.row, A.batch, A.constant};
 }
 
-/* out = A B for members from ... from + n of the batch; zeros of a constant matrix are left out. */
+/* out = A B for members from ... from + n of the batch. Zeros of a constant matrix are left out, but numpy's sums
+   of the product of two constant matrices have all terms and begin with 0.0. */
 static void multiply(const Matrix *A, const Matrix *B, const Matrix *out, Size from, Size n) {
   for (Size i = 0; i < A->rows; i++)
     for (Size k = 0; k < B->columns; k++) {
       double *restrict sum = out->at + i * out->row + k * out->column + from;
       int terms = 0;
+      if (A->constant && B->constant) {
+        *sum = 0.0;
+        for (Size j = 0; j < A->columns; j++)
+          *sum += A->at[i * A->row + j * A->column] * B->at[j * B->row + k * B->column];
+        continue;
+      }
       for (Size j = 0; j < A->columns; j++) {
         const double *a = A->at + i * A->row + j * A->column, *c = B->at + j * B->row + k * B->column;
         if (A->constant || B->constant) {
@@ -411,13 +418,48 @@ static void multiply(const Matrix *A, const Matrix *B, const Matrix *out, Size f
     }
 }
 
+/* The product of this chunk in memory of its own. */
+static Matrix product_in(double *memory, const Matrix *A, const Matrix *B, Size from, Size n) {
+  Matrix out = {memory - from, A->rows, B->columns, B->columns * CHUNK, CHUNK, 0, A->constant && B->constant};
+  multiply(A, B, &out, from, n);
+  return out;
+}
+
+/* P = (P + P') / 2 */
+static void symmetrize(const Matrix *P, Size from, Size n) {
+  for (Size i = 0; i < P->rows && P->rows > 1; i++)
+    for (Size k = 0; k <= i; k++) {
+      double *upper = P->at + k * P->row + i * P->column + from, *lower = P->at + i * P->row + k * P->column + from;
+      for (Size l = 0; l < n; l++) upper[l] = lower[l] = 0.5 * (lower[l] + upper[l]);
+    }
+}
+
+/* out = (F P F' + its transpose) / 2, by F P of this chunk, then F (F P)'. */
+static void sandwich(const Matrix *F, const Matrix *P, const Matrix *out, Size from, Size n) {
+  static double memory[MOST * CHUNK]; /* the interpreter's lock is held */
+  Matrix turned = transposed(product_in(memory, F, P, from, n));
+  multiply(F, &turned, out, from, n);
+  symmetrize(out, from, n);
+}
+
+/* P += Q, of the batch or constant */
+static void add(const Matrix *P, const Matrix *Q, Size from, Size n) {
+  for (Size i = 0; i < P->rows; i++)
+    for (Size k = 0; k < P->columns; k++) {
+      double *restrict sum = P->at + i * P->row + k * P->column + from;
+      const double *term = Q->at + i * Q->row + k * Q->column;
+      if (Q->constant) for (Size l = 0; l < n; l++) sum[l] += *term;
+      else for (Size l = 0; l < n; l++) sum[l] += term[from + l];
+    }
+}
+
 /* product(A, B, out, vector): A B, or A x; False if an argument's memory has another form. */
 KERNEL(c_product) {
-  OPEN_STRIDED(3);
+  OPEN_STRIDED(3, 2);
   int axes = WHOLE(3) ? 1 : 2;
   Matrix A, B, out;
   if (!as_matrix(&b.views[0], 0, &A) || !as_matrix(&b.views[1], axes == 1, &B) || !as_matrix(&b.views[2], axes == 1, &out)
-      || (A.constant && B.constant) || !(A.constant || B.constant || same_batch(&b.views[0], 2, &b.views[1], axes)))
+      || A.columns != B.rows || !(A.constant || B.constant || same_batch(&b.views[0], 2, &b.views[1], axes)))
     ANSWER(0);
   for (Size from = 0; from < out.batch; from += CHUNK)
     multiply(&A, &B, &out, from, out.batch - from < CHUNK ? out.batch - from : CHUNK);
@@ -426,32 +468,89 @@ KERNEL(c_product) {
 
 /* sandwich(F, P, out): (F P F' + its transpose) / 2. */
 KERNEL(c_sandwich) {
-  OPEN_STRIDED(3);
+  OPEN_STRIDED(3, 2);
   Matrix F, P, out;
   if (!as_matrix(&b.views[0], 0, &F) || !as_matrix(&b.views[1], 0, &P) || !as_matrix(&b.views[2], 0, &out)
-      || (F.constant && P.constant) || F.rows * F.columns > MOST
-      || !(F.constant || P.constant || same_batch(&b.views[0], 2, &b.views[1], 2)))
+      || F.rows * F.columns > MOST || F.columns != P.rows || P.columns != P.rows || !(F.constant || P.constant || same_batch(&b.views[0], 2, &b.views[1], 2)))
     ANSWER(0);
-  double memory[MOST * CHUNK];
-  for (Size from = 0; from < out.batch; from += CHUNK) {
-    Size n = out.batch - from < CHUNK ? out.batch - from : CHUNK;
-    /* F P of this chunk, then F (F P)'. */
-    Matrix chunk = {memory - from, F.rows, F.columns, F.columns * CHUNK, CHUNK, out.batch, 0};
-    multiply(&F, &P, &chunk, from, n);
-    Matrix turned = transposed(chunk);
-    multiply(&F, &turned, &out, from, n);
-    for (Size i = 0; i < out.rows && out.rows > 1; i++)
-      for (Size k = 0; k <= i; k++) {
-        double *upper = out.at + k * out.row + i * out.column + from, *lower = out.at + i * out.row + k * out.column + from;
-        for (Size l = 0; l < n; l++) upper[l] = lower[l] = 0.5 * (lower[l] + upper[l]);
+  for (Size from = 0; from < out.batch; from += CHUNK)
+    sandwich(&F, &P, &out, from, out.batch - from < CHUNK ? out.batch - from : CHUNK);
+  ANSWER(1);
+}
+
+/* Open P, H, R and two more matrices: the last two have the batch of P, H and R have it or are constant. */
+static int as_update(const Buffers *b, Matrix *M) {
+  for (int i = 0; i < 5; i++)
+    if (!as_matrix(&b->views[i], 0, &M[i]) || M[i].rows * M[i].columns > MOST
+        || !((M[i].constant && i < 3) || same_batch(&b->views[0], 2, &b->views[i], 2)))
+      return 0;
+  return M[0].columns == M[0].rows && M[1].columns == M[0].rows && M[2].rows == M[1].rows && M[2].columns == M[1].rows;
+}
+
+/* S^-1 of one component or two, `inverse`. */
+static void invert(const Matrix *S, const Matrix *out, Size from, Size n) {
+  const double *first = S->at + from, *low = S->at + S->row + from, *last = low + S->column;
+  double *inverse = out->at + from, *off = out->at + out->column + from, *off_low = out->at + out->row + from;
+  for (Size l = 0; l < n; l++)
+    if (S->rows == 1) inverse[l] = 1.0 / first[l];
+    else {
+      double ratio = low[l] / first[l], rest = last[l] - ratio * low[l];
+      double d = 1.0 / (rest > 0.0 && first[l] > 0.0 ? rest : NAN);
+      off[l] = off_low[l] = -ratio * d;
+      inverse[l] = 1.0 / first[l] - ratio * off[l];
+      off_low[out->column + l] = d;
+    }
+}
+
+/* gain(P, H, R, S, K): S = H P H' + R and K = P H' S^-1 of one or two measurements, `gain` of kalman.py. */
+KERNEL(c_gain) {
+  OPEN_STRIDED(5, 3);
+  Matrix M[5];
+  if (!as_update(&b, M) || M[2].rows > 2) ANSWER(0);
+  static double HP_memory[MOST * CHUNK], inverse_memory[4 * CHUNK];
+  for (Size from = 0; from < M[0].batch; from += CHUNK) {
+    Size n = M[0].batch - from < CHUNK ? M[0].batch - from : CHUNK;
+    Matrix PH = transposed(product_in(HP_memory, &M[1], &M[0], from, n));
+    multiply(&M[1], &PH, &M[3], from, n);
+    symmetrize(&M[3], from, n);
+    add(&M[3], &M[2], from, n);
+    Matrix inverse = {inverse_memory - from, M[2].rows, M[2].rows, M[2].rows * CHUNK, CHUNK, 0, M[3].constant};
+    invert(&M[3], &inverse, from, n);
+    multiply(&PH, &inverse, &M[4], from, n);
+  }
+  ANSWER(1);
+}
+
+/* joseph(P, H, R, K, out): (I - K H) P (I - K H)' + K R K', `_joseph` of kalman.py. */
+KERNEL(c_joseph) {
+  OPEN_STRIDED(5, 4);
+  Matrix M[5];
+  if (!as_update(&b, M) || M[3].rows != M[0].rows || M[3].columns != M[2].rows) ANSWER(0);
+  static double left_memory[MOST * CHUNK], noise_memory[MOST * CHUNK], second_memory[MOST * CHUNK];
+  Size n_x = M[0].rows, n_z = M[2].rows;
+  int repeated = M[2].constant && !M[3].constant; /* over the batch, so that the zeros of R count as numpy's do */
+  for (Size i = 0; i < n_z * n_z && repeated; i++)
+    for (Size l = 0; l < CHUNK; l++) noise_memory[i * CHUNK + l] = M[2].at[i / n_z * M[2].row + i % n_z * M[2].column];
+  for (Size from = 0; from < M[0].batch; from += CHUNK) {
+    Size n = M[0].batch - from < CHUNK ? M[0].batch - from : CHUNK;
+    Matrix left = product_in(left_memory, &M[3], &M[1], from, n);
+    for (Size i = 0; i < n_x; i++)
+      for (Size k = 0; k < n_x; k++) {
+        double *entry = left_memory + (i * n_x + k) * CHUNK;
+        for (Size l = 0; l < n; l++) entry[l] = i == k ? -entry[l] + 1.0 : -entry[l];
       }
+    sandwich(&left, &M[0], &M[4], from, n);
+    Matrix repeat = {noise_memory - from, n_z, n_z, n_z * CHUNK, CHUNK, 0, 0};
+    Matrix second = {second_memory - from, n_x, n_x, n_x * CHUNK, CHUNK, 0, M[3].constant};
+    sandwich(&M[3], repeated ? &repeat : &M[2], &second, from, n);
+    add(&M[4], &second, from, n);
   }
   ANSWER(1);
 }
 
 /* factor(P, L, tolerance): the lower Cholesky factor, `_factor`; L is zero before. */
 KERNEL(c_factor) {
-  OPEN_STRIDED(2);
+  OPEN_STRIDED(2, 1);
   Matrix P, L;
   double tolerance = PyFloat_AsDouble(args[2]);
   if (!as_matrix(&b.views[0], 0, &P) || !as_matrix(&b.views[1], 0, &L) || P.constant) ANSWER(0);
@@ -490,7 +589,7 @@ KERNEL(c_factor) {
 
 /* whiten(L, b, out): L^-1 b by forward substitution; L may be constant. */
 KERNEL(c_whiten) {
-  OPEN_STRIDED(3);
+  OPEN_STRIDED(3, 2);
   Matrix L, e, out;
   if (!as_matrix(&b.views[0], 0, &L) || !as_matrix(&b.views[1], 1, &e) || !as_matrix(&b.views[2], 1, &out)
       || e.constant || !(L.constant || same_batch(&b.views[0], 2, &b.views[1], 1)))
@@ -572,7 +671,7 @@ KERNEL(c_cross) {
 static PyMethodDef methods[] = {
   METHOD(exp), METHOD(log), METHOD(cos_sin), METHOD(arctan2), METHOD(normals), METHOD(total), METHOD(dot),
   METHOD(normalize), METHOD(moments), METHOD(ancestors), METHOD(select), METHOD(product), METHOD(sandwich),
-  METHOD(factor), METHOD(whiten), METHOD(lower_product), METHOD(weighted), METHOD(cross), {NULL}};
+  METHOD(gain), METHOD(joseph), METHOD(factor), METHOD(whiten), METHOD(lower_product), METHOD(weighted), METHOD(cross), {NULL}};
 static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, "_compiled", "Kernels of core/ in C.", -1, methods};
 PyMODINIT_FUNC PyInit__compiled(void) {
   PyObject *m = PyModule_Create(&module);

@@ -9,7 +9,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from trackbench.core import linalg
+from trackbench.core import compiled, linalg
 from trackbench.core.arrays import Array, Mask, note, once, with_axes_of, with_trailing
 from trackbench.core.distributions import LOG_2PI, Factored, Gaussian, from_root, zero_mean_log_prob
 from trackbench.core.elementary import log
@@ -206,6 +206,11 @@ def _with_gain(predicted: Gaussian, nu: Array, K: Array, H: Array, R: Array) -> 
 @once
 def gain(P: Array, H: Array, R: Array) -> tuple[Array, Array]:
     """Return ``S = H P H' + R`` and ``K = P H' S^-1``."""
+    if compiled.kernels:
+        n_z, n, *batch = len(H), *P.shape[1:]
+        S, K = np.empty((n_z, n_z, *batch)), np.empty((n, n_z, *batch))
+        if compiled.kernels.gain(P, H, R, S, K):
+            return S, K
     HP = linalg.matmul(H, P)
     # S = H P H' + R
     S = linalg.symmetrize(linalg.matmul(H, linalg.transpose(HP)))
@@ -217,6 +222,10 @@ def gain(P: Array, H: Array, R: Array) -> tuple[Array, Array]:
 @once
 def _joseph(P: Array, K: Array, H: Array, R: Array) -> Array:
     """Return ``(I - K H) P (I - K H)' + K R K'``."""
+    if compiled.kernels:
+        out = np.empty(P.shape)
+        if compiled.kernels.joseph(P, H, R, K, out):
+            return out
     IKH = linalg.identity_minus(linalg.matmul(K, H))
     return linalg.sandwich(IKH, P) + linalg.sandwich(K, with_axes_of(K, R))
 
