@@ -11,10 +11,12 @@ import pytest
 from numpy.random import SFC64
 
 from trackbench.core import (
+    arrays,
     compiled,
     elementary,
     kalman,
     linalg,
+    mixtures,
     particles,
     resampling,
     sums,
@@ -179,6 +181,41 @@ def test_kalman_updates(
             both(lambda H=H, R=R: gain(P, H, R))
             both(lambda H=H, R=R: joseph(P, K, H, R))
             both(lambda H=H, R=R: gain(linalg.transpose(P), H, linalg.transpose(R)))
+
+
+@pytest.mark.parametrize("runs", [1, 50, 700])
+@pytest.mark.parametrize("special", [False, True])
+def test_mixtures_and_distances(runs: int, special: bool, both: Callable[..., None]) -> None:
+    rng = np.random.default_rng(runs)
+
+    def draw(*shape: int) -> np.ndarray:
+        return rng.choice(SPECIAL, shape) if special else rng.standard_normal(shape)
+
+    for n in (1, 2, 4, 7):
+        w = np.abs(draw(3, 3, runs))
+        states = [Gaussian(draw(n, runs), draw(n, n, runs)) for _ in range(3)]
+        shared = [Gaussian(s.mean[::-1], s.cov[..., 0]) for s in states]
+        mixed = [states[0], shared[1], Gaussian(states[2].mean, states[2].cov[:, ::-1])]
+        for each in (states, shared, mixed):
+            both(lambda w=w, each=each: mixtures.combine(each, w[:, 1]))
+            both(lambda w=w, each=each: mixtures.combine(each, w[..., 0, ::-1], [[0], [], []]))
+        for L in (states[0].cov, shared[0].cov, linalg.transpose(states[0].cov)):
+            both(lambda L=L, e=states[1].mean: linalg.mahalanobis(e, L, L))
+        both(lambda s=states[0]: linalg.mahalanobis(s.mean, s.cov))
+
+
+def test_nan_is_found(both: Callable[..., None]) -> None:
+    for a in (
+        SPECIAL,
+        SPECIAL[:-15],
+        SPECIAL[::2],
+        np.zeros((0, 3)),
+        np.arange(3),
+        np.nan * SPECIAL,
+    ):
+        both(lambda a=a: arrays.any_nan(a))
+        both(lambda a=a: arrays.any_nan(a[None, :, None].T))
+        assert arrays.any_nan(a) == np.isnan(a).any()
 
 
 def test_constant_matrices(both: Callable[..., None]) -> None:

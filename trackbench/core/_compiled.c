@@ -587,33 +587,94 @@ KERNEL(c_factor) {
   ANSWER(1);
 }
 
-/* whiten(L, b, out): L^-1 b by forward substitution; L may be constant. */
-KERNEL(c_whiten) {
-  OPEN_STRIDED(3, 2);
-  Matrix L, e, out;
-  if (!as_matrix(&b.views[0], 0, &L) || !as_matrix(&b.views[1], 1, &e) || !as_matrix(&b.views[2], 1, &out)
-      || e.constant || !(L.constant || same_batch(&b.views[0], 2, &b.views[1], 1)))
-    ANSWER(0);
-  for (Size from = 0; from < e.batch; from += CHUNK) {
-    Size n = e.batch - from < CHUNK ? e.batch - from : CHUNK;
-    for (Size i = 0; i < L.rows; i++) {
-      double *restrict row = out.at + i * out.row + from;
-      memcpy(row, e.at + i * e.row + from, sizeof(double) * n);
-      for (Size j = 0; j <= i; j++) {
-        const double *factor = L.at + i * L.row + j * L.column, *y = out.at + j * out.row + from;
-        if (L.constant) {
-          double f = j == i ? 1.0 / *factor : *factor;
-          if (j == i) for (Size l = 0; l < n; l++) row[l] *= f;
-          else if (f != 0.0) for (Size l = 0; l < n; l++) row[l] -= f * y[l];
-        } else {
-          factor += from;
-          if (j == i) for (Size l = 0; l < n; l++) row[l] *= 1.0 / factor[l];
-          else for (Size l = 0; l < n; l++) row[l] -= factor[l] * y[l];
-        }
+/* out = L^-1 b by forward substitution; L may be constant. */
+static void forward(const Matrix *L, const Matrix *b, const Matrix *out, Size from, Size n) {
+  for (Size i = 0; i < L->rows; i++) {
+    double *restrict row = out->at + i * out->row + from;
+    memcpy(row, b->at + i * b->row + from, sizeof(double) * n);
+    for (Size j = 0; j <= i; j++) {
+      const double *factor = L->at + i * L->row + j * L->column, *y = out->at + j * out->row + from;
+      if (L->constant) {
+        double f = j == i ? 1.0 / *factor : *factor;
+        if (j == i) for (Size l = 0; l < n; l++) row[l] *= f;
+        else if (f != 0.0) for (Size l = 0; l < n; l++) row[l] -= f * y[l];
+      } else {
+        factor += from;
+        if (j == i) for (Size l = 0; l < n; l++) row[l] *= 1.0 / factor[l];
+        else for (Size l = 0; l < n; l++) row[l] -= factor[l] * y[l];
       }
     }
   }
+}
+
+static int as_triangle(const Buffers *b, Matrix *L, Matrix *e) {
+  return as_matrix(&b->views[0], 0, L) && as_matrix(&b->views[1], 1, e) && !e->constant && L->rows == e->rows
+         && (L->constant || same_batch(&b->views[0], 2, &b->views[1], 1));
+}
+
+/* whiten(L, b, out): L^-1 b */
+KERNEL(c_whiten) {
+  OPEN_STRIDED(3, 2);
+  Matrix L, e, out;
+  if (!as_triangle(&b, &L, &e) || !as_matrix(&b.views[2], 1, &out)) ANSWER(0);
+  for (Size from = 0; from < e.batch; from += CHUNK)
+    forward(&L, &e, &out, from, e.batch - from < CHUNK ? e.batch - from : CHUNK);
   ANSWER(1);
+}
+
+/* mahalanobis(L, b, out): the squares of L^-1 b, added up. */
+KERNEL(c_mahalanobis) {
+  OPEN_STRIDED(3, 2);
+  Matrix L, e;
+  if (!as_triangle(&b, &L, &e) || L.rows > MOST) ANSWER(0);
+  static double memory[MOST * CHUNK];
+  for (Size from = 0; from < e.batch; from += CHUNK) {
+    Size n = e.batch - from < CHUNK ? e.batch - from : CHUNK;
+    Matrix white = {memory - from, L.rows, 1, CHUNK, 0, 0, 0};
+    forward(&L, &e, &white, from, n);
+    double *restrict sum = DOUBLES(2) + from;
+    for (Size i = 0; i < L.rows; i++) {
+      const double *row = memory + i * CHUNK;
+      if (i) for (Size l = 0; l < n; l++) sum[l] += row[l] * row[l];
+      else for (Size l = 0; l < n; l++) sum[l] = row[l] * row[l];
+    }
+  }
+  ANSWER(1);
+}
+
+/* mix(w, m, P, mean, cov): cov += w (P + e e') with e = m - mean, a state's share in `combine`. */
+KERNEL(c_mix) {
+  OPEN_STRIDED(5, 4);
+  Matrix m, P, mean, cov;
+  if (!as_matrix(&b.views[1], 1, &m) || !as_matrix(&b.views[2], 0, &P) || !as_matrix(&b.views[3], 1, &mean)
+      || !as_matrix(&b.views[4], 0, &cov) || strcmp(b.views[0].format, "d") || b.views[0].ndim != 1
+      || b.views[0].strides[0] != 8 || b.views[0].shape[0] != m.batch || !(P.constant || P.batch == m.batch) || P.rows != m.rows || P.columns != m.rows)
+    ANSWER(0);
+  const double *w = DOUBLES(0);
+  for (Size i = 0; i < m.rows; i++)
+    for (Size k = 0; k < m.rows; k++) {
+      const double *m_i = m.at + i * m.row, *m_k = m.at + k * m.row, *p = P.at + i * P.row + k * P.column;
+      const double *mean_i = mean.at + i * mean.row, *mean_k = mean.at + k * mean.row;
+      double *restrict sum = cov.at + i * cov.row + k * cov.column;
+      for (Size l = 0; l < m.batch; l++)
+        sum[l] += w[l] * ((P.constant ? *p : p[l]) + (m_i[l] - mean_i[l]) * (m_k[l] - mean_k[l]));
+    }
+  ANSWER(1);
+}
+
+/* any_nan(a): None if the memory of a has another form. */
+KERNEL(c_any_nan) {
+  Py_buffer view;
+  if (given < 1 || PyObject_GetBuffer(args[0], &view, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT)) {
+    PyErr_Clear();
+    Py_RETURN_NONE;
+  }
+  const double *a = view.buf;
+  int suitable = !strcmp(view.format, "d"), found = 0;
+  for (Size i = 0; i < view.len / 8 && suitable; i++) found |= a[i] != a[i];
+  PyBuffer_Release(&view);
+  if (!suitable) Py_RETURN_NONE;
+  return PyBool_FromLong(found);
 }
 
 /* lower_product(L, x, out): L x for a triangle per run and particles (n, M, N). */
@@ -671,7 +732,8 @@ KERNEL(c_cross) {
 static PyMethodDef methods[] = {
   METHOD(exp), METHOD(log), METHOD(cos_sin), METHOD(arctan2), METHOD(normals), METHOD(total), METHOD(dot),
   METHOD(normalize), METHOD(moments), METHOD(ancestors), METHOD(select), METHOD(product), METHOD(sandwich),
-  METHOD(gain), METHOD(joseph), METHOD(factor), METHOD(whiten), METHOD(lower_product), METHOD(weighted), METHOD(cross), {NULL}};
+  METHOD(gain), METHOD(joseph), METHOD(factor), METHOD(whiten), METHOD(mahalanobis), METHOD(mix), METHOD(any_nan),
+  METHOD(lower_product), METHOD(weighted), METHOD(cross), {NULL}};
 static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, "_compiled", "Kernels of core/ in C.", -1, methods};
 PyMODINIT_FUNC PyInit__compiled(void) {
   PyObject *m = PyModule_Create(&module);

@@ -16,6 +16,8 @@ from typing import Any, Literal, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from trackbench.core import compiled
+
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Index = NDArray[np.intp]
@@ -34,6 +36,12 @@ def with_trailing(a: Array, batch_ndim: int, leading: int = 1) -> Array:
 def with_axes_of(like: Array, a: Array) -> Array:
     """Append axes of length one to ``a`` until it has as many as ``like``."""
     return with_trailing(a, like.ndim, leading=0)
+
+
+def any_nan(a: Array) -> bool:
+    """Return whether any entry is NaN."""
+    found = compiled.kernels.any_nan(a) if compiled.kernels else None
+    return bool(np.isnan(a).any()) if found is None else bool(found)
 
 
 def fixed(a: A) -> A:

@@ -243,7 +243,12 @@ def mahalanobis(e: Array, P: Array, root: Array | None = None) -> Array:
     """Return ``e' P^-1 e`` (*batch) for e (n, *batch) and P (n, n[, *batch]), or its lower root."""
     if root is None and len(P) == 1:
         return np.asarray(e[0] * e[0] / np.where(P[0, 0] > 0.0, P[0, 0], np.nan))
-    return _sum_of([row * row for row in whiten(cholesky(P) if root is None else root, e)])
+    L = cholesky(P) if root is None else root
+    if compiled.kernels and e.ndim > 1:
+        out = np.empty(e.shape[1:])
+        if compiled.kernels.mahalanobis(L, e, out):
+            return out
+    return _sum_of([row * row for row in whiten(L, e)])
 
 
 def _constant_product(A: Array, B: Array) -> Array:
