@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.random import SFC64
 
+from tests.papers import merwe
 from trackbench.core import (
     arrays,
     compiled,
@@ -25,6 +26,7 @@ from trackbench.core import (
 from trackbench.core.build_compiled import BUILT
 from trackbench.core.distributions import Gaussian
 from trackbench.core.random_streams import NoiseGenerator, block_stream
+from trackbench.models.gaussian_steps import AssumedNoise, augmented_step
 
 pytestmark = pytest.mark.skipif(compiled.kernels is None, reason="no C compiler")
 SPECIAL = np.array(
@@ -151,7 +153,9 @@ def test_matrices(batch: tuple[int, ...], both: Callable[..., None]) -> None:
         both(lambda: linalg.lower_product(A, cloud))
     points = unscented.Unscented(0.5, 2.0, 0.0).points(Gaussian(x, P))
     both(lambda: points.moments(np.cos(points.x)))
-    both(lambda: points.cross(points.x, np.cos(points.x[:2])))
+    both(lambda: points.cross(points.x, x, np.cos(points.x[:2]), x[1:3]))
+    both(lambda: unscented.Unscented(0.5, 2.0, 0.0).points(Gaussian(x, F @ F.T)))
+    both(lambda: unscented.Unscented(1.0, 0.0, 2.0).points(Gaussian(x[:, ..., 0], F @ F.T)))
 
 
 @pytest.mark.parametrize("batch", [(), (1,), (50,), (700,), (3, 401)])
@@ -181,6 +185,49 @@ def test_kalman_updates(
             both(lambda H=H, R=R: gain(P, H, R))
             both(lambda H=H, R=R: joseph(P, K, H, R))
             both(lambda H=H, R=R: gain(linalg.transpose(P), H, linalg.transpose(R)))
+
+
+@pytest.mark.parametrize("batch", [(1,), (50,), (700,), (3, 401)])
+@pytest.mark.parametrize("special", [False, True])
+def test_updates_by_points(
+    batch: tuple[int, ...], special: bool, both: Callable[..., None]
+) -> None:
+    rng = np.random.default_rng(7)
+
+    def draw(*shape: int) -> np.ndarray:
+        return rng.choice(SPECIAL, shape) if special else rng.standard_normal(shape)
+
+    for n in (1, 2, 4, 7):
+        for n_z in (1, 2, 3):
+            m, nu, C = draw(n, *batch), draw(n_z, *batch), draw(n, n_z, *batch)
+            P, S = np.abs(draw(n, n, *batch)), np.abs(draw(n_z, n_z, *batch))
+            state = Gaussian(m, P)
+            both(lambda s=state, nu=nu, C=C, S=S: kalman.condition(s, nu, C, S))
+            turned = linalg.transpose(np.ascontiguousarray(linalg.transpose(C)))
+            both(lambda s=state, nu=nu, C=turned, S=S: kalman.condition(s, nu, C, S))
+
+
+@pytest.mark.parametrize("special", [False, True])
+@pytest.mark.parametrize("batch", [(7,), (40, 30)])
+def test_steps_by_points_of_scalars(
+    batch: tuple[int, ...], special: bool, both: Callable[..., None]
+) -> None:
+    rng = np.random.default_rng(8)
+    model, rule = merwe().model, unscented.Unscented(1.0, 0.0, 2.0)
+
+    def step(state: Gaussian, z: np.ndarray, k: int, noise: AssumedNoise) -> tuple[object, ...]:
+        posterior, innovation = augmented_step(model, state, z, k, noise, rule)
+        return posterior.mean, posterior.cov, innovation.nu, innovation.S
+
+    for _ in range(20):
+        x, P = rng.standard_normal((1, *batch)), rng.standard_normal((1, 1, *batch)) ** 2
+        z = rng.standard_normal((1, batch[0]))
+        if special:
+            arrays_of_both = ((a, rng.choice(SPECIAL, a.shape)) for a in (x, P, z))
+            x, P, z = (np.where(rng.random(a.shape) < 0.5, a, s) for a, s in arrays_of_both)
+        for k in (3, 40):
+            for noise in (AssumedNoise(), AssumedNoise(Q=0.7, R=2.0, noise_mean=False)):
+                both(lambda x=x, P=P, z=z, k=k, noise=noise: step(Gaussian(x, P), z, k, noise))
 
 
 @pytest.mark.parametrize("runs", [1, 50, 700])

@@ -710,22 +710,104 @@ KERNEL(c_weighted) {
   DONE;
 }
 
-/* cross(weights, a, c, out): weighted sums of a c' over points; a (r, P, batch), c (s, P, batch). */
+/* cross(weights, a, a_mean, c, c_mean, out, r, s): weighted sums of (a - a_mean) (c - c_mean)' over points;
+   a (r, P, batch), c (s, P, batch). */
 KERNEL(c_cross) {
-  OPEN(4, 3);
-  Size P = LENGTH(0), r = WHOLE(4), s = WHOLE(5), batch = P && r > 0 ? LENGTH(1) / (r * P) : 0;
+  OPEN(6, 5);
+  Size P = LENGTH(0), r = WHOLE(6), s = WHOLE(7), batch = P && r > 0 ? LENGTH(1) / (r * P) : 0;
   for (Size i = 0; i < r; i++)
     for (Size j = 0; j < s; j++) {
-      double *restrict out = DOUBLES(3) + (i * s + j) * batch;
+      double *restrict out = DOUBLES(5) + (i * s + j) * batch;
+      const double *A = DOUBLES(2) + i * batch, *C = DOUBLES(4) + j * batch;
       for (Size from = 0; from < batch; from += CHUNK)
         for (Size p = 0; p < P; p++) {
-          const double *a = DOUBLES(1) + (i * P + p) * batch, *c = DOUBLES(2) + (j * P + p) * batch, w = DOUBLES(0)[p];
+          const double *a = DOUBLES(1) + (i * P + p) * batch, *c = DOUBLES(3) + (j * P + p) * batch, w = DOUBLES(0)[p];
           Size to = batch - from < CHUNK ? batch : from + CHUNK;
-          if (p) for (Size l = from; l < to; l++) out[l] += w * (a[l] * c[l]);
-          else for (Size l = from; l < to; l++) out[l] = w * (a[l] * c[l]);
+          if (p) for (Size l = from; l < to; l++) out[l] += w * ((a[l] - A[l]) * (c[l] - C[l]));
+          else for (Size l = from; l < to; l++) out[l] = w * ((a[l] - A[l]) * (c[l] - C[l]));
         }
     }
   DONE;
+}
+
+/* sigma_points(mean, root, scale, out): the mean, and the mean plus and minus the scaled columns of its root. */
+KERNEL(c_sigma_points) {
+  OPEN_STRIDED(3, 2);
+  Matrix m, L;
+  double scale = PyFloat_AsDouble(args[3]);
+  if (!as_matrix(&b.views[0], 1, &m) || !as_matrix(&b.views[1], 0, &L) || L.rows != m.rows || L.columns != m.rows
+      || !(L.constant || same_batch(&b.views[0], 1, &b.views[1], 2)))
+    ANSWER(0);
+  for (Size i = 0; i < m.rows; i++) {
+    const double *mean = m.at + i * m.row;
+    double *center = DOUBLES(2) + i * (2 * m.rows + 1) * m.batch;
+    memcpy(center, mean, sizeof(double) * m.batch);
+    for (Size k = 0; k < m.rows; k++) {
+      const double *at = L.at + i * L.row + k * L.column;
+      double *restrict above = center + (1 + k) * m.batch, *restrict below = above + m.rows * m.batch;
+      for (Size l = 0; l < m.batch; l++) {
+        double step = scale * (L.constant ? *at : at[l]);
+        above[l] = mean[l] + step;
+        below[l] = mean[l] - step;
+      }
+    }
+  }
+  ANSWER(1);
+}
+
+/* scalar_points(mean, P, Q, R, scale, out): the same of (x, v, n), three scalars of which v and n have mean zero. */
+KERNEL(c_scalar_points) {
+  OPEN_STRIDED(5, 4);
+  Matrix m, V[3];
+  double scale = PyFloat_AsDouble(args[5]);
+  if (!as_matrix(&b.views[0], 1, &m)) ANSWER(0);
+  for (int i = 0; i < 3; i++)
+    if (!as_matrix(&b.views[1 + i], 0, &V[i]) || !(V[i].constant || same_batch(&b.views[0], 1, &b.views[1 + i], 2)))
+      ANSWER(0);
+  for (int i = 0; i < 3; i++) {
+    double *restrict out = DOUBLES(4) + 7 * i * m.batch;
+    for (Size l = 0; l < m.batch; l++) {
+      double variance = V[i].constant ? *V[i].at : V[i].at[l], mean = i ? 0.0 : m.at[l];
+      double step = scale * (variance > 0.0 && variance < INFINITY ? sqrt(variance) : variance == 0.0 ? 0.0 : NAN);
+      out[l] = mean;
+      for (int k = 0; k < 3; k++) {
+        out[(1 + k) * m.batch + l] = mean + (k == i ? step : 0.0);
+        out[(4 + k) * m.batch + l] = mean - (k == i ? step : 0.0);
+      }
+    }
+  }
+  ANSWER(1);
+}
+
+/* condition(m, P, nu, C, S, mean, cov): m + K nu and P - K S K' with K = C S^-1, of one or two measurements. */
+KERNEL(c_condition) {
+  OPEN_STRIDED(7, 5);
+  Matrix M[7];
+  for (int i = 0; i < 7; i++) {
+    int vector = i == 0 || i == 2 || i == 5;
+    if (!as_matrix(&b.views[i], vector, &M[i]) || M[i].constant || M[i].rows * M[i].columns > MOST
+        || !same_batch(&b.views[0], 1, &b.views[i], vector ? 1 : 2))
+      ANSWER(0);
+  }
+  Matrix m = M[0], P = M[1], nu = M[2], C = M[3], S = M[4], mean = M[5], cov = M[6];
+  if (S.rows > 2 || S.columns != S.rows || C.columns != S.rows || nu.rows != S.rows || C.rows != m.rows) ANSWER(0);
+  static double gain[MOST * CHUNK], inverse_memory[4 * CHUNK];
+  for (Size from = 0; from < m.batch; from += CHUNK) {
+    Size n = m.batch - from < CHUNK ? m.batch - from : CHUNK;
+    Matrix inverse = {inverse_memory - from, S.rows, S.rows, S.rows * CHUNK, CHUNK, 0, 0};
+    invert(&S, &inverse, from, n);
+    Matrix K = product_in(gain, &C, &inverse, from, n);
+    multiply(&K, &nu, &mean, from, n);
+    add(&mean, &m, from, n);
+    sandwich(&K, &S, &cov, from, n);
+    for (Size i = 0; i < P.rows; i++)
+      for (Size k = 0; k < P.rows; k++) {
+        double *restrict out = cov.at + i * cov.row + k * cov.column + from;
+        const double *p = P.at + i * P.row + k * P.column + from;
+        for (Size l = 0; l < n; l++) out[l] = p[l] - out[l];
+      }
+  }
+  ANSWER(1);
 }
 
 #define METHOD(name) {#name, (PyCFunction)(void (*)(void))c_##name, METH_FASTCALL, NULL}
@@ -733,7 +815,8 @@ static PyMethodDef methods[] = {
   METHOD(exp), METHOD(log), METHOD(cos_sin), METHOD(arctan2), METHOD(normals), METHOD(total), METHOD(dot),
   METHOD(normalize), METHOD(moments), METHOD(ancestors), METHOD(select), METHOD(product), METHOD(sandwich),
   METHOD(gain), METHOD(joseph), METHOD(factor), METHOD(whiten), METHOD(mahalanobis), METHOD(mix), METHOD(any_nan),
-  METHOD(lower_product), METHOD(weighted), METHOD(cross), {NULL}};
+  METHOD(lower_product), METHOD(weighted), METHOD(cross), METHOD(sigma_points),
+  METHOD(scalar_points), METHOD(condition), {NULL}};
 static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, "_compiled", "Kernels of core/ in C.", -1, methods};
 PyMODINIT_FUNC PyInit__compiled(void) {
   PyObject *m = PyModule_Create(&module);

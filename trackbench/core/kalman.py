@@ -228,6 +228,17 @@ def _joseph(P: Array, K: Array, H: Array, R: Array) -> Array:
     return linalg.sandwich(IKH, P) + linalg.sandwich(K, with_axes_of(K, R))
 
 
+def condition(predicted: Gaussian, nu: Array, C: Array, S: Array) -> Gaussian:
+    """Return mean ``m + K nu`` and covariance ``P - K S K'`` with ``K = C S^-1``, C = cov(x, z)."""
+    m, P = predicted.mean, predicted.cov
+    if compiled.kernels:
+        mean, cov = np.empty(m.shape), np.empty(P.shape)
+        if compiled.kernels.condition(m, P, nu, C, S, mean, cov):
+            return Gaussian(mean, cov)
+    K = linalg.matmul(C, linalg.inverse(S))
+    return Gaussian(m + linalg.matvec(K, nu), P - linalg.sandwich(K, S))
+
+
 def posterior_cramer_rao(initial: Array, F: Array, Q: Array, information: Iterable[Array]) -> Array:
     """Return lower bounds on the mean squared error matrix of a linear motion with Gaussian noise.
 
