@@ -6,12 +6,12 @@ and ``(M, N)`` for N particles in each of M runs. ``px, vx, py, vy = x`` then is
 
 import ctypes
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager, suppress
 from functools import wraps
 from math import prod
 from types import ModuleType
-from typing import Any, Literal, TypeVar, cast
+from typing import Any, Generic, Literal, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -209,6 +209,32 @@ def _store(cache: dict[Any, Any], key: Any, value: Any) -> None:
 def cached_results() -> list[Any]:
     """Return all cached results."""
     return [result for cache in _caches for result in cache.values()]
+
+
+class LatestResults(Generic[T]):
+    """Cache of a function's latest results, for results that fill the memory.
+
+    The oldest result is dropped before the next one is computed, not after.
+    """
+
+    def __init__(self, function: Callable[..., T], size: int) -> None:
+        self._function, self._size = function, size
+        self._results: dict[tuple[Hashable, ...], T] = {}
+
+    def __call__(self, *key: Hashable) -> T:
+        """Return the cached result of these arguments, or compute it."""
+        result = self._results.pop(key, None)
+        if result is None:
+            surplus = max(0, len(self._results) + 1 - self._size)
+            for oldest in [*self._results][:surplus]:
+                self._results.pop(oldest, None)
+            result = self._function(*key)
+        self._results[key] = result  # the latest is the last one
+        return result
+
+    def cache_clear(self) -> None:
+        """Drop all results."""
+        self._results.clear()
 
 
 def clear_caches() -> None:
