@@ -113,12 +113,9 @@ def _trimmed(
     # Whole tracks of the first runs, for figures.
     tracks, shown = None, task.runs_with_tracks_among(used)
     if shown:
-        cov = None if result.cov is None else result.cov[..., :shown].copy()
-        # Copies, because a view would keep the arrays of all runs in memory.
-        truth, seen, mean = (
-            rows[..., :shown].copy() for rows in (data.truth, data.measurements, result.mean)
-        )
-        tracks = Tracks(truth, seen, mean, cov)
+        cov = None if result.cov is None else _first_runs(result.cov, shown)
+        truth, seen = _first_runs(data.truth, shown), _first_runs(data.measurements, shown)
+        tracks = Tracks(truth, seen, _first_runs(result.mean, shown), cov)
     return BlockResult(
         per_run=per_run,
         # Training runs (index < 0) have no sums per step.
@@ -132,6 +129,11 @@ def _trimmed(
         cpu_s=result.cpu_s,
         width=task.width,
     )
+
+
+def _first_runs(rows: Array, number: int) -> Array:
+    """Return the first runs as a copy, because a view would keep the other runs in memory."""
+    return rows if rows.shape[-1] == number else rows[..., :number].copy()
 
 
 @lru_cache(maxsize=1)
