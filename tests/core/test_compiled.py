@@ -24,7 +24,7 @@ from trackbench.core import (
     unscented,
 )
 from trackbench.core.build_compiled import BUILT
-from trackbench.core.distributions import Gaussian
+from trackbench.core.distributions import Gamma, Gaussian, zero_mean_log_prob
 from trackbench.core.random_streams import NoiseGenerator, block_stream
 from trackbench.models.gaussian_steps import AssumedNoise, augmented_step
 
@@ -249,6 +249,32 @@ def test_mixtures_and_distances(runs: int, special: bool, both: Callable[..., No
         for L in (states[0].cov, shared[0].cov, linalg.transpose(states[0].cov)):
             both(lambda L=L, e=states[1].mean: linalg.mahalanobis(e, L, L))
         both(lambda s=states[0]: linalg.mahalanobis(s.mean, s.cov))
+
+
+@pytest.mark.parametrize("batch", [(1,), (50,), (700,), (3, 401)])
+@pytest.mark.parametrize("special", [False, True])
+def test_log_densities(batch: tuple[int, ...], special: bool, both: Callable[..., None]) -> None:
+    rng = np.random.default_rng(9)
+
+    def draw(*shape: int) -> np.ndarray:
+        values = 10.0 ** rng.integers(-3, 4, shape) * rng.standard_normal(shape)
+        return (
+            np.where(rng.random(shape) < 0.4, rng.choice(SPECIAL, shape), values)
+            if special
+            else values
+        )
+
+    for n in (1, 2, 4, 7):
+        e = draw(n, *batch)
+        for L in (draw(n, n, *batch), draw(n, n), np.eye(n), -np.eye(n, dtype=int)):
+            both(lambda L=L, e=e: zero_mean_log_prob(e, L, L))
+            both(lambda L=L, e=e: zero_mean_log_prob(e, L, L.swapaxes(0, 1)))
+        P = np.abs(draw(n, n, *batch))
+        both(lambda P=P, e=e: zero_mean_log_prob(e, P))
+        both(lambda P=P, e=e: zero_mean_log_prob(e[..., ::-1], P))
+    for gamma in (Gamma(3.0, 2.0), Gamma(0.7, 1e-3), Gamma(1.0, 5.0)):
+        for v in (draw(*batch), draw(2, *batch).T, SPECIAL):
+            both(lambda gamma=gamma, v=v: gamma.log_density(v))
 
 
 def test_nan_is_found(both: Callable[..., None]) -> None:

@@ -88,19 +88,34 @@ static inline double log_of_normal(double x, const double *at_edge, const double
   return (double)e * c[2] + series;
 }
 
-/* log(at_edge, inverse, constants, x, out); the constants' fourth is log 2. */
+/* log v of any number; the constants' fourth is log 2. */
+static inline double log_of(double v, const double *at_edge, const double *inverse, const double *c) {
+  if (v >= 0x1p-1022 && v < INFINITY) return log_of_normal(v, at_edge, inverse, c);
+  if (v > 0.0 && v < 1.0) return log_of_normal(v * 0x1p52, at_edge, inverse, c) - 52 * c[3];
+  return v == 0.0 ? -INFINITY : v > 0.0 ? INFINITY : NAN;
+}
+
+/* log(at_edge, inverse, constants, x, out) */
 KERNEL(c_log) {
   OPEN(5, 4);
   const double *at_edge = DOUBLES(0), *inverse = DOUBLES(1), *c = DOUBLES(2), *x = DOUBLES(3);
   double *out = DOUBLES(4);
+  for (Size i = 0; i < LENGTH(3); i++) out[i] = log_of(x[i], at_edge, inverse, c);
+  DONE;
+}
+
+/* gamma_log_density(at_edge, inverse, constants, v, out, shape - 1, rate, log_norm): `Gamma.log_density`. */
+KERNEL(c_gamma_log_density) {
+  OPEN(5, 4);
+  const double *at_edge = DOUBLES(0), *inverse = DOUBLES(1), *c = DOUBLES(2), *v = DOUBLES(3);
+  double *out = DOUBLES(4), power = PyFloat_AsDouble(args[5]), rate = PyFloat_AsDouble(args[6]);
+  double log_norm = PyFloat_AsDouble(args[7]);
   for (Size i = 0; i < LENGTH(3); i++) {
-    double v = x[i];
-    if (v >= 0x1p-1022 && v < INFINITY)
-      out[i] = log_of_normal(v, at_edge, inverse, c);
-    else if (v > 0.0 && v < 1.0)
-      out[i] = log_of_normal(v * 0x1p52, at_edge, inverse, c) - 52 * c[3];
-    else
-      out[i] = v == 0.0 ? -INFINITY : v > 0.0 ? INFINITY : NAN;
+    double log_p = log_of(v[i] <= 0x1p-1022 ? 0x1p-1022 : v[i], at_edge, inverse, c);
+    log_p *= power;
+    log_p -= rate * v[i];
+    log_p += log_norm;
+    out[i] = v[i] <= 0.0 ? -INFINITY : log_p;
   }
   DONE;
 }
@@ -642,6 +657,47 @@ KERNEL(c_mahalanobis) {
   ANSWER(1);
 }
 
+/* log_prob(at_edge, inverse, constants, L, e, out, n log(2 pi) / 2): log N(e; 0, L L'), `zero_mean_log_prob`. */
+KERNEL(c_log_prob) {
+  OPEN_STRIDED(6, 5);
+  Matrix L, e;
+  Buffers of_triangle = {{b.views[3], b.views[4]}, 0};
+  if (!as_triangle(&of_triangle, &L, &e) || L.rows != L.columns || L.rows * L.rows > MOST) ANSWER(0);
+  const double *at_edge = DOUBLES(0), *inverse = DOUBLES(1), *c = DOUBLES(2), half_turns = PyFloat_AsDouble(args[6]);
+  static double triangle[MOST * CHUNK], rows[MOST * CHUNK];
+  Size entry = L.constant ? 1 : CHUNK;
+  for (Size from = 0; from < e.batch; from += CHUNK) {
+    Size n = e.batch - from < CHUNK ? e.batch - from : CHUNK, count = L.constant ? 1 : n;
+    /* Step 1: e' P^-1 e / 2 as the sum of squares of (sqrt(2) L)^-1 e. */
+    Matrix scaled = {L.constant ? triangle : triangle - from, L.rows, L.rows, L.rows * entry, entry, 0, L.constant};
+    for (Size i = 0; i < L.rows; i++)
+      for (Size j = 0; j <= i; j++) {
+        const double *at = L.at + i * L.row + j * L.column + (L.constant ? 0 : from);
+        double *to = triangle + (i * L.rows + j) * entry;
+        for (Size l = 0; l < count; l++) to[l] = 1.4142135623730951 * at[l];
+      }
+    Matrix white = {rows - from, L.rows, 1, CHUNK, 0, 0, 0};
+    forward(&scaled, &e, &white, from, n);
+    for (Size i = 0; i < L.rows; i++)
+      for (Size l = 0; l < n; l++) {
+        double square = rows[i * CHUNK + l] * rows[i * CHUNK + l];
+        rows[l] = i ? rows[l] + square : square;
+      }
+    /* Step 2: sqrt(det P) is the product of the diagonal of L. */
+    double *restrict out = DOUBLES(5) + from, log_scale = NAN;
+    for (Size l = 0; l < n; l++) {
+      if (!l || !L.constant) {
+        const double *at = L.at + (L.constant ? 0 : from + l);
+        double scale = *at;
+        for (Size i = 1; i < L.rows; i++) scale *= at[i * (L.row + L.column)];
+        log_scale = log_of(scale, at_edge, inverse, c) + half_turns;
+      }
+      out[l] = -log_scale - rows[l];
+    }
+  }
+  ANSWER(1);
+}
+
 /* mix(w, m, P, mean, cov): cov += w (P + e e') with e = m - mean, a state's share in `combine`. */
 KERNEL(c_mix) {
   OPEN_STRIDED(5, 4);
@@ -812,7 +868,8 @@ KERNEL(c_condition) {
 
 #define METHOD(name) {#name, (PyCFunction)(void (*)(void))c_##name, METH_FASTCALL, NULL}
 static PyMethodDef methods[] = {
-  METHOD(exp), METHOD(log), METHOD(cos_sin), METHOD(arctan2), METHOD(normals), METHOD(total), METHOD(dot),
+  METHOD(exp), METHOD(log), METHOD(gamma_log_density), METHOD(log_prob),
+  METHOD(cos_sin), METHOD(arctan2), METHOD(normals), METHOD(total), METHOD(dot),
   METHOD(normalize), METHOD(moments), METHOD(ancestors), METHOD(select), METHOD(product), METHOD(sandwich),
   METHOD(gain), METHOD(joseph), METHOD(factor), METHOD(whiten), METHOD(mahalanobis), METHOD(mix), METHOD(any_nan),
   METHOD(lower_product), METHOD(weighted), METHOD(cross), METHOD(sigma_points),
