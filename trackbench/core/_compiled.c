@@ -820,18 +820,22 @@ KERNEL(c_scalar_points) {
   for (int i = 0; i < 3; i++)
     if (!as_matrix(&b.views[1 + i], 0, &V[i]) || !(V[i].constant || same_batch(&b.views[0], 1, &b.views[1 + i], 2)))
       ANSWER(0);
-  for (int i = 0; i < 3; i++) {
-    double *restrict out = DOUBLES(4) + 7 * i * m.batch;
-    for (Size l = 0; l < m.batch; l++) {
-      double variance = V[i].constant ? *V[i].at : V[i].at[l], mean = i ? 0.0 : m.at[l];
-      double step = scale * (variance > 0.0 && variance < INFINITY ? sqrt(variance) : variance == 0.0 ? 0.0 : NAN);
-      out[l] = mean;
+  for (int i = 0; i < 3; i++)
+    for (Size from = 0; from < m.batch; from += CHUNK) {
+      Size n = m.batch - from < CHUNK ? m.batch - from : CHUNK;
+      double *restrict out = DOUBLES(4) + 7 * i * m.batch + from, mean[CHUNK] = {0.0}, step[CHUNK];
+      if (!i) memcpy(mean, m.at + from, sizeof(double) * n);
+      for (Size l = 0; l < n; l++) { /* `root` has NaN for an infinite variance, and 0.0 for -0.0 */
+        double variance = V[i].constant ? *V[i].at : V[i].at[from + l];
+        step[l] = scale * ((variance == INFINITY ? NAN : sqrt(variance)) + 0.0);
+      }
+      memcpy(out, mean, sizeof(double) * n);
       for (int k = 0; k < 3; k++) {
-        out[(1 + k) * m.batch + l] = mean + (k == i ? step : 0.0);
-        out[(4 + k) * m.batch + l] = mean - (k == i ? step : 0.0);
+        double *restrict above = out + (1 + k) * m.batch, *restrict below = out + (4 + k) * m.batch;
+        if (k == i) for (Size l = 0; l < n; l++) above[l] = mean[l] + step[l], below[l] = mean[l] - step[l];
+        else for (Size l = 0; l < n; l++) above[l] = mean[l] + 0.0, below[l] = mean[l] - 0.0;
       }
     }
-  }
   ANSWER(1);
 }
 
