@@ -1,5 +1,6 @@
 """The C kernels give the bytes of the numpy code, for ordinary and for special numbers."""
 
+import inspect
 import os
 import subprocess
 import sys
@@ -9,10 +10,23 @@ import numpy as np
 import pytest
 from numpy.random import SFC64
 
-from trackbench.core import compiled, elementary, linalg, particles, resampling, sums, unscented
+from tests.papers import merwe
+from trackbench.core import (
+    arrays,
+    compiled,
+    elementary,
+    kalman,
+    linalg,
+    mixtures,
+    particles,
+    resampling,
+    sums,
+    unscented,
+)
 from trackbench.core.build_compiled import BUILT
-from trackbench.core.distributions import Gaussian
+from trackbench.core.distributions import Gamma, Gaussian, zero_mean_log_prob
 from trackbench.core.random_streams import NoiseGenerator, block_stream
+from trackbench.models.gaussian_steps import AssumedNoise, augmented_step
 
 pytestmark = pytest.mark.skipif(compiled.kernels is None, reason="no C compiler")
 SPECIAL = np.array(
@@ -139,7 +153,170 @@ def test_matrices(batch: tuple[int, ...], both: Callable[..., None]) -> None:
         both(lambda: linalg.lower_product(A, cloud))
     points = unscented.Unscented(0.5, 2.0, 0.0).points(Gaussian(x, P))
     both(lambda: points.moments(np.cos(points.x)))
-    both(lambda: points.cross(points.x, np.cos(points.x[:2])))
+    both(lambda: points.cross(points.x, x, np.cos(points.x[:2]), x[1:3]))
+    both(lambda: unscented.Unscented(0.5, 2.0, 0.0).points(Gaussian(x, F @ F.T)))
+    both(lambda: unscented.Unscented(1.0, 0.0, 2.0).points(Gaussian(x[:, ..., 0], F @ F.T)))
+
+
+@pytest.mark.parametrize("batch", [(), (1,), (50,), (700,), (3, 401)])
+@pytest.mark.parametrize("n_z", [1, 2, 3])
+@pytest.mark.parametrize("n", [1, 2, 4, 7])
+@pytest.mark.parametrize("special", [False, True])
+def test_kalman_updates(
+    batch: tuple[int, ...], n_z: int, n: int, special: bool, both: Callable[..., None]
+) -> None:
+    rng = np.random.default_rng(100 * n + n_z)
+
+    def draw(*shape: int) -> np.ndarray:
+        values = rng.standard_normal(shape)
+        where = rng.random(shape) < 0.2
+        return np.where(where, rng.choice(SPECIAL, shape), values) if special else values
+
+    def spread(size: int, *shape: int) -> np.ndarray:
+        values = draw(size, size, *shape)
+        return values if special else linalg.matmul(values, linalg.transpose(values))
+
+    P, K = spread(n, *batch), draw(n, n_z, *batch)
+    sparse = np.where(rng.random((n_z, n)) < 0.5, 0.0, draw(n_z, n))
+    # The functions themselves, without the cache of `once`.
+    gain, joseph = inspect.unwrap(kalman.gain), inspect.unwrap(kalman._joseph)
+    for H in (draw(n_z, n, *batch), sparse, np.eye(n_z, n)):
+        for R in (spread(n_z, *batch), spread(n_z), np.diag([0.5, -0.0, 2.0][:n_z])):
+            both(lambda H=H, R=R: gain(P, H, R))
+            both(lambda H=H, R=R: joseph(P, K, H, R))
+            both(lambda H=H, R=R: gain(linalg.transpose(P), H, linalg.transpose(R)))
+
+
+@pytest.mark.parametrize("batch", [(1,), (50,), (700,), (3, 401)])
+@pytest.mark.parametrize("special", [False, True])
+def test_updates_by_points(
+    batch: tuple[int, ...], special: bool, both: Callable[..., None]
+) -> None:
+    rng = np.random.default_rng(7)
+
+    def draw(*shape: int) -> np.ndarray:
+        return rng.choice(SPECIAL, shape) if special else rng.standard_normal(shape)
+
+    for n in (1, 2, 4, 7):
+        for n_z in (1, 2, 3):
+            m, nu, C = draw(n, *batch), draw(n_z, *batch), draw(n, n_z, *batch)
+            P, S = np.abs(draw(n, n, *batch)), np.abs(draw(n_z, n_z, *batch))
+            state = Gaussian(m, P)
+            both(lambda s=state, nu=nu, C=C, S=S: kalman.condition(s, nu, C, S))
+            turned = linalg.transpose(np.ascontiguousarray(linalg.transpose(C)))
+            both(lambda s=state, nu=nu, C=turned, S=S: kalman.condition(s, nu, C, S))
+
+
+@pytest.mark.parametrize("special", [False, True])
+@pytest.mark.parametrize("batch", [(7,), (40, 30)])
+def test_steps_by_points_of_scalars(
+    batch: tuple[int, ...], special: bool, both: Callable[..., None]
+) -> None:
+    rng = np.random.default_rng(8)
+    model, rule = merwe().model, unscented.Unscented(1.0, 0.0, 2.0)
+
+    def step(state: Gaussian, z: np.ndarray, k: int, noise: AssumedNoise) -> tuple[object, ...]:
+        posterior, innovation = augmented_step(model, state, z, k, noise, rule)
+        return posterior.mean, posterior.cov, innovation.nu, innovation.S
+
+    for _ in range(20):
+        x, P = rng.standard_normal((1, *batch)), rng.standard_normal((1, 1, *batch)) ** 2
+        z = rng.standard_normal((1, batch[0]))
+        if special:
+            arrays_of_both = ((a, rng.choice(SPECIAL, a.shape)) for a in (x, P, z))
+            x, P, z = (np.where(rng.random(a.shape) < 0.5, a, s) for a, s in arrays_of_both)
+        for k in (3, 40):
+            for noise in (AssumedNoise(), AssumedNoise(Q=0.7, R=2.0, noise_mean=False)):
+                both(lambda x=x, P=P, z=z, k=k, noise=noise: step(Gaussian(x, P), z, k, noise))
+
+
+@pytest.mark.parametrize("runs", [1, 50, 700])
+@pytest.mark.parametrize("special", [False, True])
+def test_mixtures_and_distances(runs: int, special: bool, both: Callable[..., None]) -> None:
+    rng = np.random.default_rng(runs)
+
+    def draw(*shape: int) -> np.ndarray:
+        return rng.choice(SPECIAL, shape) if special else rng.standard_normal(shape)
+
+    for n in (1, 2, 4, 7):
+        w = np.abs(draw(3, 3, runs))
+        states = [Gaussian(draw(n, runs), draw(n, n, runs)) for _ in range(3)]
+        shared = [Gaussian(s.mean[::-1], s.cov[..., 0]) for s in states]
+        mixed = [states[0], shared[1], Gaussian(states[2].mean, states[2].cov[:, ::-1])]
+        for each in (states, shared, mixed):
+            both(lambda w=w, each=each: mixtures.combine(each, w[:, 1]))
+            both(lambda w=w, each=each: mixtures.combine(each, w[..., 0, ::-1], [[0], [], []]))
+        for L in (states[0].cov, shared[0].cov, linalg.transpose(states[0].cov)):
+            both(lambda L=L, e=states[1].mean: linalg.mahalanobis(e, L, L))
+        both(lambda s=states[0]: linalg.mahalanobis(s.mean, s.cov))
+
+
+@pytest.mark.parametrize("batch", [(1,), (50,), (700,), (3, 401)])
+@pytest.mark.parametrize("special", [False, True])
+def test_log_densities(batch: tuple[int, ...], special: bool, both: Callable[..., None]) -> None:
+    rng = np.random.default_rng(9)
+
+    def draw(*shape: int) -> np.ndarray:
+        values = 10.0 ** rng.integers(-3, 4, shape) * rng.standard_normal(shape)
+        return (
+            np.where(rng.random(shape) < 0.4, rng.choice(SPECIAL, shape), values)
+            if special
+            else values
+        )
+
+    for n in (1, 2, 4, 7):
+        e = draw(n, *batch)
+        for L in (draw(n, n, *batch), draw(n, n), np.eye(n), -np.eye(n, dtype=int)):
+            both(lambda L=L, e=e: zero_mean_log_prob(e, L, L))
+            both(lambda L=L, e=e: zero_mean_log_prob(e, L, L.swapaxes(0, 1)))
+        P = np.abs(draw(n, n, *batch))
+        both(lambda P=P, e=e: zero_mean_log_prob(e, P))
+        both(lambda P=P, e=e: zero_mean_log_prob(e[..., ::-1], P))
+    for gamma in (Gamma(3.0, 2.0), Gamma(0.7, 1e-3), Gamma(1.0, 5.0)):
+        for v in (draw(*batch), draw(2, *batch).T, SPECIAL):
+            both(lambda gamma=gamma, v=v: gamma.log_density(v))
+
+
+def test_nan_is_found(both: Callable[..., None]) -> None:
+    for a in (
+        SPECIAL,
+        SPECIAL[:-15],
+        SPECIAL[::2],
+        np.zeros((0, 3)),
+        np.arange(3),
+        np.nan * SPECIAL,
+    ):
+        both(lambda a=a: arrays.any_nan(a))
+        both(lambda a=a: arrays.any_nan(a[None, :, None].T))
+        assert arrays.any_nan(a) == np.isnan(a).any()
+
+
+def test_constant_matrices(both: Callable[..., None]) -> None:
+    rng = np.random.default_rng(1)
+    for n in (1, 2, 4, 7):
+        for A in (rng.standard_normal((n, 4)), rng.choice(SPECIAL, (n, 4)), -np.zeros((n, 4))):
+            for B in (
+                rng.standard_normal((4, 4)),
+                rng.choice(SPECIAL, (4, 4)),
+                np.eye(4, dtype=int),
+            ):
+                both(lambda A=A, B=B: linalg.matmul(A, B))
+                both(lambda A=A, B=B: linalg.matmul(A[:, ::2], B[::-2].T[::2].T))
+                both(lambda A=A, B=B: linalg.sandwich(A, B))
+                both(lambda A=A, B=B: linalg.sandwich(A, linalg.symmetrize(B)))
+
+
+def test_matrices_that_do_not_fit_are_errors() -> None:
+    P, wide, narrow = np.ones((4, 4, 50)), np.ones((2, 5)), np.ones((2, 3))
+    for call in (
+        lambda: linalg.matmul(wide, P),
+        lambda: linalg.sandwich(wide, P),
+        lambda: kalman.gain(P, wide, np.eye(2)),
+        lambda: linalg.matmul(narrow, P[..., 0]),
+        lambda: kalman.gain(P[..., 0], narrow, np.eye(2)),
+    ):
+        with pytest.raises((ValueError, IndexError)):
+            call()
 
 
 @pytest.mark.parametrize("batch", [(), (1,), (3,), (48,), (2, 301), (0,)])

@@ -1,11 +1,13 @@
 """What does not depend on the data is computed once for all runs, blocks and points."""
 
+import ctypes
+
 import numpy as np
 import pytest
 
 from tests.papers import maneuver, seen_as
-from trackbench.core import kalman
-from trackbench.core.arrays import Array, clear_caches, once
+from trackbench.core import compiled, kalman
+from trackbench.core.arrays import Array, Seal, clear_caches, fixed, once
 from trackbench.core.distributions import Gaussian
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.run_block import run_block
@@ -27,6 +29,41 @@ def test_constant_matrices_are_computed_once_and_batches_every_time() -> None:
     assert calls == [(1, 4), (2, 2), (2, 2, 3), (2, 2, 3), (1, 2)]
 
 
+def test_fixed_matrices_are_recognized_and_others_compared() -> None:
+    @once
+    def twice(A: Array, B: Array) -> Array:
+        return A + B
+
+    A, B = fixed(np.eye(2)), fixed(np.ones((2, 2)))
+    first = twice(A, B)
+    assert twice(A, B) is first
+    assert twice(A.copy(), B) is first
+    # A writable array may change between two calls.
+    changing = np.ones((2, 2))
+    assert twice(A, changing) is first
+    changing[0, 0] = 7.0
+    np.testing.assert_array_equal(twice(A, changing), A + changing)
+    # Arrays come and go: an identity may be used again.
+    for i in range(100):
+        both = fixed(np.full((2, 2), float(i))), fixed(np.full((2, 2), 1.0))
+        np.testing.assert_array_equal(twice(*both), both[0] + 1.0)
+        del both
+
+
+def test_results_of_changed_memory_are_dropped() -> None:
+    @once
+    def twice(A: Array) -> Array:
+        return 2.0 * A
+
+    A = fixed(np.ones((3, 3)))
+    seal = Seal(A)
+    # As a library that takes the address would.
+    ctypes.memset(A.ctypes.data, 0, 8)
+    assert twice(A)[0, 0] == 0.0
+    assert seal.mend()
+    np.testing.assert_array_equal(twice(A), 2.0 * np.ones((3, 3)))
+
+
 def test_what_is_handed_out_again_cannot_be_changed() -> None:
     state = Gaussian(np.zeros((2, 5)), np.eye(2))
     H, R, nu = np.eye(1, 2), np.eye(1), np.ones((1, 5))
@@ -38,6 +75,7 @@ def test_what_is_handed_out_again_cannot_be_changed() -> None:
 
 def test_a_second_block_computes_no_gain(monkeypatch: pytest.MonkeyPatch) -> None:
     clear_caches()  # what another test may have made
+    monkeypatch.setattr(compiled, "kernels", None)  # numpy's gain, which calls `inverse`
     gains = []
     inverse = kalman.linalg.inverse
     monkeypatch.setattr(kalman.linalg, "inverse", lambda S: gains.append(S) or inverse(S))

@@ -88,19 +88,34 @@ static inline double log_of_normal(double x, const double *at_edge, const double
   return (double)e * c[2] + series;
 }
 
-/* log(at_edge, inverse, constants, x, out); the constants' fourth is log 2. */
+/* log v of any number; the constants' fourth is log 2. */
+static inline double log_of(double v, const double *at_edge, const double *inverse, const double *c) {
+  if (v >= 0x1p-1022 && v < INFINITY) return log_of_normal(v, at_edge, inverse, c);
+  if (v > 0.0 && v < 1.0) return log_of_normal(v * 0x1p52, at_edge, inverse, c) - 52 * c[3];
+  return v == 0.0 ? -INFINITY : v > 0.0 ? INFINITY : NAN;
+}
+
+/* log(at_edge, inverse, constants, x, out) */
 KERNEL(c_log) {
   OPEN(5, 4);
   const double *at_edge = DOUBLES(0), *inverse = DOUBLES(1), *c = DOUBLES(2), *x = DOUBLES(3);
   double *out = DOUBLES(4);
+  for (Size i = 0; i < LENGTH(3); i++) out[i] = log_of(x[i], at_edge, inverse, c);
+  DONE;
+}
+
+/* gamma_log_density(at_edge, inverse, constants, v, out, shape - 1, rate, log_norm): `Gamma.log_density`. */
+KERNEL(c_gamma_log_density) {
+  OPEN(5, 4);
+  const double *at_edge = DOUBLES(0), *inverse = DOUBLES(1), *c = DOUBLES(2), *v = DOUBLES(3);
+  double *out = DOUBLES(4), power = PyFloat_AsDouble(args[5]), rate = PyFloat_AsDouble(args[6]);
+  double log_norm = PyFloat_AsDouble(args[7]);
   for (Size i = 0; i < LENGTH(3); i++) {
-    double v = x[i];
-    if (v >= 0x1p-1022 && v < INFINITY)
-      out[i] = log_of_normal(v, at_edge, inverse, c);
-    else if (v > 0.0 && v < 1.0)
-      out[i] = log_of_normal(v * 0x1p52, at_edge, inverse, c) - 52 * c[3];
-    else
-      out[i] = v == 0.0 ? -INFINITY : v > 0.0 ? INFINITY : NAN;
+    double log_p = log_of(v[i] <= 0x1p-1022 ? 0x1p-1022 : v[i], at_edge, inverse, c);
+    log_p *= power;
+    log_p -= rate * v[i];
+    log_p += log_norm;
+    out[i] = v[i] <= 0.0 ? -INFINITY : log_p;
   }
   DONE;
 }
@@ -365,12 +380,12 @@ static int same_batch(const Py_buffer *a, int a_axes, const Py_buffer *b, int b_
   return 1;
 }
 
-/* Open arrays with their strides; the last one is written to. */
-static int open_strided(Buffers *b, PyObject *const *args, Size given, int n) {
+/* Open arrays with their strides; those from `written` on are written to. */
+static int open_strided(Buffers *b, PyObject *const *args, Size given, int n, int written) {
   b->count = 0;
   if (given < n) { PyErr_SetString(PyExc_TypeError, "too few arguments"); return 0; }
   for (int i = 0; i < n; i++) {
-    int wanted = PyBUF_STRIDES | PyBUF_FORMAT | (i == n - 1 ? PyBUF_WRITABLE : 0);
+    int wanted = PyBUF_STRIDES | PyBUF_FORMAT | (i < written ? 0 : PyBUF_WRITABLE);
     if (PyObject_GetBuffer(args[i], &b->views[i], wanted)) {
       release(b);
       return 0;
@@ -380,19 +395,26 @@ static int open_strided(Buffers *b, PyObject *const *args, Size given, int n) {
   return 1;
 }
 
-#define OPEN_STRIDED(n) Buffers b; if (!open_strided(&b, args, given, n)) return NULL
+#define OPEN_STRIDED(n, written) Buffers b; if (!open_strided(&b, args, given, n, written)) return NULL
 #define ANSWER(done) do { int answer = (done); release(&b); return PyBool_FromLong(answer); } while (0)
 
 static Matrix transposed(Matrix A) {
   return (Matrix){A.at, A.columns, A.rows, A.column, A.row, A.batch, A.constant};
 }
 
-/* out = A B for members from ... from + n of the batch; zeros of a constant matrix are left out. */
+/* out = A B for members from ... from + n of the batch. Zeros of a constant matrix are left out, but numpy's sums
+   of the product of two constant matrices have all terms and begin with 0.0. */
 static void multiply(const Matrix *A, const Matrix *B, const Matrix *out, Size from, Size n) {
   for (Size i = 0; i < A->rows; i++)
     for (Size k = 0; k < B->columns; k++) {
       double *restrict sum = out->at + i * out->row + k * out->column + from;
       int terms = 0;
+      if (A->constant && B->constant) {
+        *sum = 0.0;
+        for (Size j = 0; j < A->columns; j++)
+          *sum += A->at[i * A->row + j * A->column] * B->at[j * B->row + k * B->column];
+        continue;
+      }
       for (Size j = 0; j < A->columns; j++) {
         const double *a = A->at + i * A->row + j * A->column, *c = B->at + j * B->row + k * B->column;
         if (A->constant || B->constant) {
@@ -411,13 +433,48 @@ static void multiply(const Matrix *A, const Matrix *B, const Matrix *out, Size f
     }
 }
 
+/* The product of this chunk in memory of its own. */
+static Matrix product_in(double *memory, const Matrix *A, const Matrix *B, Size from, Size n) {
+  Matrix out = {memory - from, A->rows, B->columns, B->columns * CHUNK, CHUNK, 0, A->constant && B->constant};
+  multiply(A, B, &out, from, n);
+  return out;
+}
+
+/* P = (P + P') / 2 */
+static void symmetrize(const Matrix *P, Size from, Size n) {
+  for (Size i = 0; i < P->rows && P->rows > 1; i++)
+    for (Size k = 0; k <= i; k++) {
+      double *upper = P->at + k * P->row + i * P->column + from, *lower = P->at + i * P->row + k * P->column + from;
+      for (Size l = 0; l < n; l++) upper[l] = lower[l] = 0.5 * (lower[l] + upper[l]);
+    }
+}
+
+/* out = (F P F' + its transpose) / 2, by F P of this chunk, then F (F P)'. */
+static void sandwich(const Matrix *F, const Matrix *P, const Matrix *out, Size from, Size n) {
+  static double memory[MOST * CHUNK]; /* the interpreter's lock is held */
+  Matrix turned = transposed(product_in(memory, F, P, from, n));
+  multiply(F, &turned, out, from, n);
+  symmetrize(out, from, n);
+}
+
+/* P += Q, of the batch or constant */
+static void add(const Matrix *P, const Matrix *Q, Size from, Size n) {
+  for (Size i = 0; i < P->rows; i++)
+    for (Size k = 0; k < P->columns; k++) {
+      double *restrict sum = P->at + i * P->row + k * P->column + from;
+      const double *term = Q->at + i * Q->row + k * Q->column;
+      if (Q->constant) for (Size l = 0; l < n; l++) sum[l] += *term;
+      else for (Size l = 0; l < n; l++) sum[l] += term[from + l];
+    }
+}
+
 /* product(A, B, out, vector): A B, or A x; False if an argument's memory has another form. */
 KERNEL(c_product) {
-  OPEN_STRIDED(3);
+  OPEN_STRIDED(3, 2);
   int axes = WHOLE(3) ? 1 : 2;
   Matrix A, B, out;
   if (!as_matrix(&b.views[0], 0, &A) || !as_matrix(&b.views[1], axes == 1, &B) || !as_matrix(&b.views[2], axes == 1, &out)
-      || (A.constant && B.constant) || !(A.constant || B.constant || same_batch(&b.views[0], 2, &b.views[1], axes)))
+      || A.columns != B.rows || !(A.constant || B.constant || same_batch(&b.views[0], 2, &b.views[1], axes)))
     ANSWER(0);
   for (Size from = 0; from < out.batch; from += CHUNK)
     multiply(&A, &B, &out, from, out.batch - from < CHUNK ? out.batch - from : CHUNK);
@@ -426,32 +483,89 @@ KERNEL(c_product) {
 
 /* sandwich(F, P, out): (F P F' + its transpose) / 2. */
 KERNEL(c_sandwich) {
-  OPEN_STRIDED(3);
+  OPEN_STRIDED(3, 2);
   Matrix F, P, out;
   if (!as_matrix(&b.views[0], 0, &F) || !as_matrix(&b.views[1], 0, &P) || !as_matrix(&b.views[2], 0, &out)
-      || (F.constant && P.constant) || F.rows * F.columns > MOST
-      || !(F.constant || P.constant || same_batch(&b.views[0], 2, &b.views[1], 2)))
+      || F.rows * F.columns > MOST || F.columns != P.rows || P.columns != P.rows || !(F.constant || P.constant || same_batch(&b.views[0], 2, &b.views[1], 2)))
     ANSWER(0);
-  double memory[MOST * CHUNK];
-  for (Size from = 0; from < out.batch; from += CHUNK) {
-    Size n = out.batch - from < CHUNK ? out.batch - from : CHUNK;
-    /* F P of this chunk, then F (F P)'. */
-    Matrix chunk = {memory - from, F.rows, F.columns, F.columns * CHUNK, CHUNK, out.batch, 0};
-    multiply(&F, &P, &chunk, from, n);
-    Matrix turned = transposed(chunk);
-    multiply(&F, &turned, &out, from, n);
-    for (Size i = 0; i < out.rows && out.rows > 1; i++)
-      for (Size k = 0; k <= i; k++) {
-        double *upper = out.at + k * out.row + i * out.column + from, *lower = out.at + i * out.row + k * out.column + from;
-        for (Size l = 0; l < n; l++) upper[l] = lower[l] = 0.5 * (lower[l] + upper[l]);
+  for (Size from = 0; from < out.batch; from += CHUNK)
+    sandwich(&F, &P, &out, from, out.batch - from < CHUNK ? out.batch - from : CHUNK);
+  ANSWER(1);
+}
+
+/* Open P, H, R and two more matrices: the last two have the batch of P, H and R have it or are constant. */
+static int as_update(const Buffers *b, Matrix *M) {
+  for (int i = 0; i < 5; i++)
+    if (!as_matrix(&b->views[i], 0, &M[i]) || M[i].rows * M[i].columns > MOST
+        || !((M[i].constant && i < 3) || same_batch(&b->views[0], 2, &b->views[i], 2)))
+      return 0;
+  return M[0].columns == M[0].rows && M[1].columns == M[0].rows && M[2].rows == M[1].rows && M[2].columns == M[1].rows;
+}
+
+/* S^-1 of one component or two, `inverse`. */
+static void invert(const Matrix *S, const Matrix *out, Size from, Size n) {
+  const double *first = S->at + from, *low = S->at + S->row + from, *last = low + S->column;
+  double *inverse = out->at + from, *off = out->at + out->column + from, *off_low = out->at + out->row + from;
+  for (Size l = 0; l < n; l++)
+    if (S->rows == 1) inverse[l] = 1.0 / first[l];
+    else {
+      double ratio = low[l] / first[l], rest = last[l] - ratio * low[l];
+      double d = 1.0 / (rest > 0.0 && first[l] > 0.0 ? rest : NAN);
+      off[l] = off_low[l] = -ratio * d;
+      inverse[l] = 1.0 / first[l] - ratio * off[l];
+      off_low[out->column + l] = d;
+    }
+}
+
+/* gain(P, H, R, S, K): S = H P H' + R and K = P H' S^-1 of one or two measurements, `gain` of kalman.py. */
+KERNEL(c_gain) {
+  OPEN_STRIDED(5, 3);
+  Matrix M[5];
+  if (!as_update(&b, M) || M[2].rows > 2) ANSWER(0);
+  static double HP_memory[MOST * CHUNK], inverse_memory[4 * CHUNK];
+  for (Size from = 0; from < M[0].batch; from += CHUNK) {
+    Size n = M[0].batch - from < CHUNK ? M[0].batch - from : CHUNK;
+    Matrix PH = transposed(product_in(HP_memory, &M[1], &M[0], from, n));
+    multiply(&M[1], &PH, &M[3], from, n);
+    symmetrize(&M[3], from, n);
+    add(&M[3], &M[2], from, n);
+    Matrix inverse = {inverse_memory - from, M[2].rows, M[2].rows, M[2].rows * CHUNK, CHUNK, 0, M[3].constant};
+    invert(&M[3], &inverse, from, n);
+    multiply(&PH, &inverse, &M[4], from, n);
+  }
+  ANSWER(1);
+}
+
+/* joseph(P, H, R, K, out): (I - K H) P (I - K H)' + K R K', `_joseph` of kalman.py. */
+KERNEL(c_joseph) {
+  OPEN_STRIDED(5, 4);
+  Matrix M[5];
+  if (!as_update(&b, M) || M[3].rows != M[0].rows || M[3].columns != M[2].rows) ANSWER(0);
+  static double left_memory[MOST * CHUNK], noise_memory[MOST * CHUNK], second_memory[MOST * CHUNK];
+  Size n_x = M[0].rows, n_z = M[2].rows;
+  int repeated = M[2].constant && !M[3].constant; /* over the batch, so that the zeros of R count as numpy's do */
+  for (Size i = 0; i < n_z * n_z && repeated; i++)
+    for (Size l = 0; l < CHUNK; l++) noise_memory[i * CHUNK + l] = M[2].at[i / n_z * M[2].row + i % n_z * M[2].column];
+  for (Size from = 0; from < M[0].batch; from += CHUNK) {
+    Size n = M[0].batch - from < CHUNK ? M[0].batch - from : CHUNK;
+    Matrix left = product_in(left_memory, &M[3], &M[1], from, n);
+    for (Size i = 0; i < n_x; i++)
+      for (Size k = 0; k < n_x; k++) {
+        double *entry = left_memory + (i * n_x + k) * CHUNK;
+        for (Size l = 0; l < n; l++) entry[l] = i == k ? -entry[l] + 1.0 : -entry[l];
       }
+    sandwich(&left, &M[0], &M[4], from, n);
+    Matrix repeat = {noise_memory - from, n_z, n_z, n_z * CHUNK, CHUNK, 0, 0};
+    Matrix second = {second_memory - from, n_x, n_x, n_x * CHUNK, CHUNK, 0, M[3].constant};
+    sandwich(&M[3], repeated ? &repeat : &M[2], &second, from, n);
+    add(&M[4], &second, from, n);
   }
   ANSWER(1);
 }
 
 /* factor(P, L, tolerance): the lower Cholesky factor, `_factor`; L is zero before. */
 KERNEL(c_factor) {
-  OPEN_STRIDED(2);
+  OPEN_STRIDED(2, 1);
   Matrix P, L;
   double tolerance = PyFloat_AsDouble(args[2]);
   if (!as_matrix(&b.views[0], 0, &P) || !as_matrix(&b.views[1], 0, &L) || P.constant) ANSWER(0);
@@ -488,33 +602,135 @@ KERNEL(c_factor) {
   ANSWER(1);
 }
 
-/* whiten(L, b, out): L^-1 b by forward substitution; L may be constant. */
-KERNEL(c_whiten) {
-  OPEN_STRIDED(3);
-  Matrix L, e, out;
-  if (!as_matrix(&b.views[0], 0, &L) || !as_matrix(&b.views[1], 1, &e) || !as_matrix(&b.views[2], 1, &out)
-      || e.constant || !(L.constant || same_batch(&b.views[0], 2, &b.views[1], 1)))
-    ANSWER(0);
-  for (Size from = 0; from < e.batch; from += CHUNK) {
-    Size n = e.batch - from < CHUNK ? e.batch - from : CHUNK;
-    for (Size i = 0; i < L.rows; i++) {
-      double *restrict row = out.at + i * out.row + from;
-      memcpy(row, e.at + i * e.row + from, sizeof(double) * n);
-      for (Size j = 0; j <= i; j++) {
-        const double *factor = L.at + i * L.row + j * L.column, *y = out.at + j * out.row + from;
-        if (L.constant) {
-          double f = j == i ? 1.0 / *factor : *factor;
-          if (j == i) for (Size l = 0; l < n; l++) row[l] *= f;
-          else if (f != 0.0) for (Size l = 0; l < n; l++) row[l] -= f * y[l];
-        } else {
-          factor += from;
-          if (j == i) for (Size l = 0; l < n; l++) row[l] *= 1.0 / factor[l];
-          else for (Size l = 0; l < n; l++) row[l] -= factor[l] * y[l];
-        }
+/* out = L^-1 b by forward substitution; L may be constant. */
+static void forward(const Matrix *L, const Matrix *b, const Matrix *out, Size from, Size n) {
+  for (Size i = 0; i < L->rows; i++) {
+    double *restrict row = out->at + i * out->row + from;
+    memcpy(row, b->at + i * b->row + from, sizeof(double) * n);
+    for (Size j = 0; j <= i; j++) {
+      const double *factor = L->at + i * L->row + j * L->column, *y = out->at + j * out->row + from;
+      if (L->constant) {
+        double f = j == i ? 1.0 / *factor : *factor;
+        if (j == i) for (Size l = 0; l < n; l++) row[l] *= f;
+        else if (f != 0.0) for (Size l = 0; l < n; l++) row[l] -= f * y[l];
+      } else {
+        factor += from;
+        if (j == i) for (Size l = 0; l < n; l++) row[l] *= 1.0 / factor[l];
+        else for (Size l = 0; l < n; l++) row[l] -= factor[l] * y[l];
       }
     }
   }
+}
+
+static int as_triangle(const Buffers *b, Matrix *L, Matrix *e) {
+  return as_matrix(&b->views[0], 0, L) && as_matrix(&b->views[1], 1, e) && !e->constant && L->rows == e->rows
+         && (L->constant || same_batch(&b->views[0], 2, &b->views[1], 1));
+}
+
+/* whiten(L, b, out): L^-1 b */
+KERNEL(c_whiten) {
+  OPEN_STRIDED(3, 2);
+  Matrix L, e, out;
+  if (!as_triangle(&b, &L, &e) || !as_matrix(&b.views[2], 1, &out)) ANSWER(0);
+  for (Size from = 0; from < e.batch; from += CHUNK)
+    forward(&L, &e, &out, from, e.batch - from < CHUNK ? e.batch - from : CHUNK);
   ANSWER(1);
+}
+
+/* mahalanobis(L, b, out): the squares of L^-1 b, added up. */
+KERNEL(c_mahalanobis) {
+  OPEN_STRIDED(3, 2);
+  Matrix L, e;
+  if (!as_triangle(&b, &L, &e) || L.rows > MOST) ANSWER(0);
+  static double memory[MOST * CHUNK];
+  for (Size from = 0; from < e.batch; from += CHUNK) {
+    Size n = e.batch - from < CHUNK ? e.batch - from : CHUNK;
+    Matrix white = {memory - from, L.rows, 1, CHUNK, 0, 0, 0};
+    forward(&L, &e, &white, from, n);
+    double *restrict sum = DOUBLES(2) + from;
+    for (Size i = 0; i < L.rows; i++) {
+      const double *row = memory + i * CHUNK;
+      if (i) for (Size l = 0; l < n; l++) sum[l] += row[l] * row[l];
+      else for (Size l = 0; l < n; l++) sum[l] = row[l] * row[l];
+    }
+  }
+  ANSWER(1);
+}
+
+/* log_prob(at_edge, inverse, constants, L, e, out, n log(2 pi) / 2): log N(e; 0, L L'), `zero_mean_log_prob`. */
+KERNEL(c_log_prob) {
+  OPEN_STRIDED(6, 5);
+  Matrix L, e;
+  Buffers of_triangle = {{b.views[3], b.views[4]}, 0};
+  if (!as_triangle(&of_triangle, &L, &e) || L.rows != L.columns || L.rows * L.rows > MOST) ANSWER(0);
+  const double *at_edge = DOUBLES(0), *inverse = DOUBLES(1), *c = DOUBLES(2), half_turns = PyFloat_AsDouble(args[6]);
+  static double triangle[MOST * CHUNK], rows[MOST * CHUNK];
+  Size entry = L.constant ? 1 : CHUNK;
+  for (Size from = 0; from < e.batch; from += CHUNK) {
+    Size n = e.batch - from < CHUNK ? e.batch - from : CHUNK, count = L.constant ? 1 : n;
+    /* Step 1: e' P^-1 e / 2 as the sum of squares of (sqrt(2) L)^-1 e. */
+    Matrix scaled = {L.constant ? triangle : triangle - from, L.rows, L.rows, L.rows * entry, entry, 0, L.constant};
+    for (Size i = 0; i < L.rows; i++)
+      for (Size j = 0; j <= i; j++) {
+        const double *at = L.at + i * L.row + j * L.column + (L.constant ? 0 : from);
+        double *to = triangle + (i * L.rows + j) * entry;
+        for (Size l = 0; l < count; l++) to[l] = 1.4142135623730951 * at[l];
+      }
+    Matrix white = {rows - from, L.rows, 1, CHUNK, 0, 0, 0};
+    forward(&scaled, &e, &white, from, n);
+    for (Size i = 0; i < L.rows; i++)
+      for (Size l = 0; l < n; l++) {
+        double square = rows[i * CHUNK + l] * rows[i * CHUNK + l];
+        rows[l] = i ? rows[l] + square : square;
+      }
+    /* Step 2: sqrt(det P) is the product of the diagonal of L. */
+    double *restrict out = DOUBLES(5) + from, log_scale = NAN;
+    for (Size l = 0; l < n; l++) {
+      if (!l || !L.constant) {
+        const double *at = L.at + (L.constant ? 0 : from + l);
+        double scale = *at;
+        for (Size i = 1; i < L.rows; i++) scale *= at[i * (L.row + L.column)];
+        log_scale = log_of(scale, at_edge, inverse, c) + half_turns;
+      }
+      out[l] = -log_scale - rows[l];
+    }
+  }
+  ANSWER(1);
+}
+
+/* mix(w, m, P, mean, cov): cov += w (P + e e') with e = m - mean, a state's share in `combine`. */
+KERNEL(c_mix) {
+  OPEN_STRIDED(5, 4);
+  Matrix m, P, mean, cov;
+  if (!as_matrix(&b.views[1], 1, &m) || !as_matrix(&b.views[2], 0, &P) || !as_matrix(&b.views[3], 1, &mean)
+      || !as_matrix(&b.views[4], 0, &cov) || strcmp(b.views[0].format, "d") || b.views[0].ndim != 1
+      || b.views[0].strides[0] != 8 || b.views[0].shape[0] != m.batch || !(P.constant || P.batch == m.batch) || P.rows != m.rows || P.columns != m.rows)
+    ANSWER(0);
+  const double *w = DOUBLES(0);
+  for (Size i = 0; i < m.rows; i++)
+    for (Size k = 0; k < m.rows; k++) {
+      const double *m_i = m.at + i * m.row, *m_k = m.at + k * m.row, *p = P.at + i * P.row + k * P.column;
+      const double *mean_i = mean.at + i * mean.row, *mean_k = mean.at + k * mean.row;
+      double *restrict sum = cov.at + i * cov.row + k * cov.column;
+      for (Size l = 0; l < m.batch; l++)
+        sum[l] += w[l] * ((P.constant ? *p : p[l]) + (m_i[l] - mean_i[l]) * (m_k[l] - mean_k[l]));
+    }
+  ANSWER(1);
+}
+
+/* any_nan(a): None if the memory of a has another form. */
+KERNEL(c_any_nan) {
+  Py_buffer view;
+  if (given < 1 || PyObject_GetBuffer(args[0], &view, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT)) {
+    PyErr_Clear();
+    Py_RETURN_NONE;
+  }
+  const double *a = view.buf;
+  int suitable = !strcmp(view.format, "d"), found = 0;
+  for (Size i = 0; i < view.len / 8 && suitable; i++) found |= a[i] != a[i];
+  PyBuffer_Release(&view);
+  if (!suitable) Py_RETURN_NONE;
+  return PyBool_FromLong(found);
 }
 
 /* lower_product(L, x, out): L x for a triangle per run and particles (n, M, N). */
@@ -605,29 +821,118 @@ KERNEL(c_weighted) {
   DONE;
 }
 
-/* cross(weights, a, c, out): weighted sums of a c' over points; a (r, P, batch), c (s, P, batch). */
+/* cross(weights, a, a_mean, c, c_mean, out, r, s): weighted sums of (a - a_mean) (c - c_mean)' over points;
+   a (r, P, batch), c (s, P, batch). */
 KERNEL(c_cross) {
-  OPEN(4, 3);
-  Size P = LENGTH(0), r = WHOLE(4), s = WHOLE(5), batch = P && r > 0 ? LENGTH(1) / (r * P) : 0;
+  OPEN(6, 5);
+  Size P = LENGTH(0), r = WHOLE(6), s = WHOLE(7), batch = P && r > 0 ? LENGTH(1) / (r * P) : 0;
   for (Size i = 0; i < r; i++)
     for (Size j = 0; j < s; j++) {
-      double *restrict out = DOUBLES(3) + (i * s + j) * batch;
+      double *restrict out = DOUBLES(5) + (i * s + j) * batch;
+      const double *A = DOUBLES(2) + i * batch, *C = DOUBLES(4) + j * batch;
       for (Size from = 0; from < batch; from += CHUNK)
         for (Size p = 0; p < P; p++) {
-          const double *a = DOUBLES(1) + (i * P + p) * batch, *c = DOUBLES(2) + (j * P + p) * batch, w = DOUBLES(0)[p];
+          const double *a = DOUBLES(1) + (i * P + p) * batch, *c = DOUBLES(3) + (j * P + p) * batch, w = DOUBLES(0)[p];
           Size to = batch - from < CHUNK ? batch : from + CHUNK;
-          if (p) for (Size l = from; l < to; l++) out[l] += w * (a[l] * c[l]);
-          else for (Size l = from; l < to; l++) out[l] = w * (a[l] * c[l]);
+          if (p) for (Size l = from; l < to; l++) out[l] += w * ((a[l] - A[l]) * (c[l] - C[l]));
+          else for (Size l = from; l < to; l++) out[l] = w * ((a[l] - A[l]) * (c[l] - C[l]));
         }
     }
   DONE;
 }
 
+/* sigma_points(mean, root, scale, out): the mean, and the mean plus and minus the scaled columns of its root. */
+KERNEL(c_sigma_points) {
+  OPEN_STRIDED(3, 2);
+  Matrix m, L;
+  double scale = PyFloat_AsDouble(args[3]);
+  if (!as_matrix(&b.views[0], 1, &m) || !as_matrix(&b.views[1], 0, &L) || L.rows != m.rows || L.columns != m.rows
+      || !(L.constant || same_batch(&b.views[0], 1, &b.views[1], 2)))
+    ANSWER(0);
+  for (Size i = 0; i < m.rows; i++) {
+    const double *mean = m.at + i * m.row;
+    double *center = DOUBLES(2) + i * (2 * m.rows + 1) * m.batch;
+    memcpy(center, mean, sizeof(double) * m.batch);
+    for (Size k = 0; k < m.rows; k++) {
+      const double *at = L.at + i * L.row + k * L.column;
+      double *restrict above = center + (1 + k) * m.batch, *restrict below = above + m.rows * m.batch;
+      for (Size l = 0; l < m.batch; l++) {
+        double step = scale * (L.constant ? *at : at[l]);
+        above[l] = mean[l] + step;
+        below[l] = mean[l] - step;
+      }
+    }
+  }
+  ANSWER(1);
+}
+
+/* scalar_points(mean, P, Q, R, scale, out): the same of (x, v, n), three scalars of which v and n have mean zero. */
+KERNEL(c_scalar_points) {
+  OPEN_STRIDED(5, 4);
+  Matrix m, V[3];
+  double scale = PyFloat_AsDouble(args[5]);
+  if (!as_matrix(&b.views[0], 1, &m)) ANSWER(0);
+  for (int i = 0; i < 3; i++)
+    if (!as_matrix(&b.views[1 + i], 0, &V[i]) || !(V[i].constant || same_batch(&b.views[0], 1, &b.views[1 + i], 2)))
+      ANSWER(0);
+  for (int i = 0; i < 3; i++)
+    for (Size from = 0; from < m.batch; from += CHUNK) {
+      Size n = m.batch - from < CHUNK ? m.batch - from : CHUNK;
+      double *restrict out = DOUBLES(4) + 7 * i * m.batch + from, mean[CHUNK] = {0.0}, step[CHUNK];
+      if (!i) memcpy(mean, m.at + from, sizeof(double) * n);
+      for (Size l = 0; l < n; l++) { /* `root` has NaN for an infinite variance, and 0.0 for -0.0 */
+        double variance = V[i].constant ? *V[i].at : V[i].at[from + l];
+        step[l] = scale * ((variance == INFINITY ? NAN : sqrt(variance)) + 0.0);
+      }
+      memcpy(out, mean, sizeof(double) * n);
+      for (int k = 0; k < 3; k++) {
+        double *restrict above = out + (1 + k) * m.batch, *restrict below = out + (4 + k) * m.batch;
+        if (k == i) for (Size l = 0; l < n; l++) above[l] = mean[l] + step[l], below[l] = mean[l] - step[l];
+        else for (Size l = 0; l < n; l++) above[l] = mean[l] + 0.0, below[l] = mean[l] - 0.0;
+      }
+    }
+  ANSWER(1);
+}
+
+/* condition(m, P, nu, C, S, mean, cov): m + K nu and P - K S K' with K = C S^-1, of one or two measurements. */
+KERNEL(c_condition) {
+  OPEN_STRIDED(7, 5);
+  Matrix M[7];
+  for (int i = 0; i < 7; i++) {
+    int vector = i == 0 || i == 2 || i == 5;
+    if (!as_matrix(&b.views[i], vector, &M[i]) || M[i].constant || M[i].rows * M[i].columns > MOST
+        || !same_batch(&b.views[0], 1, &b.views[i], vector ? 1 : 2))
+      ANSWER(0);
+  }
+  Matrix m = M[0], P = M[1], nu = M[2], C = M[3], S = M[4], mean = M[5], cov = M[6];
+  if (S.rows > 2 || S.columns != S.rows || C.columns != S.rows || nu.rows != S.rows || C.rows != m.rows) ANSWER(0);
+  static double gain[MOST * CHUNK], inverse_memory[4 * CHUNK];
+  for (Size from = 0; from < m.batch; from += CHUNK) {
+    Size n = m.batch - from < CHUNK ? m.batch - from : CHUNK;
+    Matrix inverse = {inverse_memory - from, S.rows, S.rows, S.rows * CHUNK, CHUNK, 0, 0};
+    invert(&S, &inverse, from, n);
+    Matrix K = product_in(gain, &C, &inverse, from, n);
+    multiply(&K, &nu, &mean, from, n);
+    add(&mean, &m, from, n);
+    sandwich(&K, &S, &cov, from, n);
+    for (Size i = 0; i < P.rows; i++)
+      for (Size k = 0; k < P.rows; k++) {
+        double *restrict out = cov.at + i * cov.row + k * cov.column + from;
+        const double *p = P.at + i * P.row + k * P.column + from;
+        for (Size l = 0; l < n; l++) out[l] = p[l] - out[l];
+      }
+  }
+  ANSWER(1);
+}
+
 #define METHOD(name) {#name, (PyCFunction)(void (*)(void))c_##name, METH_FASTCALL, NULL}
 static PyMethodDef methods[] = {
-  METHOD(exp), METHOD(log), METHOD(cos_sin), METHOD(arctan2), METHOD(normals), METHOD(total), METHOD(dot),
+  METHOD(exp), METHOD(log), METHOD(gamma_log_density), METHOD(log_prob),
+  METHOD(cos_sin), METHOD(arctan2), METHOD(normals), METHOD(total), METHOD(dot),
   METHOD(normalize), METHOD(moments), METHOD(ancestors), METHOD(select), METHOD(product), METHOD(sandwich),
-  METHOD(factor), METHOD(whiten), METHOD(lower_product), METHOD(eigen), METHOD(weighted), METHOD(cross), {NULL}};
+  METHOD(gain), METHOD(joseph), METHOD(factor), METHOD(eigen), METHOD(whiten), METHOD(mahalanobis), METHOD(mix), METHOD(any_nan),
+  METHOD(lower_product), METHOD(weighted), METHOD(cross), METHOD(sigma_points),
+  METHOD(scalar_points), METHOD(condition), {NULL}};
 static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, "_compiled", "Kernels of core/ in C.", -1, methods};
 PyMODINIT_FUNC PyInit__compiled(void) {
   PyObject *m = PyModule_Create(&module);

@@ -106,7 +106,7 @@ def exp_of_moderate(x: Array, out: Array) -> None:
 def log(x: Array, out: Array) -> None:
     """Write the natural logarithm to ``out``."""
     if compiled.kernels:
-        compiled.kernels.log(*logarithms(), _log_constants(), x, out)
+        compiled.kernels.log(*logarithms(), log_constants(), x, out)
         return
     if np.minimum.reduce(x) >= _SMALLEST and np.maximum.reduce(x) <= _LARGEST:
         _log_of_normal(x, out)
@@ -256,7 +256,7 @@ def exp_constants() -> Array:
 
 
 @cache
-def _log_constants() -> Array:
+def log_constants() -> Array:
     const = constants()
     per_bit = const.log_2 * 2.0**-_MANTISSA
     return fixed(np.array([const.log_linear, const.log_square, per_bit, const.log_2]))

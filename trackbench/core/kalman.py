@@ -9,8 +9,8 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from trackbench.core import linalg
-from trackbench.core.arrays import Array, Mask, note, once, with_axes_of, with_trailing
+from trackbench.core import compiled, linalg
+from trackbench.core.arrays import Array, Mask, any_nan, note, once, with_axes_of, with_trailing
 from trackbench.core.distributions import LOG_2PI, Factored, Gaussian, from_root, zero_mean_log_prob
 from trackbench.core.elementary import log
 
@@ -31,22 +31,21 @@ class Innovation(NamedTuple):
 
         It uses the measured components, and is NaN if all are missing.
         """
-        missing = np.isnan(self.nu)
-        if not missing.any():
+        if not any_nan(self.nu):
             return linalg.mahalanobis(self.nu, self.S, self.root)
+        missing = np.isnan(self.nu)
         nis = linalg.mahalanobis(np.where(missing, 0.0, self.nu), self.S, self.root)
         return np.where(missing.all(axis=0), np.nan, nis)
 
     def nis_and_scale(self) -> tuple[Array, Array]:
         """Return NIS (*batch) and the square root of det S, from one Cholesky factor."""
         L = linalg.cholesky(self.S) if self.root is None else self.root
-        missing = np.isnan(self.nu)
-        rows = linalg.whiten(L, np.where(missing, 0.0, self.nu) if missing.any() else self.nu)
-        # NIS is the sum of squares of L^-1 nu; sqrt(det S) is the product of the diagonal of L.
-        nis, scale = rows[0] * rows[0], L[0, 0]
-        for i in range(1, len(rows)):
-            nis, scale = nis + rows[i] * rows[i], scale * L[i, i]
-        return nis, scale
+        known = np.where(np.isnan(self.nu), 0.0, self.nu) if any_nan(self.nu) else self.nu
+        # sqrt(det S) is the product of the diagonal of L.
+        scale = L[0, 0]
+        for i in range(1, len(L)):
+            scale = scale * L[i, i]
+        return linalg.mahalanobis(known, self.S, L), scale
 
     @property
     def log_likelihood(self) -> Array:
@@ -54,10 +53,10 @@ class Innovation(NamedTuple):
 
         It uses the measured components, and is NaN if all are missing.
         """
-        missing = np.isnan(self.nu)
-        if not missing.any():
+        if not any_nan(self.nu):
             value = zero_mean_log_prob(self.nu, self.S, self.root)
         else:
+            missing = np.isnan(self.nu)
             # Leave out the missing components of each run.
             value = log_prob_of_measured(self.nu, self.S, missing, self.root)
             value = np.where(missing.all(axis=0), np.nan, value)
@@ -122,10 +121,10 @@ def update(predicted: Gaussian, nu: Array, H: Array, R: Array) -> Updated:
     Updated
         Posterior, and the innovation with S.
     """
-    nan, known = np.isnan(nu), nu
-    if nan.any():
+    known = nu
+    if any_nan(nu):
         # A component is missing if it is NaN for another reason than a diverged prediction.
-        missing = nan & np.isfinite(predicted.mean).all(axis=0)
+        missing = np.isnan(nu) & np.isfinite(predicted.mean).all(axis=0)
         H, R = drop_missing(H, R, missing)
         known = np.where(missing, 0.0, nu)
     if isinstance(predicted, Factored):
@@ -187,9 +186,8 @@ def log_prob_of_measured(nu: Array, cov: Array, missing: Mask, root: Array | Non
 
 def update_with_gain(predicted: Gaussian, nu: Array, K: Array, H: Array, R: Array) -> Gaussian:
     """Return the update by any gain K; a run with a missing component keeps its prediction."""
-    nan = np.isnan(nu)
-    if nan.any():
-        missing = nan.any(axis=0) & np.isfinite(predicted.mean).all(axis=0)
+    if any_nan(nu):
+        missing = np.isnan(nu).any(axis=0) & np.isfinite(predicted.mean).all(axis=0)
         # K = 0 leaves mean and covariance at the prediction.
         K = np.where(missing, 0.0, with_trailing(K, nu.ndim - 1, leading=2))
         nu = np.where(missing, 0.0, nu)
@@ -206,6 +204,11 @@ def _with_gain(predicted: Gaussian, nu: Array, K: Array, H: Array, R: Array) -> 
 @once
 def gain(P: Array, H: Array, R: Array) -> tuple[Array, Array]:
     """Return ``S = H P H' + R`` and ``K = P H' S^-1``."""
+    if compiled.kernels:
+        n_z, n, *batch = len(H), *P.shape[1:]
+        S, K = np.empty((n_z, n_z, *batch)), np.empty((n, n_z, *batch))
+        if compiled.kernels.gain(P, H, R, S, K):
+            return S, K
     HP = linalg.matmul(H, P)
     # S = H P H' + R
     S = linalg.symmetrize(linalg.matmul(H, linalg.transpose(HP)))
@@ -217,8 +220,23 @@ def gain(P: Array, H: Array, R: Array) -> tuple[Array, Array]:
 @once
 def _joseph(P: Array, K: Array, H: Array, R: Array) -> Array:
     """Return ``(I - K H) P (I - K H)' + K R K'``."""
+    if compiled.kernels:
+        out = np.empty(P.shape)
+        if compiled.kernels.joseph(P, H, R, K, out):
+            return out
     IKH = linalg.identity_minus(linalg.matmul(K, H))
     return linalg.sandwich(IKH, P) + linalg.sandwich(K, with_axes_of(K, R))
+
+
+def condition(predicted: Gaussian, nu: Array, C: Array, S: Array) -> Gaussian:
+    """Return mean ``m + K nu`` and covariance ``P - K S K'`` with ``K = C S^-1``, C = cov(x, z)."""
+    m, P = predicted.mean, predicted.cov
+    if compiled.kernels:
+        mean, cov = np.empty(m.shape), np.empty(P.shape)
+        if compiled.kernels.condition(m, P, nu, C, S, mean, cov):
+            return Gaussian(mean, cov)
+    K = linalg.matmul(C, linalg.inverse(S))
+    return Gaussian(m + linalg.matvec(K, nu), P - linalg.sandwich(K, S))
 
 
 def posterior_cramer_rao(initial: Array, F: Array, Q: Array, information: Iterable[Array]) -> Array:

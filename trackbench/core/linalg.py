@@ -46,12 +46,12 @@ def lower_product(L: Array, x: Array) -> Array:
 
 def matmul(A: Array, B: Array) -> Array:
     """Return ``A B`` for A (n, m[, *batch]) and B (m, p[, *batch]); shape (n, p[, *batch])."""
-    if A.ndim == 2 and B.ndim == 2:
-        return np.add.reduce(A[:, :, None] * B, axis=1)  # in order: few terms
     if compiled.kernels:
         out = np.empty((len(A), B.shape[1], *(A if A.ndim > 2 else B).shape[2:]))
         if compiled.kernels.product(A, B, out, 0):
             return out
+    if A.ndim == 2 and B.ndim == 2:
+        return np.add.reduce(A[:, :, None] * B, axis=1)  # in order: few terms
     if A.ndim == 2:
         return _constant_product(A, B)
     # A B = (B' A')'
@@ -67,7 +67,7 @@ def transpose(A: Array) -> Array:
 
 def sandwich(F: Array, P: Array) -> Array:
     """Return ``F P F'`` for symmetric P, exactly symmetric."""
-    if compiled.kernels and (F.ndim > 2 or P.ndim > 2):
+    if compiled.kernels:
         out = np.empty((len(F), len(F), *(F if F.ndim > 2 else P).shape[2:]))
         if compiled.kernels.sandwich(F, P, out):
             return out
@@ -243,7 +243,12 @@ def mahalanobis(e: Array, P: Array, root: Array | None = None) -> Array:
     """Return ``e' P^-1 e`` (*batch) for e (n, *batch) and P (n, n[, *batch]), or its lower root."""
     if root is None and len(P) == 1:
         return np.asarray(e[0] * e[0] / np.where(P[0, 0] > 0.0, P[0, 0], np.nan))
-    return _sum_of([row * row for row in whiten(cholesky(P) if root is None else root, e)])
+    L = cholesky(P) if root is None else root
+    if compiled.kernels and e.ndim > 1:
+        out = np.empty(e.shape[1:])
+        if compiled.kernels.mahalanobis(L, e, out):
+            return out
+    return _sum_of([row * row for row in whiten(L, e)])
 
 
 def _constant_product(A: Array, B: Array) -> Array:

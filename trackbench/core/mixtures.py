@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from trackbench.core import elementary, linalg
+from trackbench.core import compiled, elementary, linalg
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Gaussian, Symmetric
 from trackbench.core.random_streams import Streams
@@ -103,6 +103,9 @@ def combine(
     cov = np.zeros((len(mean), *mean.shape))
     # P = sum_j w_j (P_j + e e') with e = m_j - m
     for j, (w, s) in enumerate(terms):
+        kernels = None if without_spread else compiled.kernels
+        if kernels and kernels.mix(w, s.mean, s.cov, mean, cov):
+            continue
         e = s.mean - mean
         if without_spread:
             e[list(without_spread[j])] = 0.0

@@ -1,7 +1,7 @@
 """Moments of a function of a Gaussian by weighted points: unscented transform, Gauss-Hermite rule."""
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 from itertools import pairwise, product
 from math import factorial, prod, sqrt
 from typing import NamedTuple, Protocol
@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from trackbench.core import compiled, linalg
-from trackbench.core.arrays import Array, with_axes_of, with_trailing
+from trackbench.core.arrays import Array, fixed, with_axes_of, with_trailing
 from trackbench.core.distributions import Gaussian, from_root, root_of
 
 
@@ -47,22 +47,51 @@ class Unscented:
             Points (n, 2 n + 1, *batch), weights of the mean and of the covariance (2 n + 1,).
         """
         mean, n = of.mean, len(of.mean)
-        spread = self.alpha * self.alpha * (n + self.kappa)  # n + lambda
-        center = 1.0 - n / spread  # lambda / (n + lambda)
+        spread = self.spread(n)
         # Step 1: m, then m + columns of the root, then m - columns.
-        columns = np.sqrt(spread) * linalg.transpose(root_of(of))
-        x = np.empty((n, 2 * n + 1, *mean.shape[1:]))
+        root, x = root_of(of), np.empty((n, 2 * n + 1, *mean.shape[1:]))
+        if compiled.kernels and compiled.kernels.sigma_points(
+            mean, root, x, float(np.sqrt(spread))
+        ):
+            return SigmaPoints(x, *_weights(self, n))
+        columns = np.sqrt(spread) * linalg.transpose(root)
         x[:, 0] = mean
         for i in range(n):
             column = with_axes_of(mean, columns[i])
             x[:, 1 + i] = mean + column
             x[:, 1 + n + i] = mean - column
         # Step 2: weights of the mean and of the covariance, which differ in the center.
-        weights = np.full(2 * n + 1, 0.5 / spread)
-        cov_weights = weights.copy()
-        weights[0] = center
-        cov_weights[0] = center + 1.0 - self.alpha * self.alpha + self.beta
-        return SigmaPoints(x, weights, cov_weights)
+        return SigmaPoints(x, *_weights(self, n))
+
+    def scalar_points(self, state: Gaussian, Q: Array, R: Array) -> "SigmaPoints | None":
+        """Return the points of (x, v, n), independent scalars of which v and n have mean zero.
+
+        They are computed by a C kernel, without the covariance (3, 3) and its root; else None.
+        """
+        scalars = len(state.mean) == len(Q) == len(R) == 1
+        if not scalars or not compiled.kernels:
+            return None
+        x = np.empty((3, 7, *state.mean.shape[1:]))
+        scale = float(np.sqrt(self.spread(3)))
+        if not compiled.kernels.scalar_points(state.mean, state.cov, Q, R, x, scale):
+            return None
+        return SigmaPoints(x, *_weights(self, 3))
+
+    def spread(self, n: int) -> float:
+        """Return n + lambda."""
+        return self.alpha * self.alpha * (n + self.kappa)
+
+
+@cache
+def _weights(rule: Unscented, n: int) -> tuple[Array, Array]:
+    """Return the weights (2 n + 1,) of the mean and of the covariance."""
+    spread = rule.spread(n)
+    center = 1.0 - n / spread  # lambda / (n + lambda)
+    weights = np.full(2 * n + 1, 0.5 / spread)
+    cov_weights = weights.copy()
+    weights[0] = center
+    cov_weights[0] = center + 1.0 - rule.alpha * rule.alpha + rule.beta
+    return fixed(weights), fixed(cov_weights)
 
 
 @dataclass(frozen=True)
@@ -136,23 +165,24 @@ class SigmaPoints(NamedTuple):
         """Return the weighted mean of transformed points (m, P, *batch); shape (m, *batch)."""
         return _weighted(self.weights, values)
 
-    def cross(self, a: Array, b: Array) -> Array:
-        """Return the weighted sum of ``a b'`` over the points, for deviations a and b."""
+    def cross(self, a: Array, a_mean: Array, b: Array, b_mean: Array) -> Array:
+        """Return the weighted sum of ``(a - a_mean) (b - b_mean)'`` over points (n, P, *batch)."""
         if compiled.kernels and a.shape[1:] == b.shape[1:]:
-            out, n = np.empty((len(a), len(b), *a.shape[2:])), len(a)
-            a, b = np.ascontiguousarray(a), np.ascontiguousarray(b)
-            compiled.kernels.cross(np.ascontiguousarray(self.cov_weights), a, b, out, n, len(b))
+            out, sizes = np.empty((len(a), len(b), *a.shape[2:])), (len(a), len(b))
+            arrays = map(np.ascontiguousarray, (self.cov_weights, a, a_mean, b, b_mean))
+            compiled.kernels.cross(*arrays, out, *sizes)
             return out
+        a, b = a - a_mean[:, None], b - b_mean[:, None]
         return np.stack([_weighted(self.cov_weights, row * b) for row in a])
 
     def moments(self, values: Array, noise: Array | None = None, roots: bool = False) -> Gaussian:
         """Return moments of transformed points plus this noise, with a root if ``roots``."""
         mean = self.mean(values)
-        deviation = values - mean[:, None]
         if roots:
-            columns = [self.columns(deviation)] + ([] if noise is None else [linalg.root(noise)])
+            spread = self.columns(values - mean[:, None])
+            columns = [spread] if noise is None else [spread, linalg.root(noise)]
             return from_root(mean, linalg.triangular(linalg.beside(*columns)))
-        cov = self.cross(deviation, deviation)
+        cov = self.cross(values, mean, values, mean)
         return Gaussian(mean, cov if noise is None else cov + with_axes_of(cov, noise))
 
     def columns(self, deviation: Array) -> Array:

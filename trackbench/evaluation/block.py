@@ -5,10 +5,9 @@ same in a batch of 10 or of 10 000.
 """
 
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 from typing import NamedTuple, TypeAlias
 
-from trackbench.core.arrays import Array, freeze
+from trackbench.core.arrays import Array, LatestResults, freeze
 from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation import calibration, predictive_scores
 from trackbench.evaluation.error_series import StepSums
@@ -129,10 +128,12 @@ class BlockResult(NamedTuple):
     width: int
 
 
-@lru_cache(maxsize=2)
-def simulate(scenario: Scenario, seed: int, first_run: int, width: int) -> Simulation:
-    """Return the block's data: cached and read-only, since all filters of a block share it."""
+def _simulate(scenario: Scenario, seed: int, first_run: int, width: int) -> Simulation:
     # Training runs count down: -1, -2, ...
     step = 1 if first_run >= 0 else -1
     rng = RunStreams(seed, range(first_run, first_run + step * width, step))
     return freeze(scenario.simulate(rng, width))
+
+
+simulate = LatestResults(_simulate, size=2)
+"""The block's data, read-only; cached, because every filter of a block gets the same data."""

@@ -48,10 +48,13 @@ class ConsistencySeries:
 
 
 def _side_by_side(means: Sequence[Array], covs: Sequence[Array]) -> Gaussian:
-    """Return S estimates (n, M) as one (n, S, M); a covariance that the runs share stays one."""
+    """Return S estimates (n, M) as one (n, S, M), with covariances (n, n, S, M).
+
+    Covariances that the runs share are (n, n, S, 1), or (n, n) if there is only one.
+    """
     mean = np.stack(means, axis=1)
-    if len(covs) == 1 and covs[0].ndim == 2:
-        return Gaussian(mean, covs[0])
+    if all(cov.ndim == 2 for cov in covs):
+        return Gaussian(mean, covs[0] if len(covs) == 1 else np.stack(covs, axis=2)[..., None])
     covs = [with_trailing(cov, 1, leading=2) for cov in covs]
     # A covariance that the runs of a step share is repeated if another step has one per run.
     widest = max((cov.shape for cov in covs), key=lambda shape: shape[-1])

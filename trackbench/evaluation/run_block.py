@@ -38,6 +38,10 @@ def run_stack(blocks: Sequence[BlockTask]) -> list[dict[int, BlockResult]]:
     stack = replace(blocks[0], stacked=len(blocks))
     covariances = stack.runs_with_tracks_among(stack.runs) if stack.keep_covariance else 0
     with np.errstate(all="ignore"):  # a run that leaves the numbers is counted, not warned about
+        # The reference first, so that the filter's output is the one that stays cached.
+        for block in blocks:
+            if block.reference is not None:
+                run_reference(block.reference_task)
         data, output = stack.data, run_filter_cached(stack.filtering_key, covariances)
         if len(blocks) == 1:
             return [_reduce(stack, data, output)]
@@ -109,9 +113,9 @@ def _trimmed(
     # Whole tracks of the first runs, for figures.
     tracks, shown = None, task.runs_with_tracks_among(used)
     if shown:
-        cov = None if result.cov is None else result.cov[..., :shown]
-        seen = data.measurements[..., :shown]
-        tracks = Tracks(data.truth[..., :shown], seen, result.mean[..., :shown], cov)
+        cov = None if result.cov is None else _first_runs(result.cov, shown)
+        truth, seen = _first_runs(data.truth, shown), _first_runs(data.measurements, shown)
+        tracks = Tracks(truth, seen, _first_runs(result.mean, shown), cov)
     return BlockResult(
         per_run=per_run,
         # Training runs (index < 0) have no sums per step.
@@ -125,6 +129,11 @@ def _trimmed(
         cpu_s=result.cpu_s,
         width=task.width,
     )
+
+
+def _first_runs(rows: Array, number: int) -> Array:
+    """Return the first runs as a copy, because a view would keep the other runs in memory."""
+    return rows if rows.shape[-1] == number else rows[..., :number].copy()
 
 
 @lru_cache(maxsize=1)

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trackbench.core import arrays
-from trackbench.core.arrays import Array, Seal, freeze
+from trackbench.core.arrays import Array, LatestResults, Seal, freeze
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.random_streams import aside_stream, block_stream, side_by_side
 from trackbench.evaluation.block import MOST_STACKED, BlockTask
@@ -38,12 +38,6 @@ class FilterOutput(NamedTuple):
     cov: Array | None
     diagnostics: dict[str, Array]
     cpu_s: float
-
-
-@lru_cache(maxsize=2)
-def run_filter_cached(task: BlockTask, covariances: int) -> FilterOutput:
-    """Return a filter's way through its block, read-only; cached for tasks that score it otherwise."""
-    return freeze(run_filter(task, task.data, covariances))
 
 
 class ReferenceOutput(NamedTuple):
@@ -134,6 +128,14 @@ def prior_of(data: Simulation, model: Model) -> Distribution:
     if len(model.motion.components) <= len(data.truth):
         return data.prior
     return freeze(augment_prior(data.prior, extra_std(model.motion)))
+
+
+def _run_filter(task: BlockTask, covariances: int) -> FilterOutput:
+    return freeze(run_filter(task, task.data, covariances))
+
+
+run_filter_cached = LatestResults(_run_filter, size=1)
+"""A filter's output over its block, read-only; cached for tasks that score it in another way."""
 
 
 class _Recorder:

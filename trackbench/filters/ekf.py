@@ -184,8 +184,9 @@ def _regression(
     offsets = model.sensor.innovation(z, center)
     mean = points.mean(offsets)
     # slope = C' P^-1, C = cov(x, z);  cov = R + cov(z, z) - slope P slope'
-    dz, dx = offsets - mean[:, None], points.x - over.mean[:, None]
-    slope = linalg.transpose(linalg.solve_singular(over.cov, points.cross(dx, dz)))
+    cross = points.cross(points.x, over.mean, offsets, mean)
+    slope = linalg.transpose(linalg.solve_singular(over.cov, cross))
     R = with_trailing(assumed.measurement(model, over.mean, k).cov, 1, leading=2)
-    unexplained = points.cross(dz, dz) - linalg.sandwich(slope, over.cov)
+    spread = points.cross(offsets, mean, offsets, mean)
+    unexplained = spread - linalg.sandwich(slope, over.cov)
     return center[:, 0] + mean, slope, R + linalg.symmetrize(unexplained)

@@ -13,7 +13,7 @@ from typing import ClassVar, NamedTuple, Protocol, TypeAlias, TypeGuard, cast, r
 import numpy as np
 
 from trackbench.core import kalman
-from trackbench.core.arrays import Array, Index, note, with_trailing
+from trackbench.core.arrays import Array, Index, any_nan, note, with_trailing
 from trackbench.core.distributions import Distribution, Gamma, Gaussian, zero_mean_log_prob
 from trackbench.core.random_streams import Streams
 from trackbench.extension_points import Part
@@ -323,8 +323,8 @@ def log_likelihood(sensor: Sensor, z: Array, x: Array, k: int) -> Array:
         R = predicted.cov
         nu = sensor.innovation(with_trailing(z, predicted.mean.ndim - 1), predicted.mean)
     # Step 2: log N(nu; 0, R), without the missing components.
-    missing = np.isnan(with_trailing(z, nu.ndim - 1))
-    if not missing.any():
+    if not any_nan(z):
         return zero_mean_log_prob(nu, R)
+    missing = np.isnan(with_trailing(z, nu.ndim - 1))
     value = kalman.log_prob_of_measured(nu, kalman.drop_missing_cov(R, missing), missing)
     return np.where(missing.all(axis=0), 0.0, value)

@@ -8,7 +8,7 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from trackbench.core import kalman, linalg
-from trackbench.core.arrays import Array, note, with_axes_of, with_trailing
+from trackbench.core.arrays import Array, any_nan, note, with_axes_of, with_trailing
 from trackbench.core.distributions import Factored, Gaussian, from_root, per_run_moments, root_of
 from trackbench.core.kalman import Innovation, Updated
 from trackbench.core.smoothing import Transition
@@ -152,8 +152,11 @@ def augmented_step(
     n_x = state.mean.shape[0]
     transition = assumed.transition(model, state.mean, k)
     R = assumed.measurement(model, transition.mean, k).cov
-    augmented = _augment(state, transition.cov, R)
-    points = rule.points(augmented)
+    points = None
+    if isinstance(rule, Unscented) and not isinstance(state, Factored):
+        points = rule.scalar_points(state, transition.cov, R)
+    if points is None:
+        points = rule.points(_augment(state, transition.cov, R))
     x, v, n = points.x[:n_x], points.x[n_x : 2 * n_x], points.x[2 * n_x :]
     # Step 2: predict each point, f(x) + v; condition on z = h(f(x) + v) + n.
     predicted = assumed.transition(model, x, k).mean + v
@@ -195,7 +198,7 @@ def point_transition(
         moved = assumed.transition(model, x, k).mean
         predicted = points.moments(moved, Q)
     # C = sum w (x - m)(f(x) - m_pred)'
-    cross = points.cross(x - state.mean[:, None], moved - predicted.mean[:, None])
+    cross = points.cross(x, state.mean, moved, predicted.mean)
     return Transition(predicted, cross)
 
 
@@ -247,29 +250,30 @@ def _condition(
     relative = relative if noise is None else relative + noise
     # Step 2: their mean, covariance S and covariance C with the state.
     z_mean = points.mean(relative)
-    dz, dx = relative - z_mean[:, None], x - predicted.mean[:, None]
-    S, C = points.cross(dz, dz), points.cross(dx, dz)
+    S = points.cross(relative, z_mean, relative, z_mean)
+    C = points.cross(x, predicted.mean, relative, z_mean)
     S = S if R is None else S + R
     # Step 3: the innovation; a missing component (NaN) loses its row and column of S and C.
     batch = predicted.mean.shape[1:]
     z = np.broadcast_to(with_trailing(z, len(batch)), (len(z), *batch))
     nu = model.sensor.innovation(z, center[:, 0] + z_mean)
-    missing = np.isnan(nu) & np.isfinite(predicted.mean).all(axis=0)
-    if missing.any():
-        rows, S = kalman.drop_missing(linalg.transpose(C), S, missing)
-        C = linalg.transpose(rows)
+    known, missing = nu, np.zeros(nu.shape, dtype=np.bool_)
+    if any_nan(nu):
+        missing = np.isnan(nu) & np.isfinite(predicted.mean).all(axis=0)
+        known = np.where(missing, 0.0, nu)
+        if missing.any():
+            rows, S = kalman.drop_missing(linalg.transpose(C), S, missing)
+            C = linalg.transpose(rows)
     if isinstance(predicted, Factored):
         noise = np.zeros(S.shape[:2]) if R is None else R
-        noise, dz = kalman.drop_missing_cov(noise, missing), np.where(missing[:, None], 0.0, dz)
-        known = np.where(missing, 0.0, nu)
+        noise, dx = kalman.drop_missing_cov(noise, missing), x - predicted.mean[:, None]
+        dz = np.where(missing[:, None], 0.0, relative - z_mean[:, None])
         D = points.columns(dx), points.columns(dz)
         posterior, root = kalman.update_roots(predicted.mean, known, *D, noise)
         return posterior, Innovation(nu, S, root=root)
     # Step 4: K = C S^-1, m + K nu, P - K S K'.
     note("covariances", S, components=2)
-    K = linalg.matmul(C, linalg.inverse(S))
-    mean = predicted.mean + linalg.matvec(K, np.where(missing, 0.0, nu))
-    return Gaussian(mean, predicted.cov - linalg.sandwich(K, S)), Innovation(nu, S)
+    return kalman.condition(predicted, known, C, S), Innovation(nu, S)
 
 
 def _augment(state: Gaussian, Q: Array, R: Array) -> Gaussian:
