@@ -486,7 +486,8 @@ KERNEL(c_sandwich) {
   OPEN_STRIDED(3, 2);
   Matrix F, P, out;
   if (!as_matrix(&b.views[0], 0, &F) || !as_matrix(&b.views[1], 0, &P) || !as_matrix(&b.views[2], 0, &out)
-      || F.rows * F.columns > MOST || F.columns != P.rows || P.columns != P.rows || !(F.constant || P.constant || same_batch(&b.views[0], 2, &b.views[1], 2)))
+      || F.rows * F.columns > MOST || F.columns != P.rows || P.columns != P.rows
+      || !(F.constant || P.constant || same_batch(&b.views[0], 2, &b.views[1], 2)))
     ANSWER(0);
   for (Size from = 0; from < out.batch; from += CHUNK)
     sandwich(&F, &P, &out, from, out.batch - from < CHUNK ? out.batch - from : CHUNK);
@@ -624,6 +625,7 @@ static void forward(const Matrix *L, const Matrix *b, const Matrix *out, Size fr
 
 static int as_triangle(const Buffers *b, Matrix *L, Matrix *e) {
   return as_matrix(&b->views[0], 0, L) && as_matrix(&b->views[1], 1, e) && !e->constant && L->rows == e->rows
+         && L->columns == L->rows
          && (L->constant || same_batch(&b->views[0], 2, &b->views[1], 1));
 }
 
@@ -704,7 +706,8 @@ KERNEL(c_mix) {
   Matrix m, P, mean, cov;
   if (!as_matrix(&b.views[1], 1, &m) || !as_matrix(&b.views[2], 0, &P) || !as_matrix(&b.views[3], 1, &mean)
       || !as_matrix(&b.views[4], 0, &cov) || strcmp(b.views[0].format, "d") || b.views[0].ndim != 1
-      || b.views[0].strides[0] != 8 || b.views[0].shape[0] != m.batch || !(P.constant || P.batch == m.batch) || P.rows != m.rows || P.columns != m.rows)
+      || b.views[0].strides[0] != 8 || b.views[0].shape[0] != m.batch || !(P.constant || P.batch == m.batch)
+      || P.rows != m.rows || P.columns != m.rows)
     ANSWER(0);
   const double *w = DOUBLES(0);
   for (Size i = 0; i < m.rows; i++)
@@ -905,7 +908,9 @@ KERNEL(c_condition) {
       ANSWER(0);
   }
   Matrix m = M[0], P = M[1], nu = M[2], C = M[3], S = M[4], mean = M[5], cov = M[6];
-  if (S.rows > 2 || S.columns != S.rows || C.columns != S.rows || nu.rows != S.rows || C.rows != m.rows) ANSWER(0);
+  if (S.rows > 2 || S.columns != S.rows || C.columns != S.rows || nu.rows != S.rows || C.rows != m.rows
+      || P.rows != m.rows || P.columns != m.rows)
+    ANSWER(0);
   static double gain[MOST * CHUNK], inverse_memory[4 * CHUNK];
   for (Size from = 0; from < m.batch; from += CHUNK) {
     Size n = m.batch - from < CHUNK ? m.batch - from : CHUNK;

@@ -182,7 +182,7 @@ def _piecewise(kernel: Elementwise, x: ArrayLike, out: Array | None) -> Array:
     # Write into `out` directly if its memory is in order, else copy at the end.
     in_place = out is not None and out.flags.c_contiguous
     target = out.reshape(-1) if out is not None and in_place else np.empty(flat.shape)
-    if compiled.kernels or len(flat) <= _PIECE:
+    if compiled.kernels or 0 < len(flat) <= _PIECE:
         kernel(flat, target)
     else:
         for i in range(0, len(flat), _PIECE):

@@ -167,7 +167,8 @@ class SigmaPoints(NamedTuple):
 
     def cross(self, a: Array, a_mean: Array, b: Array, b_mean: Array) -> Array:
         """Return the weighted sum of ``(a - a_mean) (b - b_mean)'`` over points (n, P, *batch)."""
-        if compiled.kernels and a.shape[1:] == b.shape[1:]:
+        alike = a.shape[2:] == a_mean.shape[1:] == b_mean.shape[1:]
+        if compiled.kernels and alike and a.shape[1:] == b.shape[1:]:
             out, sizes = np.empty((len(a), len(b), *a.shape[2:])), (len(a), len(b))
             arrays = map(np.ascontiguousarray, (self.cov_weights, a, a_mean, b, b_mean))
             compiled.kernels.cross(*arrays, out, *sizes)
