@@ -72,11 +72,12 @@ def medians(found: list[Any]) -> list[float]:
 
 def test_filters_of_known_cost() -> None:
     """A run's time is that of its steps over the runs of the block: 10 % for what is around them."""
-    plain = Busy(1e-4)
-    turns = Busy(1e-4, dear=(10, 19), times=6.0)
-    first = Busy(1e-4, dear=(1, 4), times=20.0)
+    step = 3e-4
+    plain = Busy(step)
+    turns = Busy(step, dear=(10, 19), times=6.0)
+    first = Busy(step, dear=(1, 4), times=20.0)
     assert medians(measure([*map(task, (plain, turns, first))])) == pytest.approx(
-        [1e-4 * n / WIDTH for n in (T, T + 10 * 5, _steps_dear(first))], rel=0.15
+        [step * n / WIDTH for n in (T, T + 10 * 5, _steps_dear(first))], rel=0.15
     )
 
 
