@@ -160,7 +160,7 @@ def test_matrices(batch: tuple[int, ...], both: Callable[..., None]) -> None:
 
 @pytest.mark.parametrize("batch", [(), (1,), (50,), (700,), (3, 401)])
 @pytest.mark.parametrize("n_z", [1, 2, 3])
-@pytest.mark.parametrize("n", [1, 2, 4, 7])
+@pytest.mark.parametrize("n", [1, 2, 4, 7, 9])
 @pytest.mark.parametrize("special", [False, True])
 def test_kalman_updates(
     batch: tuple[int, ...], n_z: int, n: int, special: bool, both: Callable[..., None]
@@ -304,6 +304,10 @@ def test_constant_matrices(both: Callable[..., None]) -> None:
                 both(lambda A=A, B=B: linalg.matmul(A[:, ::2], B[::-2].T[::2].T))
                 both(lambda A=A, B=B: linalg.sandwich(A, B))
                 both(lambda A=A, B=B: linalg.sandwich(A, linalg.symmetrize(B)))
+    for n in (8, 9, 16):  # numpy adds eight terms by the layout
+        A, B = rng.standard_normal((2, n, n))
+        both(lambda A=A, B=B: linalg.matmul(A, B.T))
+        both(lambda A=A, B=B: linalg.sandwich(A, B))
 
 
 def test_matrices_that_do_not_fit_are_errors() -> None:

@@ -402,6 +402,9 @@ static Matrix transposed(Matrix A) {
   return (Matrix){A.at, A.columns, A.rows, A.column, A.row, A.batch, A.constant};
 }
 
+/* So many terms of two constant matrices numpy adds in an order that depends on their layout. */
+#define MOST_TERMS 8
+
 /* out = A B for members from ... from + n of the batch. Zeros of a constant matrix are left out, but numpy's sums
    of the product of two constant matrices have all terms and begin with 0.0. */
 static void multiply(const Matrix *A, const Matrix *B, const Matrix *out, Size from, Size n) {
@@ -474,7 +477,8 @@ KERNEL(c_product) {
   int axes = WHOLE(3) ? 1 : 2;
   Matrix A, B, out;
   if (!as_matrix(&b.views[0], 0, &A) || !as_matrix(&b.views[1], axes == 1, &B) || !as_matrix(&b.views[2], axes == 1, &out)
-      || A.columns != B.rows || !(A.constant || B.constant || same_batch(&b.views[0], 2, &b.views[1], axes)))
+      || A.columns != B.rows || !(A.constant || B.constant || same_batch(&b.views[0], 2, &b.views[1], axes))
+      || (A.constant && B.constant && A.columns >= MOST_TERMS))
     ANSWER(0);
   for (Size from = 0; from < out.batch; from += CHUNK)
     multiply(&A, &B, &out, from, out.batch - from < CHUNK ? out.batch - from : CHUNK);
@@ -487,6 +491,7 @@ KERNEL(c_sandwich) {
   Matrix F, P, out;
   if (!as_matrix(&b.views[0], 0, &F) || !as_matrix(&b.views[1], 0, &P) || !as_matrix(&b.views[2], 0, &out)
       || F.rows * F.columns > MOST || F.columns != P.rows || P.columns != P.rows
+      || (F.constant && P.constant && F.columns >= MOST_TERMS)
       || !(F.constant || P.constant || same_batch(&b.views[0], 2, &b.views[1], 2)))
     ANSWER(0);
   for (Size from = 0; from < out.batch; from += CHUNK)
@@ -500,6 +505,7 @@ static int as_update(const Buffers *b, Matrix *M) {
     if (!as_matrix(&b->views[i], 0, &M[i]) || M[i].rows * M[i].columns > MOST
         || !((M[i].constant && i < 3) || same_batch(&b->views[0], 2, &b->views[i], 2)))
       return 0;
+  if (M[0].constant && (M[0].rows >= MOST_TERMS || M[2].rows >= MOST_TERMS)) return 0;
   return M[0].columns == M[0].rows && M[1].columns == M[0].rows && M[2].rows == M[1].rows && M[2].columns == M[1].rows;
 }
 
