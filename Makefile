@@ -48,7 +48,7 @@ reproduce: CHOSEN := $(EXPERIMENTS)
 reproduce reproduce-tables: $(VENV)/.run
 	@$(BIN)/trackbench run $(CHOSEN) --format svg
 	@$(BIN)/trackbench report results
-	@git diff --no-color -U0 -- results/README.md | grep '^[-+]|' || true
+	@git diff --no-color -U0 -- 'results/*/comparison.md' | grep '^[-+]|' || true
 	@$(BIN)/python -m tests.prose || true
 	@git status --short -- results experiments || true
 

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 
 import pytest
 
@@ -144,3 +145,20 @@ def test_an_index_over_several_folders(folder):
     assert "More particles are better" in text
     with pytest.raises(UserError, match="neither a config"):
         api.report(folder / "tables")
+
+
+def test_a_clone_gets_an_index_over_the_folders_with_runs_and_keeps_its_ledger(folder, capsys):
+    other = shutil.copytree(folder, folder.with_name("other"))
+    (other / "per_run.csv").unlink()
+    ledger = folder.with_name("README.md")
+    ledger.write_text("as in git")
+    assert api.report(folder.parent) == [folder.with_name("index.html")]
+    page = folder.with_name("index.html").read_text()
+    assert "small/report.html" in page
+    assert "other/report.html" not in page
+    assert ledger.read_text() == "as in git"
+    assert "per_run.csv is missing in 1 of 2 folders" in capsys.readouterr().err
+    # Without any runs there is no index.
+    (folder / "per_run.csv").unlink()
+    with pytest.raises(UserError, match="per_run.csv: is missing"):
+        api.report(folder.parent)

@@ -402,8 +402,8 @@ static Matrix transposed(Matrix A) {
   return (Matrix){A.at, A.columns, A.rows, A.column, A.row, A.batch, A.constant};
 }
 
-/* So many terms of two constant matrices numpy adds in an order that depends on their layout. */
-#define MOST_TERMS 8
+/* Products of two constant matrices with so many terms are left to numpy, whose order depends on the layout. */
+#define LAYOUT_TERMS 8
 
 /* out = A B for members from ... from + n of the batch. Zeros of a constant matrix are left out, but numpy's sums
    of the product of two constant matrices have all terms and begin with 0.0. */
@@ -478,7 +478,7 @@ KERNEL(c_product) {
   Matrix A, B, out;
   if (!as_matrix(&b.views[0], 0, &A) || !as_matrix(&b.views[1], axes == 1, &B) || !as_matrix(&b.views[2], axes == 1, &out)
       || A.columns != B.rows || !(A.constant || B.constant || same_batch(&b.views[0], 2, &b.views[1], axes))
-      || (A.constant && B.constant && A.columns >= MOST_TERMS))
+      || (A.constant && B.constant && A.columns >= LAYOUT_TERMS))
     ANSWER(0);
   for (Size from = 0; from < out.batch; from += CHUNK)
     multiply(&A, &B, &out, from, out.batch - from < CHUNK ? out.batch - from : CHUNK);
@@ -491,7 +491,7 @@ KERNEL(c_sandwich) {
   Matrix F, P, out;
   if (!as_matrix(&b.views[0], 0, &F) || !as_matrix(&b.views[1], 0, &P) || !as_matrix(&b.views[2], 0, &out)
       || F.rows * F.columns > MOST || F.columns != P.rows || P.columns != P.rows
-      || (F.constant && P.constant && F.columns >= MOST_TERMS)
+      || (F.constant && P.constant && F.columns >= LAYOUT_TERMS)
       || !(F.constant || P.constant || same_batch(&b.views[0], 2, &b.views[1], 2)))
     ANSWER(0);
   for (Size from = 0; from < out.batch; from += CHUNK)
@@ -505,7 +505,7 @@ static int as_update(const Buffers *b, Matrix *M) {
     if (!as_matrix(&b->views[i], 0, &M[i]) || M[i].rows * M[i].columns > MOST
         || !((M[i].constant && i < 3) || same_batch(&b->views[0], 2, &b->views[i], 2)))
       return 0;
-  if (M[0].constant && (M[0].rows >= MOST_TERMS || M[2].rows >= MOST_TERMS)) return 0;
+  if (M[0].constant && (M[0].rows >= LAYOUT_TERMS || M[2].rows >= LAYOUT_TERMS)) return 0;
   return M[0].columns == M[0].rows && M[1].columns == M[0].rows && M[2].rows == M[1].rows && M[2].columns == M[1].rows;
 }
 
@@ -671,7 +671,7 @@ KERNEL(c_log_prob) {
   Matrix L, e;
   Buffers of_triangle = {{b.views[3], b.views[4]}, 0};
   if (!as_triangle(&of_triangle, &L, &e) || L.rows != L.columns || L.rows * L.rows > MOST) ANSWER(0);
-  const double *at_edge = DOUBLES(0), *inverse = DOUBLES(1), *c = DOUBLES(2), half_turns = PyFloat_AsDouble(args[6]);
+  const double *at_edge = DOUBLES(0), *inverse = DOUBLES(1), *c = DOUBLES(2), log_norm = PyFloat_AsDouble(args[6]);
   static double triangle[MOST * CHUNK], rows[MOST * CHUNK];
   Size entry = L.constant ? 1 : CHUNK;
   for (Size from = 0; from < e.batch; from += CHUNK) {
@@ -698,7 +698,7 @@ KERNEL(c_log_prob) {
         const double *at = L.at + (L.constant ? 0 : from + l);
         double scale = *at;
         for (Size i = 1; i < L.rows; i++) scale *= at[i * (L.row + L.column)];
-        log_scale = log_of(scale, at_edge, inverse, c) + half_turns;
+        log_scale = log_of(scale, at_edge, inverse, c) + log_norm;
       }
       out[l] = -log_scale - rows[l];
     }
@@ -850,7 +850,7 @@ KERNEL(c_cross) {
   DONE;
 }
 
-/* sigma_points(mean, root, scale, out): the mean, and the mean plus and minus the scaled columns of its root. */
+/* sigma_points(mean, root, out, scale): the mean, and the mean plus and minus the scaled columns of its root. */
 KERNEL(c_sigma_points) {
   OPEN_STRIDED(3, 2);
   Matrix m, L;
@@ -875,7 +875,7 @@ KERNEL(c_sigma_points) {
   ANSWER(1);
 }
 
-/* scalar_points(mean, P, Q, R, scale, out): the same of (x, v, n), three scalars of which v and n have mean zero. */
+/* scalar_points(mean, P, Q, R, out, scale): the same of (x, v, n), three scalars of which v and n have mean zero. */
 KERNEL(c_scalar_points) {
   OPEN_STRIDED(5, 4);
   Matrix m, V[3];

@@ -106,7 +106,7 @@ def exp_of_moderate(x: Array, out: Array) -> None:
 def log(x: Array, out: Array) -> None:
     """Write the natural logarithm to ``out``."""
     if compiled.kernels:
-        compiled.kernels.log(*logarithms(), log_constants(), x, out)
+        compiled.kernels.log(*log_tables(), x, out)
         return
     if np.minimum.reduce(x) >= _SMALLEST and np.maximum.reduce(x) <= _LARGEST:
         _log_of_normal(x, out)
@@ -256,10 +256,12 @@ def exp_constants() -> Array:
 
 
 @cache
-def log_constants() -> Array:
+def log_tables() -> tuple[Array, Array, Array]:
+    """Return the tables and constants of the logarithm for the C kernels."""
     const = constants()
     per_bit = const.log_2 * 2.0**-_MANTISSA
-    return fixed(np.array([const.log_linear, const.log_square, per_bit, const.log_2]))
+    numbers = [const.log_linear, const.log_square, per_bit, const.log_2]
+    return *logarithms(), fixed(np.array(numbers))
 
 
 @cache

@@ -214,7 +214,7 @@ def cached_results() -> list[Any]:
 class LatestResults(Generic[T]):
     """Cache of a function's latest results, for results that fill the memory.
 
-    The oldest result is dropped before the next one is computed, not after.
+    The oldest result is dropped before the next one is computed. Threads may share the cache.
     """
 
     def __init__(self, function: Callable[..., T], size: int) -> None:

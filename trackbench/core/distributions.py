@@ -11,7 +11,8 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from trackbench.core import _elementary_kernels, compiled, elementary, linalg
+from trackbench.core import compiled, elementary, linalg
+from trackbench.core._elementary_kernels import log_tables
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.elementary import log
 from trackbench.core.random_streams import Streams
@@ -133,10 +134,10 @@ def zero_mean_log_prob(e: Array, cov: Array, root: Array | None = None) -> Array
     """Return the log-density of N(0, cov) at e (n, *batch); ``root`` is the Cholesky factor if known."""
     # Step 1: e' P^-1 e / 2 as the sum of squares of (sqrt(2) L)^-1 e.
     L = linalg.cholesky(cov) if root is None else root
-    half_turns = 0.5 * len(e) * LOG_2PI
+    log_norm = 0.5 * len(e) * LOG_2PI
     if compiled.kernels and e.ndim > 1:
         out = np.empty(e.shape[1:])
-        if compiled.kernels.log_prob(*_log_tables(), L, e, out, half_turns):
+        if compiled.kernels.log_prob(*log_tables(), L, e, out, log_norm):
             return out
     rows = linalg.whiten(_SQRT_2 * L, e)
     exponent = rows[0]
@@ -148,13 +149,8 @@ def zero_mean_log_prob(e: Array, cov: Array, root: Array | None = None) -> Array
     scale = L[0, 0]
     for i in range(1, len(e)):
         scale = scale * L[i, i]
-    log_scale = elementary.log(scale) + half_turns
+    log_scale = elementary.log(scale) + log_norm
     return np.subtract(-log_scale, exponent, out=exponent)
-
-
-def _log_tables() -> tuple[Array, Array, Array]:
-    """Return what the C kernels need for logarithms."""
-    return *_elementary_kernels.logarithms(), _elementary_kernels.log_constants()
 
 
 @dataclass(frozen=True)
@@ -206,7 +202,7 @@ class Gamma:
         if compiled.kernels and v.dtype == np.float64:
             out, v = np.empty(v.shape), np.ascontiguousarray(v)
             numbers = self.shape - 1.0, self.rate, self._log_norm
-            compiled.kernels.gamma_log_density(*_log_tables(), v, out, *numbers)
+            compiled.kernels.gamma_log_density(*log_tables(), v, out, *numbers)
             return out
         log_p = np.maximum(v, _SMALLEST)
         log_p = elementary.log(log_p, out=log_p)

@@ -64,9 +64,10 @@ class Unscented:
         return SigmaPoints(x, *_weights(self, n))
 
     def scalar_points(self, state: Gaussian, Q: Array, R: Array) -> "SigmaPoints | None":
-        """Return the points of (x, v, n), independent scalars of which v and n have mean zero.
+        """Return the points of independent scalars (x, v, n) of which v and n have mean zero.
 
-        They are computed by a C kernel, without the covariance (3, 3) and its root; else None.
+        Returns None if one of them is no scalar, or without C kernels. The covariance (3, 3) and its
+        root are not computed.
         """
         scalars = len(state.mean) == len(Q) == len(R) == 1
         if not scalars or not compiled.kernels:
@@ -78,7 +79,7 @@ class Unscented:
         return SigmaPoints(x, *_weights(self, 3))
 
     def spread(self, n: int) -> float:
-        """Return n + lambda."""
+        """Return n + lambda = alpha^2 (n + kappa), the squared distance of the points in sigmas."""
         return self.alpha * self.alpha * (n + self.kappa)
 
 

@@ -49,8 +49,7 @@ class Anees(OverTime):
 
     def draw(self, results: Results) -> Figure:
         """Return one line per filter; between the grey lines a consistent filter stays."""
-        first = self.lines(results, results.points()[0], self.metric)
-        titles = self.panel_titles(results, max((len(rows) for rows, _ in first), default=0))
+        titles = self.panel_titles(results, self.steps_of(results, self.metric))
         figure, panels = self.panels_over_time(results, titles)
         for (ax,), point, title in panels:
             runs = 1

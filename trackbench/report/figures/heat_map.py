@@ -53,17 +53,13 @@ class HeatMap(FigureKind):
         if results.grid:
             return ""
         pairs = self._shown_pairs(results)
-        evidence, m = (
-            Evaluator(results, results.points()[0]),
-            self.metric._replace(statistic="mean"),
-        )
+        evidence = Evaluator(results, results.points()[0])
+        m = self.metric._replace(statistic="mean")
         differences = [evidence.difference(m.of(p.filter_a), m.of(p.filter_b)) for p in pairs]
         alike = sum(not rules.difference_sign(d, evidence.batches) for d in differences)
-        rule = (
-            f"{rules.DECIDED:g} standard errors, and {rules.SURE:g} without any one batch of runs"
-        )
-        if any(d.is_exact for d in differences):
-            rule = f"{rules.SURE:g} standard errors"
+        rule = f"{rules.SURE:g} standard errors"
+        if not any(d.is_exact for d in differences):
+            rule = f"{rules.DECIDED:g} standard errors, and {rules.SURE:g} without any one batch of runs"
         words = "Blue: the filter on the left has the smaller one, in standard errors of the difference."
         count = f"{alike} of {counted(len(pairs), 'pair')} do not differ significantly"
         return f"{words} {count} (by {rule})."

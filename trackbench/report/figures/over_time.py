@@ -117,10 +117,15 @@ class OverTime(Curves):
         crowded = len(filters) > _MOST_CURVES and steps > _MOST_STEPS
         return filters if crowded and len(results.points()) == 1 else []
 
+    def steps_of(self, results: Results, metric: OfStep) -> int:
+        """Return how many steps of the first point have the metric."""
+        lines = self.lines(results, results.points()[0], metric)
+        return max((len(rows) for rows, _ in lines), default=0)
+
     def panels_over_time(
         self, results: Results, titles: Sequence[str], rows: int = 1, **layout: Any
     ) -> tuple[Figure, list[tuple[list[Axes], GridPoint, str]]]:
-        """Return a panel per title, else a column of ``rows`` panels per grid point, without title."""
+        """Return a panel per title, or without titles a column of ``rows`` panels per grid point."""
         if not titles:
             figure, panels = self.panels(results, rows, **layout)
             return figure, [(axes, point, "") for axes, point in panels]
@@ -150,7 +155,7 @@ class OverTime(Curves):
         title: str,
         titles: Collection[str],
     ) -> bool:
-        """Draw a line ``x, y``, in gray if it has another panel; return whether it is in color."""
+        """Draw a line ``x, y``, in gray if another panel is its own; return whether it is in color."""
         x, y, *_ = line
         label = look["label"]
         if label in titles and label != title:
@@ -187,8 +192,7 @@ class RmseVsTime(OverTime):
 
     def draw(self, results: Results) -> Figure:
         """Return one line per filter."""
-        first = self.lines(results, results.points()[0], self.metric)
-        titles = self.panel_titles(results, max((len(rows) for rows, _ in first), default=0))
+        titles = self.panel_titles(results, self.steps_of(results, self.metric))
         figure, panels = self.panels_over_time(results, titles)
         for (ax,), point, title in panels:
             lines = list(self.lines(results, point, self.metric))

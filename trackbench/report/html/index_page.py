@@ -2,6 +2,7 @@
 
 import os
 import re
+import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -104,11 +105,22 @@ class Card:
 
 
 def write_overview(folder: Path) -> list[Path]:
-    """Write index.html and README.md over the results folders in ``folder``."""
-    found = _opened(folder)
+    """Write index.html and README.md over the results folders in ``folder``.
+
+    index.html leaves out folders whose runs are missing, as in a clone. README.md then stays as it is.
+    """
+    folders = _results_folders(folder)
+    with_runs = [f for f in folders if (f / "per_run.csv").is_file()]
+    found = _opened(with_runs or folders)
     everything = _together([comparison for _, comparison in found])
     index = _write_index(folder, found, everything)
     ledger = folder / "README.md"
+    if with_runs and len(with_runs) < len(folders):
+        missing = (
+            f"per_run.csv is missing in {len(folders) - len(with_runs)} of {len(folders)} folders"
+        )
+        print(f"note: {ledger} is not written again: {missing}", file=sys.stderr)
+        return [index]
     write_text(ledger, _ledger(folder, found, everything))
     return [index, ledger]
 
@@ -139,7 +151,7 @@ def _card(folder: Path, results: Results, comparison: Comparison) -> Card:
         title=results.fill_title(config["title"]),
         filters=len(results.filters),
         runs=config["runs"],
-        result=_result(results),
+        result=short_answer(rankings(results)),
         counted=bars(comparison),
         thumbnail=Markup(thumbnail(picture)) if picture else "",
         link=report.relative_to(folder).as_posix() if report.is_file() else "",
@@ -170,12 +182,6 @@ def _topic(results: Results) -> str:
     return _POSITIONS if measured <= {"position", "velocity"} else _ANGLES
 
 
-def _result(results: Results) -> str:
-    """Return the result in a few words; empty where git keeps the runs' digests alone."""
-    has_runs = (results.folder / "per_run.csv").is_file()
-    return short_answer(rankings(results)) if has_runs else ""
-
-
 def short_answer(found: Sequence[Ranking]) -> str:
     """Return the result in about five words: ``IMM best of 16 filters``; empty without a ranking."""
     leaders = Counter(c.label for standing in found for c in standing.among_the_best)
@@ -204,18 +210,22 @@ def _together(comparisons: list[Comparison]) -> Comparison:
     )
 
 
-def _opened(folder: Path) -> Overview:
+def _results_folders(folder: Path) -> list[Path]:
     if not os.path.isdir(folder):
         raise UserError(f"{folder}: there is no such folder")
     candidates = sorted(p.parent for p in folder.glob("*/config.yaml"))
     if not candidates:
         raise UserError(f"{folder}: has neither a config.yaml nor results folders in it")
+    return candidates
+
+
+def _opened(folders: list[Path]) -> Overview:
     opened: Overview = []
     problems: list[Problem | str] = []
-    for candidate in candidates:
+    for folder in folders:
         try:
-            with explain_content_errors(candidate):
-                results = open_with_notes(candidate)
+            with explain_content_errors(folder):
+                results = open_with_notes(folder)
                 opened.append((results, compare(results)))
         except UserError as error:
             problems += error.problems
@@ -232,7 +242,7 @@ def _ledger(folder: Path, found: Overview, everything: Comparison) -> str:
         for results, comparison in group:
             name = results.folder.relative_to(folder).as_posix()
             parts.append(f"### [{results.config['name']}]({name}/): {results.title}")
-            result = _result(results)
+            result = short_answer(rankings(results))
             lines = [*([f"Result: {result}"] if result else []), *summary_lines(comparison)]
             parts += [f"- {line}" for line in lines]
             parts += [table.markdown().rstrip() for table in verdict_tables(comparison)]
