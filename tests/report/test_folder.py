@@ -160,5 +160,5 @@ def test_a_clone_gets_an_index_over_the_folders_with_runs_and_keeps_its_ledger(f
     assert "per_run.csv is missing in 1 of 2 folders" in capsys.readouterr().err
     # Without any runs there is no index.
     (folder / "per_run.csv").unlink()
-    with pytest.raises(UserError, match="per_run.csv: is missing"):
+    with pytest.raises(UserError, match=r"per_run\.csv: is missing"):
         api.report(folder.parent)
