@@ -20,7 +20,10 @@ def check_keywords(name: str, keywords: Iterable[str], known: list[str]) -> None
 
 
 def with_known_keywords(*options: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Return a decorator that checks keywords; ``options`` are the names that ``**changes`` takes."""
+    """Return a decorator that raises UserError for an unknown keyword argument.
+
+    ``options`` are the keywords that the decorated function accepts as ``**changes``.
+    """
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
         named = signature(function).parameters.values()

@@ -257,7 +257,7 @@ def exp_constants() -> Array:
 
 @cache
 def log_tables() -> tuple[Array, Array, Array]:
-    """Return the tables and constants of the logarithm for the C kernels."""
+    """Return what C kernels need for natural logarithms: the two `logarithms`, and four constants."""
     const = constants()
     per_bit = const.log_2 * 2.0**-_MANTISSA
     numbers = [const.log_linear, const.log_square, per_bit, const.log_2]

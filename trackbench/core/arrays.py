@@ -166,9 +166,10 @@ def once(function: F) -> F:
     """Cache the results of a function of constant matrices; call it if a matrix has a batch axis.
 
     The blocks of a batch, the points of a grid and the steps of a filter in its steady state then share
-    one covariance recursion. Results are read-only. They depend on the arguments' values only, because
-    the function always receives matrices in C order. `fixed` arrays are first looked up by their
-    identities, which takes a quarter of the time.
+    one covariance recursion. Results are read-only. They depend on the arguments' values only: the
+    function always receives matrices in C order, since the order of a sum can depend on the layout.
+    Arrays of `fixed`, which nothing can change, are first looked up by identity, in a quarter of the
+    time that a look-up by value takes.
     """
     cache: dict[Any, Any] = {}
     by_identity: dict[tuple[int, ...], tuple[tuple[Array, ...], Any]] = {}
@@ -212,9 +213,10 @@ def cached_results() -> list[Any]:
 
 
 class LatestResults(Generic[T]):
-    """Cache of a function's latest results, for results that fill the memory.
+    """Cache of the ``size`` results of a function that were used last, for results of many megabytes.
 
-    The oldest result is dropped before the next one is computed. Threads may share the cache.
+    Before a result is computed the one that was not used for longest is dropped. Threads may share the
+    cache; two may then compute the same result.
     """
 
     def __init__(self, function: Callable[..., T], size: int) -> None:

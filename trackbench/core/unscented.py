@@ -64,10 +64,10 @@ class Unscented:
         return SigmaPoints(x, *_weights(self, n))
 
     def scalar_points(self, state: Gaussian, Q: Array, R: Array) -> "SigmaPoints | None":
-        """Return the points of independent scalars (x, v, n) of which v and n have mean zero.
+        """Return the sigma points of (x, v, n), process noise v ~ N(0, Q) and measurement noise n ~ N(0, R).
 
-        Returns None if one of them is no scalar, or without C kernels. The covariance (3, 3) and its
-        root are not computed.
+        They are those of `points` for the covariance diag(P, Q, R), found without its root. Returns
+        None if x, v or n has several components, or without C kernels.
         """
         scalars = len(state.mean) == len(Q) == len(R) == 1
         if not scalars or not compiled.kernels:

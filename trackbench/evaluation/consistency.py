@@ -50,7 +50,7 @@ class ConsistencySeries:
 def _side_by_side(means: Sequence[Array], covs: Sequence[Array]) -> Gaussian:
     """Return S estimates (n, M) as one (n, S, M), with covariances (n, n, S, M).
 
-    Covariances that the runs share are (n, n, S, 1), or (n, n) if there is only one.
+    If all covariances are shared by the runs, the result has (n, n, S, 1), or (n, n) for S = 1.
     """
     mean = np.stack(means, axis=1)
     if all(cov.ndim == 2 for cov in covs):

@@ -111,7 +111,11 @@ class OverTime(Curves):
         return self.x_label or {"step": "Step k", "time": "Time (s)"}[self.x]
 
     def panel_titles(self, results: Results, steps: int) -> list[str]:
-        """Return the filters that are drawn in a panel each; none if one panel is legible."""
+        """Return the filters that get a panel each; an empty list if all share one panel.
+
+        They get one if they are many, over many ``steps``, at a single grid point. The floor, baseline and
+        exact filters get none.
+        """
         references = (self.floor, self.baseline, *results.exact)
         filters = [label for label, _ in self.labels(results) if label not in references]
         crowded = len(filters) > _MOST_CURVES and steps > _MOST_STEPS
@@ -125,7 +129,11 @@ class OverTime(Curves):
     def panels_over_time(
         self, results: Results, titles: Sequence[str], rows: int = 1, **layout: Any
     ) -> tuple[Figure, list[tuple[list[Axes], GridPoint, str]]]:
-        """Return a panel per title, or without titles a column of ``rows`` panels per grid point."""
+        """Return a figure and its empty panels, each with axes, grid point and title.
+
+        There is a panel for each title, of the first grid point. Without titles each grid point has a
+        column of ``rows`` panels, and the title is empty.
+        """
         if not titles:
             figure, panels = self.panels(results, rows, **layout)
             return figure, [(axes, point, "") for axes, point in panels]
@@ -155,7 +163,10 @@ class OverTime(Curves):
         title: str,
         titles: Collection[str],
     ) -> bool:
-        """Draw a line ``x, y``, in gray if another panel is its own; return whether it is in color."""
+        """Draw the line ``x, y`` of the filter ``look["label"]``; return whether it is in its own look.
+
+        It is gray if the filter is one of the ``titles`` but not ``title``, that of this panel.
+        """
         x, y, *_ = line
         label = look["label"]
         if label in titles and label != title:
