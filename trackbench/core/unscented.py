@@ -64,7 +64,7 @@ class Unscented:
         return SigmaPoints(x, *_weights(self, n))
 
     def scalar_points(self, state: Gaussian, Q: Array, R: Array) -> "SigmaPoints | None":
-        """Return the sigma points of (x, v, n), process noise v ~ N(0, Q) and measurement noise n ~ N(0, R).
+        """Return the sigma points of (x, v, n): the state, and noises v ~ N(0, Q) and n ~ N(0, R).
 
         They are those of `points` for the covariance diag(P, Q, R), found without its root. Returns
         None if x, v or n has several components, or without C kernels.

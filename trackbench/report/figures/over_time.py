@@ -113,8 +113,8 @@ class OverTime(Curves):
     def panel_titles(self, results: Results, steps: int) -> list[str]:
         """Return the filters that get a panel each; an empty list if all share one panel.
 
-        They get one if they are many, over many ``steps``, at a single grid point. The floor, baseline and
-        exact filters get none.
+        They get one if they are many, over many ``steps``, at a single grid point. The floor, the
+        baseline and exact filters get none.
         """
         references = (self.floor, self.baseline, *results.exact)
         filters = [label for label, _ in self.labels(results) if label not in references]

@@ -105,9 +105,9 @@ class Card:
 
 
 def write_overview(folder: Path) -> list[Path]:
-    """Write index.html and README.md about the results folders in ``folder``; return the written files.
+    """Write index.html and README.md about the results folders in ``folder``; return what was written.
 
-    If a folder lacks per_run.csv, as in a git clone, index.html leaves it out and README.md is not written.
+    If a folder lacks per_run.csv, as in a git clone, index.html leaves it out and README.md stays.
     """
     folders = _results_folders(folder)
     with_runs = [f for f in folders if (f / "per_run.csv").is_file()]
