@@ -107,18 +107,15 @@ class Card:
 def write_overview(folder: Path) -> list[Path]:
     """Write index.html and README.md about the results folders in ``folder``; return what was written.
 
-    If a folder lacks per_run.csv, as in a git clone, index.html leaves it out and README.md stays.
+    If folders lack the runs that their verdicts need, as in a git clone, index.html leaves them out and
+    README.md stays.
     """
-    folders = _results_folders(folder)
-    with_runs = [f for f in folders if (f / "per_run.csv").is_file()]
-    found = _opened(with_runs or folders)
+    found, left_out = _opened(folder)
     everything = _together([comparison for _, comparison in found])
     index = _write_index(folder, found, everything)
     ledger = folder / "README.md"
-    if with_runs and len(with_runs) < len(folders):
-        missing = (
-            f"per_run.csv is missing in {len(folders) - len(with_runs)} of {len(folders)} folders"
-        )
+    if left_out:
+        missing = f"per_run.csv is missing in {left_out} of {left_out + len(found)} folders"
         print(f"note: {ledger} is not written again: {missing}", file=sys.stderr)
         return [index]
     write_text(ledger, _ledger(folder, found, everything))
@@ -151,7 +148,7 @@ def _card(folder: Path, results: Results, comparison: Comparison) -> Card:
         title=results.fill_title(config["title"]),
         filters=len(results.filters),
         runs=config["runs"],
-        result=short_answer(rankings(results)),
+        result=_result(results),
         counted=bars(comparison),
         thumbnail=Markup(thumbnail(picture)) if picture else "",
         link=report.relative_to(folder).as_posix() if report.is_file() else "",
@@ -182,6 +179,15 @@ def _topic(results: Results) -> str:
     return _POSITIONS if measured <= {"position", "velocity"} else _ANGLES
 
 
+def _result(results: Results) -> str:
+    """Return the result in a few words; empty if the runs are missing."""
+    return short_answer(rankings(results)) if _has_runs(results) else ""
+
+
+def _has_runs(results: Results) -> bool:
+    return (results.folder / "per_run.csv").is_file()
+
+
 def short_answer(found: Sequence[Ranking]) -> str:
     """Return the result in about five words: ``IMM best of 16 filters``; empty without a ranking."""
     leaders = Counter(c.label for standing in found for c in standing.among_the_best)
@@ -210,28 +216,29 @@ def _together(comparisons: list[Comparison]) -> Comparison:
     )
 
 
-def _results_folders(folder: Path) -> list[Path]:
+def _opened(folder: Path) -> tuple[Overview, int]:
+    """Return the experiments, and how many are left out because their runs are missing."""
     if not os.path.isdir(folder):
         raise UserError(f"{folder}: there is no such folder")
     candidates = sorted(p.parent for p in folder.glob("*/config.yaml"))
     if not candidates:
         raise UserError(f"{folder}: has neither a config.yaml nor results folders in it")
-    return candidates
-
-
-def _opened(folders: list[Path]) -> Overview:
     opened: Overview = []
     problems: list[Problem | str] = []
-    for folder in folders:
+    without_runs: list[Problem | str] = []
+    for candidate in candidates:
+        results = None
         try:
-            with explain_content_errors(folder):
-                results = open_with_notes(folder)
+            with explain_content_errors(candidate):
+                results = open_with_notes(candidate)
                 opened.append((results, compare(results)))
         except UserError as error:
-            problems += error.problems
-    if problems:
-        raise UserError(*problems)
-    return opened
+            (without_runs if results and not _has_runs(results) else problems).extend(
+                error.problems
+            )
+    if problems or not opened:
+        raise UserError(*problems, *without_runs)
+    return opened, len(without_runs)
 
 
 def _ledger(folder: Path, found: Overview, everything: Comparison) -> str:
@@ -242,7 +249,7 @@ def _ledger(folder: Path, found: Overview, everything: Comparison) -> str:
         for results, comparison in group:
             name = results.folder.relative_to(folder).as_posix()
             parts.append(f"### [{results.config['name']}]({name}/): {results.title}")
-            result = short_answer(rankings(results))
+            result = _result(results)
             lines = [*([f"Result: {result}"] if result else []), *summary_lines(comparison)]
             parts += [f"- {line}" for line in lines]
             parts += [table.markdown().rstrip() for table in verdict_tables(comparison)]
