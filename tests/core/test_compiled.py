@@ -26,7 +26,11 @@ from trackbench.core import (
 from trackbench.core.build_compiled import BUILT
 from trackbench.core.distributions import Gamma, Gaussian, zero_mean_log_prob
 from trackbench.core.random_streams import NoiseGenerator, block_stream
+from trackbench.filters.kf import KF
+from trackbench.models.base import Model
 from trackbench.models.gaussian_steps import AssumedNoise, augmented_step
+from trackbench.models.motions.kinematic import ConstantVelocity
+from trackbench.models.sensors.position import PositionSensor, PositionVelocity, ScalarSensor
 
 pytestmark = pytest.mark.skipif(compiled.kernels is None, reason="no C compiler")
 SPECIAL = np.array(
@@ -85,6 +89,63 @@ def test_arctan2(both: Callable[..., None]) -> None:
     for scale in (1e-9, 0.03, 1.0, 1e9):
         a, b = rng.standard_normal((2, 20_001))
         both(lambda a=a, b=b, scale=scale: elementary.arctan2(scale * a, b))
+
+
+@pytest.mark.parametrize("sensor", ["scalar", "position", "position-velocity"])
+@pytest.mark.parametrize("runs", [1, 50, 700])
+def test_all_steps_of_a_kalman_filter(sensor: str, runs: int, both: Callable[..., None]) -> None:
+    # Four measured components are left to the steps, one by one.
+    model = Model(ConstantVelocity(q=0.3).sampled(0.7), _SENSORS[sensor])
+    rng = np.random.default_rng(runs)
+    z = rng.normal(scale=100.0, size=(len(model.sensor.components), 30, runs))
+    singular = np.diag([4.0, 0.0, 1e-9, 0.0])
+    for cov in (np.eye(4), singular, np.zeros((4, 4))):
+        prior = Gaussian(rng.normal(size=(4, runs)), cov)
+        both(lambda prior=prior: _filtered(KF(), model, prior, z))
+        both(lambda prior=prior: _filtered(KF(smooth=True), model, prior, z))
+
+
+def test_what_all_steps_leaves_to_single_steps() -> None:
+    model = Model(ConstantVelocity(q=0.3).sampled(1.0), _SENSORS["position"])
+    rng, z = np.random.default_rng(1), np.zeros((2, 3, 5))
+    state = KF().init(model, Gaussian(np.zeros((4, 5)), np.eye(4)), rng)
+    assert len(KF().all_steps(model, state, z) or ()) == 3
+    missing = np.where(np.arange(5) == 2, np.nan, z)
+    huge = np.full(z.shape, 1e308)  # its square is beyond the numbers, but nothing is NaN
+    assert KF().all_steps(model, state, missing) is None
+    assert len(KF().all_steps(model, state, huge) or ()) == 3
+    assert KF().all_steps(model, state, huge * np.array([[[1.0]] * 3, [[np.inf]] * 3])) is None
+    for other in (KF(gate=0.99), KF(fading=1.1), KF(form="square-root"), _OtherKF()):
+        assert other.all_steps(model, state, z) is None
+    per_run = KF().init(model, Gaussian(np.zeros((4, 5)), np.ones((4, 4, 5))), rng)
+    assert KF().all_steps(model, per_run, z) is None
+
+
+class _OtherKF(KF):
+    """A filter of a user's, whose `update` must be called."""
+
+
+_SENSORS = {
+    "scalar": ScalarSensor(sigma=2.0),
+    "position": PositionSensor(sigma=3.0),
+    "position-velocity": PositionVelocity(sigma=3.0, sigma_velocity=1.0),
+}
+
+
+def _filtered(tracker: KF, model: Model, prior: Gaussian, z: np.ndarray) -> list[np.ndarray]:
+    """Arrays of every state, by all steps at once where the filter can, else one by one."""
+    rng = np.random.default_rng(1)
+    states = [tracker.init(model, prior, rng)]
+    known = tracker.all_steps(model, states[0], z)
+    for k in range(z.shape[1]):
+        states.append(known[k] if known else tracker.step(model, states[-1], z[:, k], k + 1, rng))
+    if tracker.smooths:
+        states = tracker.smoothed(model, states, 0, rng)
+    return [
+        a
+        for s in states[1:]
+        for a in (s.posterior.mean, s.posterior.cov, s.nis, s.innovation.nu, s.innovation.S)
+    ]
 
 
 @pytest.mark.parametrize("size", [1, 3, (7, 50), (4, 100, 333), 16_384, 16_385, 40_001])

@@ -21,7 +21,7 @@ static inline double of_bits(int64_t n) { double x; memcpy(&x, &n, 8); return x;
 
 /* ---- arguments ---- */
 
-typedef struct { Py_buffer views[8]; int count; } Buffers;
+typedef struct { Py_buffer views[9]; int count; } Buffers;
 
 static void release(Buffers *b) { while (b->count) PyBuffer_Release(&b->views[--b->count]); }
 
@@ -524,49 +524,55 @@ static void invert(const Matrix *S, const Matrix *out, Size from, Size n) {
     }
 }
 
-/* gain(P, H, R, S, K): S = H P H' + R and K = P H' S^-1 of one or two measurements, `gain` of kalman.py. */
+/* S = H P H' + R and K = P H' S^-1 of one or two measurements. */
+static void gain(const Matrix *P, const Matrix *H, const Matrix *R, const Matrix *S, const Matrix *K, Size from, Size n) {
+  static double HP_memory[MOST * CHUNK], inverse_memory[4 * CHUNK];
+  Matrix PH = transposed(product_in(HP_memory, H, P, from, n));
+  multiply(H, &PH, S, from, n);
+  symmetrize(S, from, n);
+  add(S, R, from, n);
+  Matrix inverse = {inverse_memory - from, R->rows, R->rows, R->rows * CHUNK, CHUNK, 0, S->constant};
+  invert(S, &inverse, from, n);
+  multiply(&PH, &inverse, K, from, n);
+}
+
+/* gain(P, H, R, S, K): `gain` of kalman.py. */
 KERNEL(c_gain) {
   OPEN_STRIDED(5, 3);
   Matrix M[5];
   if (!as_update(&b, M) || M[2].rows > 2) ANSWER(0);
-  static double HP_memory[MOST * CHUNK], inverse_memory[4 * CHUNK];
-  for (Size from = 0; from < M[0].batch; from += CHUNK) {
-    Size n = M[0].batch - from < CHUNK ? M[0].batch - from : CHUNK;
-    Matrix PH = transposed(product_in(HP_memory, &M[1], &M[0], from, n));
-    multiply(&M[1], &PH, &M[3], from, n);
-    symmetrize(&M[3], from, n);
-    add(&M[3], &M[2], from, n);
-    Matrix inverse = {inverse_memory - from, M[2].rows, M[2].rows, M[2].rows * CHUNK, CHUNK, 0, M[3].constant};
-    invert(&M[3], &inverse, from, n);
-    multiply(&PH, &inverse, &M[4], from, n);
-  }
+  for (Size from = 0; from < M[0].batch; from += CHUNK)
+    gain(&M[0], &M[1], &M[2], &M[3], &M[4], from, M[0].batch - from < CHUNK ? M[0].batch - from : CHUNK);
   ANSWER(1);
 }
 
-/* joseph(P, H, R, K, out): (I - K H) P (I - K H)' + K R K', `_joseph` of kalman.py. */
+/* out = (I - K H) P (I - K H)' + K R K' */
+static void joseph(const Matrix *P, const Matrix *H, const Matrix *R, const Matrix *K, const Matrix *out, Size from, Size n) {
+  static double left_memory[MOST * CHUNK], noise_memory[MOST * CHUNK], second_memory[MOST * CHUNK];
+  Size n_x = P->rows, n_z = R->rows;
+  Matrix left = product_in(left_memory, K, H, from, n);
+  for (Size i = 0; i < n_x; i++)
+    for (Size k = 0; k < n_x; k++) {
+      double *entry = left_memory + (i * n_x + k) * CHUNK;
+      for (Size l = 0; l < n; l++) entry[l] = i == k ? -entry[l] + 1.0 : -entry[l];
+    }
+  sandwich(&left, P, out, from, n);
+  int repeated = R->constant && !K->constant; /* over the batch, so that the zeros of R count as numpy's do */
+  for (Size i = 0; i < n_z * n_z && repeated; i++)
+    for (Size l = 0; l < n; l++) noise_memory[i * CHUNK + l] = R->at[i / n_z * R->row + i % n_z * R->column];
+  Matrix repeat = {noise_memory - from, n_z, n_z, n_z * CHUNK, CHUNK, 0, 0};
+  Matrix second = {second_memory - from, n_x, n_x, n_x * CHUNK, CHUNK, 0, K->constant};
+  sandwich(K, repeated ? &repeat : R, &second, from, n);
+  add(out, &second, from, n);
+}
+
+/* joseph(P, H, R, K, out): `_joseph` of kalman.py. */
 KERNEL(c_joseph) {
   OPEN_STRIDED(5, 4);
   Matrix M[5];
   if (!as_update(&b, M) || M[3].rows != M[0].rows || M[3].columns != M[2].rows) ANSWER(0);
-  static double left_memory[MOST * CHUNK], noise_memory[MOST * CHUNK], second_memory[MOST * CHUNK];
-  Size n_x = M[0].rows, n_z = M[2].rows;
-  int repeated = M[2].constant && !M[3].constant; /* over the batch, so that the zeros of R count as numpy's do */
-  for (Size i = 0; i < n_z * n_z && repeated; i++)
-    for (Size l = 0; l < CHUNK; l++) noise_memory[i * CHUNK + l] = M[2].at[i / n_z * M[2].row + i % n_z * M[2].column];
-  for (Size from = 0; from < M[0].batch; from += CHUNK) {
-    Size n = M[0].batch - from < CHUNK ? M[0].batch - from : CHUNK;
-    Matrix left = product_in(left_memory, &M[3], &M[1], from, n);
-    for (Size i = 0; i < n_x; i++)
-      for (Size k = 0; k < n_x; k++) {
-        double *entry = left_memory + (i * n_x + k) * CHUNK;
-        for (Size l = 0; l < n; l++) entry[l] = i == k ? -entry[l] + 1.0 : -entry[l];
-      }
-    sandwich(&left, &M[0], &M[4], from, n);
-    Matrix repeat = {noise_memory - from, n_z, n_z, n_z * CHUNK, CHUNK, 0, 0};
-    Matrix second = {second_memory - from, n_x, n_x, n_x * CHUNK, CHUNK, 0, M[3].constant};
-    sandwich(&M[3], repeated ? &repeat : &M[2], &second, from, n);
-    add(&M[4], &second, from, n);
-  }
+  for (Size from = 0; from < M[0].batch; from += CHUNK)
+    joseph(&M[0], &M[1], &M[2], &M[3], &M[4], from, M[0].batch - from < CHUNK ? M[0].batch - from : CHUNK);
   ANSWER(1);
 }
 
@@ -645,24 +651,79 @@ KERNEL(c_whiten) {
   ANSWER(1);
 }
 
-/* mahalanobis(L, b, out): the squares of L^-1 b, added up. */
+/* out = the squares of L^-1 e, added up. */
+static void mahalanobis(const Matrix *L, const Matrix *e, double *restrict out, Size from, Size n) {
+  static double memory[MOST * CHUNK];
+  Matrix white = {memory - from, L->rows, 1, CHUNK, 0, 0, 0};
+  forward(L, e, &white, from, n);
+  for (Size i = 0; i < L->rows; i++) {
+    const double *row = memory + i * CHUNK;
+    if (i) for (Size l = 0; l < n; l++) out[from + l] += row[l] * row[l];
+    else for (Size l = 0; l < n; l++) out[from + l] = row[l] * row[l];
+  }
+}
+
+/* mahalanobis(L, e, out) */
 KERNEL(c_mahalanobis) {
   OPEN_STRIDED(3, 2);
   Matrix L, e;
   if (!as_triangle(&b, &L, &e) || L.rows > MOST) ANSWER(0);
-  static double memory[MOST * CHUNK];
-  for (Size from = 0; from < e.batch; from += CHUNK) {
-    Size n = e.batch - from < CHUNK ? e.batch - from : CHUNK;
-    Matrix white = {memory - from, L.rows, 1, CHUNK, 0, 0, 0};
-    forward(&L, &e, &white, from, n);
-    double *restrict sum = DOUBLES(2) + from;
-    for (Size i = 0; i < L.rows; i++) {
-      const double *row = memory + i * CHUNK;
-      if (i) for (Size l = 0; l < n; l++) sum[l] += row[l] * row[l];
-      else for (Size l = 0; l < n; l++) sum[l] = row[l] * row[l];
+  for (Size from = 0; from < e.batch; from += CHUNK)
+    mahalanobis(&L, &e, DOUBLES(2), from, e.batch - from < CHUNK ? e.batch - from : CHUNK);
+  ANSWER(1);
+}
+
+/* The lower factor of a constant 2 x 2 covariance: zeros where there is no variance, NaN where it is not definite. */
+static void factor_two(const double *S, double *L) {
+  double column[2] = {S[0], S[2]};
+  L[1] = 0.0;
+  for (int j = 0; j < 2; j++) {
+    double root = column[j] > 0.0 * S[3 * j] ? sqrt(column[j]) : S[3 * j] == 0.0 ? 0.0 : NAN;
+    L[3 * j] = root;
+    if (!j) {
+      L[2] = root > 0.0 ? S[2] / root : root;
+      column[1] = S[3] - L[2] * L[2];
     }
   }
-  ANSWER(1);
+}
+
+/* track(F, Q, H, R, means, covs, S, nu, nis, n, n_z, M): the Kalman filter of a constant model over all steps,
+   `track` of kalman.py. The first of means and covs is the prior; nu holds the measurements (steps, n_z, M). */
+KERNEL(c_track) {
+  OPEN(9, 4);
+  Size n = WHOLE(9), n_z = WHOLE(10), M = WHOLE(11), steps = LENGTH(6) / (n_z * n_z);
+  Matrix F = {DOUBLES(0), n, n, n, 1, 1, 1}, Q = {DOUBLES(1), n, n, n, 1, 1, 1};
+  Matrix H = {DOUBLES(2), n_z, n, n, 1, 1, 1}, R = {DOUBLES(3), n_z, n_z, n_z, 1, 1, 1};
+  static double predicted_memory[MOST], gain_memory[MOST], memory[MOST * CHUNK];
+  Matrix predicted = {predicted_memory, n, n, n, 1, 1, 1}, K = {gain_memory, n, n_z, n_z, 1, 1, 1};
+  for (Size k = 0; k < steps; k++) {
+    double *cov = DOUBLES(5) + k * n * n, *S_k = DOUBLES(6) + k * n_z * n_z, L_memory[4] = {0.0};
+    Matrix P = {cov, n, n, n, 1, 1, 1}, posterior = {cov + n * n, n, n, n, 1, 1, 1};
+    Matrix S = {S_k, n_z, n_z, n_z, 1, 1, 1}, L = {L_memory, n_z, n_z, n_z, 1, 1, 1};
+    Matrix before = {DOUBLES(4) + k * n * M, n, 1, M, 0, M, 0}, m = {before.at + n * M, n, 1, M, 0, M, 0};
+    Matrix nu = {DOUBLES(7) + k * n_z * M, n_z, 1, M, 0, M, 0};
+    double *restrict nis = DOUBLES(8) + k * M;
+    /* Step 1: F P F' + Q, the gain and the posterior covariance, which no measurement enters. */
+    sandwich(&F, &P, &predicted, 0, 1);
+    add(&predicted, &Q, 0, 1);
+    gain(&predicted, &H, &R, &S, &K, 0, 1);
+    joseph(&predicted, &H, &R, &K, &posterior, 0, 1);
+    if (n_z == 2) factor_two(S_k, L_memory);
+    for (Size from = 0; from < M; from += CHUNK) {
+      Size count = M - from < CHUNK ? M - from : CHUNK;
+      /* Step 2: F m and nu = z - H F m. */
+      multiply(&F, &before, &m, from, count);
+      product_in(memory, &H, &m, from, count);
+      for (Size i = 0; i < n_z; i++)
+        for (Size l = 0; l < count; l++) nu.at[i * M + from + l] -= memory[i * CHUNK + l];
+      /* Step 3: m + K nu, and nu' S^-1 nu. */
+      Matrix correction = product_in(memory, &K, &nu, from, count);
+      add(&m, &correction, from, count);
+      if (n_z == 2) mahalanobis(&L, &nu, nis, from, count);
+      else for (Size l = from; l < from + count; l++) nis[l] = nu.at[l] * nu.at[l] / (S_k[0] > 0.0 ? S_k[0] : NAN);
+    }
+  }
+  DONE;
 }
 
 /* log_prob(at_edge, inverse, constants, L, e, out, n log(2 pi) / 2): log N(e; 0, L L'), `zero_mean_log_prob`. */
@@ -941,7 +1002,7 @@ static PyMethodDef methods[] = {
   METHOD(exp), METHOD(log), METHOD(gamma_log_density), METHOD(log_prob),
   METHOD(cos_sin), METHOD(arctan2), METHOD(normals), METHOD(total), METHOD(dot),
   METHOD(normalize), METHOD(moments), METHOD(ancestors), METHOD(select), METHOD(product), METHOD(sandwich),
-  METHOD(gain), METHOD(joseph), METHOD(factor), METHOD(eigen), METHOD(whiten), METHOD(mahalanobis), METHOD(mix), METHOD(any_nan),
+  METHOD(gain), METHOD(joseph), METHOD(factor), METHOD(eigen), METHOD(whiten), METHOD(mahalanobis), METHOD(track), METHOD(mix), METHOD(any_nan),
   METHOD(lower_product), METHOD(weighted), METHOD(cross), METHOD(sigma_points),
   METHOD(scalar_points), METHOD(condition), {NULL}};
 static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, "_compiled", "Kernels of core/ in C.", -1, methods};

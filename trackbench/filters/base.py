@@ -76,6 +76,13 @@ class Filter(Part, Generic[State]):
             Random numbers of the block of runs, the only ones allowed.
         """
 
+    def all_steps(self, model: Model, state: State, z: Array) -> list[State] | None:
+        """Return the states that `step` would return for measurements z (n_z, T, M), if that is faster.
+
+        None, the default, calls `step` for each of them.
+        """
+        return None
+
     @abstractmethod
     def estimate(self, state: State) -> Gaussian:
         """Return the estimate: mean (n_x, M) and covariance (n_x, n_x, M)."""

@@ -8,6 +8,7 @@ import numpy as np
 from annotated_types import Ge, Interval
 from numpy.random import Generator
 
+from trackbench.core import kalman
 from trackbench.core.arrays import Array, Mask, fixed
 from trackbench.core.conversions import Conversion
 from trackbench.core.distributions import (
@@ -29,7 +30,9 @@ from trackbench.models.gaussian_steps import (
     extended_transition,
     idle_noise_mean,
 )
+from trackbench.models.motions.kinematic import Linear
 from trackbench.models.priors import Convertible
+from trackbench.models.sensors.position import LinearSensor
 from trackbench.registry import register
 
 MAX_ORDER = 32
@@ -211,3 +214,13 @@ class KF(GaussianFilter):
     def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
         """Predict and update: for a linear model the extended step is the Kalman filter's."""
         return extended_step(model, state, z, k, MODEL_NOISE)
+
+    def all_steps(self, model: Model, state: Tracked, z: Array) -> list[Tracked] | None:
+        """Return the states after all measurements of a constant linear model, in one call."""
+        motion, sensor = model
+        plain = type(self) is KF and self == KF(smooth=self.smooth)
+        if not (plain and isinstance(motion, Linear) and isinstance(sensor, LinearSensor)):
+            return None
+        H = sensor.H(len(motion.F))
+        steps = kalman.track(state.posterior, motion.F, motion.Q, H, sensor.R, z)
+        return None if steps is None else [Tracked(x, nis, nu) for x, nu, nis in steps]
