@@ -21,7 +21,7 @@ static inline double of_bits(int64_t n) { double x; memcpy(&x, &n, 8); return x;
 
 /* ---- arguments ---- */
 
-typedef struct { Py_buffer views[9]; int count; } Buffers;
+typedef struct { Py_buffer views[10]; int count; } Buffers;
 
 static void release(Buffers *b) { while (b->count) PyBuffer_Release(&b->views[--b->count]); }
 
@@ -936,32 +936,90 @@ KERNEL(c_sigma_points) {
   ANSWER(1);
 }
 
-/* scalar_points(mean, P, Q, R, out, scale): the same of (x, v, n), three scalars of which v and n have mean zero. */
+/* scalar_points(mean, P, Q, R, x, v, n, scale): the sigma points of (x, v, n), three scalars of which v and n have
+   mean zero: x (3, batch) the mean and both sides of it, v and n (batch) the distances of the noises' points.
+   False also for a mean of -0.0, of which the other points are +0.0. */
 KERNEL(c_scalar_points) {
-  OPEN_STRIDED(5, 4);
+  OPEN_STRIDED(7, 4);
   Matrix m, V[3];
-  double scale = PyFloat_AsDouble(args[5]);
+  double scale = PyFloat_AsDouble(args[7]);
+  int negative_zero = 0;
   if (!as_matrix(&b.views[0], 1, &m)) ANSWER(0);
   for (int i = 0; i < 3; i++)
     if (!as_matrix(&b.views[1 + i], 0, &V[i]) || !(V[i].constant || same_batch(&b.views[0], 1, &b.views[1 + i], 2)))
       ANSWER(0);
+  for (Size l = 0; l < m.batch; l++) negative_zero |= m.at[l] == 0.0 && signbit(m.at[l]);
+  double *restrict x = DOUBLES(4), *restrict above = x + m.batch, *restrict below = above + m.batch;
+  double *restrict steps[3] = {below, DOUBLES(5), DOUBLES(6)};
   for (int i = 0; i < 3; i++)
-    for (Size from = 0; from < m.batch; from += CHUNK) {
-      Size n = m.batch - from < CHUNK ? m.batch - from : CHUNK;
-      double *restrict out = DOUBLES(4) + 7 * i * m.batch + from, mean[CHUNK] = {0.0}, step[CHUNK];
-      if (!i) memcpy(mean, m.at + from, sizeof(double) * n);
-      for (Size l = 0; l < n; l++) { /* `root` has NaN for an infinite variance, and 0.0 for -0.0 */
-        double variance = V[i].constant ? *V[i].at : V[i].at[from + l];
-        step[l] = scale * ((variance == INFINITY ? NAN : sqrt(variance)) + 0.0);
-      }
-      memcpy(out, mean, sizeof(double) * n);
-      for (int k = 0; k < 3; k++) {
-        double *restrict above = out + (1 + k) * m.batch, *restrict below = out + (4 + k) * m.batch;
-        if (k == i) for (Size l = 0; l < n; l++) above[l] = mean[l] + step[l], below[l] = mean[l] - step[l];
-        else for (Size l = 0; l < n; l++) above[l] = mean[l] + 0.0, below[l] = mean[l] - 0.0;
+    for (Size l = 0; l < m.batch; l++) { /* `root` has NaN for an infinite variance, and 0.0 for -0.0 */
+      double variance = V[i].constant ? *V[i].at : V[i].at[l];
+      steps[i][l] = V[i].constant && l ? steps[i][0] : scale * ((variance == INFINITY ? NAN : sqrt(variance)) + 0.0);
+    }
+  for (Size l = 0; l < m.batch; l++) {
+    x[l] = m.at[l];
+    above[l] = m.at[l] + below[l];
+    below[l] = m.at[l] - below[l];
+  }
+  ANSWER(!negative_zero);
+}
+
+/* scalar_noise(moved, v, f): f (5, batch) of the moved points (3, batch), those of f(mean) + v and f(mean) - v. */
+KERNEL(c_scalar_noise) {
+  OPEN(3, 2);
+  const double *moved = DOUBLES(0), *v = DOUBLES(1);
+  double *restrict f = DOUBLES(2);
+  Size batch = LENGTH(1);
+  for (Size l = 0; l < 3 * batch; l++) f[l] = moved[l] + 0.0;
+  for (Size l = 0; l < batch; l++) f[3 * batch + l] = moved[l] + v[l], f[4 * batch + l] = moved[l] - v[l];
+  DONE;
+}
+
+/* scalar_update(weights, cov_weights, f, h, n, z, m, P, nu, S): posterior, innovation of z (batch) and its variance
+   by the points f of scalar_noise and h (5, batch) of them; False if an innovation is NaN. */
+KERNEL(c_scalar_update) {
+  OPEN(10, 6);
+  enum { PIECE = 128 };
+  const double *f = DOUBLES(2), *h = DOUBLES(3), *n = DOUBLES(4);
+  Size batch = LENGTH(4);
+  int known = 1;
+  /* Of the points' order, center, x, v, n above and x, v, n below: the row of f, and the sign of n. */
+  static const int row[7] = {0, 1, 3, 0, 2, 4, 0}, sign[7] = {0, 0, 0, 1, 0, 0, -1};
+  for (Size from = 0; from < batch; from += PIECE) {
+    Size count = batch - from < PIECE ? batch - from : PIECE;
+    double relative[7][PIECE], m[PIECE], z_mean[PIECE], P[PIECE], S[PIECE], C[PIECE];
+    /* Step 1: measurements relative to the center, and both means. */
+    for (int p = 0; p < 7; p++) {
+      const double *moved = f + row[p] * batch + from, *seen = h + row[p] * batch + from, *center = h + from;
+      double w = DOUBLES(0)[p];
+      for (Size l = 0; l < count; l++) relative[p][l] = seen[l] - center[l];
+      if (sign[p] > 0) for (Size l = 0; l < count; l++) relative[p][l] += n[from + l];
+      else if (sign[p] < 0) for (Size l = 0; l < count; l++) relative[p][l] -= n[from + l];
+      else for (Size l = 0; l < count; l++) relative[p][l] += 0.0;
+      if (p) for (Size l = 0; l < count; l++) m[l] += w * moved[l], z_mean[l] += w * relative[p][l];
+      else for (Size l = 0; l < count; l++) m[l] = w * moved[l], z_mean[l] = w * relative[p][l];
+    }
+    /* Step 2: P of the state, S of the measurement, C of both. */
+    for (int p = 0; p < 7; p++) {
+      const double *moved = f + row[p] * batch + from;
+      double w = DOUBLES(1)[p];
+      for (Size l = 0; l < count; l++) {
+        double dx = moved[l] - m[l], dz = relative[p][l] - z_mean[l];
+        double xx = w * (dx * dx), zz = w * (dz * dz), xz = w * (dx * dz);
+        P[l] = p ? P[l] + xx : xx, S[l] = p ? S[l] + zz : zz, C[l] = p ? C[l] + xz : xz;
       }
     }
-  ANSWER(1);
+    /* Step 3: K = C / S, m + K nu, P - K S K. */
+    for (Size l = 0; l < count; l++) {
+      double nu = DOUBLES(5)[from + l] - (h[from + l] + z_mean[l]), K = C[l] * (1.0 / S[l]);
+      known &= nu == nu;
+      DOUBLES(6)[from + l] = K * nu + m[l];
+      DOUBLES(7)[from + l] = P[l] - K * (K * S[l]);
+      DOUBLES(8)[from + l] = nu;
+      DOUBLES(9)[from + l] = S[l];
+    }
+  }
+  ANSWER(known);
 }
 
 /* condition(m, P, nu, C, S, mean, cov): m + K nu and P - K S K' with K = C S^-1, of one or two measurements. */
@@ -1004,7 +1062,7 @@ static PyMethodDef methods[] = {
   METHOD(normalize), METHOD(moments), METHOD(ancestors), METHOD(select), METHOD(product), METHOD(sandwich),
   METHOD(gain), METHOD(joseph), METHOD(factor), METHOD(eigen), METHOD(whiten), METHOD(mahalanobis), METHOD(track), METHOD(mix), METHOD(any_nan),
   METHOD(lower_product), METHOD(weighted), METHOD(cross), METHOD(sigma_points),
-  METHOD(scalar_points), METHOD(condition), {NULL}};
+  METHOD(scalar_points), METHOD(scalar_noise), METHOD(scalar_update), METHOD(condition), {NULL}};
 static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, "_compiled", "Kernels of core/ in C.", -1, methods};
 PyMODINIT_FUNC PyInit__compiled(void) {
   PyObject *m = PyModule_Create(&module);

@@ -107,6 +107,7 @@ class Evidence(NamedTuple):
         return np.asarray(self.mass.log - before - elementary.log(self.scale))
 
 
+@cache
 def equal_weights(runs: int, N: int) -> Array:
     """Return equal weights (M, N), as a read-only view of one number."""
     return np.broadcast_to(np.float64(1.0 / N), (runs, N))

@@ -63,7 +63,7 @@ class Unscented:
         # Step 2: weights of the mean and of the covariance, which differ in the center.
         return SigmaPoints(x, *_weights(self, n))
 
-    def scalar_points(self, state: Gaussian, Q: Array, R: Array) -> "SigmaPoints | None":
+    def scalar_points(self, state: Gaussian, Q: Array, R: Array) -> "ScalarPoints | None":
         """Return the sigma points of (x, v, n): the state, and noises v ~ N(0, Q) and n ~ N(0, R).
 
         They are those of `points` for the covariance diag(P, Q, R), found without its root. Returns
@@ -72,11 +72,12 @@ class Unscented:
         scalars = len(state.mean) == len(Q) == len(R) == 1
         if not scalars or not compiled.kernels:
             return None
-        x = np.empty((3, 7, *state.mean.shape[1:]))
+        batch = state.mean.shape[1:]
+        x, v, n = np.empty((1, 3, *batch)), np.empty(batch), np.empty(batch)
         scale = float(np.sqrt(self.spread(3)))
-        if not compiled.kernels.scalar_points(state.mean, state.cov, Q, R, x, scale):
+        if not compiled.kernels.scalar_points(state.mean, state.cov, Q, R, x, v, n, scale):
             return None
-        return SigmaPoints(x, *_weights(self, 3))
+        return ScalarPoints(x, v, n, *_weights(self, 3))
 
     def spread(self, n: int) -> float:
         """Return n + lambda = alpha^2 (n + kappa), the squared distance of the points in sigmas."""
@@ -190,6 +191,40 @@ class SigmaPoints(NamedTuple):
     def columns(self, deviation: Array) -> Array:
         """Return D with ``D D'`` the weighted sum of squares of deviations (m, P, *batch)."""
         return deviation * with_trailing(np.sqrt(self.cov_weights), deviation.ndim - 2)
+
+
+class ScalarPoints(NamedTuple):
+    """The different ones of the seven points of (x, v, n), for the C kernels.
+
+    x (1, 3, *batch) is the mean and the points beside it; v and n (*batch) are the noises' points.
+    """
+
+    x: Array
+    v: Array
+    n: Array
+    weights: Array
+    cov_weights: Array
+
+    def add_noise(self, moved: Array) -> Array:
+        """Return the predicted points (1, 5, *batch): f(x) of the three points, f(mean) + v and - v."""
+        assert compiled.kernels is not None
+        predicted = np.empty((1, 5, *moved.shape[2:]))
+        compiled.kernels.scalar_noise(np.ascontiguousarray(moved), self.v, predicted)
+        return predicted
+
+    def condition(self, predicted: Array, h: Array, z: Array) -> tuple[Array, ...] | None:
+        """Return posterior mean and covariance, innovation and its covariance, by h of `predicted`.
+
+        They are those of the seven points; z is (1, M). None if an innovation is NaN.
+        """
+        assert compiled.kernels is not None
+        batch = predicted.shape[2:]
+        mean, nu, each = np.empty((1, *batch)), np.empty((1, *batch)), np.empty((1, *batch))
+        cov, S = np.empty((1, 1, *batch)), np.empty((1, 1, *batch))
+        each[...] = with_trailing(z, len(batch))
+        inputs = self.weights, self.cov_weights, predicted, h, self.n, each
+        done = compiled.kernels.scalar_update(*map(np.ascontiguousarray, inputs), mean, cov, nu, S)
+        return (mean, cov, nu, S) if done else None
 
 
 def _weighted(weights: Array, values: Array) -> Array:

@@ -12,7 +12,7 @@ from trackbench.core.arrays import Array, any_nan, note, with_axes_of, with_trai
 from trackbench.core.distributions import Factored, Gaussian, from_root, per_run_moments, root_of
 from trackbench.core.kalman import Innovation, Updated
 from trackbench.core.smoothing import Transition
-from trackbench.core.unscented import PointRule, SigmaPoints, Unscented
+from trackbench.core.unscented import PointRule, ScalarPoints, SigmaPoints, Unscented
 from trackbench.models.base import (
     DifferentiableMotion,
     DifferentiableSensor,
@@ -22,6 +22,7 @@ from trackbench.models.base import (
     TwiceDifferentiable,
     hessian_by_differences,
 )
+from trackbench.models.sensors.base import SensorBase
 
 
 class AssumedNoise(NamedTuple):
@@ -152,16 +153,31 @@ def augmented_step(
     n_x = state.mean.shape[0]
     transition = assumed.transition(model, state.mean, k)
     R = assumed.measurement(model, transition.mean, k).cov
-    points = None
     if isinstance(rule, Unscented) and not isinstance(state, Factored):
-        points = rule.scalar_points(state, transition.cov, R)
-    if points is None:
-        points = rule.points(_augment(state, transition.cov, R))
+        scalars = rule.scalar_points(state, transition.cov, R)
+        if scalars is not None and (step := _scalar_step(model, scalars, z, k, assumed)):
+            return step
+    points = rule.points(_augment(state, transition.cov, R))
     x, v, n = points.x[:n_x], points.x[n_x : 2 * n_x], points.x[2 * n_x :]
     # Step 2: predict each point, f(x) + v; condition on z = h(f(x) + v) + n.
     predicted = assumed.transition(model, x, k).mean + v
     moments = points.moments(predicted, roots=isinstance(state, Factored))
     return _condition(model, points, predicted, moments, z, k, n, None)
+
+
+def _scalar_step(
+    model: Model, points: ScalarPoints, z: Array, k: int, assumed: AssumedNoise
+) -> Updated | None:
+    """Return the step of `augmented_step` by the points of three scalars, or None if it must do it."""
+    if type(model.sensor).innovation is not SensorBase.innovation:  # such as one of angles
+        return None
+    predicted = points.add_noise(assumed.transition(model, points.x, k).mean)
+    step = points.condition(predicted, model.sensor.measurement(predicted, k).mean, z)
+    if step is None:
+        return None
+    mean, cov, nu, S = step
+    note("covariances", S, components=2)
+    return Gaussian(mean, cov), Innovation(nu, S)
 
 
 def point_prediction(

@@ -60,6 +60,11 @@ class Autoregressive(Motion):
         return Linear(T, fixed(np.array([[self.phi]])), fixed(np.array([[self.q]])), ("x",))
 
 
+@lru_cache(maxsize=1024)  # of the steps
+def _sine(angle: float) -> float:
+    return float(cos_sin(angle)[1])
+
+
 @dataclass(frozen=True)
 class MerweMotion:
     """Scalar motion with a sine drive and gamma noise; ``sine_lag`` = 1 uses k - 1 in the sine."""
@@ -74,7 +79,7 @@ class MerweMotion:
     def transition(self, x: Array, k: int) -> Shifted:
         """Return Gamma noise plus ``1 + sin(w pi (k - lag)) + phi1 x`` for x (1, *batch)."""
         # f(x) = 1 + sin(w pi s) + phi1 x
-        drive = 1.0 + cos_sin(self.w * np.pi * (k - self.sine_lag))[1]
+        drive = 1.0 + _sine(self.w * np.pi * (k - self.sine_lag))
         return Shifted(self.noise, self.phi1 * x + drive)
 
     def jacobian(self, x: Array, k: int) -> Array:
