@@ -58,7 +58,7 @@ class Panel(NamedTuple):
 
 
 Posterior = tuple[Panel, ...]
-Transition = Callable[[Array, Array], Array]
+Transition = Callable[[Array], Callable[[Array], Array]]
 
 
 def point_mass(x: Array) -> Posterior:
@@ -139,7 +139,7 @@ def condition(
     panels : Posterior
         New panels, from `nodes_between`.
     transition : callable
-        p(x' | x) for x (n, 1, M) and x' (J, M), by a formula that is smooth beyond ``origins(x')``.
+        p(x' | x) as a function of x' (J, M), for x (n, 1, M), smooth beyond ``origins(x')``.
     origins : callable
         Interval of x from which x' (J, M) can be reached.
     likelihood : callable
@@ -165,7 +165,7 @@ def condition(
 def _push_forward(panel: Panel, x_new: Array, transition: Transition, origins: Interval) -> Array:
     """Return the integral of the transition density over one panel of the prior, at x_new (J, M)."""
     if panel.is_point:
-        return np.asarray(transition(panel.x, x_new) * panel.density)
+        return np.asarray(transition(panel.x)(x_new) * panel.density)
     n, middle = len(panel.x), len(x_new) // 2
     if middle and n * x_new.size > _MOST_WEIGHTS:
         # Integrate for one half of the new nodes after the other.
@@ -182,9 +182,10 @@ def _push_forward(panel: Panel, x_new: Array, transition: Transition, origins: I
         weights = weights - weights_up_to(start, n)
     # Step 2: sum weight times density times transition, for as many new nodes as fit the cache.
     integral, size = np.empty_like(x_new), max(1, _AT_ONCE // panel.x.size)
+    density_of = transition(panel.x[:, None])  # nodes first: a sum of whole rows
     for i in range(0, len(x_new), size):
         piece = slice(i, i + size)
-        kernel = transition(panel.x[:, None], x_new[piece])  # nodes first: a sum of whole rows
+        kernel = density_of(x_new[piece])
         kernel *= panel.density[:, None]
         kernel *= np.moveaxis(weights[piece], -1, 0)
         integral[piece] = total(kernel, axis=0)

@@ -1,5 +1,6 @@
 """Exact posterior of a scalar state by quadrature."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Annotated, ClassVar, NamedTuple, Protocol, cast, runtime_checkable
@@ -183,11 +184,11 @@ class Grid(Filter[Resolved]):
             intervals = _likely_intervals(sensor, z, self.deviations, k, support)
         reach = _support_if_missing(z, intervals, support, _parts(motion))
 
-        def transition(x: Array, x_new: Array) -> Array:
+        def transition(x: Array) -> Callable[[Array], Array]:
             distribution = motion.transition(x[None], k)
             if isinstance(distribution, Gaussian):
-                return elementary.exp(distribution.log_prob(x_new[None]))
-            return cast(Shifted, distribution).prob(x_new[None])
+                return lambda x_new: elementary.exp(distribution.log_prob(x_new[None]))
+            return lambda x_new: cast(Shifted, distribution).prob(x_new[None])
 
         def origins(x_new: Array) -> quadrature.Interval:
             if isinstance(motion, BoundedMotion):
