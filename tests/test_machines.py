@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from tests.machines import HERE, NEEDED, SETTINGS, is_possible, under
-from trackbench.execution import fingerprints
+from trackbench.execution import code_digests
 
 SLICE = [f"experiments/{n}.yaml" for n in ("hdepf", "merwe2000", "banana-kf", "banana-pf")]
 ARGUMENTS = [
@@ -51,14 +51,14 @@ def test_only_what_a_processor_cannot_run_is_left_out() -> None:
 
 
 def test_own_arithmetic_is_that_of_every_machine() -> None:
-    assert fingerprints.own_arithmetic().startswith(OWN)
+    assert code_digests.own_arithmetic().startswith(OWN)
 
 
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="names of x86 kernels")
 def test_numpys_arithmetic_is_told_apart() -> None:
     """Or there would be nothing to hold: another kernel of BLAS has other last bits."""
     command = (
-        "from trackbench.execution import fingerprints; print(fingerprints.numpy_arithmetic())"
+        "from trackbench.execution import code_digests; print(code_digests.numpy_arithmetic())"
     )
     found = {
         subprocess.run(

@@ -5,7 +5,6 @@ import pytest
 
 from trackbench.evaluation import statistics as st
 from trackbench.evaluation.error_series import FOUND, TOO_FAR, step_sums
-from trackbench.evaluation.merge import FilterResult
 from trackbench.evaluation.metric_expression import measure
 from trackbench.evaluation.run_contributions import (
     series_of,
@@ -13,7 +12,7 @@ from trackbench.evaluation.run_contributions import (
     time_mean_shares,
     with_shares,
 )
-from trackbench.evaluation.summary import summary_rows
+from trackbench.evaluation.summary import FilterResult, summary_rows
 
 STEPS, RUNS = 30, 200
 

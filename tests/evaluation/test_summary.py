@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from trackbench.evaluation.error_series import StepSums
-from trackbench.evaluation.merge import FilterResult
-from trackbench.evaluation.summary import bound_summary, step_rows
+from trackbench.evaluation.summary import FilterResult, bound_summary, step_rows
 
 
 def test_a_bound_has_no_error_no_runs_and_loses_none() -> None:

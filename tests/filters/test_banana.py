@@ -13,7 +13,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.random_streams import block_stream
 from trackbench.evaluation.block import simulate
-from trackbench.evaluation.consistency import normalised_error
+from trackbench.evaluation.consistency_and_calibration import normalised_error
 from trackbench.evaluation.run_filter import FilterOutput
 from trackbench.scenarios.tracking import Tracking
 

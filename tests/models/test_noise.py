@@ -15,8 +15,8 @@ from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.run_filter import FilterOutput, run_filter
 from trackbench.models.base import log_likelihood
+from trackbench.models.sensors.base import StackedSensor
 from trackbench.models.sensors.function import FunctionSensor, Noise, draw_poisson, log_poisson
-from trackbench.models.sensors.stacked import StackedSensor
 from trackbench.scenarios.base import Simulation
 
 LEVEL = 1e-3  # of the tests of draws, for a fixed seed

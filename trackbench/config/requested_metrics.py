@@ -13,7 +13,7 @@ from trackbench.config.experiment import Exhibit, Experiment, Point, Settings
 from trackbench.config.metric_names import Names, names_of, stored_metrics
 from trackbench.config.tuning import as_expression, bad_terms
 from trackbench.evaluation.block import Kind
-from trackbench.evaluation.calibration import bars
+from trackbench.evaluation.consistency_and_calibration import bars
 from trackbench.evaluation.metric_expression import Measure, measured, role_of
 from trackbench.evaluation.run_contributions import series_of
 from trackbench.evaluation.statistics import STATISTICS

@@ -9,7 +9,8 @@ from typing import NamedTuple, TypeAlias
 
 from trackbench.core.arrays import Array, LatestResults, freeze
 from trackbench.core.random_streams import RunStreams
-from trackbench.evaluation import calibration, predictive_scores
+from trackbench.evaluation import consistency_and_calibration as calibration
+from trackbench.evaluation import predictive_scores
 from trackbench.evaluation.error_series import StepSums
 from trackbench.filters.base import AnyFilter
 from trackbench.models.sensors.base import Assume

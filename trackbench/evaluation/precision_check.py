@@ -11,9 +11,8 @@ from typing import NamedTuple
 
 from trackbench.core.arrays import Array, Mask
 from trackbench.evaluation import inference
-from trackbench.evaluation.merge import FilterResult
 from trackbench.evaluation.metric_expression import measured
-from trackbench.evaluation.summary import SummaryRow, summary_rows
+from trackbench.evaluation.summary import FilterResult, SummaryRow, summary_rows
 
 _GROWTH = 1.5  # from one number of runs at which the errors are tried to the next
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Mask
 from trackbench.evaluation.block import BlockResult, BlockTask, Tracks
-from trackbench.evaluation.calibration import likelihood_ratio
+from trackbench.evaluation.consistency_and_calibration import likelihood_ratio
 from trackbench.evaluation.error_series import FOUND, per_run_metrics, series, step_sums
 from trackbench.evaluation.run_filter import FilterOutput, run_filter_cached, run_reference
 from trackbench.evaluation.validate_output import check_names

@@ -14,8 +14,8 @@ import numpy as np
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.sums import mean, total
 from trackbench.evaluation.error_series import FOUND
-from trackbench.evaluation.merge import FilterResult
 from trackbench.evaluation.metric_expression import TIME_MEAN, Measure
+from trackbench.evaluation.summary import FilterResult
 from trackbench.metrics import joined
 
 

@@ -13,8 +13,11 @@ from trackbench.core.arrays import Array, LatestResults, Seal, freeze
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.random_streams import aside_stream, block_stream, side_by_side
 from trackbench.evaluation.block import MOST_STACKED, BlockTask
-from trackbench.evaluation.calibration import Calibration
-from trackbench.evaluation.consistency import ConsistencySeries, observed
+from trackbench.evaluation.consistency_and_calibration import (
+    Calibration,
+    ConsistencySeries,
+    observed,
+)
 from trackbench.evaluation.predictive_scores import PredictionScorer, Step, after_first
 from trackbench.evaluation.validate_output import (
     check_axes,

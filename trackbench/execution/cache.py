@@ -22,9 +22,9 @@ from typing import Any, NamedTuple
 from trackbench.atomic_files import ensure_folder, write_text
 from trackbench.config.dump import as_config
 from trackbench.evaluation.block import BlockResult, BlockTask
-from trackbench.execution import fingerprints
+from trackbench.execution import code_digests
 from trackbench.execution.block_file import BlockFile, decode, write_block
-from trackbench.execution.fingerprints import add_sources, code_digest, python_files
+from trackbench.execution.code_digests import add_sources, code_digest, python_files
 from trackbench.extension_points import Part, walk_parts
 
 
@@ -39,7 +39,7 @@ def block_key(task: BlockTask, used: int) -> str:
         [task.seed, task.index, task.width, used],
         [shown, task.keep_covariance and shown > 0, task.keep_steps],
         [task.predictive_metrics, task.hold_out],
-        [code_digest(), fingerprints.own_arithmetic()],
+        [code_digest(), code_digests.own_arithmetic()],
     ]
     return hashlib.sha256(json.dumps(facts).encode()).hexdigest()
 
@@ -54,8 +54,8 @@ def _part(part: Any) -> list[Any]:
         read |= inner.contents if isinstance(inner, Part) else {}
     # What was read makes the numbers: the file itself may have been edited since.
     keys = as_config(part, lambda path: read.get(path) or _content_digest(path))
-    uses_numpy = bool(code) or fingerprints.uses_numpy_arithmetic(part)
-    return [keys, code, fingerprints.numpy_arithmetic() if uses_numpy else None]
+    uses_numpy = bool(code) or code_digests.uses_numpy_arithmetic(part)
+    return [keys, code, code_digests.numpy_arithmetic() if uses_numpy else None]
 
 
 def _content_digest(path: str) -> str:

@@ -9,8 +9,7 @@ from typing import Any, TypeAlias
 
 from trackbench.config.experiment import Experiment
 from trackbench.evaluation.block import BlockResult, BlockTask
-from trackbench.evaluation.consistency import sizes
-from trackbench.evaluation.merge import FilterResult, merge
+from trackbench.evaluation.consistency_and_calibration import sizes
 from trackbench.evaluation.precision_check import (
     PrecisionCheck,
     PrecisionTarget,
@@ -18,6 +17,7 @@ from trackbench.evaluation.precision_check import (
     checkpoints,
 )
 from trackbench.evaluation.run_block import run_whole_block
+from trackbench.evaluation.summary import FilterResult, merge
 from trackbench.execution.block_file import decode, encode
 from trackbench.execution.cache import BlockStore
 from trackbench.execution.engines import OpenEngine

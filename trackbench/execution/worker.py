@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, NamedTuple
 from trackbench.errors import WriteError
 from trackbench.evaluation.block import BlockResult, BlockTask
 from trackbench.evaluation.run_block import run_stack
-from trackbench.execution import fingerprints
+from trackbench.execution import code_digests
 from trackbench.execution.block_file import BlockFile, write_block
-from trackbench.execution.fingerprints import code_digest
+from trackbench.execution.code_digests import code_digest
 from trackbench.plugins.errors import FilterError, guarded, located_message
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ class Environment(NamedTuple):
 def environment_digests() -> Environment:
     """Return the digests of this process."""
     return Environment(
-        code_digest(), fingerprints.own_arithmetic(), fingerprints.numpy_arithmetic()
+        code_digest(), code_digests.own_arithmetic(), code_digests.numpy_arithmetic()
     )
 
 
@@ -57,7 +57,7 @@ def compute(
         load_plugin(plugin)
     blocks: list[BlockTask] = pickle.loads(stack)
     block = blocks[0]
-    if here.numpy != expected.numpy and fingerprints.uses_numpy_arithmetic(
+    if here.numpy != expected.numpy and code_digests.uses_numpy_arithmetic(
         block.scenario, block.filter, block.reference, block.assume
     ):
         raise RuntimeError(

@@ -6,7 +6,6 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Mask
 from trackbench.evaluation import inference
-from trackbench.evaluation.autocorrelation import series_mean
 from trackbench.evaluation.inference import (
     Events,
     Sides,
@@ -19,7 +18,13 @@ from trackbench.evaluation.inference import (
     studentised,
     studentised_difference,
 )
-from trackbench.evaluation.statistics import Estimate, influence_of_ratio, mean, z_score
+from trackbench.evaluation.statistics import (
+    Estimate,
+    influence_of_ratio,
+    mean,
+    series_mean,
+    z_score,
+)
 
 _LEVEL = 0.05
 """Probability that chance alone makes any filter of an experiment lose more runs than another."""

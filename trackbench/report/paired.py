@@ -8,10 +8,16 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.autocorrelation import series_mean
 from trackbench.evaluation.inference import holm, studentised, two_sided
 from trackbench.evaluation.metric_expression import measured
-from trackbench.evaluation.statistics import STATISTICS, Estimate, influence, mean, without_rounding
+from trackbench.evaluation.statistics import (
+    STATISTICS,
+    Estimate,
+    influence,
+    mean,
+    series_mean,
+    without_rounding,
+)
 
 
 class Pair(NamedTuple):

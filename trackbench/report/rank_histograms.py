@@ -7,7 +7,7 @@ import numpy as np
 
 from trackbench.config.experiment import Point
 from trackbench.core.arrays import Array
-from trackbench.evaluation.calibration import bars
+from trackbench.evaluation.consistency_and_calibration import bars
 from trackbench.evaluation.inference import holm
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.evaluation.uniformity_tests import Histogram, at_step, over_steps

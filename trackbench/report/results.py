@@ -15,8 +15,8 @@ from trackbench.config.includes import split_path
 from trackbench.config.tuning import tuned_label
 from trackbench.core.arrays import Array
 from trackbench.errors import Mark, Problem, UserError, counted
-from trackbench.evaluation.autocorrelation import LEAST_STEPS
 from trackbench.evaluation.metric_expression import measured
+from trackbench.evaluation.statistics import LEAST_STEPS
 from trackbench.metrics import unit_of
 from trackbench.registry import Group, kinds
 from trackbench.report.paired import Pair, pairs_at, primary_metrics

@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 
 from trackbench.config.dump import as_config
 from trackbench.config.experiment import Point
-from trackbench.evaluation.consistency import sizes
+from trackbench.evaluation.consistency_and_calibration import sizes
 from trackbench.scenarios.base import Scenario
 
 POINTS_FILE = "points.json"

@@ -10,10 +10,10 @@ from trackbench.atomic_files import atomic_write
 from trackbench.config.experiment import DrawnExhibit, Experiment
 from trackbench.core.arrays import Array
 from trackbench.evaluation.block import Tracks
-from trackbench.evaluation.merge import FilterResult
+from trackbench.evaluation.summary import FilterResult
 from trackbench.execution.plan import Key
 from trackbench.models.sensors.angular import AngularSensor
-from trackbench.models.sensors.stacked import Sensors, StackedSensor
+from trackbench.models.sensors.base import Sensors, StackedSensor
 from trackbench.results.point_facts import array_prefix
 from trackbench.scenarios.base import Scenario
 from trackbench.scenarios.starts.base import position_part

@@ -34,14 +34,14 @@ from trackbench.config.requested_metrics import Contributions, requested_contrib
 from trackbench.core import compiled
 from trackbench.core.sums import total
 from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.consistency import sizes
+from trackbench.evaluation.consistency_and_calibration import sizes
 from trackbench.evaluation.error_series import LOST_BECAUSE, NOT_FINITE
 from trackbench.evaluation.exact_errors import exact_label, exact_series
-from trackbench.evaluation.merge import FilterResult
 from trackbench.evaluation.metric_expression import measured
 from trackbench.evaluation.run_contributions import with_shares
 from trackbench.evaluation.statistics import Estimate, median
 from trackbench.evaluation.summary import (
+    FilterResult,
     StepRow,
     bound_steps,
     bound_summary,
@@ -50,8 +50,8 @@ from trackbench.evaluation.summary import (
     summary_rows,
 )
 from trackbench.evaluation.timing import Measured
-from trackbench.execution import fingerprints
-from trackbench.execution.fingerprints import code_digest
+from trackbench.execution import code_digests
+from trackbench.execution.code_digests import code_digest
 from trackbench.execution.plan import Key
 from trackbench.execution.runner import Outcome
 from trackbench.results.folder_contents import COLUMNS, DIGITS, TIMING, remove_outputs
@@ -298,8 +298,8 @@ def facts_of_run(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
         "plugins": {Path(plugin.path).name: plugin.digest for plugin in experiment.plugins},
         "code": code_digest(),
         "arithmetic": {
-            "own": fingerprints.own_arithmetic(),
-            "numpy": fingerprints.numpy_arithmetic(),
+            "own": code_digests.own_arithmetic(),
+            "numpy": code_digests.numpy_arithmetic(),
             "compiled": compiled.kernels is not None,
         },
         "failed": [

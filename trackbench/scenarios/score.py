@@ -11,8 +11,7 @@ from pydantic import StringConstraints
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.field_types import ONE_LINE, InvalidKeyError, Natural, Positive, freeze_mappings
 from trackbench.models.base import position_velocity_names
-from trackbench.models.sensors.base import SensorBase
-from trackbench.models.sensors.stacked import Sensors
+from trackbench.models.sensors.base import SensorBase, Sensors
 
 _IN_A_ROW = 10  # steps at the end of a run
 

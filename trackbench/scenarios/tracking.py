@@ -16,8 +16,7 @@ from trackbench.field_types import Finite, InvalidKeyError, Natural, Positive, R
 from trackbench.models.base import Model, Motion, SampledMotion
 from trackbench.models.motions.irregular import Irregular
 from trackbench.models.motions.kinematic import ConstantVelocity, Linear
-from trackbench.models.sensors.base import Assume, SensorBase
-from trackbench.models.sensors.stacked import Sensors, sensors_of, stack
+from trackbench.models.sensors.base import Assume, SensorBase, Sensors, sensors_of, stack
 from trackbench.registry import register
 from trackbench.scenarios.base import Scenario, Simulation
 from trackbench.scenarios.score import Score, diverged

@@ -17,8 +17,8 @@ from trackbench.config.tuning import Axis, Objective, Score
 from trackbench.core.arrays import Array
 from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockResult, BlockTask
-from trackbench.evaluation.consistency import sizes
-from trackbench.evaluation.merge import merge
+from trackbench.evaluation.consistency_and_calibration import sizes
+from trackbench.evaluation.summary import merge
 from trackbench.execution.cache import BlockStore
 from trackbench.execution.engines import OpenEngine
 from trackbench.execution.plan import block_width

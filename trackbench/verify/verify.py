@@ -33,10 +33,10 @@ from trackbench.config.experiment import Experiment
 from trackbench.config.tuning import tuned_label
 from trackbench.core.arrays import Array
 from trackbench.evaluation.inference import holm
-from trackbench.evaluation.merge import merge
 from trackbench.evaluation.metric_expression import TIME_MEAN, measured
 from trackbench.evaluation.run_block import run_whole_block
 from trackbench.evaluation.statistics import mean
+from trackbench.evaluation.summary import merge
 from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.engines import cpu_count, engine
 from trackbench.execution.plan import check_memory, make_plan

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.merge import FilterResult
 from trackbench.evaluation.precision_check import (
     PrecisionCheck,
     PrecisionTarget,
@@ -12,6 +11,7 @@ from trackbench.evaluation.precision_check import (
     exact_after,
 )
 from trackbench.evaluation.statistics import Estimate
+from trackbench.evaluation.summary import FilterResult
 from trackbench.field_types import Digits
 from trackbench.registry import register
 from trackbench.report.kinds import TableKind

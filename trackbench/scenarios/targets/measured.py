@@ -12,7 +12,7 @@ from trackbench.core.random_streams import Streams
 from trackbench.field_types import DataFile, InvalidKeyError, Positive
 from trackbench.models.base import position_velocity_names
 from trackbench.models.priors import TwoPoint
-from trackbench.models.sensors.stacked import Sensors, rows_of, sensors_of
+from trackbench.models.sensors.base import Sensors, rows_of, sensors_of
 from trackbench.registry import register
 from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.rows import (

@@ -10,7 +10,7 @@ from trackbench.core.arrays import Array, Index
 from trackbench.core.elementary import cos_sin
 from trackbench.core.random_streams import Streams
 from trackbench.field_types import NonNegative, Positive, Steps
-from trackbench.models.sensors.stacked import Sensors
+from trackbench.models.sensors.base import Sensors
 from trackbench.registry import register
 from trackbench.scenarios.targets.base import Flight, Target, Timeline, measured_along
 

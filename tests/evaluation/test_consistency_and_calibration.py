@@ -13,7 +13,12 @@ from tests.linear_problem import LINEAR
 from tests.papers import merwe
 from trackbench.core.arrays import Array
 from trackbench.evaluation.block import BlockTask, Kind
-from trackbench.evaluation.calibration import LEVELS, bars, likelihood_ratio, noncredibility
+from trackbench.evaluation.consistency_and_calibration import (
+    LEVELS,
+    bars,
+    likelihood_ratio,
+    noncredibility,
+)
 from trackbench.evaluation.run_block import run_block
 from trackbench.evaluation.statistics import mean
 from trackbench.evaluation.uniformity_tests import at_step, over_steps

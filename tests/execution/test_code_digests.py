@@ -20,8 +20,8 @@ from trackbench.config.load import load
 from trackbench.core import elementary, linalg, random_streams, sums
 from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.block import BlockTask
-from trackbench.execution import cache, fingerprints, worker
-from trackbench.execution.fingerprints import NO_PART_OF_BLOCKS, block_sources, code_digest
+from trackbench.execution import cache, code_digests, worker
+from trackbench.execution.code_digests import NO_PART_OF_BLOCKS, block_sources, code_digest
 from trackbench.execution.plan import make_plan
 from trackbench.filters.particle_filters import PF
 from trackbench.models.motions.scalar import SineGamma
@@ -164,7 +164,7 @@ def test_a_foreign_package_is_digested_whole(
 ) -> None:
     """Its files may have the names of those that the package's own digest leaves out."""
     (tmp_path / "theirs" / "evaluation").mkdir(parents=True)
-    for name in ("__init__.py", "evaluation/__init__.py", "evaluation/merge.py"):
+    for name in ("__init__.py", "evaluation/__init__.py", "evaluation/summary.py"):
         (tmp_path / "theirs" / name).write_text("")
     monkeypatch.syspath_prepend(tmp_path)
     import theirs  # type: ignore[import-not-found]
@@ -197,11 +197,11 @@ def test_keys_follow_numpys_arithmetic_where_it_matters(
     monkeypatch.setattr(cache, "as_config", lambda part, shown: repr(part))
     cache._part.cache_clear()
     here = cache.block_key(task, 2)
-    monkeypatch.setattr(fingerprints, "numpy_arithmetic", lambda: "of another processor")
+    monkeypatch.setattr(code_digests, "numpy_arithmetic", lambda: "of another processor")
     cache._part.cache_clear()
     assert (cache.block_key(task, 2) != here) == apart
     cache._part.cache_clear()
-    monkeypatch.setattr(fingerprints, "own_arithmetic", lambda: "of no IEEE machine")
+    monkeypatch.setattr(code_digests, "own_arithmetic", lambda: "of no IEEE machine")
     assert cache.block_key(task, 2) != here
     cache._part.cache_clear()
 
@@ -239,8 +239,8 @@ NUMPYS_FUNCTIONS = [
 @pytest.mark.parametrize(
     ("digested", "home", "name"),
     [
-        *[(fingerprints.own_arithmetic, *function) for function in OWN_FUNCTIONS],
-        *[(fingerprints.numpy_arithmetic, *function) for function in NUMPYS_FUNCTIONS],
+        *[(code_digests.own_arithmetic, *function) for function in OWN_FUNCTIONS],
+        *[(code_digests.numpy_arithmetic, *function) for function in NUMPYS_FUNCTIONS],
     ],
 )
 def test_one_bit_of_any_function_is_another_arithmetic(
@@ -265,6 +265,6 @@ def one_bit_off(found: Any) -> Any:
 
 
 def test_arithmetic_is_tried_on_numbers_all_over_the_unit_interval() -> None:
-    for x in fingerprints._inputs():
+    for x in code_digests._inputs():
         assert 0.0 < x.min() < 0.001 < 0.999 < x.max() < 1.0
         assert np.histogram(x, 64, (0.0, 1.0))[0].min() > 64

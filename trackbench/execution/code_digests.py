@@ -36,23 +36,21 @@ _ERRORS = "decides how a failure is reported; a failed block is not stored"
 _KEYS = "its result is part of the key"
 NO_PART_OF_BLOCKS = {
     "__init__.py": "names the version and the functions of the API",
-    "evaluation/autocorrelation.py": _AFTER_BLOCKS,
+    "evaluation/statistics.py": _AFTER_BLOCKS,
     "evaluation/inference.py": _AFTER_BLOCKS,
     "evaluation/efficiency.py": _AFTER_BLOCKS,
     "evaluation/exact_errors.py": _AFTER_BLOCKS,
     "evaluation/metric_expression.py": _AFTER_BLOCKS,
-    "evaluation/merge.py": _AFTER_BLOCKS,
+    "evaluation/summary.py": _AFTER_BLOCKS,
     "evaluation/precision_check.py": _AFTER_BLOCKS,
     "evaluation/run_contributions.py": _AFTER_BLOCKS,
-    "evaluation/statistics.py": _AFTER_BLOCKS,
-    "evaluation/summary.py": _AFTER_BLOCKS,
     "evaluation/uniformity_tests.py": _AFTER_BLOCKS,
     "core/build_compiled.py": "builds what `core/compiled.py` loads; a worker never imports it",
     "plugins/errors.py": _ERRORS,
     "errors.py": _ERRORS,
     "atomic_files.py": "writes finished blocks",
     "execution/block_file.py": "writes finished blocks",
-    "execution/fingerprints.py": _KEYS,
+    "execution/code_digests.py": _KEYS,
     "plugins/load.py": "runs a plugin's source, whose digest is part of the key",
 }
 """Files that the digest leaves out although a worker imports them or their folder is digested."""
