@@ -13,8 +13,7 @@ import yaml
 import trackbench
 from tests.papers import merwe_text
 from trackbench.execution.queue import progress_bar
-from trackbench.report.table import table_html
-from trackbench.report.text import Text, TextTable
+from trackbench.report.table import Text, TextTable, table_html
 from trackbench.yaml_source import from_mapping, parse
 
 CONFIG: dict[str, Any] = {

@@ -16,8 +16,7 @@ from trackbench.evaluation.statistics import influence, mean
 from trackbench.report.costs import Curve, Spot, beside, curves, front
 from trackbench.report.estimates import RunEstimate
 from trackbench.report.expressions import Evaluator
-from trackbench.report.grid_queries import own_values
-from trackbench.report.results import Results
+from trackbench.report.results import Results, own_values
 from trackbench.report.tables.efficiency import EqualCost
 from trackbench.verify.verify import verify
 

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from trackbench.report.plotting import style
-from trackbench.report.plotting.figure import FORMATS, saved
-from trackbench.report.plotting.tick_labels import in_letters
+from trackbench.report.plotting.canvas import in_letters
+from trackbench.report.plotting.style import FORMATS, saved
 
 
 def figure() -> Any:

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from trackbench import api
 from trackbench.errors import UserError
 from trackbench.report.html.svg import inline
-from trackbench.report.plotting.figure import saved
+from trackbench.report.plotting.style import saved
 from trackbench.report.results import Results
 
 RESULTS = Path(__file__).parents[2] / "results"

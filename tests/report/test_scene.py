@@ -8,7 +8,7 @@ import pytest
 
 from tests.commands import trackbench
 from trackbench.config.load import load
-from trackbench.report.figures.scene import draw_scene
+from trackbench.report.figures.track import draw_scene
 
 RADAR = """name: c
 scenario:

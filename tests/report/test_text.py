@@ -12,9 +12,8 @@ from trackbench.report.estimates import RunEstimate, Share
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings.ranking import rankings
 from trackbench.report.results import Results
-from trackbench.report.table import Cell, Table, in_tex, rounded
+from trackbench.report.table import Cell, Table, Text, TextTable, in_tex, rounded
 from trackbench.report.tables.metrics import Metrics, _lost_notes, best_labels
-from trackbench.report.text import Text, TextTable
 
 
 def table():

@@ -107,7 +107,7 @@ def _check_config(config: Path, options: "Options", json: bool, picture: Path | 
 
 def _draw(experiment: "Experiment", picture: Path) -> None:
     from trackbench.atomic_files import atomic_write
-    from trackbench.report.figures.scene import draw_scene
+    from trackbench.report.figures.track import draw_scene
 
     figure = draw_scene(experiment)
     with atomic_write(picture) as file:

@@ -23,7 +23,7 @@ from trackbench.cli.output import echo_line, table_rows
 if TYPE_CHECKING:
     from trackbench.commands.gate import Verdict
     from trackbench.report.compare_folders import Row
-    from trackbench.report.text import TextTable
+    from trackbench.report.table import TextTable
 
 _AGAINST = "stored results, or the folder that holds those of several experiments"
 _WORSE = "3sigma, or 3sigma,1%: normal tail of the gate's false alarms, least change"
@@ -46,7 +46,7 @@ def compare_two(
 ) -> None:
     """Print how the numbers of two folders differ, and draw a figure."""
     from trackbench.errors import UserError, counted
-    from trackbench.report import compare_views as views
+    from trackbench.report import compare_folders as comparison
     from trackbench.report.compare_folders import EQUAL, compare_folders
     from trackbench.report.open import open_with_notes
 
@@ -56,7 +56,7 @@ def compare_two(
         raise UserError(f"{first} and {second} have no filter, metric and grid point in common")
     names = (first.name, second.name) if first.name != second.name else (str(first), str(second))
     if out is not None:
-        views.save(views.draw(rows, names), out)
+        comparison.save(comparison.draw(rows, names), out)
     if json:
         _echo_rows(rows)
         return
@@ -64,12 +64,14 @@ def compare_two(
     title = f"{names[1]} against {names[0]}, {f'independent: {why}' if why else paired}"
     changed = [row for row in rows if row.how != EQUAL]
     main = [row for row in changed if row.is_primary] or changed
-    table = views.table_of(title, [row for row in rows if row in main or row.how == EQUAL], names)
+    table = comparison.table_of(
+        title, [row for row in rows if row in main or row.how == EQUAL], names
+    )
     if len(changed) > len(main):
         more = f"{len(changed) - len(main)} more of windows, components and diagnostics: --json"
         table.notes.append(more)
     typer.echo(table.markdown() if markdown else table.aligned())
-    typer.echo(views.conclusion(rows, names))
+    typer.echo(comparison.conclusion(rows, names))
 
 
 def gate(
@@ -113,15 +115,15 @@ def gate(
 def _gate_table(verdict: "Verdict", name: str, worse: str) -> "TextTable":
     """Return the numbers of the changed filters, with a headline and notes."""
     from trackbench.errors import counted
-    from trackbench.report import compare_views as views
+    from trackbench.report import compare_folders as comparison
     from trackbench.report.compare_folders import EQUAL, WORSE
     from trackbench.report.findings import phrases
 
-    bad = views.changes(verdict.rows, WORSE) + verdict.failed
+    bad = comparison.changes(verdict.rows, WORSE) + verdict.failed
     tests = [row.runs for row in verdict.rows if not isnan(row.p_holm)]
     same = all(row.how == EQUAL for row in verdict.rows)
     title = f"worse: {phrases.listed(bad)}" if bad else "unchanged" if same else "not worse"
-    table = views.table_of(f"{verdict.name} is {title}", verdict.rows, (name, "now"))
+    table = comparison.table_of(f"{verdict.name} is {title}", verdict.rows, (name, "now"))
     if tests:
         on = f"{counted(len(tests), 'number')} tested on {counted(max(tests), 'run')}"
         table.notes.append(f"{on}; limit {worse} for all together (Holm's correction).")
@@ -138,7 +140,7 @@ def history(folders: Folders, metric: Metric = "", out: Figure = None, json: Jso
     """Show a metric of each filter over results folders, in the order of their dates."""
     from trackbench.errors import UserError
     from trackbench.report import history as of_folders
-    from trackbench.report.compare_views import save
+    from trackbench.report.compare_folders import save
     from trackbench.report.open import open_results
 
     good = [folder for folder in folders if (folder / "config.yaml").is_file()]

@@ -58,7 +58,7 @@ def compare(
         typer.echo("\n".join([markdown(results, found), *(table.markdown() for table in times)]))
         return
     from trackbench.cli.screen import print_lines, print_tables
-    from trackbench.report.verdicts.reasons import reasons
+    from trackbench.report.verdicts.files import reasons
 
     print_lines([*summary_lines(found), ""])
     print_tables([*verdict_tables(found), *times])
@@ -101,7 +101,7 @@ def report(folder: Folder, allow_plugins: AllowPlugins = False) -> None:
 
 def _say(write: Callable[[], list[Path]]) -> None:
     """Print the written files; report failures and exit with 1."""
-    from trackbench.report.plugin_exhibits import PartialReportError
+    from trackbench.report.results import PartialReportError
 
     lines: list[str] = []
     try:
@@ -124,7 +124,7 @@ def codecheck(
 ) -> None:
     """Write a codecheck.yml of the tables and figures of stored results."""
     from trackbench.atomic_files import write_text
-    from trackbench.commands.codecheck import codecheck_text
+    from trackbench.commands.stored_results import codecheck_text
     from trackbench.errors import Mark, Problem, UserError
 
     if out.exists():

@@ -14,7 +14,7 @@ from rich.console import Console, JustifyMethod
 from rich.table import Table as Grid
 from rich.text import Text as Styled
 
-from trackbench.report.text import Text, TextTable
+from trackbench.report.table import Text, TextTable
 
 _GAP = 2
 _BEST = "bold green"

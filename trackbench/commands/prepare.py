@@ -11,7 +11,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from trackbench.commands.keywords import check_keywords
+from trackbench.commands import check_keywords
 from trackbench.config import load as configurations
 from trackbench.config.dump import as_yaml
 from trackbench.config.experiment import Experiment

@@ -1,7 +1,8 @@
-"""From configs to results folders: run, report, and return what was written."""
+"""From configs to results folders: run, report, and return what was written; shards of a run."""
 
 import hashlib
 import json
+import re
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, suppress
 from dataclasses import replace
@@ -10,7 +11,7 @@ from threading import Thread
 from typing import Any, NamedTuple
 
 from trackbench.atomic_files import record_writes, write_text
-from trackbench.commands.keywords import with_known_keywords
+from trackbench.commands import with_known_keywords
 from trackbench.commands.prepare import (
     OPTION_NAMES,
     Job,
@@ -22,15 +23,14 @@ from trackbench.commands.prepare import (
     say,
     with_tuned,
 )
-from trackbench.commands.shard import run_shard
 from trackbench.commands.stored_results import Report
 from trackbench.config.experiment import Experiment
 from trackbench.config.requested_metrics import takes_times
 from trackbench.config.tuned_entries import held_out, training_cautions
-from trackbench.errors import WriteError, counted, in_line
+from trackbench.errors import Mark, Problem, UserError, WriteError, counted, in_line
 from trackbench.evaluation.timing import Measured, measure
 from trackbench.execution.cache import BlockStore, block_key, cache_folder, times_folder
-from trackbench.execution.engines import begin, engine
+from trackbench.execution.engines import OpenEngine, begin, engine
 from trackbench.execution.plan import Key, Plan, cautions
 from trackbench.execution.runner import Outcome, execute, next_batch, stop_reason
 from trackbench.os_specific import identity
@@ -208,3 +208,39 @@ def times_of(experiment: Experiment, outcome: Outcome, fresh: bool) -> Times:
             file.parent.mkdir(parents=True, exist_ok=True)
             write_text(file, json.dumps([*found.values()]) + "\n")
     return Times(good, failed)
+
+
+def run_shard(jobs: Sequence[Job], options: Options, open_engine: OpenEngine, workers: int) -> None:
+    """Compute the missing blocks of one shard of every plan, and store them."""
+    shard, shards = _read(options.shard)
+    for job in jobs:
+        if job.experiment.tuned:
+            what = "the blocks of tuned filters follow from tuning; run this config without --shard"
+            raise UserError(job.experiment.source.problem(("tune",), what))
+    plans = [_part(job.plan, shard, shards) for job in jobs]
+    store = BlockStore(cache_folder())
+    outcomes = execute(
+        plans, store, open_engine, workers, fresh=options.fresh, progress=not options.quiet
+    )
+    with closing(outcomes):
+        for job, outcome in zip(jobs, outcomes, strict=True):
+            number = f"{len(outcome.plan.unique)} of {len(job.plan.unique)} blocks"
+            say(f"{outcome.plan.name}, shard {options.shard}: {number} in {store.root}/", options)
+            for key, why in outcome.failures.items():
+                say(f"note: {job.experiment.title_of(key)} failed: {why}", options)
+
+
+def _read(text: str) -> tuple[int, int]:
+    found = re.fullmatch(r"(\d{1,6})/(\d{1,6})", text)
+    if found is None or not 1 <= int(found[1]) <= int(found[2]):
+        what = f"{text!r} is no shard; allowed: 1/8 to 8/8 of eight shards"
+        raise UserError(Problem(Mark("--shard"), "", what))
+    return int(found[1]), int(found[2])
+
+
+def _part(plan: Plan, shard: int, shards: int) -> Plan:
+    """Return the plan with consecutive blocks: every shard has blocks of all filters."""
+    n = len(plan.unique)
+    mine = set(plan.unique[n * (shard - 1) // shards : n * shard // shards])
+    parts = {key: [t for t in tasks if t in mine] for key, tasks in plan.tasks.items()}
+    return replace(plan, tasks={key: tasks for key, tasks in parts.items() if tasks})

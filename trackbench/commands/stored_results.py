@@ -1,4 +1,7 @@
-"""Commands on a stored results folder; they compute no run and import nothing that could."""
+"""Commands on a stored results folder: report, plot, codecheck.yml.
+
+They compute no run and import nothing that could.
+"""
 
 import os
 import sys
@@ -9,8 +12,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import yaml
+
 from trackbench.atomic_files import record_writes
-from trackbench.commands.keywords import with_known_keywords
+from trackbench.commands import with_known_keywords
 from trackbench.core.arrays import Array
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.report.findings.sentences import answer
@@ -22,16 +27,14 @@ from trackbench.report.open import (
 )
 from trackbench.report.paired import Pair
 from trackbench.report.plotting.page_formats import Style
-from trackbench.report.plugin_exhibits import PartialReportError
 from trackbench.report.render import write_figures
-from trackbench.report.results import Results
+from trackbench.report.results import PartialReportError, Results
 from trackbench.report.sweep import Best, best_points
 from trackbench.report.table import Table, results_html
 from trackbench.report.verdicts.cpu_times import time_line
-from trackbench.report.verdicts.files import summary_lines, write_comparison, write_paired
+from trackbench.report.verdicts.files import reasons, summary_lines, write_comparison, write_paired
 from trackbench.report.verdicts.numbers import Comparison
 from trackbench.report.verdicts.numbers import compare as hold_against_published
-from trackbench.report.verdicts.reasons import reasons
 from trackbench.results.folder_contents import locked, write_manifest
 from trackbench.results.point_facts import GridPoint
 
@@ -246,3 +249,37 @@ def _written_again(
                 yield results, paths
             finally:
                 write_manifest(results.folder, results.manifest, paths)
+
+
+_HEAD = """\
+---
+# What `{command}` computes again. Fill in the paper; the checker adds the certificate.
+version: https://codecheck.org.uk/spec/config/1.0/
+paper:
+  title:
+  authors:
+    - name:
+  reference:
+"""
+
+
+def codecheck_text(folders: Sequence[Path], root: Path) -> str:
+    """Return the file's content, with paths from ``root``; raises UserError for other folders."""
+    results = [Results(folder) for folder in folders]
+    manifest = [item for one in results for item in _items(one, root)]
+    names = " ".join(os.path.relpath(folder, root) for folder in folders)
+    body = yaml.safe_dump({"manifest": manifest}, sort_keys=False, allow_unicode=True, width=1000)
+    return _HEAD.format(command=f"trackbench verify {names}") + body
+
+
+def _items(results: Results, root: Path) -> Iterator[dict[str, str]]:
+    """Yield tables and figures with their titles, then the data of the runs."""
+    for group, suffix in (("tables", "csv"), ("figures", "svg")):
+        for name, part in (results.config.get(group) or {}).items():
+            file = results.folder / group / f"{name}.{suffix}"
+            if file.is_file():
+                title = results.fill_title(part.get("title") or name)
+                yield {"file": os.path.relpath(file, root), "comment": title}
+    for name, what in (("per_run.csv", "Metrics of every run"), ("summary.csv", "Statistics")):
+        if (results.folder / name).is_file():
+            yield {"file": os.path.relpath(results.folder / name, root), "comment": what}

@@ -22,8 +22,7 @@ from trackbench.evaluation.metric_expression import Measure, measure
 from trackbench.field_types import is_number
 from trackbench.report.estimates import RunEstimate, ignore_float_errors, linear_combination
 from trackbench.report.expressions import Evaluator
-from trackbench.report.grid_queries import named_form, points_of
-from trackbench.report.results import Results
+from trackbench.report.results import Results, named_form, points_of
 from trackbench.results.point_facts import GridPoint
 
 _TIME = measure("cpu_s_per_run")

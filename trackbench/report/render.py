@@ -14,9 +14,8 @@ from trackbench.atomic_files import (
 )
 from trackbench.config.build import unknown
 from trackbench.errors import Mark, Problem, UserError
-from trackbench.report.figure_cache import Files
+from trackbench.report.figure_drawing import Draw, Files, draw_figure, drawing_pool
 from trackbench.report.kinds import figure_folder
-from trackbench.report.parallel_drawing import Draw, draw_figure, drawing_pool
 from trackbench.report.plotting import style
 from trackbench.report.plotting.page_formats import SHEETS, Style, drawing_for
 from trackbench.report.results import Results

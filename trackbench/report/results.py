@@ -1,6 +1,10 @@
-"""A results folder: what its config asks for, made of what its files hold."""
+"""A results folder: its tables and figures by name, the points of its grid.
 
-from collections.abc import Iterator
+A table or figure of a plugin that fails becomes an error with its place.
+"""
+
+import re
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -10,18 +14,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trackbench.config.build import build_kind, unknown
-from trackbench.config.grid import single_paths
+from trackbench.config.experiment import Point
+from trackbench.config.grid import filters_of, is_of_scenario, single_paths, values_of
 from trackbench.config.includes import split_path
 from trackbench.config.tuning import tuned_label
 from trackbench.core.arrays import Array
-from trackbench.errors import Mark, Problem, UserError, counted
-from trackbench.evaluation.metric_expression import measured
+from trackbench.errors import Mark, Problem, RunError, UserError, counted
+from trackbench.evaluation.metric_expression import measure, measured
 from trackbench.evaluation.statistics import LEAST_STEPS
+from trackbench.extension_points import is_foreign
 from trackbench.metrics import unit_of
+from trackbench.plugins.errors import PluginError, message_of, plugin_code
 from trackbench.registry import Group, kinds
+from trackbench.report.findings import phrases
 from trackbench.report.paired import Pair, pairs_at, primary_metrics
 from trackbench.report.plotting import style
-from trackbench.report.plugin_exhibits import OutputError, as_table, catch_plugin_errors
 from trackbench.report.result_files import ResultFiles
 from trackbench.report.table import Table, results_html
 from trackbench.results.folder_contents import DEFAULT, TRACK
@@ -30,10 +37,7 @@ from trackbench.tuning.search import Record, read_tuning
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-import re
-from collections.abc import Iterable
 
-from trackbench.evaluation.metric_expression import measure
 
 _ERROR = re.compile(r"rms\((rmse(?:_(\w+))?)\)")
 _MOST_ROWS = 50
@@ -233,3 +237,102 @@ class Results(ResultFiles):
             there = value if isinstance(value, dict) else dict(enumerate(value or ()))
             value = there.get(key)
         return value
+
+
+class OutputError(Exception):
+    """Why a table or figure is not there, in words: the error may not survive the way from a drawer."""
+
+
+class PartialReportError(RunError):
+    """Some tables or figures could not be made; all else is written."""
+
+    def __init__(self, lines: Sequence[str], written: Sequence[Path]) -> None:
+        super().__init__("; ".join(lines))
+        self.lines, self.written = list(lines), list(written)
+
+
+class WrongOutputError(RunError):
+    """Wrong return value of a ``method`` of a table or figure."""
+
+    def __init__(self, method: str, what: str) -> None:
+        super().__init__(what)
+        self.method = method
+
+
+@contextmanager
+def catch_plugin_errors(part: Any) -> Iterator[None]:
+    """Raise OutputError for an exception of a plugin; one of the package itself is a bug."""
+    if not is_foreign(part):
+        yield
+        return
+    try:
+        with plugin_code(part):
+            yield
+    except PluginError as error:
+        raise OutputError(str(error)) from None
+
+
+def as_table(found: object, part: Any) -> Table:
+    """Return a plugin's table; raises WrongOutputError if it is none, or cannot be written."""
+    if not isinstance(found, Table):
+        raise WrongOutputError("table", f"table gives a {type(found).__name__}, not a Table")
+    if is_foreign(part):
+        try:
+            found.csv_rows(), found.markdown(), found.texts().tex("")
+        except Exception as error:
+            raise WrongOutputError(
+                "table", f"the table cannot be written: {message_of(error)}"
+            ) from None
+    return found
+
+
+def as_figure(found: object) -> "Figure":
+    """Return a plugin's figure; raises WrongOutputError if it is none."""
+    from matplotlib.figure import Figure
+
+    if not isinstance(found, Figure):
+        raise WrongOutputError("draw", f"draw gives a {type(found).__name__}, not a Figure")
+    return found
+
+
+def missing_paths(points: Sequence[Point], **wanted: str | None) -> dict[str, str]:
+    """Return what is wrong with keys that name a path of the grid, by key."""
+    grid = list(points[0].values)
+    return {
+        key: f"{path!r} is no path of the grid; {unknown(path, grid)}"
+        if grid
+        else "there is no grid"
+        for key, path in wanted.items()
+        if path is not None and path not in grid
+    }
+
+
+def scenes(results: Results) -> list[GridPoint]:
+    """Return the grid's combinations of scenario values, in order; one empty one without any."""
+    paths = [path for path in results.grid if is_of_scenario(path)]
+    every = [{path: point[path] for path in paths} for point in results.points()]
+    return [scene for i, scene in enumerate(every) if scene not in every[:i]]
+
+
+def points_of(results: Results, scene: GridPoint) -> list[GridPoint]:
+    """Return the points of the grid with these scenario values."""
+    return [p for p in results.points() if all(p[k] == v for k, v in scene.items())]
+
+
+def own_values(results: Results, point: GridPoint, label: str) -> GridPoint:
+    """Return the values that a point gives a filter, by single path."""
+    place = results.index_of(point)
+    values = point if place is None else results.grid_points[place]  # lists, where files have words
+    singles = (
+        pair
+        for path, value in values.items()
+        for pair in zip(single_paths(path), values_of(path, value), strict=True)
+    )
+    every = results.config["filters"]
+    return {path: value for path, value in singles if label in filters_of(path, every)}
+
+
+def named_form(label: str, keys: GridPoint, others: Sequence[GridPoint]) -> str:
+    """Return a filter's label with the keys that differ between its forms."""
+    told = {k: v for k, v in keys.items() if any(other.get(k) != v for other in others)}
+    return f"{label} ({phrases.heading(told)})" if told else label

@@ -17,7 +17,7 @@ from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.registry import register
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
-from trackbench.report.plotting.artist_types import Axes, Figure
+from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.results import Results
 
 NAMES = {"ccm": "CCM", "ucm": "UCM", "mucm": "MUCM", "ducm": "DUCM"}

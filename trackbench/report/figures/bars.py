@@ -15,8 +15,7 @@ from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import ranking, sentences
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
-from trackbench.report.plotting.artist_types import Axes, Figure
-from trackbench.report.plotting.style import LineStyle
+from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.results import Results
 from trackbench.report.verdicts.claims import point_of
 from trackbench.results.point_facts import GridPoint

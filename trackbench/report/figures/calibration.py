@@ -17,8 +17,9 @@ from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import joined, named, percent, verb
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
-from trackbench.report.plotting.artist_types import Axes, Figure
-from trackbench.report.rank_histograms import (
+from trackbench.report.plotting.style import Axes, Figure
+from trackbench.report.results import Results
+from trackbench.report.tables.calibration import (
     check_rank,
     histogram,
     judged,
@@ -26,7 +27,6 @@ from trackbench.report.rank_histograms import (
     shares_of_runs,
     steps_that_are_not,
 )
-from trackbench.report.results import Results
 from trackbench.results.point_facts import GridPoint
 
 _ALPHA, _LEAST_P = 0.01, 1e-4

@@ -13,7 +13,7 @@ from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import named
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
-from trackbench.report.plotting.artist_types import Figure
+from trackbench.report.plotting.style import Figure
 from trackbench.report.results import Results
 
 

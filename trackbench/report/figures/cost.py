@@ -24,12 +24,10 @@ from trackbench.report.costs import (
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import joined
-from trackbench.report.grid_queries import points_of, scenes
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
-from trackbench.report.plotting.artist_types import Axes, Figure
-from trackbench.report.plotting.style import LineStyle
-from trackbench.report.results import Results
+from trackbench.report.plotting.style import Axes, Figure, LineStyle
+from trackbench.report.results import Results, points_of, scenes
 from trackbench.results.point_facts import GridPoint
 
 _MARKERS = "osD^vP*X"

@@ -11,7 +11,7 @@ from trackbench.registry import register
 from trackbench.report.findings import phrases
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
-from trackbench.report.plotting.artist_types import Axes, Figure
+from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.results import Results
 
 

@@ -13,13 +13,12 @@ from trackbench.evaluation.metric_expression import Comparison, measure
 from trackbench.registry import register
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
-from trackbench.report.grid_queries import missing_paths, points_of
 from trackbench.report.kinds import FigureKind
 from trackbench.report.paired import Pair
 from trackbench.report.plotting import style
-from trackbench.report.plotting.artist_types import Axes, Figure
 from trackbench.report.plotting.page_formats import sheet
-from trackbench.report.results import Results
+from trackbench.report.plotting.style import Axes, Figure
+from trackbench.report.results import Results, missing_paths, points_of
 from trackbench.report.verdicts import rules
 from trackbench.results.point_facts import GridPoint
 

@@ -13,7 +13,7 @@ from trackbench.field_types import Count
 from trackbench.registry import register
 from trackbench.report.figures.over_time import Curves, OverTime
 from trackbench.report.plotting import style
-from trackbench.report.plotting.artist_types import Figure
+from trackbench.report.plotting.style import Figure
 from trackbench.report.results import Results
 from trackbench.report.tables.innovations import autocorrelation_band
 

@@ -13,12 +13,10 @@ from trackbench.field_types import is_number
 from trackbench.registry import register
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import named, three_digits
-from trackbench.report.grid_queries import missing_paths
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
-from trackbench.report.plotting.artist_types import Axes, Figure
-from trackbench.report.plotting.style import LineStyle
-from trackbench.report.results import Results
+from trackbench.report.plotting.style import Axes, Figure, LineStyle
+from trackbench.report.results import Results, missing_paths
 from trackbench.results.read_csv import Columns
 
 _GAP = 0.2  # of a decade's factor: where zero stands on a logarithmic axis, left of the least value
@@ -133,7 +131,7 @@ def _moved_zero(x: Array) -> Array:
 def _logarithmic(ax: Axes, values: Array) -> None:
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
-    from trackbench.report.plotting.tick_labels import power_of_ten
+    from trackbench.report.plotting.canvas import power_of_ten
 
     ax.set_xscale("log")
     if values[0] > 0.0:

@@ -14,7 +14,7 @@ from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import ranking
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
-from trackbench.report.plotting.artist_types import Axes, Figure
+from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.results import Results
 from trackbench.results.point_facts import GridPoint
 from trackbench.results.read_csv import Columns

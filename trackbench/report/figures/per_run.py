@@ -10,7 +10,7 @@ from trackbench.evaluation.metric_expression import OfRun, measure
 from trackbench.registry import register
 from trackbench.report.figures.over_time import Curves
 from trackbench.report.findings.phrases import ranking
-from trackbench.report.plotting.artist_types import Figure
+from trackbench.report.plotting.style import Figure
 from trackbench.report.results import Results
 
 _MOST = 200  # points of a line over the share of runs

@@ -16,11 +16,10 @@ from trackbench.report.figures.over_parameter import best_place
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import mean_of, named, three_digits
 from trackbench.report.findings.ranking import ranking_metrics
-from trackbench.report.grid_queries import missing_paths
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
-from trackbench.report.plotting.artist_types import Axes, Figure
-from trackbench.report.results import Results
+from trackbench.report.plotting.style import Axes, Figure
+from trackbench.report.results import Results, missing_paths
 
 _ROW_IN = 2.6
 _MOST_ERRORS = 2

@@ -20,9 +20,8 @@ from trackbench.report.estimates import MISSING, OfSteps, RunEstimate, loses_mor
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import named
-from trackbench.report.grid_queries import own_values, points_of, scenes
 from trackbench.report.paired import difference_of, primary_metrics
-from trackbench.report.results import Results
+from trackbench.report.results import Results, own_values, points_of, scenes
 from trackbench.report.verdicts.rules import difference_sign
 from trackbench.results.folder_contents import TRACK
 from trackbench.results.point_facts import GridPoint

@@ -13,11 +13,11 @@ from xml.etree import ElementTree as ET
 from trackbench.atomic_files import write_text
 from trackbench.errors import Problem, UserError
 from trackbench.report.findings.ranking import Ranking, rankings
-from trackbench.report.html.render import key_picture, write_page
+from trackbench.report.html.report_page import key_picture, write_page
 from trackbench.report.html.svg import cleaned, outline
 from trackbench.report.open import explain_content_errors, open_with_notes
 from trackbench.report.results import Results
-from trackbench.report.text import TextTable
+from trackbench.report.table import TextTable
 from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts
 from trackbench.report.verdicts.files import Bar, bars, summary_lines, verdict_tables
 from trackbench.report.verdicts.numbers import Comparison, compare

@@ -4,9 +4,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
-from trackbench.report.plotting.artist_types import Figure
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 
 Style: TypeAlias = Literal["screen", "paper"]
 """For the report, or for LaTeX."""
@@ -68,7 +70,7 @@ def sheet() -> Sheet:
     return _SHEET.get()
 
 
-def is_crowded(figure: Figure) -> bool:
+def is_crowded(figure: "Figure") -> bool:
     """Return whether so many panels stand beside each other that the figure is left to a wider sheet."""
     specs = [ax.get_subplotspec() for ax in figure.axes]
     most = max((s.get_gridspec().ncols for s in specs if s is not None), default=0)

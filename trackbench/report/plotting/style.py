@@ -1,22 +1,32 @@
-"""One look for every figure: a journal's page, colour-blind-safe, legible in grey."""
+"""One look for every figure: a journal's page, colour-blind-safe, legible in grey; and its file.
 
+A figure is laid out once for all formats. Equal figures are equal files.
+"""
+
+import io
 import sys
 import textwrap
 import warnings
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.report.findings import phrases
-from trackbench.report.html import interactive_svg
-from trackbench.report.html.svg import compact
-from trackbench.report.plotting.artist_types import Axes, Axis, Figure
-from trackbench.report.plotting.figure import saved, spell_out
+from trackbench.report.html import svg
 from trackbench.report.plotting.page_formats import sheet
 from trackbench.results.point_facts import GridPoint
+
+# Types for signatures: matplotlib takes long to import, and only what draws has to.
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes as Axes
+    from matplotlib.axis import Axis as Axis
+    from matplotlib.figure import Figure as Figure
+else:
+    Axes = Axis = Figure = Any
+
 
 # Okabe & Ito 2008, without its yellow, which disappears on paper.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#6F4E37", "#999999")
@@ -265,8 +275,8 @@ def content(figure: Figure, form: str) -> bytes:
     """Return the figure as a file's content in one of the `saving.FORMATS`."""
     if form != "svg":
         return saved(figure, form)
-    labels = interactive_svg.mark(figure)
-    return interactive_svg.marked(compact(saved(figure, form).decode()), figure, labels).encode()
+    labels = svg.mark(figure)
+    return svg.marked(svg.compact(saved(figure, form).decode()), figure, labels).encode()
 
 
 def lay_out(figure: Figure) -> Figure:
@@ -280,3 +290,65 @@ def close(figure: Figure) -> None:
     """Free the memory of a figure that a plugin made by pyplot."""
     if "matplotlib.pyplot" in sys.modules:
         sys.modules["matplotlib.pyplot"].close(figure)
+
+
+FORMATS = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
+"""Formats of a figure and what a file leaves unsaid."""
+_SVG_DPI = 150  # of rasterised parts inside it; a screen needs no more
+_COMPRESSION = 1  # of PNG: the files are a tenth larger than at 6, for two thirds of the time
+
+
+def saved(figure: Figure, form: str) -> bytes:
+    """Return the figure's file in one of the `FORMATS`."""
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
+    _settle(figure)
+    out, unsaid = io.BytesIO(), FORMATS[form]
+    # Not by savefig, which draws all of it once more for the sake of the layout.
+    if form == "svg":
+        figure.dpi = _SVG_DPI
+        vectors: Any = FigureCanvasSVG(figure)  # has no types
+        vectors.print_svg(out, metadata=unsaid)
+    elif form == "png":
+        figure.dpi = mpl.rcParams["savefig.dpi"]
+        pixels: Any = FigureCanvasAgg(figure)
+        pixels.print_png(out, metadata=unsaid, pil_kwargs={"compress_level": _COMPRESSION})
+    else:
+        figure.savefig(out, format=form, metadata=unsaid)
+    return out.getvalue()
+
+
+def _settle(figure: Figure) -> None:
+    """Let everything have its place, by the SVG's letters whatever the format is, and keep it."""
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+    from matplotlib.layout_engine import PlaceHolderLayoutEngine
+
+    engine: Any = figure.get_layout_engine()
+    if isinstance(engine, PlaceHolderLayoutEngine):
+        return
+    spell_out(figure)
+    if engine is not None:
+        FigureCanvasSVG(figure)
+        figure.dpi = 72
+        engine.execute(figure)
+        figure.set_layout_engine("none")
+
+
+def spell_out(figure: Figure) -> None:
+    """Let a text with dollars that is no formula stand as it is written, and so powers of ten."""
+    from matplotlib.mathtext import MathTextParser
+    from matplotlib.text import Text
+
+    from trackbench.report.plotting.canvas import in_letters
+
+    if sheet().has_raised_digits:
+        in_letters(figure)
+    parser: Any = MathTextParser("path")
+    for text in figure.findobj(Text):
+        if isinstance(text, Text) and "$" in text.get_text():
+            try:
+                parser.parse(text.get_text())
+            except ValueError:
+                text.set_parse_math(False)

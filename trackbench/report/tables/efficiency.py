@@ -35,9 +35,8 @@ from trackbench.report.costs import (
 from trackbench.report.estimates import loses_more
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
-from trackbench.report.grid_queries import named_form, points_of, scenes
 from trackbench.report.kinds import TableKind
-from trackbench.report.results import Results
+from trackbench.report.results import Results, named_form, points_of, scenes
 from trackbench.report.table import Cell, Table
 from trackbench.results.point_facts import GridPoint
 

@@ -18,7 +18,7 @@ from trackbench.core.arrays import Array
 from trackbench.evaluation.statistics import interval, median
 from trackbench.report.expressions import repeats_of
 from trackbench.report.results import Results
-from trackbench.report.text import Text, TextTable
+from trackbench.report.table import Text, TextTable
 from trackbench.report.verdicts.claims import point_of
 from trackbench.report.verdicts.rules import UNDECIDED
 from trackbench.results.folder_contents import TIME_VERDICTS

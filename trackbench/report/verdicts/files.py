@@ -1,21 +1,32 @@
-"""The verdicts as files: comparison.csv, comparison.md and claims.csv; the pairs as paired.csv."""
+"""The verdicts as files, and notes on the inconclusive ones.
+
+The files are comparison.csv, comparison.md and claims.csv; paired.csv has the pairs.
+"""
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from math import isfinite, isnan
 from typing import NamedTuple
 
 from trackbench.atomic_files import remove, write_csv, write_text
 from trackbench.config.published import PublishedNumber
 from trackbench.errors import counted
+from trackbench.report.findings.phrases import run_count
 from trackbench.report.paired import Pair
 from trackbench.report.results import Results
-from trackbench.report.table import rounded
-from trackbench.report.text import Text, TextTable
+from trackbench.report.table import Text, TextTable, rounded
 from trackbench.report.verdicts.claims import ClaimVerdict, noted
 from trackbench.report.verdicts.cpu_times import time_verdicts, write_time_verdicts
 from trackbench.report.verdicts.numbers import Compared, Comparison, Ranked, Reproduced
-from trackbench.report.verdicts.rules import HOW_DECIDED, MEANINGS, UNDECIDED, Verdict
+from trackbench.report.verdicts.rules import (
+    DECIDED,
+    HOW_DECIDED,
+    MEANINGS,
+    SURE,
+    UNDECIDED,
+    Verdict,
+    runs_needed,
+)
 from trackbench.results.folder_contents import DIGITS, TIME_VERDICTS
 
 _VERBS = ("agrees", "differs", "holds", "fails")
@@ -280,3 +291,66 @@ def _z(z: float) -> str:
     if isnan(z):
         return "–"
     return f"{z:+.1f}" if abs(z) < 100 else f"{z:+.0f}"
+
+
+_MOST = 5
+"""Longer lists are cut; comparison.md has all verdicts."""
+
+
+def reasons(comparison: Comparison, runs: int) -> list[str]:
+    """Return why numbers and claims are inconclusive, a line each; ``runs`` of each filter."""
+    lines = [
+        f"inconclusive: {_name(row)}: {_reason(row, runs)}"
+        for row in _rows(comparison)
+        if row.verdict.word == UNDECIDED
+    ]
+    more = len(lines) - _MOST
+    return [*lines[:_MOST], f"inconclusive: {more} more: comparison.md"] if more > 1 else lines
+
+
+def _rows(comparison: Comparison) -> Iterator[Compared | ClaimVerdict]:
+    yield from (number.best for number in comparison.numbers)
+    yield from comparison.claims
+
+
+def _name(row: Compared | ClaimVerdict) -> str:
+    if isinstance(row, ClaimVerdict):
+        return row.claim.claim
+    return ", ".join(filter(None, (row.published.filter, row.published.metric, row.published.row)))
+
+
+def _reason(row: Compared | ClaimVerdict, runs: int) -> str:
+    verdict = row.verdict
+    z, needed = abs(verdict.z), _needed(row, verdict.z)
+    if not isfinite(z) or (isinstance(row, Compared) and row.published.chosen):
+        return row.note or "no standard error"
+    if needed is None:
+        return f"neither within its margin nor beyond it by {DECIDED:g} standard errors"
+    if z < needed:
+        text = f"{z:.2f} standard errors, and {needed:g} decide"
+        if z < _NOTHING:
+            return f"{text}; no sign of a difference"
+        most = runs_needed(runs, z, exact=needed == SURE)
+        what = (
+            f"{run_count(most)} runs"
+            if runs > 1
+            else f"a recording {run_count(most)} times as long"
+        )
+        return f"{text}; a difference as large as measured needs about {what}"
+    least = min(verdict.parts, key=abs, default=verdict.z)
+    if abs(least) < SURE or least * verdict.z < 0.0:
+        return (
+            f"{z:.1f} standard errors over all runs, but {abs(least):.1f} without one batch of them"
+        )
+    return row.note
+
+
+_NOTHING = 0.5
+"""Standard errors below which a measured difference says nothing about its size."""
+
+
+def _needed(row: Compared | ClaimVerdict, z: float) -> float | None:
+    """Return the standard errors that decide; None of a bias, which is compared with a margin."""
+    if isinstance(row, Compared):
+        return None if isinstance(row.published.value, str) else DECIDED
+    return SURE if row.is_exact or (z > 0.0 and row.claim.relation == "~") else DECIDED

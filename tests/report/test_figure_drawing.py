@@ -10,11 +10,10 @@ from typing import Any
 import pytest
 
 from trackbench import api
+from trackbench.report.figure_drawing import draw_figure, drawing_pool
 from trackbench.report.kinds import FigureKind
-from trackbench.report.parallel_drawing import draw_figure, drawing_pool
 from trackbench.report.plotting import style
-from trackbench.report.plugin_exhibits import OutputError
-from trackbench.report.results import Results
+from trackbench.report.results import OutputError, Results
 
 
 @dataclass(frozen=True, kw_only=True)
