@@ -15,7 +15,7 @@ from trackbench.config.checks import has
 from trackbench.core import linalg
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Gaussian, per_run_moments
-from trackbench.core.posterior_scores import distance
+from trackbench.core.linalg import distance
 from trackbench.core.random_streams import RunStreams, Streams
 from trackbench.filters.base import AnyFilter
 from trackbench.filters.ekf import EKF

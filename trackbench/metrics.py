@@ -75,6 +75,11 @@ def joined(prefix: str, quantity: str) -> str:
     return f"{prefix}_{quantity}" if quantity else prefix
 
 
+def in_window(name: str, window: str) -> str:
+    """Return ``name[window]``: a metric over a window of steps; the name alone over the whole time."""
+    return f"{name}[{window}]" if window else name
+
+
 def metric_of(name: str) -> tuple[Metric, str]:
     """Return the metric that a name without window is of, and the quantity."""
     head, _, quantity = name.partition("_")

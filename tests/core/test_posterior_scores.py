@@ -12,13 +12,9 @@ from scipy.stats import chi2, norm
 from trackbench.core import quadrature
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
+from trackbench.core.linalg import distance
 from trackbench.core.particles import Particles
-from trackbench.core.posterior_scores import (
-    LinePosterior,
-    NormalPosterior,
-    ParticlePosterior,
-    distance,
-)
+from trackbench.core.posterior_scores import LinePosterior, NormalPosterior, ParticlePosterior
 
 RNG = np.random.default_rng(7)
 

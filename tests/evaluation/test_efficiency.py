@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from trackbench.evaluation.efficiency import (
+from trackbench.evaluation.statistics import (
     cross_share,
     efficiency,
     plain_efficiency,

@@ -7,9 +7,8 @@ import pytest
 import yaml
 
 from trackbench import api
-from trackbench.report.figures.over_parameter import RmseVsParameter
 from trackbench.report.figures.over_time import RmseVsTime
-from trackbench.report.figures.sweep import SweepFigure
+from trackbench.report.figures.sweep import RmseVsParameter, SweepFigure
 from trackbench.report.findings.ranking import rankings
 from trackbench.report.html.index_page import short_answer
 from trackbench.report.plotting import style

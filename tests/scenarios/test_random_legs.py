@@ -13,7 +13,7 @@ from trackbench.evaluation.block import simulate
 from trackbench.field_types import InvalidKeyError
 from trackbench.models.sensors.range_azimuth import PolarPosition
 from trackbench.scenarios.targets.base import Timeline
-from trackbench.scenarios.targets.random_legs import RandomLegs
+from trackbench.scenarios.targets.legs import RandomLegs
 
 RUNS = 400
 

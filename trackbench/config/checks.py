@@ -17,8 +17,8 @@ from trackbench.config.experiment import (
 from trackbench.config.plugin_checks import exhibit_conflicts
 from trackbench.errors import Problem
 from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.exact_errors import exact_label, why_not_exact
-from trackbench.evaluation.metric_expression import Measure
+from trackbench.evaluation.exact_errors import why_not_exact
+from trackbench.evaluation.metric_expression import Measure, exact_label
 from trackbench.evaluation.summary import is_exact
 from trackbench.extension_points import field_values, walk_parts
 from trackbench.field_types import InvalidKeyError

@@ -22,10 +22,10 @@ from trackbench.filters.base import (
     has_expectations,
     has_likelihood,
 )
-from trackbench.metrics import METRICS, is_reserved, joined, metric_of, metrics_of
+from trackbench.metrics import METRICS, in_window, is_reserved, joined, metric_of, metrics_of
 from trackbench.plugins.errors import guarded
 from trackbench.registry import of_kind
-from trackbench.scenarios.base import Scenario, in_window
+from trackbench.scenarios.base import Scenario
 
 Made: TypeAlias = AnyFilter | None
 """A filter, or None for one whose keys are mistaken."""

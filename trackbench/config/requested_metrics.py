@@ -90,7 +90,9 @@ def _of_settings(settings: Settings) -> Iterator[MetricRequest]:
 
 
 def _of_tuning(settings: Settings) -> Iterator[MetricRequest]:
-    metric = settings.tuning.metric if settings.tune else None
+    if not settings.tune:
+        return
+    metric = settings.tuning.metric
     known = {word for word, _ in bad_terms(metric)}
     for word in [metric] if isinstance(metric, str) else metric or ():
         where = ("tuning", "metric", *([] if isinstance(metric, str) else [word]))

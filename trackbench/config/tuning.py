@@ -13,8 +13,8 @@ from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import Measure, measured
 from trackbench.evaluation.statistics import STATISTICS, influence, mean
 from trackbench.field_types import Count, Finite, is_number
-from trackbench.metrics import joined
-from trackbench.scenarios.base import Scenario, in_window
+from trackbench.metrics import in_window, joined
+from trackbench.scenarios.base import Scenario
 
 SUFFIX = " (tuned)"
 """What the label of a tuned filter ends with."""

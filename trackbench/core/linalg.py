@@ -251,6 +251,15 @@ def mahalanobis(e: Array, P: Array, root: Array | None = None) -> Array:
     return _sum_of([row * row for row in whiten(L, e)])
 
 
+def distance(e: Array, P: Array) -> Array:
+    """Return ``e' P^-1 e`` (*batch); infinite for a finite error and a singular P."""
+    squared = mahalanobis(e, P)
+    if not np.isnan(squared).any():
+        return squared
+    finite = np.isfinite(e).all(axis=0) & np.isfinite(P).all(axis=(0, 1))
+    return np.where(np.isnan(squared) & finite, np.inf, squared)
+
+
 def _constant_product(A: Array, B: Array) -> Array:
     out = np.empty((A.shape[0], *B.shape[1:]))
     for i, row in enumerate(A.tolist()):

@@ -18,6 +18,7 @@ from trackbench.core import linalg, quadrature
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import chi_square_cdf, log, normal_cdf, normal_density
+from trackbench.core.linalg import distance
 from trackbench.core.particles import Particles
 from trackbench.core.plane_quadrature import Plane
 from trackbench.core.sums import dot, total
@@ -216,15 +217,6 @@ class PlanePosterior(Posterior):
             for plane in self.planes
         ]
         return np.concatenate([p.crps(x[:, i : i + 1]) for i, p in enumerate(each)], axis=1)
-
-
-def distance(e: Array, P: Array) -> Array:
-    """Return ``e' P^-1 e`` (*batch); infinite for a finite error and a singular P."""
-    squared = linalg.mahalanobis(e, P)
-    if not np.isnan(squared).any():
-        return squared
-    finite = np.isfinite(e).all(axis=0) & np.isfinite(P).all(axis=(0, 1))
-    return np.where(np.isnan(squared) & finite, np.inf, squared)
 
 
 def _probability(weight: Array, of: Array) -> Array:

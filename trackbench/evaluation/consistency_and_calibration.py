@@ -22,7 +22,8 @@ import numpy as np
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import exp, log
-from trackbench.core.posterior_scores import NormalPosterior, distance
+from trackbench.core.linalg import distance
+from trackbench.core.posterior_scores import NormalPosterior
 from trackbench.evaluation.validate_output import checked_numbers
 from trackbench.filters.base import AnyFilter, Filter, State, has_expectations
 from trackbench.scenarios.base import Scenario

@@ -17,8 +17,8 @@ from trackbench.core.arrays import Array, Mask
 from trackbench.core.sums import dot, total
 from trackbench.evaluation.validate_output import checked_metrics
 from trackbench.filters.base import WrongReturnError
-from trackbench.metrics import is_reserved, joined, metrics_of
-from trackbench.scenarios.base import Scenario, in_window
+from trackbench.metrics import in_window, is_reserved, joined, metrics_of
+from trackbench.scenarios.base import Scenario
 
 _OF_TRUTH = re.compile(r"squared(?!_(?:predicted|held)_)")
 FOUND, NOT_FINITE, TOO_FAR = 0.0, 1.0, 2.0

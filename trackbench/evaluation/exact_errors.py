@@ -30,11 +30,6 @@ QUADRATIC = ("squared", "error", "nees", "nis")  # series of degree two at most 
 _UNITS = 256  # unit vectors that are filtered together
 
 
-def exact_label(label: str) -> str:
-    """Return the label under which the exact errors of a filter stand in tables and figures."""
-    return f"{label}, exact"
-
-
 class _FixedNormals:
     """Streams of fixed normal variates: ``variates`` returns the rows j (J, M) of all runs."""
 

@@ -314,3 +314,15 @@ def _inverse(y: float, a: float) -> float:
     # T = 3 / a ((1 + a (y - a / 6))^(1/3) - 1)
     cube = 1.0 + a * (y - a / 6.0)
     return 3.0 / a * (float(np.copysign(power(abs(cube), 1.0 / 3.0), cube)) - 1.0)
+
+
+def loses_more(a: Array, b: Array, filters: int) -> bool:
+    """Return whether one of so many filters loses more of the same runs, by codes (M,).
+
+    A sign test of the runs that only one of the two loses, with Bonferroni's correction for all pairs.
+    """
+    from scipy.special import bdtrc  # the upper tail of a binomial distribution
+
+    alone, other = int(np.sum((a > 0) & (b == 0))), int(np.sum((b > 0) & (a == 0)))
+    chance = float(bdtrc(alone - 1, alone + other, 0.5)) if alone else 1.0
+    return chance * filters * (filters - 1) < 0.05

@@ -20,8 +20,7 @@ from typing import Annotated, Any, Literal, NamedTuple, get_args
 
 from trackbench.evaluation.statistics import STATISTICS
 from trackbench.field_types import annotations_of
-from trackbench.metrics import Metric, joined, metric_of
-from trackbench.scenarios.base import in_window
+from trackbench.metrics import Metric, in_window, joined, metric_of
 
 TIME_MEAN = "time-mean"
 """Statistic: the mean over a window's steps of the RMSE over runs."""
@@ -218,3 +217,8 @@ def role_of(hint: object) -> str:
 
 
 _ROLES = ("per_run", "per_step", "rank", "summary", "expression", "comparison")
+
+
+def exact_label(label: str) -> str:
+    """Return the label under which the exact errors of a filter stand in tables and figures."""
+    return f"{label}, exact"

@@ -20,8 +20,7 @@ from trackbench.evaluation.statistics import (
     rooted,
 )
 from trackbench.evaluation.timing import Measured
-from trackbench.metrics import joined, metric_of, metrics_of
-from trackbench.scenarios.base import in_window
+from trackbench.metrics import in_window, joined, metric_of, metrics_of
 
 
 class Timing(NamedTuple):

@@ -184,9 +184,11 @@ def next_batch(experiment: Experiment, most: int, outcome: Outcome) -> Experimen
     into the outcome, for the progress bar.
     """
     settings = experiment.settings
+    if not settings.until:
+        return None
     stops = list(checkpoints(settings.min_runs, most))
     done = [runs for runs in stops if runs <= settings.runs]
-    if len(done) == len(stops) or not settings.until:
+    if len(done) == len(stops):
         return None
     left, *earlier = [[*imprecise(experiment, outcome, runs)] for runs in done[:-3:-1]]
     if not left and earlier and not earlier[0]:

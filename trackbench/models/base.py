@@ -120,6 +120,14 @@ def extra_std(motion: SampledMotion) -> tuple[float, ...]:
     return getattr(motion, "extra_std", ())
 
 
+def append_noise(x: Array, std: tuple[float, ...], rng: Streams) -> Array:
+    """Return states (n, *batch) with a further draw from N(0, s^2) for each s of ``std``."""
+    if not std:
+        return x
+    noise = rng.standard_normal((len(std), *x.shape[1:]))
+    return np.concatenate([x, with_trailing(np.array(std), noise.ndim - 1) * noise])
+
+
 class Motion(Part):
     """A motion as a config names it: a frozen dataclass, registered in the group ``motions``."""
 

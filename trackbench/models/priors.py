@@ -19,6 +19,7 @@ from trackbench.core.distributions import (
 )
 from trackbench.core.elementary import log
 from trackbench.core.random_streams import Streams
+from trackbench.models.base import append_noise
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 
 
@@ -221,11 +222,3 @@ def augment_gaussian(prior: Distribution, std: tuple[float, ...]) -> Gaussian:
     for i, s in enumerate(std, n):
         cov[i, i] = s * s
     return Gaussian(mean, cov)
-
-
-def append_noise(x: Array, std: tuple[float, ...], rng: Streams) -> Array:
-    """Return states (n, *batch) with a further draw from N(0, s^2) for each s of ``std``."""
-    if not std:
-        return x
-    noise = rng.standard_normal((len(std), *x.shape[1:]))
-    return np.concatenate([x, with_trailing(np.array(std), noise.ndim - 1) * noise])

@@ -26,7 +26,6 @@ from trackbench.evaluation.statistics import (
     z_score,
 )
 
-_LEVEL = 0.05
 """Probability that chance alone makes any filter of an experiment lose more runs than another."""
 
 
@@ -53,18 +52,6 @@ def collapsed_in_words(anees: Array) -> str:
     runs = anees[~np.isnan(anees)]
     collapsed = int(np.sum(runs > _COLLAPSED_ANEES))
     return f"collapsed in {collapsed} of {len(runs)} runs" if collapsed and len(runs) > 1 else ""
-
-
-def loses_more(a: Array, b: Array, filters: int) -> bool:
-    """Return whether one of so many filters loses more of the same runs, by codes (M,).
-
-    A sign test of the runs that only one of the two loses, with Bonferroni's correction for all pairs.
-    """
-    from scipy.special import bdtrc  # the upper tail of a binomial distribution
-
-    alone, other = int(np.sum((a > 0) & (b == 0))), int(np.sum((b > 0) & (a == 0)))
-    chance = float(bdtrc(alone - 1, alone + other, 0.5)) if alone else 1.0
-    return chance * filters * (filters - 1) < _LEVEL
 
 
 # A filter that left the numbers has infinite statistics; they are shown, not warned about.

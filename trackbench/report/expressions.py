@@ -13,12 +13,11 @@ import numpy as np
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.sums import total
 from trackbench.evaluation import inference
-from trackbench.evaluation.efficiency import efficiency
-from trackbench.evaluation.exact_errors import exact_label
-from trackbench.evaluation.metric_expression import Measure, measured
+from trackbench.evaluation.metric_expression import Measure, exact_label, measured
 from trackbench.evaluation.run_contributions import statistic_of
-from trackbench.evaluation.statistics import OVER_RUNS, influence, median
+from trackbench.evaluation.statistics import OVER_RUNS, efficiency, influence, median
 from trackbench.field_types import is_number
+from trackbench.metrics import in_window
 from trackbench.report.estimates import (
     MISSING,
     OfSteps,
@@ -34,7 +33,6 @@ from trackbench.report.estimates import (
 )
 from trackbench.report.results import Results
 from trackbench.results.point_facts import GridPoint
-from trackbench.scenarios.base import in_window
 
 
 class _OverRuns(NamedTuple):

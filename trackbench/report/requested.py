@@ -13,7 +13,7 @@ from trackbench.config.grid import combinations, single_paths
 from trackbench.config.includes import split_path
 from trackbench.config.published import Published, read_published
 from trackbench.errors import counted
-from trackbench.evaluation.exact_errors import exact_label
+from trackbench.evaluation.metric_expression import exact_label
 from trackbench.field_types import part_group
 from trackbench.models.sensors.base import Assume
 from trackbench.registry import Group, kinds

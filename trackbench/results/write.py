@@ -36,8 +36,8 @@ from trackbench.core.sums import total
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.consistency_and_calibration import sizes
 from trackbench.evaluation.error_series import LOST_BECAUSE, NOT_FINITE
-from trackbench.evaluation.exact_errors import exact_label, exact_series
-from trackbench.evaluation.metric_expression import measured
+from trackbench.evaluation.exact_errors import exact_series
+from trackbench.evaluation.metric_expression import exact_label, measured
 from trackbench.evaluation.run_contributions import with_shares
 from trackbench.evaluation.statistics import Estimate, median
 from trackbench.evaluation.summary import (

@@ -118,11 +118,6 @@ class Scenario(Scene):
         return []
 
 
-def in_window(name: str, window: str) -> str:
-    """Return ``name[window]``: a metric over a window of steps; the name alone over the whole time."""
-    return f"{name}[{window}]" if window else name
-
-
 def simulate_markov(model: Model, start: Array, steps: Index, rng: Streams) -> tuple[Array, Array]:
     """Return truth (n_x, T + 1, M) and measurements (n_z, T, M), simulated from ``start``."""
     truth, seen, n_z = [start], [], len(model.sensor.components)

@@ -15,7 +15,7 @@ from trackbench.report.figures.over_time import Curves, OverTime
 from trackbench.report.plotting import style
 from trackbench.report.plotting.style import Figure
 from trackbench.report.results import Results
-from trackbench.report.tables.innovations import autocorrelation_band
+from trackbench.report.tables.consistency import autocorrelation_band
 
 _ENOUGH = 60  # measured components whose average is worth a point
 

@@ -14,9 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.evaluation.inference import loses_more
 from trackbench.evaluation.metric_expression import Measure, measured
 from trackbench.evaluation.statistics import STATISTICS, Estimate
-from trackbench.report.estimates import MISSING, OfSteps, RunEstimate, loses_more
+from trackbench.report.estimates import MISSING, OfSteps, RunEstimate
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import named

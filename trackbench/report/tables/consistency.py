@@ -1,4 +1,4 @@
-"""Table kind `consistency`: does a filter's covariance tell the truth about its errors?"""
+"""Table kinds `consistency` and `innovations`: do errors and innovations fit their covariances?"""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -6,11 +6,16 @@ from typing import ClassVar
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.core.sums import total
 from trackbench.errors import counted
 from trackbench.evaluation.inference import anees_band
+from trackbench.evaluation.metric_expression import measured
 from trackbench.evaluation.statistics import Estimate
 from trackbench.field_types import Digits
 from trackbench.registry import register
+from trackbench.report.estimates import MISSING
+from trackbench.report.expressions import Evaluator
+from trackbench.report.findings import phrases
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
@@ -79,3 +84,130 @@ def _cells(value: Array, n: int, runs: Array) -> list[Cell]:
     inside = float(((value >= low) & (value <= high)).mean())
     # Steps depend on each other, so no standard error is claimed.
     return [Cell(Estimate(x, np.nan), len(value), 0) for x in (float(np.median(value)), inside)]
+
+
+def components(numbers: Array) -> float:
+    """Return the number of components of one average with the variance of the mean of runs' averages.
+
+    Of run i with n_i components (``numbers``, (M,)) that is chi2(n_i) / n_i, of variance 2 / n_i. Their
+    unweighted mean has sum(2 / n_i) / M^2, which a chi-square over its M^2 / sum(1 / n_i) degrees of
+    freedom has, too (Satterthwaite 1946, Biometrics Bull. 2, 110). Of equal n_i exactly M n; 0 of none.
+    """
+    there = numbers[numbers > 0]
+    if not len(there):
+        return 0.0
+    least = there.min()  # so that of equal numbers nothing is rounded
+    # N = M^2 / sum(1 / n_i)
+    return float(len(there) * least * (len(there) / total(least / there)))
+
+
+def anis_band(numbers: Array) -> tuple[float, float]:
+    """Return the 95 % band of the mean ANIS over runs; wide for few measurements."""
+    return anees_band(1, components(numbers))  # any degrees of freedom
+
+
+def autocorrelation_band(numbers: Array) -> float:
+    """Return the 95 % half-width of the mean autocorrelation over runs."""
+    number = components(numbers)
+    return 1.96 / float(np.sqrt(number)) if number else np.inf
+
+
+_COLUMNS = {
+    "ANIS": "mean(anis)",
+    "Autocorrelation": "mean(autocorrelation_1)",
+    "Log score": "mean(log_score)",
+    "Held-out log score": "mean(held_log_score)",
+}
+_ERRORS = {"Prediction": "predicted", "Held-out": "held"}
+
+
+@register("tables", "innovations")
+@dataclass(frozen=True, kw_only=True)
+class Innovations(TableKind):
+    """Consistency, whiteness, log score and one-step prediction errors; of recordings, all there is.
+
+    ANIS is the normalised innovation squared over the number of measured components, 1 if consistent;
+    of N components it is chi-square of N degrees of freedom over N. The autocorrelation of successive
+    whitened innovations is 0 within 1.96 / sqrt(N) (Bar-Shalom, Li & Kirubarajan 2001, section 5.4.2).
+    Where runs measure different numbers, N is that of which means over runs vary as much.
+    The log score is the mean log p(z_k | z_1..k-1): higher is better. What is held out (`hold_out`) is
+    predicted and not filtered.
+    """
+
+    requires: ClassVar[dict[str, str]] = {
+        "anis": "per_run",
+        "innovations": "per_run",
+        "autocorrelation_1": "per_run",
+        "log_score": "per_run",
+    }
+
+    filters: tuple[str, ...] | None = None
+    """labels of the rows; default: all"""
+    digits: Digits = 4
+    """significant digits of the values"""
+
+    def table(self, results: Results) -> Table:
+        """Return the table from a results folder; columns that no filter has are left out."""
+        found = {tuple(point.items()): Evaluator(results, point) for point in results.points()}
+        there = {metric for evaluator in found.values() for _, metric in evaluator.stored}
+        columns = {h: m for h, m in _COLUMNS.items() if m in there} | _errors(results)
+        table = Table(self.title, [*results.grid_heads, "Filter"], list(columns), self.digits)
+        for point, evaluator in found.items():
+            for label in results.chosen(self.filters):
+                row = [_cell(evaluator, label, metric) for metric in columns.values()]
+                table.add([*(str(v) for _, v in point), label], row)
+        table.notes += _bands(results, results.chosen(self.filters))
+        return table
+
+
+def _cell(evaluator: Evaluator, label: str, metric: str) -> Cell:
+    words = evaluator.collapse(measured(metric).of(label))
+    return Cell.of(evaluator.stored.get((label, metric), MISSING), words)
+
+
+def _errors(results: Results) -> dict[str, str]:
+    """Return the heading and metric of a column for each component of the measurement."""
+    found = {}
+    for head, kind in _ERRORS.items():
+        for name in dict.fromkeys(results.columns("summary")["metric"]):
+            component = name.removeprefix(f"rms(rmse_{kind}_").removesuffix(")")
+            if name == f"rms(rmse_{kind}_{component})" and "[" not in component:
+                found[f"{head} error, {component}"] = name
+    return found
+
+
+def _bands(results: Results, labels: list[str]) -> list[str]:
+    """Return the bands of a consistent filter, and where filters leave them."""
+    said: dict[str, list[str]] = {}
+    # Filters with equal bands share a sentence, and so do points.
+    for point in results.points():
+        alike: dict[str, list[str]] = {}
+        for label in labels:
+            for told in _notes(results.runs(point), label):
+                alike.setdefault(told, []).append(label)
+        for told, names in alike.items():
+            who = [phrases.listed(names)] if len(alike) > 1 else []
+            where = [phrases.heading(point)] if point else []
+            said.setdefault(told, []).append(", ".join(who + where))
+    if len(said) == 1:
+        return list(said)
+    return [f"{'; '.join(places)}: {told}" for told, places in said.items()]
+
+
+def _notes(runs: dict[tuple[str, str], Array], label: str) -> list[str]:
+    """Return the sentence on a filter's bands; none of one that foretells nothing."""
+    numbers = runs.get((label, "innovations"), np.empty(0))
+    there = ~np.isnan(numbers)
+    if not there.any():
+        return []
+    number = round(float(numbers[there].sum()))
+    if not number:
+        return ["Nothing was measured after the start: nothing can be said of a filter."]
+    low, high = anis_band(numbers[there])
+    bands = [f"ANIS {low:.3f} to {high:.3f}"]
+    # The band of the autocorrelation is that of the runs that have one.
+    paired = ~np.isnan(runs.get((label, "autocorrelation_1"), np.full(len(numbers), np.nan)))
+    if paired.any():
+        bands.append(f"autocorrelation within {autocorrelation_band(numbers[paired]):.3f}")
+    of = f"95 % bands of a consistent filter over {number} measured components"
+    return [f"{of}: {', '.join(bands)}."]

@@ -8,16 +8,17 @@ import numpy as np
 
 from trackbench.config.experiment import Point
 from trackbench.core.elementary import exp
-from trackbench.evaluation.efficiency import (
+from trackbench.evaluation.inference import loses_more, normal_of_t
+from trackbench.evaluation.metric_expression import Expression, measure
+from trackbench.evaluation.statistics import (
+    Estimate,
     Jackknifed,
     cross_share,
     efficiency,
     plain_efficiency,
     runs_saved,
+    z_score,
 )
-from trackbench.evaluation.inference import normal_of_t
-from trackbench.evaluation.metric_expression import Expression, measure
-from trackbench.evaluation.statistics import Estimate, z_score
 from trackbench.field_types import Digits
 from trackbench.registry import register
 from trackbench.report.costs import (
@@ -32,7 +33,6 @@ from trackbench.report.costs import (
     logged,
     shown,
 )
-from trackbench.report.estimates import loses_more
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
 from trackbench.report.kinds import TableKind

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 from trackbench.config.published import Claim, PublishedNumber, picks
 from trackbench.errors import counted
+from trackbench.evaluation.inference import loses_more
 from trackbench.evaluation.statistics import Estimate, z_score
-from trackbench.report import estimates
 from trackbench.report.estimates import OfSteps, RunEstimate
 from trackbench.report.expressions import Evaluator
 from trackbench.report.results import Results
@@ -159,7 +159,7 @@ def _loses_more(expressions: Evaluator, claim: Claim, right: str) -> str:
     filters = sum(metric == "lost" for _, metric in expressions.runs)
     if claim.relation != better or a is None or b is None:
         return ""
-    if not estimates.loses_more(a, b, filters):
+    if not loses_more(a, b, filters):
         return ""
     mine = counted(int((a > 0).sum()), "run")
     return f"{claim.left} loses {mine}, {right} {int((b > 0).sum())}"

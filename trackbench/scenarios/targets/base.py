@@ -11,9 +11,9 @@ from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.random_streams import RunStreams, Streams
 from trackbench.extension_points import Part
 from trackbench.field_types import MOST_STEPS, Finite, InvalidKeyError
+from trackbench.metrics import in_window
 from trackbench.models.base import Motion, position_velocity_names
 from trackbench.models.sensors.base import Sensors
-from trackbench.scenarios.base import in_window
 from trackbench.scenarios.starts.base import Start
 
 STRAY = 10.0

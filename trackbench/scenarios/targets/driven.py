@@ -16,9 +16,8 @@ from trackbench.field_types import (
     Registered,
     freeze_mappings,
 )
-from trackbench.models.base import Motion, by_component, extra_std
+from trackbench.models.base import Motion, append_noise, by_component, extra_std
 from trackbench.models.motions.kinematic import WhiteAcceleration
-from trackbench.models.priors import append_noise
 from trackbench.models.sensors.base import Sensors
 from trackbench.registry import register
 from trackbench.scenarios.targets.base import Flight, Launch, Target, Timeline
