@@ -10,7 +10,7 @@ from trackbench.atomic_files import write_text
 from trackbench.config.load import load
 from trackbench.errors import UserError, WriteError
 from trackbench.execution.engines import engine
-from trackbench.verify.verify import verify
+from trackbench.verify import verify
 
 CONFIG = """
 name: a

@@ -18,9 +18,15 @@ from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.run_block import run_stack, run_whole_block
 from trackbench.execution import plan
-from trackbench.execution.plan import _STEP_ROW, _block_bytes, block_width, check_memory, make_plan
+from trackbench.execution.plan import (
+    _STEP_ROW,
+    _block_bytes,
+    block_width,
+    check_memory,
+    make_plan,
+    memory,
+)
 from trackbench.models.motions.kinematic import ConstantAcceleration, WhiteAcceleration
-from trackbench.os_specific import memory
 from trackbench.registry import kinds
 from trackbench.results.read_csv import read_columns
 

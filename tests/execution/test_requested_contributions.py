@@ -10,7 +10,7 @@ from trackbench.evaluation.metric_expression import measure
 from trackbench.evaluation.statistics import mean
 from trackbench.report.expressions import Evaluator
 from trackbench.report.results import Results
-from trackbench.verify.verify import verify
+from trackbench.verify import verify
 
 CONFIG = """
 name: shares

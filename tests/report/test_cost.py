@@ -18,7 +18,7 @@ from trackbench.report.estimates import RunEstimate
 from trackbench.report.expressions import Evaluator
 from trackbench.report.results import Results, own_values
 from trackbench.report.tables.efficiency import EqualCost
-from trackbench.verify.verify import verify
+from trackbench.verify import verify
 
 NOBODY = np.zeros(0)
 

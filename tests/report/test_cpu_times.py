@@ -19,7 +19,7 @@ from trackbench.report.html.index_page import write_overview
 from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts, write_time_verdicts
 from trackbench.results.folder_contents import TIME_VERDICTS, TIMING
 from trackbench.results.read_csv import read_columns
-from trackbench.verify.verify import verify
+from trackbench.verify import verify
 
 REPEATS = 30
 TIME = measure("cpu_s_per_run")

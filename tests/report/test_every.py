@@ -14,7 +14,7 @@ from trackbench.report.expressions import Evaluator
 from trackbench.report.results import Results
 from trackbench.report.verdicts.claims import judge
 from trackbench.report.verdicts.rules import claim_verdict, weakest
-from trackbench.verify.verify import verify
+from trackbench.verify import verify
 
 CONFIG = """
 name: every

@@ -8,8 +8,8 @@ import pytest
 
 from trackbench import api
 from trackbench.execution.cache import cache_folder, cache_size, clear_cache
-from trackbench.report import figure_drawing
-from trackbench.report.figure_drawing import KeptFigures, draw_figure, drawing_pool
+from trackbench.report import render
+from trackbench.report.render import KeptFigures, draw_figure, drawing_pool
 from trackbench.report.results import Results
 
 
@@ -35,7 +35,7 @@ def test_what_was_drawn_is_not_drawn_again(
     assert first == {
         n: draw_figure(s, results, ["svg"]) for n, s in results.parts("figures").items()
     }
-    monkeypatch.setattr(figure_drawing, "pool", None)  # nobody who draws
+    monkeypatch.setattr(render, "pool", None)  # nobody who draws
     assert files(folder, fresh=False) == first
     with pytest.raises(TypeError):
         files(folder, fresh=True)

@@ -19,7 +19,7 @@ from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import ranking
 from trackbench.report.plotting import style
 from trackbench.report.results import Results
-from trackbench.verify.verify import verify
+from trackbench.verify import verify
 
 GRID = """
 name: g

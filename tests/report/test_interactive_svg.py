@@ -6,12 +6,12 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
-from trackbench.report.figure_drawing import draw_figure
 from trackbench.report.figures.heat_map import HeatMap
 from trackbench.report.figures.over_time import EstimatesOfOneRun, RmseVsTime
 from trackbench.report.html.index_page import thumbnail
 from trackbench.report.html.svg import compact, outline
 from trackbench.report.plotting import style
+from trackbench.report.render import draw_figure
 from trackbench.report.results import Results
 
 SVG = "{http://www.w3.org/2000/svg}"

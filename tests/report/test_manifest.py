@@ -16,7 +16,7 @@ from trackbench import api
 from trackbench.errors import RunError
 from trackbench.report.open import changed_files, open_results
 from trackbench.results.folder_contents import read_manifest
-from trackbench.verify.verify import verify
+from trackbench.verify import verify
 
 CONFIG = """
 name: kept

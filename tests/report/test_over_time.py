@@ -11,10 +11,10 @@ from matplotlib.axes import Axes
 
 from trackbench import api
 from trackbench.evaluation.metric_expression import measured
-from trackbench.report.figure_drawing import draw_figure
 from trackbench.report.figures.consistency import Anees
 from trackbench.report.figures.over_time import EstimatesOfOneRun, OverTime, RmseVsTime
 from trackbench.report.plotting import style
+from trackbench.report.render import draw_figure
 from trackbench.report.results import Results
 
 LABELS = ["A", "B", "C", "D", "E", "A filter with a name of many words", "Bound"]

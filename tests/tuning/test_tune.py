@@ -12,8 +12,7 @@ from trackbench.commands.prepare import jobs_of, with_tuned
 from trackbench.errors import UserError
 from trackbench.report.results import Results
 from trackbench.tuning.search import Record
-from trackbench.verify import verify
-from trackbench.verify.verify import compare_tuning
+from trackbench.verify import compare_tuning, verify
 
 CONFIG = """
 name: small
@@ -155,7 +154,7 @@ def test_the_tuned_config_gives_the_same_again(report: api.Report, tmp_path: Pat
         report.folder / "config.yaml", out=tmp_path / "out", workers=1, quiet=True
     )
     assert _files(again.folder) == _files(report.folder)
-    assert not verify.verify(report.folder, 20)
+    assert not verify(report.folder, 20)
     figure = (report.folder / "figures" / "tuning-KF.svg").read_bytes()
     api.plot(report.folder, ("svg",))
     assert (report.folder / "figures" / "tuning-KF.svg").read_bytes() == figure

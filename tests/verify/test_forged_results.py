@@ -8,7 +8,7 @@ import pytest
 from tests.papers import merwe_text
 from tests.report.forging import edit, reseal
 from trackbench import api
-from trackbench.verify.verify import verdict, verify
+from trackbench.verify import verdict, verify
 
 FIELDS = ("filter", "metric", "value", "stderr", "runs", "lost")
 
@@ -16,8 +16,8 @@ FIELDS = ("filter", "metric", "value", "stderr", "runs", "lost")
 @pytest.fixture
 def nothing_computed(monkeypatch):
     """Only what follows from the stored runs."""
-    monkeypatch.setattr("trackbench.verify.verify.recompute", lambda *_: None)
-    monkeypatch.setattr("trackbench.verify.verify.compare_runs", lambda *_: [])
+    monkeypatch.setattr("trackbench.verify.recompute", lambda *_: None)
+    monkeypatch.setattr("trackbench.verify.compare_runs", lambda *_: [])
 
 
 def change(folder, name, wanted, column, by):

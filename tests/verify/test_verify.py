@@ -16,7 +16,7 @@ from tests.report.forging import edit, elsewhere, reseal
 from trackbench import api
 from trackbench.errors import UserError
 from trackbench.results.folder_contents import is_in_git, read_manifest, write_manifest
-from trackbench.verify.verify import verdict, verify
+from trackbench.verify import verdict, verify
 
 CONFIG = """
 name: small

@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from trackbench.cli.completion import configs
-from trackbench.cli.options import AllowPlugins, Json, Only, Set, api_options
+from trackbench.cli.options import AllowPlugins, Json, Only, Set, api_options, configs
 from trackbench.cli.output import echo_line
 
 if TYPE_CHECKING:

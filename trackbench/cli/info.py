@@ -6,8 +6,7 @@ from typing import Annotated
 
 import typer
 
-from trackbench.cli.completion import all_kinds, configs, groups
-from trackbench.cli.options import AllowPlugins, Json, Name, one_of
+from trackbench.cli.options import AllowPlugins, Json, Name, all_kinds, configs, groups, one_of
 from trackbench.cli.output import echo_line
 
 

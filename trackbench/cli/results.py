@@ -140,21 +140,22 @@ def verify(
 ) -> None:
     """Compute the first runs of stored results again, rebuild the other files, and compare."""
     from trackbench.errors import Problem, UserError
-    from trackbench.verify import verify
+    from trackbench.verify import CHANGED, verdict
+    from trackbench.verify import verify as recomputed
 
     verdicts: list[str] = []
     problems: list[Problem | str] = []
     for folder in folders:
         try:
-            found = verify.verify(folder, runs, allow_plugins)
+            found = recomputed(folder, runs, allow_plugins)
         except UserError as error:
             problems += error.problems
             continue
-        verdicts.append(verify.verdict(found))
+        verdicts.append(verdict(found))
         typer.echo(f"{folder}: {verdicts[-1]}")
         for finding in found:
             typer.echo(f"  {finding.text}")
     if problems:
         raise UserError(*problems)
-    if verify.CHANGED in verdicts:
+    if CHANGED in verdicts:
         raise typer.Exit(1)

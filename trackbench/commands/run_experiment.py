@@ -2,6 +2,8 @@
 
 import hashlib
 import json
+import os
+import platform
 import re
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, suppress
@@ -33,7 +35,6 @@ from trackbench.execution.cache import BlockStore, block_key, cache_folder, time
 from trackbench.execution.engines import OpenEngine, begin, engine
 from trackbench.execution.plan import Key, Plan, cautions
 from trackbench.execution.runner import Outcome, execute, next_batch, stop_reason
-from trackbench.os_specific import identity
 from trackbench.plugins.errors import guarded
 from trackbench.report import DRAWER
 from trackbench.report.html.report_page import write_report
@@ -191,7 +192,9 @@ def times_of(experiment: Experiment, outcome: Outcome, fresh: bool) -> Times:
     }
     unique = list(dict.fromkeys(tasks.values()))
     digests = [block_key(task, 0) for task in unique]
-    name = hashlib.sha256(json.dumps([identity(), digests]).encode()).hexdigest()
+    # The properties of this machine that CPU times depend on.
+    machine = [platform.node(), platform.platform(), platform.processor(), str(os.cpu_count())]
+    name = hashlib.sha256(json.dumps([machine, digests]).encode()).hexdigest()
     file = times_folder() / f"{name}.json"
     if not fresh:
         with suppress(OSError, ValueError, TypeError):

@@ -94,7 +94,7 @@ def cache_folder() -> Path:
     return Path(os.environ.get("TRACKBENCH_CACHE") or ".trackbench")
 
 
-def figure_folder() -> Path:
+def figure_cache_folder() -> Path:
     """Return the folder of cached figures, which is deleted when blocks are cleared."""
     return cache_folder() / "figures"
 

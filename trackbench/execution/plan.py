@@ -1,9 +1,13 @@
 """Plan of an experiment: blocks of runs, each an independent task."""
 
-from collections.abc import Iterable, Sequence
+import os
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil
+from pathlib import Path
 from typing import TypeAlias
 
 from trackbench.config.experiment import Experiment, Point, Settings
@@ -13,7 +17,6 @@ from trackbench.errors import Problem, UserError, counted
 from trackbench.evaluation.block import MOST_STACKED, BlockTask
 from trackbench.extension_points import foreign_parts
 from trackbench.filters.base import AnyFilter
-from trackbench.os_specific import memory
 from trackbench.plugins.load import Plugin
 from trackbench.scenarios.base import Scenario
 
@@ -152,6 +155,38 @@ def _run_limit(tracker: AnyFilter) -> int:
     """Return how many runs' particles fit in the cache."""
     N, boosted = tracker.particle_count, tracker.max_particle_count
     return min(_PARTICLES_AT_A_TIME // N, _BOOSTED_AT_A_TIME // boosted)
+
+
+if sys.platform == "win32":
+    import ctypes
+
+    def memory() -> int:
+        """Return bytes of memory that the machine has."""
+        kilobytes = ctypes.c_ulonglong(0)
+        ctypes.windll.kernel32.GetPhysicallyInstalledSystemMemory(ctypes.byref(kilobytes))
+        return kilobytes.value * 1024 or sys.maxsize
+
+else:
+
+    def memory(root: Path = Path("/")) -> int:
+        """Return the bytes of memory that the machine has, or its container's limit."""
+        return min([os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"), *_limits(root)])
+
+    def _limits(root: Path) -> Iterator[int]:
+        """Yield the limits of this process's control groups, version 1 or 2, up to the topmost.
+
+        A container may see its own group as the topmost, under a path that it cannot see.
+        """
+        groups = root / "proc/self/cgroup"
+        for line in groups.read_text().splitlines() if groups.is_file() else ():
+            _, controllers, path = line.split(":", 2)
+            if controllers and "memory" not in controllers.split(","):
+                continue
+            name = "memory.limit_in_bytes" if controllers else "memory.max"
+            group = root / "sys/fs/cgroup" / ("memory" if controllers else "") / path.lstrip("/")
+            for folder in (group, *group.parents):
+                with suppress(OSError, ValueError):  # no such group, or "max"
+                    yield int((folder / name).read_text())
 
 
 def check_memory(experiment: Experiment, workers: int, save_tracks: bool = False) -> int:

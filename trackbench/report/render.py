@@ -1,11 +1,26 @@
-"""Everything that follows from a results folder: tables, figures, verdicts, pairs, the report."""
+"""Files that follow from a results folder: tables, figures, verdicts, pairs.
 
-from collections.abc import Collection, Iterable, Iterator
+Figures are drawn in parallel processes, while their parent writes everything else. The cache of drawn
+figures is keyed by results, options of the figure and source code.
+"""
+
+import hashlib
+import json
+import os
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, Future
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import version
 from itertools import product
 from pathlib import Path
+from typing import Any, TypeAlias
 
+import trackbench
 from trackbench.atomic_files import (
     ensure_folder,
+    record_writes,
     remove,
     within,
     write_bytes,
@@ -13,16 +28,175 @@ from trackbench.atomic_files import (
     write_text,
 )
 from trackbench.config.build import unknown
-from trackbench.errors import Mark, Problem, UserError
-from trackbench.report.figure_drawing import Draw, Files, draw_figure, drawing_pool
-from trackbench.report.kinds import figure_folder
+from trackbench.errors import Mark, Problem, UserError, WriteError
+from trackbench.execution.cache import figure_cache_folder
+from trackbench.execution.engines import pool, result_of
+from trackbench.registry import is_plugin
+from trackbench.report.kinds import FigureKind, figure_folder
 from trackbench.report.plotting import style
-from trackbench.report.plotting.page_formats import SHEETS, Style, drawing_for
-from trackbench.report.results import Results
+from trackbench.report.plotting.page_formats import SHEETS, Style, drawing_for, is_crowded
+from trackbench.report.results import Results, as_figure, catch_plugin_errors
 from trackbench.report.table import Table
 from trackbench.report.verdicts.files import write_comparison, write_paired
 from trackbench.report.verdicts.numbers import Comparison, compare
-from trackbench.results.folder_contents import FIGURE_FORMS, TABLE_FORMS
+from trackbench.results.folder_contents import FIGURE_FORMS, RUN_FILES, TABLE_FORMS
+
+Files: TypeAlias = list[tuple[str, bytes]]
+"""Format and content."""
+_PARTS = ("tables", "figures")
+"""Each is made by its own keys alone, and a figure by the lines' looks."""
+_FACTS = ("steps", "loops_over_runs", "deterministic", "failed")
+"""What figures take from the manifest."""
+
+
+@dataclass(frozen=True)
+class KeptFigures:
+    """The figures of one state of a results folder, each under the digest of all it could show."""
+
+    made_of: str
+    """digest of what any figure may be made of beside its own keys"""
+
+    @classmethod
+    def of(cls, results: Results) -> "KeptFigures | None":
+        """Return the cache of these results; None if a settings file sets up matplotlib."""
+        if any(path.is_file() for path in _set_ups()):
+            return None
+        libraries = [version(name) for name in ("matplotlib", "numpy", "scipy")]
+        words = {key: value for key, value in results.config.items() if key not in _PARTS}
+        facts = [results.manifest.get(name) for name in _FACTS]
+        looks = {
+            label: results.line_style(label) for label in results.labels
+        }  # of all figures' keys
+        made_by = [libraries, words, facts, looks, _sources()]
+        digest = hashlib.sha256(json.dumps(made_by, default=str).encode())
+        names = (*RUN_FILES, "tuning.csv", *results.config.get("published", ()))
+        _add(digest, (results.folder / name for name in names))
+        return cls(digest.hexdigest())
+
+    def get(self, spec: FigureKind, formats: Sequence[str]) -> Files | None:
+        """Return a figure's files; None if not all of them are there."""
+        try:
+            return [(form, self._path(spec, form).read_bytes()) for form in formats]
+        except OSError:
+            return None
+
+    def put(self, spec: FigureKind, files: Files) -> None:
+        """Keep a figure's files; what cannot be kept will be drawn again."""
+        with (
+            record_writes(),
+            suppress(OSError, WriteError),
+        ):  # they are none of the results folder's
+            for form, content in files:
+                path = self._path(spec, form)
+                path.parent.mkdir(parents=True, exist_ok=True)
+                write_bytes(path, content)
+
+    def _path(self, spec: FigureKind, form: str) -> Path:
+        key = hashlib.sha256(f"{self.made_of} {spec!r}".encode()).hexdigest()
+        return figure_cache_folder() / key[:2] / f"{key}.{form}"
+
+
+@cache
+def _sources() -> str:
+    """Digest of the package's own source."""
+    digest = hashlib.sha256()
+    _add(digest, sorted(Path(trackbench.__file__).parent.rglob("*.py")))
+    return digest.hexdigest()
+
+
+def _add(digest: "hashlib._Hash", paths: Iterable[Path]) -> None:
+    for path in paths:
+        digest.update(f"\n{path.name}\n".encode())
+        digest.update(path.read_bytes() if path.is_file() else b"")
+
+
+def _set_ups() -> Iterator[Path]:
+    """Return the folders of matplotlib's settings files."""
+    yield Path("matplotlibrc")
+    if "MATPLOTLIBRC" in os.environ:
+        named = Path(os.environ["MATPLOTLIBRC"])
+        yield from (named, named / "matplotlibrc")
+    home = os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config"
+    folders = (
+        os.environ.get("MPLCONFIGDIR"),
+        Path(home) / "matplotlib",
+        Path.home() / ".matplotlib",
+    )
+    yield from (Path(folder) / "matplotlibrc" for folder in folders if folder)
+
+
+def draw_figure(spec: FigureKind, results: Results, formats: Sequence[str]) -> Files:
+    """Return a figure as the content of a file, for each format; none of tracks if every filter failed.
+
+    Raises OutputError if the code of a kind of one's own fails.
+    """
+    with catch_plugin_errors(spec):
+        return _drawn(spec, results, formats)
+
+
+def _drawn(spec: FigureKind, results: Results, formats: Sequence[str]) -> Files:
+    if spec.shown_runs and not results.shown:
+        return []
+    with style.rc_context():
+        figure = as_figure(spec.with_best(results).draw(results))
+        # The SVG first, as git has it: after a PNG matplotlib simplifies other lines.
+        forms = () if is_crowded(figure) else sorted(formats, key=lambda form: form != "svg")
+        contents = [(form, style.content(figure, form)) for form in forms]
+    style.close(figure)
+    return contents
+
+
+Draw: TypeAlias = Callable[[str, FigureKind], Files]
+"""A figure's files, by its name and what it is."""
+
+
+@contextmanager
+def drawing_pool(
+    results: Results, formats: Sequence[str], processes: int = 1, fresh: bool = True
+) -> Iterator[Draw]:
+    """Let so many processes begin with an experiment's figures; what they cannot draw is drawn here.
+
+    Unless ``fresh``, those that were drawn before are not drawn again.
+    """
+    figures = results.parts("figures") if formats else {}
+    own = {name: spec for name, spec in figures.items() if not is_plugin(type(spec).__module__)}
+    store = KeptFigures.of(results) if own and not fresh else None
+    kept = {
+        name: files for name, spec in own.items() if store and (files := store.get(spec, formats))
+    }
+    sent = {n: s for n, s in own.items() if n not in kept} if processes > 1 else {}
+    begun: dict[str, Future[Files]] = {}
+
+    def draw(name: str, spec: FigureKind) -> Files:
+        if name in kept:
+            return kept[name]
+        try:
+            files = result_of(begun[name])
+        except (KeyError, BrokenExecutor):  # none that draws it, or it was killed
+            files = draw_figure(spec, results, formats)
+        if store and name in own:
+            store.put(spec, files)
+        return files
+
+    with ExitStack() as stack:
+        if sent:
+            begin = (_init_worker, results.folder, results.run_facts)
+            drawers = stack.enter_context(pool(min(processes, len(sent)), *begin))
+            with suppress(BrokenExecutor):  # a drawer was killed as it began
+                for name, spec in sent.items():
+                    begun[name] = drawers.submit(_draw, spec, formats)
+        yield draw
+
+
+_opened: list[Results] = []
+
+
+def _init_worker(folder: Path, facts: dict[str, Any]) -> None:
+    _opened[:] = [Results(folder, facts)]
+
+
+def _draw(spec: FigureKind, formats: Sequence[str]) -> Files:
+    return draw_figure(spec, _opened[0], formats)
 
 
 def render(

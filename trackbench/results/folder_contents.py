@@ -20,7 +20,6 @@ from typing import Any, NamedTuple
 from trackbench.atomic_files import ensure_folder, remove, within, write_text
 from trackbench.errors import UserError, WriteError
 from trackbench.field_types import require_regular_file
-from trackbench.os_specific import lock
 from trackbench.yaml_source import read
 
 FORMAT = 3
@@ -228,12 +227,12 @@ def _acquire(path: Path, say: Callable[[str], None]) -> int:
         descriptor = os.open(path, _FLAGS, 0o644)
         try:
             holder = _holder(descriptor)
-            lock(descriptor, wait=False)
+            _lock(descriptor, wait=False)
         except BlockingIOError:
             if not waiting:
                 say(f"{path.parent}/ is in use by process {holder}; waiting for it to finish")
             waiting = True
-            lock(descriptor, wait=True)
+            _lock(descriptor, wait=True)
         except OSError:
             os.close(descriptor)
             raise
@@ -263,3 +262,29 @@ def _is_current(descriptor: int, path: Path) -> bool:
         return os.path.samestat(os.fstat(descriptor), path.lstat())
     except FileNotFoundError:
         return False
+
+
+if sys.platform == "win32":
+    import msvcrt
+
+    _FAR = 1 << 30
+    """A byte beyond the content: Windows does not let others read locked bytes."""
+
+    def _lock(descriptor: int, wait: bool) -> None:
+        """Lock an open file against other processes; raises BlockingIOError unless it may wait."""
+        while True:
+            os.lseek(descriptor, _FAR, os.SEEK_SET)
+            try:
+                # LK_LOCK gives up after ten seconds.
+                msvcrt.locking(descriptor, msvcrt.LK_LOCK if wait else msvcrt.LK_NBLCK, 1)
+                return
+            except OSError as error:
+                if not wait:
+                    raise BlockingIOError from error
+
+else:
+    import fcntl
+
+    def _lock(descriptor: int, wait: bool) -> None:
+        """Lock an open file against other processes; raises BlockingIOError unless it may wait."""
+        fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from trackbench.atomic_files import write_text
 from trackbench.config.dump import as_yaml
 from trackbench.config.grid import single_paths
-from trackbench.report.figure_drawing import draw_figure
 from trackbench.report.findings import phrases
 from trackbench.report.findings.sentences import HOW_DECIDED, answer
 from trackbench.report.html.svg import inline
 from trackbench.report.kinds import FigureKind, figure_folder
+from trackbench.report.render import draw_figure
 from trackbench.report.results import Results, catch_plugin_errors
 from trackbench.report.table import Text, TextTable, rounded
 from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts

@@ -52,7 +52,7 @@ from trackbench.results.point_facts import POINTS_FILE, points_in, points_text, 
 from trackbench.results.write import write_results
 from trackbench.tuning.search import Rank, Record, Search, Trial, Values
 from trackbench.tuning.tuner import Training, given_values, tune
-from trackbench.verify.compare import (
+from trackbench.verify_differences import (
     CHANGED,
     FALSE_ALARM,
     FAR,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from trackbench.evaluation.inference import holm
-from trackbench.verify.compare import FALSE_ALARM, differences, p_of_chance, relative, usual
+from trackbench.verify_differences import FALSE_ALARM, differences, p_of_chance, relative, usual
 
 RUNS, COLUMNS, FOLDERS = 20, 60, 200
 

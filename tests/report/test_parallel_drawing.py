@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 from trackbench import api
-from trackbench.report.figure_drawing import draw_figure, drawing_pool
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
+from trackbench.report.render import draw_figure, drawing_pool
 from trackbench.report.results import OutputError, Results
 
 

@@ -1,1 +1,0 @@
-"""Recompute results and compare them with the stored ones."""
