@@ -15,7 +15,7 @@ from trackbench.evaluation.inference import (
     studentised_difference,
     t_of_normal,
 )
-from trackbench.evaluation.run_contributions import time_mean_shares
+from trackbench.evaluation.summary import time_mean_shares
 
 RUNS, REPETITIONS, STEPS = 200, 800, 20
 LEAST, MOST = 0.93, 0.97

@@ -6,13 +6,14 @@ import pytest
 from trackbench.evaluation import statistics as st
 from trackbench.evaluation.error_series import FOUND, TOO_FAR, step_sums
 from trackbench.evaluation.metric_expression import measure
-from trackbench.evaluation.run_contributions import (
+from trackbench.evaluation.summary import (
+    FilterResult,
     series_of,
     statistic_of,
+    summary_rows,
     time_mean_shares,
     with_shares,
 )
-from trackbench.evaluation.summary import FilterResult, summary_rows
 
 STEPS, RUNS = 30, 200
 

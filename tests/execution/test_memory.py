@@ -28,7 +28,7 @@ from trackbench.execution.plan import (
 )
 from trackbench.models.motions.kinematic import ConstantAcceleration, WhiteAcceleration
 from trackbench.registry import kinds
-from trackbench.results.read_csv import read_columns
+from trackbench.report.result_files import read_columns
 
 CWNA, CA = WhiteAcceleration(q=0.1), ConstantAcceleration(q=4.0)
 SCENARIOS = {"merwe": merwe(T=4, R=1.0), "banana": banana(scans=5)}

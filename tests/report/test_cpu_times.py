@@ -16,9 +16,9 @@ from trackbench.config.published import Claim, Published, PublishedNumber
 from trackbench.evaluation import timing
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.html.index_page import write_overview
+from trackbench.report.result_files import read_columns
 from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts, write_time_verdicts
 from trackbench.results.folder_contents import TIME_VERDICTS, TIMING
-from trackbench.results.read_csv import read_columns
 from trackbench.verify import verify
 
 REPEATS = 30

@@ -16,9 +16,9 @@ from trackbench.evaluation.inference import (
 )
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
+from trackbench.report.result_files import Columns
 from trackbench.report.verdicts.claims import judge
 from trackbench.results.point_facts import PointFacts
-from trackbench.results.read_csv import Columns
 
 RUNS = 120
 

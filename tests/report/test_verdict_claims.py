@@ -16,10 +16,10 @@ from trackbench.evaluation.metric_expression import measure
 from trackbench.report.estimates import RunEstimate, Share
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings.ranking import Candidate, ranking_of
+from trackbench.report.result_files import Columns
 from trackbench.report.verdicts import files, rules
 from trackbench.report.verdicts.claims import judge
 from trackbench.report.verdicts.rules import Verdict
-from trackbench.results.read_csv import Columns
 
 NONE = table("filter metric value stderr runs lost", [("-", "-", 0.0, 0.0, 1, 0)])
 NO_TIMES = table("filter runs cpu_s_per_run stderr blocks", [("-", 1, 0.0, 0.0, "")])

@@ -42,7 +42,6 @@ NO_PART_OF_BLOCKS = {
     "evaluation/metric_expression.py": _AFTER_BLOCKS,
     "evaluation/summary.py": _AFTER_BLOCKS,
     "evaluation/precision_check.py": _AFTER_BLOCKS,
-    "evaluation/run_contributions.py": _AFTER_BLOCKS,
     "evaluation/uniformity_tests.py": _AFTER_BLOCKS,
     "core/build_compiled.py": "builds what `core/compiled.py` loads; a worker never imports it",
     "plugins/errors.py": _ERRORS,

@@ -14,8 +14,8 @@ from trackbench.core.arrays import Array, Mask
 from trackbench.core.sums import total
 from trackbench.evaluation import inference
 from trackbench.evaluation.metric_expression import Measure, exact_label, measured
-from trackbench.evaluation.run_contributions import statistic_of
 from trackbench.evaluation.statistics import OVER_RUNS, efficiency, influence, median
+from trackbench.evaluation.summary import statistic_of
 from trackbench.field_types import is_number
 from trackbench.metrics import in_window
 from trackbench.report.estimates import (

@@ -38,7 +38,6 @@ from trackbench.evaluation.consistency_and_calibration import sizes
 from trackbench.evaluation.error_series import LOST_BECAUSE, NOT_FINITE
 from trackbench.evaluation.exact_errors import exact_series
 from trackbench.evaluation.metric_expression import exact_label, measured
-from trackbench.evaluation.run_contributions import with_shares
 from trackbench.evaluation.statistics import Estimate, median
 from trackbench.evaluation.summary import (
     FilterResult,
@@ -48,6 +47,7 @@ from trackbench.evaluation.summary import (
     exact_rows,
     step_rows,
     summary_rows,
+    with_shares,
 )
 from trackbench.evaluation.timing import Measured
 from trackbench.execution import code_digests

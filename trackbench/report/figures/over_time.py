@@ -15,9 +15,9 @@ from trackbench.report.findings.phrases import ranking
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
 from trackbench.report.plotting.style import Axes, Figure
+from trackbench.report.result_files import Columns
 from trackbench.report.results import Results
 from trackbench.results.point_facts import GridPoint
-from trackbench.results.read_csv import Columns
 
 _ROUNDING = 1e-12
 _MOST_CURVES, _MOST_STEPS = 5, 150
