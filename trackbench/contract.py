@@ -99,6 +99,7 @@ def check_file(
     classes = {k: c for k, c in registered.items() if issubclass(c, Filter)}
     if on is None:
         return {k: check_filter(c) for k, c in classes.items()}
+    # The plugin itself is already loaded; any other one needs permission.
     data = read(on).data
     names = data.get("plugins") if isinstance(data, dict) else None
     others = [n for n in names or () if (on.parent / str(n)).resolve() != path.resolve()]

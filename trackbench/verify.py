@@ -95,6 +95,7 @@ def _compare(results: Results, experiment: Experiment, runs: int) -> Iterator[Fi
     if any(results.index_of(point) is None for point in results.points()):
         yield changed("summary.csv: is of other points than the config's grid")
         return
+    # The points of the grid, as the config gives them now.
     points = points_text(experiment.points, folder)
     stored = folder / POINTS_FILE
     if stored.is_file() and not same_points(stored.read_text(encoding="utf-8"), points):
@@ -105,10 +106,12 @@ def _compare(results: Results, experiment: Experiment, runs: int) -> Iterator[Fi
         recomputed.mkdir()
         results = replace(results, out=target, point_facts=tuple(points_in(points)))
         yield from compare_tuning(results, experiment, runs)
+        # With per_run.csv, recompute its first runs and derive the other files from it.
         if (folder / "per_run.csv").is_file():
             yield from compare_derived(results, folder)
             yield from _compare_first_runs(results, experiment, recomputed, runs)
             return
+        # Without it, recompute all runs and compare digests.
         again = recompute(experiment, recomputed, experiment.settings.runs, tracks=False)
         if (folder / "tuning.csv").is_file():
             shutil.copy(folder / "tuning.csv", recomputed)

@@ -23,7 +23,7 @@ from trackbench.report.verdicts.numbers import compare
 from trackbench.results.folder_contents import DATA_FILES, TIME_VERDICTS, check_digests
 
 if TYPE_CHECKING:
-    import pandas as pd
+    pass
 
 SAME, ROUNDING, CHANGED = "the same bytes", "the same but for rounding", "changed"
 """Verdicts on a folder; the last one is a failure."""
@@ -115,19 +115,23 @@ def compare_rows(
     for name in ("summary", "per_step"):
         if not (stored.folder / f"{name}.csv").is_file():
             continue
+        # Step 1: the same rows, of the compared filters.
         kinds = [*stored.grid, "filter", "metric"]
         a, b = (getattr(results, name) for results in (stored, again))
         pairs = [set(frame[kinds].itertuples(index=False, name=None)) for frame in (a, b)]
-        a, b = (_rows(frame, labels) for frame in (a, b))
+        kept = [frame[frame["filter"].isin(list(labels))] for frame in (a, b)]
+        a, b = (frame.reset_index(drop=True) for frame in kept)
         keys = [column for column in b if column not in ("value", "stderr")]
         if pairs[0] != pairs[1] or not a[keys].equals(b[keys]):
             yield changed(f"{name}.csv: has other rows than are computed again")
             continue
+        # Step 2: differences, relative to the metric's median and to the standard error.
         same_metric = [b[key] for key in keys if key not in ("step", "time", "runs", "lost")]
         medians = b["value"].abs().groupby(same_metric).transform("median").to_numpy()
         scale = np.fmax(medians, b["stderr"].abs().to_numpy())
         ends = [relative(a[x].to_numpy(), b[x].to_numpy(), scale) for x in ("value", "stderr")]
         off = np.max(ends, axis=0, initial=0.0)
+        # Step 3: filters that draw may differ by chance.
         is_near = (a["value"] - b["value"]).abs() <= FAR * np.hypot(a["stderr"], b["stderr"])
         by_chance = a["filter"].isin(list(drawing)) & (is_near | (ends[0] <= TOLERANCE))
         off = np.where(by_chance, np.minimum(off, TOLERANCE), off)
@@ -135,10 +139,6 @@ def compare_rows(
             tolerance = np.where(a["filter"].isin(list(equal)), _LAST_DIGITS, TOLERANCE)
             what = f"{name}.csv: {np.count_nonzero(off)} of {len(off)} rows differ"
             yield _by(what, off, tolerance)
-
-
-def _rows(frame: "pd.DataFrame", labels: Collection[str]) -> "pd.DataFrame":
-    return frame[frame["filter"].isin(list(labels))].reset_index(drop=True)
 
 
 def _by(what: str, off: Array, tolerance: Array | float) -> Finding:

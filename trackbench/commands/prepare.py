@@ -159,7 +159,9 @@ def _job(config: Config, options: Options, alone: bool) -> Job:
         experiment = as_sweep(experiment)
     folder = Path("results" if options.out is None else options.out)
     if options.out is None or not alone:
-        folder /= "-".join([experiment.settings.name, *_with(options.filters)])
+        # The folder is named after the experiment and the files of its additional filters.
+        added = ["with", *(Path(file).stem for file in options.filters)] if options.filters else []
+        folder /= "-".join([experiment.settings.name, *added])
     if options.spare and (stored := _stored_runs(folder)) > experiment.settings.runs:
         beside = folder.with_name(f"{folder.name}-quick")
         say(f"note: {folder}/ has {stored} runs and stays; --force replaces them", options)
@@ -173,11 +175,6 @@ def _job(config: Config, options: Options, alone: bool) -> Job:
     line = announced(experiment, plan, workers, needed)
     first = first_batch(experiment)
     return Job(config, first, folder, plan_of(first, most, options), line, most)
-
-
-def _with(files: Sequence[Path | str]) -> list[str]:
-    """Return what files of filters add to the name of a results folder."""
-    return ["with", *(Path(file).stem for file in files)] if files else []
 
 
 def plan_of(experiment: Experiment, most: int, options: Options) -> Plan:

@@ -123,6 +123,7 @@ def _reported(job: Job, outcome: Outcome, options: Options, sweep: bool) -> Repo
     times = times_of(job.experiment, outcome, options.fresh) if options.times else Times({}, {})
     for label, why in times.failed.items():
         say(f"note: {label} has no measured CPU time: {why}", options)
+    # All files that the manifest lists: data first, then what is derived from them.
     with record_writes() as paths:
         losses, facts = write_results(
             job.folder, job.experiment, outcome, options.save_tracks, times.measured

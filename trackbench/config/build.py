@@ -227,6 +227,7 @@ def _describe(kind: str, ctx: Mapping[str, object], value: object, message: str)
         isnan(value) or (isinf(value) and kind in ("less_than", "greater_than"))
     ):
         return f"{'NaN' if isnan(value) else shown} is not a finite number"
+    # Numbers beyond a limit, words that are not in a list, texts that do not match.
     if kind in _LIMITS:
         words, limit = _LIMITS[kind]
         return f"{shown} is {words} {_show(ctx[limit])}"
@@ -240,6 +241,7 @@ def _describe(kind: str, ctx: Mapping[str, object], value: object, message: str)
         return formula(str(value)) or f"{shown} is not one line of visible characters"
     if kind == "string_pattern_mismatch":
         return f"{shown} must start with a letter or digit and hold only letters, digits, . _ -"
+    # A value of another type.
     name = kind.removesuffix("_type").removesuffix("_parsing").removesuffix("_from_float")
     return f"{shown} is not {_TYPES[name]}" if name in _TYPES else message.lower()
 

@@ -303,11 +303,13 @@ def _add_default_exhibits(source: Source, settings: Settings, points: list[Point
     if chosen or not points:
         return
     planar = points[0].scenario.components[:4] == position_velocity_names(2)
+    # With ground truth: the track of the first run.
     if any(p.scenario.has_truth for p in points):
         if planar and not settings.grid and not settings.tables and not settings.figures:
             track = {"kind": "track", "best": 3}
             override(source, ("figures",), {"track": track}, Mark("default in the plane"))
         return
+    # Without: what needs only innovations.
     mark = Mark("default without ground truth")
     if "tables" not in source.data:
         override(source, ("tables",), {"innovations": {"kind": "innovations"}}, mark)

@@ -38,6 +38,7 @@ def add_filters(source: Source, files: Sequence[Path]) -> dict[str, Mark]:
         if plugin is None or not kinds_in:
             what = "registers no filter" if plugin else "is not the path of a Python file"
             raise UserError(Problem(mark, "", f"{what}; `trackbench new filter NAME` writes one"))
+        # Each kind becomes a filter of that label, and the file one of the plugins.
         for kind in kinds_in:
             if kind in source.data["filters"]:
                 what = f"{kind!r} is already the label of a filter; give this one another kind"

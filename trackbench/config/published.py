@@ -282,6 +282,7 @@ def _read(name: str, text: str, known: _Known, published: Published) -> list[Pro
     what = "there are two columns of this name"
     repeated = dict.fromkeys(key for key in header if header.count(key) > 1)
     problems = [Problem(Mark(name, line, 1), key, what) for key in repeated]
+    # A row each: build it, note the first row on another experiment, check it against this one.
     cls: type[Claim | PublishedNumber] = Claim if "claim" in header else PublishedNumber
     for line, cells in rows[1:]:
         if not cells:

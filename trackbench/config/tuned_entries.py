@@ -210,6 +210,7 @@ def tuned_axes(
             what = "the reference filter measures the others; tune another filter"
             source.add_key_problem(("tune", label), what)
         else:
+            # Read the axis of each key, then test the types of its values on the filter.
             axes = []
             for key, written in keys.items():
                 try:

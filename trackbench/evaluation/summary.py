@@ -174,7 +174,7 @@ def step_rows(result: FilterResult, sizes: Mapping[str, int]) -> Iterator[StepRo
                 yield StepRow(i, metric, value[j], stderr[j], int(numbers[j]))
     # From the stored series of all runs: medians.
     for name, rows in result.run_series.items():
-        for i, row in enumerate(_found(rows)):
+        for i, row in enumerate(row[~np.isnan(row)] for row in rows):
             if len(row):
                 yield StepRow(i, f"median({name})", *median(row), len(row))
 
@@ -242,10 +242,6 @@ def _spread(total: Array, squares: Array, number: Array) -> Estimates:
         # s = sqrt(E x^2 - (E x)^2), and its standard error s / sqrt(2 M)
         std = np.sqrt(np.maximum(squares / number - np.square(total / number), 0.0))
         return Estimates(std, std / np.sqrt(2.0 * number))
-
-
-def _found(rows: Array) -> list[Array]:
-    return [row[~np.isnan(row)] for row in rows]
 
 
 # Contributions of runs: numbers over steps as values per run. Their average is the number, and their

@@ -90,6 +90,7 @@ def own_arithmetic() -> str:
     x, y = _inputs()
     square, runs = x[:64].reshape(8, 8), RunStreams(1, range(3))
     stream = block_stream(1, 0)
+    # Elementary functions, sums, matrices, then random variates.
     results: list[NDArray[np.floating[Any]]] = [
         elementary.exp(40.0 * x - 30.0),
         elementary.log(x),

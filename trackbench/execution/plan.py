@@ -79,6 +79,7 @@ def make_plan(experiment: Experiment, save_tracks: bool = False, looks: Sequence
     for i, point in enumerate(experiment.points):
         reference = point.filters.get(settings.reference) if settings.reference else None
         for label, tracker in point.filters.items():
+            # Consecutive blocks of this width; the last one may be trimmed.
             width = _width(settings, tracker, point.scenario)
             tasks[i, label] = [
                 BlockTask(
@@ -202,6 +203,7 @@ def check_memory(experiment: Experiment, workers: int, save_tracks: bool = False
         for label, tracker in point.filters.items():
             width = _width(settings, tracker, point.scenario)
             reference = point.filters.get(settings.reference or "", tracker)
+            # Blocks of one filter that are computed as one stack.
             stacked = min(
                 _largest_stack(tracker, point.scenario, width), ceil(settings.runs / width)
             )
@@ -209,6 +211,7 @@ def check_memory(experiment: Experiment, workers: int, save_tracks: bool = False
                 _block_bytes(point.assumed_scenario(label), f, width, blocks)
                 for f, blocks in ((tracker, stacked), (reference, 1))
             )
+            # Each worker has a stack; the parent has the merged results.
             needed = workers * (_PROCESS + block) + merged
             most = max(most, needed)
             if needed > 0.9 * there:

@@ -217,6 +217,7 @@ _Cell: TypeAlias = tuple[Term, tuple[str | int, ...]]
 def _rows(given: Covariance, components: Sequence[str], *path: str | int) -> list[list[_Cell]]:
     """Return the terms of a covariance with the path of each; a zero off the diagonal has none."""
     n = len(components)
+    # A variance by component, one for all, a list of them, or a matrix.
     if isinstance(given, dict):
         for name in given:
             if name not in components:

@@ -24,9 +24,11 @@ def history(every: Sequence[Results], metric: str = "") -> list[Table]:
     Folders are ordered by date if all have one (a clone has none), else as they are named. Of several
     experiments those with several folders are shown.
     """
+    # Order the folders by date.
     dates = [results.manifest.get("date", "") for results in every]
     if all(dates):
         every = [every[i] for i in np.argsort(dates, kind="stable").tolist()]
+    # A table per experiment, a row per folder, filter and grid point.
     tables: dict[str, Table] = {}
     is_clear = len({results.folder.name for results in every}) == len(every)
     for results in every:
@@ -47,6 +49,7 @@ def history(every: Sequence[Results], metric: str = "") -> list[Table]:
     if not any(table.keys for table in tables.values()):
         what = f"no folder has it; known: {', '.join(names)}"
         raise UserError(Problem(Mark(f"--metric {metric}"), "", what))
+    # Put the rows of one filter together.
     for table in tables.values():
         order = {label: i for i, label in enumerate(dict.fromkeys(k[0] for k in table.keys))}
         rows = sorted(zip(table.keys, table.cells, strict=True), key=lambda r: order[r[0][0]])

@@ -138,6 +138,7 @@ def _check_manifest(results: Results) -> None:
         raise IncompleteResultsError(
             f"{folder}: is half-written, it has no manifest.json: {RUN_AGAIN}"
         )
+    # The types of what the report reads from it.
     try:
         manifest = results.manifest
         version, recorded = int(manifest["format"]), dict(manifest["files"])
@@ -151,6 +152,7 @@ def _check_manifest(results: Results) -> None:
         newer = manifest.get("trackbench", "of a newer version")
         what = f"was written by trackbench {newer} in format {version}"
         raise UserError(f"{folder}: {what}, this version reads up to {FORMAT}: update trackbench")
+    # Digests of the files that the run wrote.
     of_run = {name: recorded[name] for name in RUN_FILES if name in recorded}
     problems = _lines(folder, check_digests(folder, of_run))
     if problems:

@@ -104,6 +104,7 @@ def _best(standing: Ranking, best: Candidate) -> Best:
     metric, where = standing.metric, phrases.heading(standing.scene)
     text = f"{best.name}{', ' if where else ''}{where}: "
     text += f"mean {metric_words(metric)} {with_unit(rounded(*best.overall, 4), metric)}"
+    # The settings without a significant difference, and how far off the nearest other one is.
     if standing.ties:
         text += f"; no significant difference: {listed([c.setting for c, _ in standing.ties])}"
     nearest, apart = standing.nearest or (None, None)

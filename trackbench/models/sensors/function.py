@@ -204,6 +204,7 @@ class FunctionSensor(SensorBase):
         if self.outliers is not None:
             what = "not together with `noise`, which filters know; take one of the two"
             raise InvalidKeyError(what, "outliers")
+        # The variance: none of a count, required by a mixture, diagonal otherwise.
         if self._is_count:
             if self.R is not None:
                 raise InvalidKeyError("`noise: poisson` has the variance h; leave out `R`", "R")

@@ -65,6 +65,7 @@ class Bars(FigureKind):
         for (ax,), point, head in zip(axes, points, style.headings(points), strict=True):
             expressions = Evaluator(results, point)
             self._bars(ax, results, expressions, labels)
+            # Floor and baseline are lines through all bars.
             for label, look in lines.items():
                 if label in results.labels:
                     value = expressions.term(self.metric.of(str(label))).value
@@ -75,6 +76,7 @@ class Bars(FigureKind):
             if self.log:
                 ax.set_xscale("log")
             ax.grid(visible=False, axis="y")
+        # The first filter is on top.
         axes[0][0].set_yticks(range(len(labels)), [style.wrap_label(b) for b in labels])
         axes[0][0].invert_yaxis()
         style.title(figure, self.title, len(results.points()))

@@ -45,6 +45,7 @@ class CriticalDifference(FigureKind):
             best, sign = (
                 ("largest", -1.0) if self.metric.family[0].more_is_better else ("smallest", 1.0)
             )
+            # Mean ranks, and the groups of filters closer than the critical difference.
             values = sign * np.stack([runs[b, str(self.metric)] for b in there])
             mean = mean_ranks(values)
             critical = critical_difference(len(there), values.shape[1], self.alpha)

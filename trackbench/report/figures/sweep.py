@@ -310,6 +310,7 @@ def _heat_maps(
 ) -> Figure:
     """Return a panel per filter, on one colour scale; the best value is framed."""
     words, metric = next(iter(metrics.items()), ("", measured("mean(rmse)")))
+    # Fields of the filters that have any number, and their common color scale.
     across, down = held.values[x], held.values[y]
     fields = {label: _field(held, label, metric, across, down) for label in labels}
     fields = {label: field for label, field in fields.items() if np.isfinite(field).any()}
@@ -324,6 +325,7 @@ def _heat_maps(
         ax.set_title(style.wrap_label(label))
         ax.grid(visible=False)
         _write_values(ax, values, finite, few=len(axes) == 1)
+        # Frame the best value, unless the points are different scenarios.
         if not any(map(is_of_scenario, held.paths)):
             _frame(ax, np.unravel_index(best_place(values.ravel(), metric), values.shape))
     figure.supxlabel(held.results.axis(x))

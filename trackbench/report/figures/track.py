@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from trackbench.report.findings.ranking import rankings
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
 from trackbench.report.plotting.page_formats import sheet
-from trackbench.report.plotting.style import Axes, Figure, LineStyle
+from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.results import Results
 from trackbench.results.tracks import measured_positions, sensor_paths
 from trackbench.scenarios.base import Scenario
@@ -219,7 +219,9 @@ class MeanAndStd(FigureKind):
                                label="Maneuvers")  # fmt: skip
                 chosen = frame.where(metric=f"{metric}_{quantity}")
                 for label in labels:
-                    _line(ax, chosen.where(filter=label), sign, label, results.line_style(label))
+                    curve, look = chosen.where(filter=label), results.line_style(label)
+                    look = look | {"linewidth": 0.8}
+                    ax.plot(curve["time"], sign * curve["value"], label=label, **look)
                 ax.set_ylabel(words.format(quantity))
         for ax in axes[1]:
             ax.set_xlabel("Time (s)")
@@ -227,10 +229,6 @@ class MeanAndStd(FigureKind):
         style.title(figure, self.title)
         style.legend_outside(figure)
         return figure
-
-
-def _line(ax: Axes, rows: Any, sign: float, label: str, look: LineStyle) -> None:
-    ax.plot(rows["time"], sign * rows["value"], label=label, **look | {"linewidth": 0.8})
 
 
 _RUNS = 20  # whose paths are drawn

@@ -101,9 +101,8 @@ def _best_sentence(standing: Ranking, matters: float) -> str:
         text = f"With each filter at the best of the grid's values, {text}"
     if standing.ties:
         names = [c.name for c, _ in standing.ties]
-        text += (
-            f"; {listed(names)} {_show(names)} no significant difference ({_tie_margin(standing)})"
-        )
+        show = "shows" if len(names) == 1 else "show"
+        text += f"; {listed(names)} {show} no significant difference ({_tie_margin(standing)})"
     return f"{text}; {_worse_clause(standing, matters)}." if standing.worse else f"{text}."
 
 
@@ -136,10 +135,6 @@ def _tuned(results: Results, standing: Ranking) -> str:
     return (
         f"{best.name} is tuned, {listed(others)} {verb(others)} not: tuning may be the difference."
     )
-
-
-def _show(names: Sequence[str]) -> str:
-    return "shows" if len(names) == 1 else "show"
 
 
 def _extreme(standing: Ranking) -> str:

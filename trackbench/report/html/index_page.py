@@ -17,7 +17,6 @@ from trackbench.report.html.report_page import key_picture, write_page
 from trackbench.report.html.svg import cleaned, outline
 from trackbench.report.open import explain_content_errors, open_with_notes
 from trackbench.report.results import Results
-from trackbench.report.table import TextTable
 from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts
 from trackbench.report.verdicts.files import Bar, bars, summary_lines, verdict_tables
 from trackbench.report.verdicts.numbers import Comparison, compare
@@ -123,6 +122,8 @@ def write_overview(folder: Path) -> list[Path]:
 
 
 def _write_index(folder: Path, found: Overview, everything: Comparison) -> Path:
+    # The verdicts on CPU times of all experiments are counted separately.
+    times = (verdict for results, _ in found for verdict in time_verdicts(results))
     return write_page(
         folder / "index.html",
         "index.html",
@@ -134,7 +135,7 @@ def _write_index(folder: Path, found: Overview, everything: Comparison) -> Path:
         },
         counted=bars(everything),
         verdict_lines=summary_lines(everything),
-        ledger=[*verdict_tables(everything), *_times(found)],
+        ledger=[*verdict_tables(everything), *time_tables(times)],
     )
 
 
@@ -254,8 +255,3 @@ def _ledger(folder: Path, found: Overview, everything: Comparison) -> str:
             parts += [f"- {line}" for line in lines]
             parts += [table.markdown().rstrip() for table in verdict_tables(comparison)]
     return "\n\n".join(parts) + "\n"
-
-
-def _times(found: Overview) -> list[TextTable]:
-    """Return the verdicts on CPU times of all experiments, counted separately."""
-    return time_tables(verdict for results, _ in found for verdict in time_verdicts(results))

@@ -12,7 +12,6 @@ from trackbench.evaluation.inference import loses_more, normal_of_t
 from trackbench.evaluation.metric_expression import Expression, measure
 from trackbench.evaluation.statistics import (
     Estimate,
-    Jackknifed,
     cross_share,
     efficiency,
     plain_efficiency,
@@ -90,11 +89,13 @@ class EfficiencyTable(TableKind):
         # Only runs in which all three numbers exist.
         runs = np.stack([floor, distance, error])
         floor, distance, error = runs[:, ~np.isnan(runs).any(axis=0)]
+        if not len(floor):
+            return [Cell.missing()] * 4
         lost = runs.shape[1] - len(floor)
         with_, without = efficiency(floor, distance), plain_efficiency(floor, error)
         cross = cross_share(floor, error, distance)
         found = (with_, without, runs_saved(without, with_), cross)
-        return [_cell(part, len(floor), lost) for part in found]
+        return [Cell(part.estimate, len(floor), lost) for part in found]
 
 
 def _forms(results: Results, scene: GridPoint, label: str) -> Iterator[tuple[str, GridPoint]]:
@@ -113,10 +114,6 @@ def _is_not_zero(cross: Cell) -> bool:
     """Test by Student's t, as the error of two or three runs may be small by chance."""
     z = normal_of_t(z_score(cross.estimate), max(cross.runs - 1.0, 1.0))
     return abs(z) > _NOT_ZERO
-
-
-def _cell(found: Jackknifed, runs: int, lost: int) -> Cell:
-    return Cell(found.estimate, runs, lost) if runs else Cell.missing()
 
 
 _CLEAR = 3.0

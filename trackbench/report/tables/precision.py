@@ -49,8 +49,9 @@ class Precision(TableKind):
                     if at:
                         row = at[-1].row
                         cell = Cell(Estimate(row.value, row.stderr), row.runs, 0)
-                        keys = [label, w.metric, str(config["until"][w.metric]), _enough(at, stops)]
-                        table.add([*(str(v) for v in point.values()), *keys], [cell])
+                        enough = exact_after(stops, [look.enough for look in at]) or "no"
+                        keys = [label, w.metric, config["until"][w.metric], enough]
+                        table.add([*map(str, point.values()), *map(str, keys)], [cell])
         return table
 
 
@@ -70,7 +71,3 @@ def _look(
     if "lost" not in result.per_run:
         return []
     return check_precision([wanted], result, results.facts(point).sizes, {}, runs)
-
-
-def _enough(found: list[PrecisionCheck], stops: list[int]) -> str:
-    return str(exact_after(stops, [look.enough for look in found]) or "no")

@@ -326,6 +326,7 @@ def _reason(row: Compared | ClaimVerdict, runs: int) -> str:
         return row.note or "no standard error"
     if needed is None:
         return f"neither within its margin nor beyond it by {DECIDED:g} standard errors"
+    # Too few standard errors over all runs.
     if z < needed:
         text = f"{z:.2f} standard errors, and {needed:g} decide"
         if z < _NOTHING:
@@ -337,6 +338,7 @@ def _reason(row: Compared | ClaimVerdict, runs: int) -> str:
             else f"a recording {run_count(most)} times as long"
         )
         return f"{text}; a difference as large as measured needs about {what}"
+    # Enough over all runs, and too few without one of the batches.
     least = min(verdict.parts, key=abs, default=verdict.z)
     if abs(least) < SURE or least * verdict.z < 0.0:
         return (
