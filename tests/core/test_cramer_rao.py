@@ -4,8 +4,8 @@ import pytest
 from tests.conftest import random_covariance
 from tests.papers import banana
 from trackbench.core import kalman
+from trackbench.core.cramer_rao import largest_deviation, posterior_cramer_rao
 from trackbench.core.distributions import Gaussian
-from trackbench.core.kalman import largest_deviation, posterior_cramer_rao
 from trackbench.models.motions.kinematic import WhiteAcceleration
 
 

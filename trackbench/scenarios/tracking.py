@@ -9,8 +9,8 @@ import numpy as np
 
 from trackbench.core import linalg
 from trackbench.core.arrays import Array, Index, Mask, fixed
+from trackbench.core.cramer_rao import largest_deviation, posterior_cramer_rao
 from trackbench.core.distributions import Distribution, PointMass
-from trackbench.core.kalman import largest_deviation, posterior_cramer_rao
 from trackbench.core.random_streams import Streams
 from trackbench.field_types import Finite, InvalidKeyError, Natural, Positive, Registered
 from trackbench.models.base import Model, Motion, SampledMotion

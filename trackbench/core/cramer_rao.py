@@ -1,0 +1,52 @@
+"""The posterior Cramer-Rao bound (Tichavsky, Muravchik & Nehorai 1998)."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from trackbench.core import linalg
+from trackbench.core.arrays import Array
+
+
+def posterior_cramer_rao(initial: Array, F: Array, Q: Array, information: Iterable[Array]) -> Array:
+    """Return lower bounds on the mean squared error matrix of a linear motion with Gaussian noise.
+
+    ``J_{k+1} = (Q + F J_k^-1 F')^-1 + E[H' R^-1 H]``, which is their eq. 21 with D11 = F' Q^-1 F in a
+    form that also accepts a singular Q.
+
+    Parameters
+    ----------
+    initial : (n, n)
+        Bound before the first step, J_0^-1.
+    F, Q : (n, n)
+        Transition matrix and noise covariance.
+    information : iterable of (n, n)
+        E[H' R^-1 H] of each of the T steps.
+
+    Returns
+    -------
+    (n, n, T + 1)
+        Bounds J_k^-1, the initial one first.
+    """
+    bounds = [initial]
+    for gained in information:
+        predicted = linalg.sandwich(F, bounds[-1]) + Q
+        bounds.append(_inverse(_inverse(predicted) + gained))
+    return np.stack(bounds, axis=-1)
+
+
+def largest_deviation(cov: Array) -> float:
+    """Return the largest standard deviation in any direction of a covariance (n, n); in 3D a bound."""
+    if len(cov) != 2:
+        return float(np.sqrt(np.diagonal(cov).sum()))
+    # The larger eigenvalue of [[a, b], [b, d]] is (a + d) / 2 + sqrt((a - d)^2 / 4 + b^2).
+    half = 0.5 * (cov[0, 0] - cov[1, 1])
+    spread = np.sqrt(half * half + cov[0, 1] * cov[0, 1])
+    return float(np.sqrt(0.5 * (cov[0, 0] + cov[1, 1]) + spread))
+
+
+def _inverse(P: Array) -> Array:
+    """Invert through a unit diagonal, because meters and meters per second differ by many decades."""
+    scale = 1.0 / np.sqrt(np.diagonal(P))
+    both = np.outer(scale, scale)
+    return both * linalg.inverse(both * P)
