@@ -13,6 +13,8 @@ from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
 from trackbench.report.figures.heat_map import HeatMap
 from trackbench.report.findings.ranking import rankings
+from trackbench.report.paired import pairs_of
+from trackbench.report.results import Results
 from trackbench.report.tables.differences import ClaimRow, Claims
 from trackbench.report.verdicts import rules
 from trackbench.report.verdicts.claims import judge
@@ -36,6 +38,9 @@ def test_a_claim_holds_where_the_ranking_says_so(tmp_path: Path, rng, statistic:
         assert (word == "holds") == bool(found.worse)
         decided.add(word)
         if statistic == "mean":
+            ((_, (pair,)),) = results.pairs
+            assert pair.verdict == ("better" if found.worse else "no significant difference")
+            assert pair.interval == pytest.approx(measured_interval(results))
             row = ClaimRow(less="A", than="B", metric=measure("rmse_position"))
             (note,) = Claims(claims={"c": row}).table(results).notes
             assert f"{word} at" in note
@@ -45,6 +50,20 @@ def test_a_claim_holds_where_the_ranking_says_so(tmp_path: Path, rng, statistic:
                 f"{rules.DECIDED:g} standard errors, and {rules.SURE:g} without any one batch of runs)."
             )
     assert decided == {"holds", "inconclusive"}
+
+
+def measured_interval(results: Results) -> tuple[float, float]:
+    mean = measure("mean(rmse_position)")
+    return Evaluator(results, {}).difference(mean.of("A"), mean.of("B")).interval()
+
+
+@pytest.mark.parametrize(("metric", "word"), [("rmse", "worse"), ("log_score", "better")])
+def test_the_word_of_a_pair_knows_which_side_is_better(rng, metric: str, word: str) -> None:
+    B = rng.random(M)
+    (pair,) = pairs_of(metric, ["A", "B"], {"A": B + 1.0 + 0.1 * rng.random(M), "B": B}, batches=4)
+    assert pair.verdict == word
+    (pair,) = pairs_of(metric, ["A", "B"], {"A": B[:1] + 1.0, "B": B[:1]})
+    assert pair.verdict == "untested"
 
 
 CLAIMS = """paper,claim,experiment,left,expression,relation,factor,right,tolerance
@@ -67,6 +86,11 @@ def test_claims_on_a_recording_are_decided_by_its_steps(tmp_path: Path) -> None:
     assert [verdict.word for verdict in found.values()] == [
         *("holds", "fails", "inconclusive", "holds", "inconclusive"),
     ]
+    ((_, two),) = report.results.pairs
+    assert {pair.metric: pair.verdict for pair in two}["rmse_position"] == "worse"
+    page = (report.folder / "report.html").read_text()
+    assert "95 % interval" in page
+    assert ">worse</td>" in page
     with (report.folder / "paired.csv").open() as file:
         pairs = {row["metric"]: float(row["z"]) for row in csv.DictReader(file)}
     assert found["position"].z == pytest.approx(pairs["rmse_position"], rel=1e-9)

@@ -48,7 +48,7 @@ DERIVED = {
     ),
     "measured": (["comparison.csv", ["PF50"], "measured", more], "comparison.csv: 1 rows "),
     "a claim": (["claims.csv", ["PF equals itself"], "z", more], "claims.csv: 1 rows "),
-    "a pair": (["paired.csv", ["PF", "Exact"], "p_holm", "0.2"], "paired.csv: 1 rows "),
+    "a pair": (["paired.csv", ["PF", "Exact"], "z", "0.2"], "paired.csv: 1 rows "),
 }
 COMPUTED = {
     "mean": (["summary.csv", ["PF", "mean(rmse)"], "value", more], "summary.csv: 1 of "),

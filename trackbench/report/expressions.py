@@ -50,11 +50,6 @@ class Evaluator:
     results: Results
     point: GridPoint
 
-    @property
-    def batches(self) -> int:
-        """Return batches of consecutive runs, each of which a verdict leaves out; one in old folders."""
-        return int(self.results.config.get("verdict_seeds", 1))
-
     def term(self, m: Measure, common: Mask | bool = True) -> RunEstimate:
         """Return a filter's measure; over the ``common`` runs (M,) only, if they are given."""
         if m.relation:

@@ -1,27 +1,28 @@
-"""paired.csv: every pair of filters on common runs, with Holm's correction over all pairs."""
+"""Differences of every two filters on common runs, with the word of the verdicts' rule; paired.csv."""
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
+from math import isnan
 from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.inference import holm, studentised, two_sided
 from trackbench.evaluation.metric_expression import measured
 from trackbench.evaluation.statistics import (
     STATISTICS,
-    Estimate,
     influence,
     mean,
     series_mean,
     without_rounding,
 )
+from trackbench.report.estimates import OfSteps, RunEstimate
+from trackbench.report.verdicts.rules import difference_sign
 
 
 class Pair(NamedTuple):
-    """Mean difference ``a - b`` of a metric per run, its z, and p before and after correction."""
+    """Mean difference ``a - b`` of a metric per run, its test, and what follows for the filter a."""
 
     filter_a: str
     filter_b: str
@@ -29,9 +30,15 @@ class Pair(NamedTuple):
     difference: float
     stderr: float
     z: float
-    p: float
-    p_holm: float
     runs: int
+    interval: tuple[float, float]
+    """95 % confidence interval of the difference"""
+    verdict: str
+    """a is better, worse, or there is no significant difference; untested without a standard error"""
+
+
+COLUMNS = Pair._fields[:7]
+"""Columns of paired.csv after those of the grid."""
 
 
 def primary_metrics(metrics: list[str]) -> list[str]:
@@ -48,10 +55,12 @@ def pairs_at(
     runs: Mapping[tuple[str, str], Array],
     labels: Sequence[str],
     steps: Mapping[tuple[str, str], Array],
+    batches: int,
 ) -> list[Pair]:
     """Return pairs at one point of the grid, metric after metric, from values by (filter, metric).
 
-    ``steps`` are those of the only run, if it is a recording.
+    ``steps`` are those of the only run, if it is a recording. The rule of the verdicts leaves out each
+    of so many ``batches`` of runs.
     """
     found: list[Pair] = []
     for metric in primary_metrics(list(dict.fromkeys(m for _, m in runs))):
@@ -60,19 +69,19 @@ def pairs_at(
             {label: of[label, metric] for label in there if (label, metric) in of}
             for of in (runs, steps)
         )
-        found += pairs_of(metric, there, values, steps=series)
+        found += pairs_of(metric, there, values, series, batches)
     return found
 
 
-def difference_of(statistic: str, a: Array, b: Array) -> tuple[Estimate, Array]:
-    """Return the difference of a statistic over common runs (M,), and the runs' influences on it."""
+def difference_of(statistic: str, a: Array, b: Array) -> RunEstimate:
+    """Return the difference of a statistic over common runs (M,), with the runs' influences on it."""
     if statistic == "mean":
         differences = without_rounding(a, b)
-        return mean(differences), influence("mean", differences)
+        return RunEstimate(*mean(differences), influence("mean", differences), len(a))
     b = np.where(without_rounding(a, b) == 0.0, a, b)
     of = influence(statistic, a) - influence(statistic, b)
     over = STATISTICS[statistic]
-    return Estimate(over(a).value - over(b).value, mean(of).stderr), of
+    return RunEstimate(over(a).value - over(b).value, mean(of).stderr, of, len(a))
 
 
 @np.errstate(all="ignore")
@@ -80,25 +89,25 @@ def pairs_of(
     metric: str,
     labels: list[str],
     values: dict[str, Array],
-    statistic: str = "mean",
     steps: Mapping[str, Array] = MappingProxyType({}),
+    batches: int = 1,
 ) -> list[Pair]:
     """Return every two of the labels whose values per run (M,) have runs in common.
 
     One run alone is judged by its ``steps`` (T,), whose mean is the value.
     """
-    found = []
+    found, better = [], 1 if measured(metric).family[0].more_is_better else -1
     for a, b in combinations(labels, 2):
         both = np.isfinite(values[a]) & np.isfinite(values[b])
-        runs = int(both.sum())
-        if not runs:
+        if not both.any():
             continue
-        difference, influences = difference_of(statistic, values[a][both], values[b][both])
-        z = studentised(difference.value, influences)
-        if runs == 1 and a in steps and b in steps:
-            apart = series_mean(steps[a] - steps[b])
-            difference, z = difference._replace(stderr=apart.stderr), apart.z
-        p = two_sided(z)
-        found.append(Pair(a, b, metric, *difference, z, p, p, runs))
-    adjusted = holm(np.array([pair.p for pair in found]))
-    return [pair._replace(p_holm=float(p)) for pair, p in zip(found, adjusted, strict=True)]
+        term = difference_of("mean", values[a][both], values[b][both])
+        z = term.z()
+        if term.runs == 1 and a in steps and b in steps:
+            of_steps = steps[a] - steps[b]
+            term, z = OfSteps.of(term.value, of_steps), series_mean(of_steps).z
+        sign = better * difference_sign(term, batches)
+        word = "untested" if isnan(z) else ("no significant difference", "better", "worse")[sign]
+        of_runs = term.value, term.stderr, z, term.runs, term.interval(), word
+        found.append(Pair(a, b, metric, *of_runs))
+    return found

@@ -184,9 +184,14 @@ class Results(ResultFiles):
     def pairs(self) -> list[tuple[GridPoint, list[Pair]]]:
         """Return every pair of filters on common runs, by point of the grid."""
         return [
-            (point, pairs_at(self.runs(point), self.labels, self.judged_steps(point)))
-            for point in self.points()
+            (p, pairs_at(self.runs(p), self.labels, self.judged_steps(p), self.batches))
+            for p in self.points()
         ]
+
+    @property
+    def batches(self) -> int:
+        """Return batches of consecutive runs, each of which a verdict leaves out; one in old folders."""
+        return int(self.config.get("verdict_seeds", 1))
 
     def judged_steps(self, point: GridPoint) -> dict[tuple[str, str], Array]:
         """Return what each step (T,) of one recorded run adds to a number, by (filter, metric).

@@ -52,12 +52,9 @@ class HeatMap(FigureKind):
         if results.grid:
             return ""
         pairs = self._shown_pairs(results)
-        evidence = Evaluator(results, results.points()[0])
-        m = self.metric._replace(statistic="mean")
-        differences = [evidence.difference(m.of(p.filter_a), m.of(p.filter_b)) for p in pairs]
-        alike = sum(not rules.difference_sign(d, evidence.batches) for d in differences)
+        alike = sum(p.verdict not in ("better", "worse") for p in pairs)
         rule = f"{rules.SURE:g} standard errors"
-        if not any(d.is_exact for d in differences):
+        if results.config["runs"] > 1:
             rule = f"{rules.DECIDED:g} standard errors, and {rules.SURE:g} without any one batch of runs"
         words = "Blue: the filter on the left has the smaller one, in standard errors of the difference."
         count = f"{alike} of {counted(len(pairs), 'pair')} do not differ significantly"

@@ -66,10 +66,7 @@ class Candidate:
         if self.steps is not None and other.steps is not None:
             return self.steps.minus(other.steps)
         a, b = self.common_runs(other)
-        if not len(a):
-            return MISSING
-        difference, influences = difference_of(self.statistic, a, b)
-        return RunEstimate(*difference, influences, len(a))
+        return difference_of(self.statistic, a, b) if len(a) else MISSING
 
     @cached_property
     def losses(self) -> int:
@@ -134,7 +131,7 @@ def rankings(
     for where in scenes(results) if metric else []:
         every = _settings(results, points_of(results, where), metric, statistic)
         settings = [candidate for candidate in every if candidate.label in labels]
-        reference, batches = results.config.get("reference"), Evaluator(results, where).batches
+        reference, batches = results.config.get("reference"), results.batches
         found.append(ranking_of(settings, metric, reference, batches)._replace(scene=where))
     return found
 
@@ -164,9 +161,7 @@ def best_settings(results: Results) -> list[Ranking]:
             # One ranking for each filter with several values.
             mine = [c for c in settings if c.label == label]
             if len(mine) > 1:
-                ranking = ranking_of(
-                    mine, metric, batches=Evaluator(results, where).batches, apart=True
-                )
+                ranking = ranking_of(mine, metric, batches=results.batches, apart=True)
                 found.append(ranking._replace(scene=where))
     return found
 

@@ -94,18 +94,19 @@ def _facts(results: Results) -> list[tuple[str, object]]:
 
 def _pairs(results: Results) -> TextTable:
     """Return all pairs."""
-    heads = [*results.grid_heads, "a", "b", "Metric", "Mean of a - b", "z", "p (Holm)"]
-    table = TextTable("Differences per run, corrected over all pairs of a metric (Holm)", heads)
+    heads = [*results.grid_heads, "a", "b", "Metric", "Mean of a - b", "95 % interval", "a is"]
+    table = TextTable("Mean differences on common runs", heads)
     for point, pairs in results.pairs:
         for pair in pairs:
-            difference = rounded(pair.difference, pair.stderr, 4)
+            numbers = pair.difference, *pair.interval
+            difference, *ends = (rounded(x, pair.stderr, 4) for x in numbers)
             table.rows.append(
                 [
                     *(_point_cell(v) for v in point.values()),
                     *(Text(x) for x in (pair.filter_a, pair.filter_b, pair.metric)),
                     Text(difference, pair.difference),
-                    Text(f"{pair.z:+.1f}", pair.z),
-                    Text(f"{pair.p_holm:.2g}", pair.p_holm),
+                    Text(" to ".join(end.partition(" ")[0] for end in ends)),
+                    Text(pair.verdict),
                 ]
             )
     return table

@@ -101,7 +101,7 @@ def _compared(evidence: Evaluator, claim: ClaimRow) -> tuple[RunEstimate, str]:
     less, than = mean.of(claim.less), mean.of(claim.than)
     # mean(less - than) on common runs, negative where the claim holds
     off = evidence.difference(less, than)
-    sign = rules.difference_sign(off, evidence.batches)
+    sign = rules.difference_sign(off, evidence.results.batches)
     return off, (UNDECIDED, "fails", "holds")[sign]
 
 

@@ -104,7 +104,7 @@ def best_labels(expressions: Evaluator, labels: Sequence[str], m: Measure) -> li
     if len(rivals) > 1:
         if len({c.overall.value for c in rivals}) == 1:
             return []
-        ranking = ranking_of(rivals, m.metric, batches=expressions.batches)
+        ranking = ranking_of(rivals, m.metric, batches=expressions.results.batches)
         return [c.label for c in ranking.among_the_best]
     values = {label: _cell(expressions, m.of(label)).estimate.value for label in labels}
     values = {label: value for label, value in values.items() if isfinite(value)}

@@ -117,7 +117,7 @@ def _score(evidence: Evaluator, claim: Claim, right: str) -> _Score:
     off = _margin(evidence, claim, right)
     parts, stressed = (
         [off._replace(term=term).in_favour(claim) for term in terms]
-        for terms in (off.term.parts(evidence.batches), off.term.stressed())
+        for terms in (off.term.parts(evidence.results.batches), off.term.stressed())
     )
     return _Score(claim, right, off.in_favour(claim), parts, stressed, off)
 

@@ -12,7 +12,7 @@ from trackbench.atomic_files import remove, write_csv, write_text
 from trackbench.config.published import PublishedNumber
 from trackbench.errors import counted
 from trackbench.report.findings.phrases import run_count
-from trackbench.report.paired import Pair
+from trackbench.report.paired import COLUMNS
 from trackbench.report.results import Results
 from trackbench.report.table import Text, TextTable, rounded
 from trackbench.report.verdicts.claims import ClaimVerdict, noted
@@ -114,8 +114,10 @@ def write_comparison(results: Results, comparison: Comparison) -> None:
 
 def write_paired(results: Results) -> None:
     """Write paired.csv."""
-    rows = [[*point.values(), *pair] for point, pairs in results.pairs for pair in pairs]
-    write_csv(results.target / "paired.csv", [*results.grid, *Pair._fields], rows)
+    rows = [
+        [*point.values(), *pair[: len(COLUMNS)]] for point, pairs in results.pairs for pair in pairs
+    ]
+    write_csv(results.target / "paired.csv", [*results.grid, *COLUMNS], rows)
 
 
 def number_rows(comparison: Comparison) -> list[dict[str, object]]:

@@ -147,7 +147,7 @@ def _readings(number: PublishedNumber, evidence: Evaluator | None) -> Iterator[C
             if number.variance is None:  # the paper's error is that of our runs, scaled to its own
                 judged = replace(number, variance=measured.stderr**2 * measured.runs)
             measured = RunEstimate(number.factor * exact, 0.0, None, measured.runs)
-        parts = measured.parts(evidence.batches)
+        parts = measured.parts(evidence.results.batches)
         deterministic = label in evidence.results.deterministic
         verdict = rules.number_verdict(judged, measured, parts, deterministic)
         reasons = [
