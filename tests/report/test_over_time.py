@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from trackbench import api
 from trackbench.evaluation.metric_expression import measured
 from trackbench.report.figures.consistency import Anees
+from trackbench.report.figures.innovations import Nis
 from trackbench.report.figures.over_time import EstimatesOfOneRun, OverTime, RmseVsTime
 from trackbench.report.plotting import style
 from trackbench.report.render import draw_figure
@@ -21,7 +22,7 @@ LABELS = ["A", "B", "C", "D", "E", "A filter with a name of many words", "Bound"
 CONFIG = """
 name: many
 runs: 4
-metrics: [rmse_position, anees]
+metrics: [rmse_position, anees, anis, innovations]
 scenario:
   kind: tracking
   T: 1
@@ -74,7 +75,9 @@ def test_many_filters_over_many_steps_have_a_panel_each(many: Results, log: bool
     assert words == ["Other filters, means over 2 steps", "Bound", style.SPREAD]
 
 
-@pytest.mark.parametrize("kind", [RmseVsTime(metric=RMSE), Anees(n_x=4), EstimatesOfOneRun()])
+@pytest.mark.parametrize(
+    "kind", [RmseVsTime(metric=RMSE), Anees(n_x=4), Nis(), EstimatesOfOneRun()]
+)
 def test_seven_panels_stand_in_rows_of_four_and_three(many: Results, kind: OverTime) -> None:
     shown = panels(kind, many)
     assert len(shown) == 7
@@ -89,6 +92,22 @@ def test_few_filters_have_one_panel(many: Results, labels: Sequence[str]) -> Non
     (ax,) = panels(RmseVsTime(metric=RMSE, filters=tuple(labels), floor="Bound"), many)
     assert [*lines(ax)] == [*labels, "Bound"]
     assert len(panels(EstimatesOfOneRun(filters=tuple(labels)), many)) == 2
+
+
+def test_panels_of_nis_have_averages_over_steps(many: Results) -> None:
+    shown = panels(Nis(over=2), many)
+    assert [next(iter(lines(ax))) for ax in shown] == LABELS
+    frame = many.per_step.query("metric == 'anis' and filter == 'B'")
+    averages = frame["value"].to_numpy()[: 2 * (len(frame) // 2)].reshape(-1, 2).mean(axis=1)
+    np.testing.assert_allclose(lines(shown[1])["B"][:, 1], averages)
+    words = [text.get_text() for text in shown[0].figure.legends[0].get_texts()]
+    assert "Other filters, means\nover 2 steps" in words
+
+
+def test_a_label_without_steps_has_no_panel(many: Results) -> None:
+    steps = dict.fromkeys(LABELS, 200)
+    assert Anees(n_x=4).panel_titles(many, steps) == LABELS
+    assert Anees(n_x=4).panel_titles(many, steps | {"Bound": 0}) == LABELS[:6]
 
 
 def test_the_panels_of_estimates_have_the_errors_of_a_run(many: Results) -> None:

@@ -26,7 +26,8 @@ class Nis(OverTime):
     """Normalised innovation squared over the number of components, with a consistent filter's band.
 
     Averages over runs and over successive steps, so many that each is of some components; the grey band
-    has 95 % of them (Bar-Shalom, Li & Kirubarajan 2001, section 5.4.2).
+    has 95 % of them (Bar-Shalom, Li & Kirubarajan 2001, section 5.4.2). More than 5 filters over more
+    than 150 steps have a panel each, with the other filters in gray.
     """
 
     requires: ClassVar[dict[str, str]] = {"anis": "per_step", "innovations": "per_step"}
@@ -40,8 +41,9 @@ class Nis(OverTime):
 
     def draw(self, results: Results) -> Figure:
         """Return one line per filter."""
-        figure, panels = self.panels(results)
-        for (ax,), point in panels:
+        titles = self.panel_titles(results, self.steps_of(results, measured("anis")))
+        figure, panels = self.panels_over_time(results, titles)
+        for (ax,), point, title in panels:
             band: tuple[Array, Array] = (np.empty(0), np.empty(0))
             for (rows, look), (numbers, _) in zip(
                 self.lines(results, point, measured("anis")),
@@ -50,23 +52,25 @@ class Nis(OverTime):
             ):
                 if len(rows):
                     count = numbers["value"] * numbers["runs"]
-                    k, value, number = self._averages(rows[self.x], rows["value"], count)
-                    ax.plot(k, value, marker="o", markersize=2, **look)
+                    over = self.over or max(1, round(_ENOUGH / float(count.mean())))
+                    k, value, number = _averages(rows[self.x], rows["value"], count, over)
+                    dotted = look | {"marker": "o", "markersize": 2}
+                    self.curve(ax, (k, value), dotted, title, titles, over)
                     band = max(band, (k, number), key=lambda b: len(b[0]))
             if len(band[0]):
                 low, high = np.array([anees_band(1, round(n)) for n in band[1]]).T
                 ax.fill_between(band[0], low, high, label="95 % band", **style.BAND)
             ax.axhline(1.0, color="black", linewidth=0.6)
-        return self.finish(figure)
+        return self.finish(figure, titles)
 
-    def _averages(self, k: Array, value: Array, count: Array) -> tuple[Array, Array, Array]:
-        """Return the middle step, average and number of components of so many successive steps each."""
-        over = self.over or max(1, round(_ENOUGH / float(count.mean())))
-        ends = range(0, len(k) - over + 1, over) if len(k) >= over else [0]
-        parts = [slice(i, i + over) for i in ends]
-        numbers = np.array([count[p].sum() for p in parts])
-        averages = np.array([(value[p] * count[p]).sum() for p in parts]) / numbers
-        return np.array([k[p].mean() for p in parts]), averages, numbers
+
+def _averages(k: Array, value: Array, count: Array, over: int) -> tuple[Array, Array, Array]:
+    """Return the middle step, average and number of components of so many successive steps each."""
+    ends = range(0, len(k) - over + 1, over) if len(k) >= over else [0]
+    parts = [slice(i, i + over) for i in ends]
+    numbers = np.array([count[p].sum() for p in parts])
+    averages = np.array([(value[p] * count[p]).sum() for p in parts]) / numbers
+    return np.array([k[p].mean() for p in parts]), averages, numbers
 
 
 @register("figures", "autocorrelation")

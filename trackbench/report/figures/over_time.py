@@ -1,6 +1,6 @@
 """Figure kinds over time: `rmse-vs-time`, `estimates`; what they share with others of curves."""
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
@@ -110,21 +110,21 @@ class OverTime(Curves):
         """Label of the horizontal axis."""
         return self.x_label or {"step": "Step k", "time": "Time (s)"}[self.x]
 
-    def panel_titles(self, results: Results, steps: int) -> list[str]:
+    def panel_titles(self, results: Results, steps: Mapping[str, int]) -> list[str]:
         """Return the filters that get a panel each; an empty list if all share one panel.
 
-        They get one if they are many, over many ``steps``, at a single grid point. The floor, the
-        baseline and exact filters get none.
+        They get one if they are many, over many ``steps`` by label, at a single grid point. The floor,
+        the baseline, exact filters and labels without steps get none.
         """
         references = (self.floor, self.baseline, *results.exact)
-        filters = [label for label, _ in self.labels(results) if label not in references]
-        crowded = len(filters) > _MOST_CURVES and steps > _MOST_STEPS
+        filters = [label for label in steps if steps[label] and label not in references]
+        crowded = len(filters) > _MOST_CURVES and max(steps.values()) > _MOST_STEPS
         return filters if crowded and len(results.points()) == 1 else []
 
-    def steps_of(self, results: Results, metric: OfStep) -> int:
-        """Return how many steps of the first point have the metric."""
+    def steps_of(self, results: Results, metric: OfStep) -> dict[str, int]:
+        """Return how many steps of the first point have the metric, by label."""
         lines = self.lines(results, results.points()[0], metric)
-        return max((len(rows) for rows, _ in lines), default=0)
+        return {look["label"]: len(rows) for rows, look in lines}
 
     def panels_over_time(
         self, results: Results, titles: Sequence[str], rows: int = 1, **layout: Any
@@ -162,15 +162,17 @@ class OverTime(Curves):
         look: style.LineStyle,
         title: str,
         titles: Collection[str],
+        steps: int = 1,
     ) -> bool:
         """Draw the line ``x, y`` of the filter ``look["label"]``; return whether it is in its own look.
 
-        It is gray if the filter is one of the ``titles`` but not ``title``, that of this panel.
+        It is gray if the filter is one of the ``titles`` but not ``title``, that of this panel. Each
+        value is that of so many ``steps``.
         """
         x, y, *_ = line
         label = look["label"]
         if label in titles and label != title:
-            style.gray_line(ax, x, y)
+            style.gray_line(ax, x, y, steps)
             return False
         ax.plot(x, y, **look | {"linestyle": "-"} if label == title else look)
         return True
@@ -242,7 +244,9 @@ class EstimatesOfOneRun(OverTime):
         tracks = [results.tracks(p) for p in results.points()[: style.MOST_PANELS]]
         c, run = self.component - 1, self.run - 1
         known = any(np.isfinite(t["truth"][c, :, run]).any() for t in tracks if t)
-        titles = self.panel_titles(results, max((len(t["steps"]) for t in tracks if t), default=0))
+        shown = [label for label, _ in self.labels(results) if f"mean/{label}" in tracks[0]]
+        steps = {label: len(tracks[0]["steps"]) for label in shown}
+        titles = self.panel_titles(results, steps)
         layout = {"height_ratios": [3, 2] * -(-len(tracks) // 4)} if known else {}
         figure, panels = self.panels_over_time(results, titles, 2 if known else 1, **layout)
         for (axes, _, title), arrays in zip(panels, tracks * max(len(titles), 1), strict=True):

@@ -131,8 +131,11 @@ def with_gaps(steps: Array, *series: Array) -> tuple[Array, ...]:
     return tuple(np.insert(np.asarray(s, dtype=float), places, np.nan) for s in series)
 
 
-def gray_line(ax: Axes, x: Array, value: Array) -> None:
-    """Draw the line of another panel's filter behind, as means over windows of successive values."""
+def gray_line(ax: Axes, x: Array, value: Array, steps: int = 1) -> None:
+    """Draw the line of another panel's filter behind, as means over windows of successive values.
+
+    Each value is that of so many ``steps``.
+    """
     if not len(x):
         return
     over = -(-len(x) // _GRAY_POINTS)
@@ -141,7 +144,8 @@ def gray_line(ax: Axes, x: Array, value: Array) -> None:
     # A window with a NaN is a gap.
     means = (np.add.reduceat(series, starts) / lengths for series in (x, value))
     ax.plot(*means, label="_gray", **_GRAY)
-    ax.plot([], [], label=f"Other filters, means over {over} steps", **_GRAY)
+    words = f", means over {over * steps} steps" if over * steps > 1 else ""
+    ax.plot([], [], label=f"Other filters{words}", **_GRAY)
 
 
 def legend_outside(figure: Figure, without: Collection[str] = ()) -> None:
