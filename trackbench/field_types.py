@@ -41,6 +41,14 @@ DataFile = Annotated[str, IS_FILE]
 """A path, relative to the YAML file that names it; the dataclass gets the absolute path."""
 
 
+class UnitIf(NamedTuple):
+    """Mark of a key that has another unit if a second key has this value."""
+
+    key: str
+    value: str
+    unit: str
+
+
 def require_regular_file(path: str | Path) -> Path:
     """Return the path of a file that can be read to its end.
 

@@ -1,7 +1,7 @@
 """The config of a results folder: filters, grid, names of tables and figures."""
 
 import re
-from collections.abc import Container
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -14,12 +14,12 @@ from trackbench.config.includes import split_path
 from trackbench.config.published import Published, read_published
 from trackbench.errors import counted
 from trackbench.evaluation.metric_expression import exact_label
-from trackbench.field_types import part_group
+from trackbench.field_types import UnitIf, annotations_of, part_group
 from trackbench.models.sensors.base import Assume
 from trackbench.registry import Group, kinds
 from trackbench.report.findings import phrases
 from trackbench.report.plotting import style
-from trackbench.yaml_source import Keys, Source, read
+from trackbench.yaml_source import Source, read
 
 _UNIT = re.compile(
     r", (k?m|m?rad|deg|s|(?:m|deg|m\^2)/s(?:\^\d)?|\(m/s(?:\^2)?\)\^2)(?=,(?! or)|$)"
@@ -27,34 +27,28 @@ _UNIT = re.compile(
 """Unit in the documentation of a key: ``standard deviation of the range, m``."""
 
 
-def _key_text(config: dict[str, Any], keys: Keys) -> str:
-    """Return the documentation of the config's key at a path; empty if its component is unknown."""
-    # Step 1: the component or the filter's model that the path begins in.
-    first, *rest = (k for k in keys if not isinstance(k, int))
-    part = config[first]
-    group: str | None = "scenarios"
-    if first == "filters":
-        label, *rest = rest
-        part, group = part[label], "filters"
-    # Step 2: go down; a key holds a component of a kind, or the keys of a dataclass.
-    cls: type[Any] | None = None
-    for i, key in enumerate(rest):
-        if group is not None:
-            cls = kinds(cast(Group, group)).get(part.get("kind", "ekf"))
-        if key == "assume" and cls is not None and key not in hints_of(cls):
-            cls, group, part = Assume, None, part[key]
-            continue
-        if cls is None or key not in hints_of(cls):
-            return ""
-        if i == len(rest) - 1:
-            text, _, printed = help_texts(cls).get(key, "").partition("; with the printed gain")
-            return printed if printed and part.get("noise_gain") == "printed" else text
-        hint, part = hints_of(cls)[key], (part or {}).get(key)
-        group, nested = part_group(hint), dataclasses_in(hint)
-        cls = nested[0] if group is None and len(nested) == 1 else None
-        if not isinstance(part, dict):
-            return ""
-    return ""
+def _unit(part: Any, group: str | None, cls: type[Any] | None, keys: Sequence[str]) -> str:
+    """Return the unit of the key at a path below a component of a group, or below a dataclass.
+
+    Empty if the component is unknown or the key names no unit.
+    """
+    key, *rest = keys
+    if group is not None:
+        cls = kinds(cast(Group, group)).get(part.get("kind", "ekf"))
+    hint = None if cls is None else hints_of(cls).get(key)
+    if key == "assume" and hint is None:
+        return _unit(part[key], None, Assume, rest)
+    if cls is None or hint is None:
+        return ""
+    if rest:
+        inner, nested = part.get(key), dataclasses_in(hint)
+        only = nested[0] if len(nested) == 1 else None
+        return _unit(inner, part_group(hint), only, rest) if isinstance(inner, dict) else ""
+    for mark in annotations_of(hint):
+        if isinstance(mark, UnitIf) and part.get(mark.key) == mark.value:
+            return mark.unit
+    found = _UNIT.search(help_texts(cls).get(key, ""))
+    return found[1] if found else ""
 
 
 @dataclass(frozen=True)
@@ -179,8 +173,12 @@ class ResultsConfig:
         found: dict[str, str] = {}
         for path in (p for p in self.grid if not phrases.quantity(p)[1]):
             keys = split_path(self.source, single_paths(path)[0])
-            unit = _UNIT.search(_key_text(self.config, keys))
-            found |= {path: unit[1]} if unit else {}
+            first, *rest = (str(key) for key in keys if not isinstance(key, int))
+            part, group = self.config[first], "scenarios"
+            if first == "filters":
+                part, group, rest = part[rest[0]], "filters", rest[1:]
+            if unit := _unit(part, group, None, rest):
+                found[path] = unit
         return found
 
     @cached_property

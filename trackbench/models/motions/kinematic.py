@@ -6,14 +6,14 @@ are cached and read-only.
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 
 from trackbench.core import linalg
 from trackbench.core.arrays import Array, fixed
 from trackbench.core.distributions import Gaussian
-from trackbench.field_types import NonNegative, Positive
+from trackbench.field_types import NonNegative, Positive, UnitIf
 from trackbench.models.base import AXES, Motion, position_velocity_names
 from trackbench.registry import register
 
@@ -100,10 +100,10 @@ class ConstantVelocity(PerAxis):
     prints it after Bar-Shalom & Birmiwal 1982, ``G = [T/2, 1]'`` (a random velocity increment).
     """
 
-    q: NonNegative
-    """variance of the disturbance per axis, (m/s^2)^2; with the printed gain, (m/s)^2"""
+    q: Annotated[NonNegative, UnitIf("noise_gain", "printed", "(m/s)^2")]
+    """variance of the disturbance per axis, (m/s^2)^2"""
     noise_gain: NoiseGain = "standard"
-    """gain G of the disturbance: [T^2/2, T]' or the printed [T/2, 1]'"""
+    """gain G of the disturbance: [T^2/2, T]', or the printed [T/2, 1]' of a q in (m/s)^2"""
     kind: Literal["cv"] = "cv"
     """constant velocity"""
 
