@@ -117,3 +117,23 @@ def test_list_and_describe() -> None:
     wrong = spawned("describe", "hdpf")
     assert wrong.returncode == 2
     assert "did you mean hdepf" in wrong.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["show", "zzz"], "known: adaptive-kf, .*, [0-9]+ more$"),
+        (
+            ["check", "--contract", "mine.yaml"],
+            "--contract mine.yaml: is a config; name the Python",
+        ),
+        (["history", "none"], "name at least one results folder: trackbench history results/"),
+    ],
+)
+def test_a_first_mistake_gets_a_short_answer(
+    tmp_path: Path, words: list[str], message: str
+) -> None:
+    done = trackbench(*words, cwd=tmp_path)
+    assert done.returncode == 2
+    assert re.search(message, done.stderr.strip())
+    assert len(done.stderr) < 800

@@ -27,7 +27,7 @@ _TASKS: dict[str, tuple[Callable[..., None], ...]] = {
     "Read results": (codecheck, compare, gate, history, plot, report, verify),
     "Write configs": (list_, describe, show, copy, check, schema),
     "Write components": (new,),
-    "Keep order": (cache,),
+    "Free disk space": (cache,),
 }
 """Commands by task."""
 
@@ -50,7 +50,8 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
-    help="Monte Carlo experiments with target-tracking filters, from YAML to tables and figures.",
+    help="Monte Carlo experiments with target-tracking filters, from YAML to tables and figures.\n\n"
+    "Start with `trackbench run nile` or `trackbench new experiment`.",
 )
 
 
@@ -64,7 +65,7 @@ def _version(wanted: bool) -> None:
 @app.callback()
 def options(
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="say the version")
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="print the version")
     ] = False,
 ) -> None:
     """Run Monte Carlo experiments with target-tracking filters."""

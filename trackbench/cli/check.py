@@ -23,7 +23,7 @@ def check(
     only: Only = None,
     allow_plugins: AllowPlugins = False,
     contract: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="hold the filters of a Python file to it")
+        Path | None, typer.Option(metavar="FILE", help="check the filters of a Python file")
     ] = None,
     picture: Annotated[
         Path | None,
@@ -50,6 +50,8 @@ def check(
         raise typer.BadParameter("name a config, or a Python file with --contract")
     if on is not None and contract is None:
         raise typer.BadParameter("--on needs --contract FILE")
+    if contract is not None and contract.suffix in (".yaml", ".yml"):
+        raise typer.BadParameter(f"--contract {contract}: is a config; name the Python file")
     if config is not None:
         _check_config(config, api_options(locals()), json, picture)
     if contract is not None:
@@ -79,7 +81,7 @@ def cache(
         old = told(size.old_blocks)
         typer.echo(f"of other versions of the code: {old}; remove them with --prune")
     if size.figures.number:
-        typer.echo(f"drawn before: {told(size.figures, 'figure file')}; they go with the blocks")
+        typer.echo(f"figures: {told(size.figures, 'file')}; --clear removes them, too")
 
 
 def _check_config(config: Path, options: "Options", json: bool, picture: Path | None) -> None:

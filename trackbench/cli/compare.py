@@ -146,9 +146,9 @@ def history(folders: Folders, metric: Metric = "", out: Figure = None, json: Jso
     good = [folder for folder in folders if (folder / "config.yaml").is_file()]
     for folder in folders:
         if folder not in good and (folder.is_dir() or not folder.exists()):
-            typer.echo(f"note: {folder}: is no results folder", err=True)
+            typer.echo(f"note: {folder}: is not a results folder, it has no config.yaml", err=True)
     if not good:
-        raise UserError("no results folder is named; trackbench history results/*")
+        raise UserError("name at least one results folder: trackbench history results/*")
     tables = of_folders.history([open_results(folder) for folder in good], metric)
     if out is not None:
         save(of_folders.draw(tables), out)

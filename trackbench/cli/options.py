@@ -174,7 +174,7 @@ Scheduler = Annotated[
     str | None, typer.Option(metavar="ADDRESS", help="of a dask cluster: tcp://host:port")
 ]
 Fresh = Annotated[bool, typer.Option("--fresh", help="compute again what is kept from before")]
-DryRun = Annotated[bool, typer.Option("--dry-run", help="say what would run")]
+DryRun = Annotated[bool, typer.Option("--dry-run", help="print what would run")]
 Quick = Annotated[bool, typer.Option("--quick", help="20 runs at most, in blocks that fit them")]
 Force = Annotated[bool, typer.Option("--force", help="let --quick replace results of more runs")]
 SaveTracks = Annotated[

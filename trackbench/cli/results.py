@@ -52,7 +52,8 @@ def compare(
             echo_line(row)
         return
     if not found.rows and not found.claims and not times:
-        typer.echo(f"{folder}: nothing is published about this experiment", err=True)
+        text = "this experiment names no published numbers; compare two folders: trackbench compare"
+        typer.echo(f"{folder}: {text} {folder} DIR2", err=True)
         return
     if format_ or not sys.stdout.isatty():
         typer.echo("\n".join([markdown(results, found), *(table.markdown() for table in times)]))

@@ -142,9 +142,10 @@ def build(
 
 
 def unknown(word: str, known: list[str]) -> str:
-    """Return ``did you mean ...?``, or all there is."""
+    """Return ``did you mean ...?``, or the first 40 known words."""
     near = get_close_matches(word, known, 1, 0.5) or [k for k in known if k.lower() == word.lower()]
-    return f"did you mean {near[0]}?" if near else f"known: {', '.join(known)}"
+    shown = known if len(known) <= 40 else [*known[:40], f"{len(known) - 40} more"]
+    return f"did you mean {near[0]}?" if near else f"known: {', '.join(shown)}"
 
 
 def _without_unions(problems: Collection[Problem]) -> list[Problem]:

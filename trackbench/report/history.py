@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from trackbench.config.build import unknown
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.evaluation.metric_expression import measured
 from trackbench.evaluation.statistics import Estimate
@@ -47,7 +48,7 @@ def history(every: Sequence[Results], metric: str = "") -> list[Table]:
             cell = Cell(Estimate(row["value"], row["stderr"]), row["runs"], row["lost"])
             table.add([label, *place], [cell])
     if not any(table.keys for table in tables.values()):
-        what = f"no folder has it; known: {', '.join(names)}"
+        what = f"no folder has it; {unknown(metric, [*names])}"
         raise UserError(Problem(Mark(f"--metric {metric}"), "", what))
     # Put the rows of one filter together.
     for table in tables.values():
