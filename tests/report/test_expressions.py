@@ -33,6 +33,7 @@ class Folder:
 
     filters: tuple = ("A", "B")
     grid_points: tuple = ({},)
+    batches: int = 1
 
     @property
     def config(self):

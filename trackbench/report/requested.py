@@ -177,7 +177,7 @@ class ResultsConfig:
             part, group = self.config[first], "scenarios"
             if first == "filters":
                 part, group, rest = part[rest[0]], "filters", rest[1:]
-            if unit := _unit(part, group, None, rest):
+            if rest and (unit := _unit(part, group, None, rest)):
                 found[path] = unit
         return found
 

@@ -19,6 +19,7 @@ from trackbench.report.kinds import FigureKind, figure_folder
 from trackbench.report.render import draw_figure
 from trackbench.report.results import Results, catch_plugin_errors
 from trackbench.report.table import Text, TextTable, rounded
+from trackbench.report.verdicts import rules
 from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts
 from trackbench.report.verdicts.files import bars, summary_lines, verdict_tables
 from trackbench.report.verdicts.numbers import Comparison, compare
@@ -95,7 +96,8 @@ def _facts(results: Results) -> list[tuple[str, object]]:
 def _pairs(results: Results) -> TextTable:
     """Return all pairs."""
     heads = [*results.grid_heads, "a", "b", "Metric", "Mean of a - b", "95 % interval", "a is"]
-    table = TextTable("Mean differences on common runs", heads)
+    rule = f"Significant: {rules.HOW_DECIDED}. The rule is stricter than the 95 % interval of one pair."
+    table = TextTable("Mean differences on common runs", heads, notes=[rule])
     for point, pairs in results.pairs:
         for pair in pairs:
             numbers = pair.difference, *pair.interval
