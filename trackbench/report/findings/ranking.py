@@ -18,7 +18,6 @@ from trackbench.evaluation.inference import loses_more
 from trackbench.evaluation.metric_expression import Measure, measured
 from trackbench.evaluation.statistics import STATISTICS, Estimate
 from trackbench.report.estimates import MISSING, OfSteps, RunEstimate
-from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import named
 from trackbench.report.paired import difference_of, primary_metrics
