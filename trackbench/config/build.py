@@ -144,8 +144,8 @@ def build(
 def unknown(word: str, known: list[str]) -> str:
     """Return ``did you mean ...?``, or the first 40 known words."""
     near = get_close_matches(word, known, 1, 0.5) or [k for k in known if k.lower() == word.lower()]
-    shown = known if len(known) <= 40 else [*known[:40], f"{len(known) - 40} more"]
-    return f"did you mean {near[0]}?" if near else f"known: {', '.join(shown)}"
+    shown = ", ".join(known[:40]) + (f", {len(known) - 40} more" if len(known) > 40 else "")
+    return f"did you mean {near[0]}?" if near else f"known: {shown}"
 
 
 def _without_unions(problems: Collection[Problem]) -> list[Problem]:
@@ -158,8 +158,7 @@ def _without_unions(problems: Collection[Problem]) -> list[Problem]:
         value, verb, rest = problem.what.rpartition(" is ")
         if verb and any(p.path.startswith(f"{problem.path}.") for p in problems):
             continue
-        place = problem.mark, problem.path, value or rest
-        before = merged.get(place)
+        before = merged.get(place := (problem.mark, problem.path, value or rest))
         merged[place] = replace(before, what=f"{before.what} and {rest}") if before else problem
     return list(merged.values())
 
