@@ -1,6 +1,7 @@
 """Recorded data: the same numbers as simulated ones, gaps, no truth, and files with mistakes."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +34,7 @@ filters:
   UKF: {{kind: ukf}}
   EKF: {{kind: ekf}}
   PF: {{kind: pf, N: 50}}
-  Exact: {{kind: grid}}
+  Exact: {{kind: grid, nodes: 16}}
 tables:
   t: {{kind: metrics, columns: {{RMSE: rms(rmse), NIS: mean(nis)}}}}
 """
@@ -55,9 +56,10 @@ def run(config: Path, out: Path, **options: object) -> api.Report:
     return api.run(config, out=out, workers=1, quiet=True, formats=(), **options)
 
 
-@pytest.fixture
-def simulated(tmp_path: Path) -> Path:
-    """A simulated batch of 6 runs, and the same data as CSV files."""
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Simulate a batch of 6 runs, and write its data as CSV files."""
+    tmp_path = tmp_path_factory.mktemp("recording")
     text = write(tmp_path, runs="runs: 6").read_text()
     start, end = text.index("scenario:"), text.index("filters:")
     scenario = json.dumps(SIMULATED)
@@ -76,7 +78,14 @@ def simulated(tmp_path: Path) -> Path:
                 "z" if name == "m" else "x": values[0].T.ravel(),
             }
             pd.DataFrame(frame).to_csv(tmp_path / "data" / f"{name}.csv", index=False)
-    return out
+    return tmp_path
+
+
+@pytest.fixture
+def simulated(recording: Path, tmp_path: Path) -> Path:
+    """Copy the recording's data to the test's folder, and return the simulation's results."""
+    shutil.copytree(recording / "data", tmp_path / "data")
+    return recording / "sim"
 
 
 def test_recorded_data_give_the_numbers_of_the_simulation(simulated: Path, tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ rows are added to each other in order, by elementwise sums only. A long row is c
 are added as rows, and their sum is cut again into smaller blocks.
 """
 
-from math import frexp, ldexp, prod
+from math import prod
 from typing import Literal
 
 import numpy as np
@@ -14,6 +14,7 @@ from trackbench.core import compiled
 from trackbench.core.arrays import Array
 
 _EXACT = 128  # products of numbers of 23 bits whose sum is exact
+_AT_ONCE = 16_384  # numbers of a product's rows: their halves stay in the cache
 _BLOCKS = ((4096, 512), (256, 128))  # length from which a row is cut, and into what
 
 
@@ -56,11 +57,14 @@ def product(A: Array, B: Array) -> Array:
     if len(B) > _EXACT:
         first, rest = slice(_EXACT), slice(_EXACT, None)
         return product(A[..., first], B[first]) + product(A[..., rest], B[rest])
-    B1, B2 = _halves(B)
+    B1, B2 = (half.reshape(B.shape) for half in _halves(B.reshape(1, -1)))
     out = np.empty((*A.shape[:-1], B.shape[1]))
-    # A B = A1 B2 + A2 B1 + A1 B1 (A2 B2 is below 45 bits), for one row of A at a time in the cache.
-    for rows, target in zip(A, out, strict=True):
-        A1, A2 = _halves(rows)
+    # A B = A1 B2 + A2 B1 + A1 B1 (A2 B2 is below 45 bits), for as many rows of A as fit the cache.
+    size = max(1, _AT_ONCE // max(1, prod(A.shape[1:])))
+    for i in range(0, len(A), size):
+        rows = A[i : i + size]
+        A1, A2 = (half.reshape(-1, len(B)) for half in _halves(rows.reshape(len(rows), -1)))
+        target = out[i : i + size].reshape(-1, B.shape[1])  # a view
         np.matmul(A1, B2, out=target)
         target += A2 @ B1
         target += A1 @ B1
@@ -84,12 +88,13 @@ def _by_blocks(rows: Array, block: int) -> Array:
     return sums
 
 
-def _halves(a: Array) -> tuple[Array, Array]:
-    """Return the leading 23 bits of each number, counted from the largest one's, and the next 23."""
-    _, exponent = frexp(max(a.max(), -a.min()))
-    out, rest = [], a
+def _halves(rows: Array) -> tuple[Array, Array]:
+    """Return the leading 23 bits of each number, counted from its row's largest, and the next 23."""
+    largest = np.maximum(rows.max(axis=1), -rows.min(axis=1))
+    _, exponent = np.frexp(np.where(np.isfinite(largest), largest, 0.0)[:, None])
+    out, rest = [], rows
     for bits in (23, 46):
-        rounding = ldexp(1.5, exponent + 52 - bits)  # what is added to it loses its lower bits
+        rounding = np.ldexp(1.5, exponent + (52 - bits))  # what is added to it loses its lower bits
         # Round to the leading bits; the remainder is exact.
         head = rest + rounding
         head -= rounding
