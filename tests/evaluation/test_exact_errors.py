@@ -305,6 +305,7 @@ def test_a_control_variate_of_a_near_filter(tmp_path: Path) -> None:
     filters = {"KF": {"kind": "kf"}, "Near": near}
     columns = {"Plain": "rms(rmse_position)", "Controlled": "controlled(rms(rmse_position), KF)"}
     given = config() | {"filters": filters, "exact": ["KF", "Near"], "runs": 50}
+    given |= {"metrics": ["rmse_position"], "per_step": []}
     given["tables"] = {"t": {"kind": "metrics", "columns": columns}}
     found = []
     for seed in range(40):

@@ -132,7 +132,7 @@ def fading(
 
 
 def test_fading_ekf_of_the_lorenz_system_of_anderson() -> None:
-    z, mean, _, m, P = filtered("lorenz63-anderson", "EKF")
+    z, mean, _, m, P = filtered("lorenz63-anderson", "EKF", 10)
     expected = fading(
         z[:, :10],
         m,
@@ -165,7 +165,7 @@ def test_step_of_the_double_pendulum(steps: int) -> None:
 
 @pytest.mark.parametrize(("steps", "growth"), [(10, 2.0), (20, 3.0)])
 def test_fading_ekf_of_the_double_pendulum(steps: int, growth: float) -> None:
-    z, mean, _, m, P = filtered(f"double-pendulum-{steps}", "EKF")
+    z, mean, _, m, P = filtered(f"double-pendulum-{steps}", "EKF", 40)
     expected = fading(
         z[:, :40],
         m,
@@ -181,7 +181,7 @@ def test_fading_ekf_of_the_double_pendulum(steps: int, growth: float) -> None:
 @pytest.mark.parametrize(("steps", "N"), [(30, 20), (60, 20), (100, 40)])
 def test_transform_filter_of_the_double_pendulum(steps: int, N: int) -> None:
     """From the members before each step: the mean after it, which no rotation moves."""
-    task = first_block(f"double-pendulum-{steps}", f"ETKF (N={N})")
+    task = first_block(f"double-pendulum-{steps}", f"ETKF (N={N})", last=10)
     model, tracker, rng = task.scenario.model, task.filter, block_stream(1, 0)
     state = tracker.init(model, task.data.prior, rng)
     R_inverse, H = 100 * np.eye(2), np.eye(4)[::2]
@@ -198,7 +198,7 @@ def test_transform_filter_of_the_double_pendulum(steps: int, N: int) -> None:
 
 
 def test_ckf_of_the_cubes_of_mandel() -> None:
-    z, mean, _, m, P = filtered("lorenz63-mandel", "CKF")
+    z, mean, _, m, P = filtered("lorenz63-mandel", "CKF", 30)
     expected = sigma_points(
         m,
         P,
@@ -228,7 +228,7 @@ CLIMATE_96 = np.full(40, 2.342), _CIRCLE[np.subtract.outer(np.arange(40), np.ara
     ],
 )
 def test_optimal_interpolation(name: str, climate: tuple[Any, Any], H: Any, r: float) -> None:
-    z, mean, *_ = filtered(name, "OI")
+    z, mean, *_ = filtered(name, "OI", 40)
     m, C = climate
     K = C @ H.T @ np.linalg.inv(H @ C @ H.T + r * np.eye(len(H)))
     np.testing.assert_allclose(mean, m[:, None] + K @ (z - (H @ m)[:, None]), rtol=1e-6, atol=1e-6)

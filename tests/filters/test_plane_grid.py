@@ -66,7 +66,7 @@ def test_of_a_bent_linear_model_it_is_the_kalman_filter_bent(tmp_path: Path) -> 
     v = "(b - a**2/4)"
     bent = f"{{a: a + 0.3*{v}, b: {v} + (a + 0.3*{v})**2/4}}"
     data, (exact, _) = outputs(
-        tmp_path, next=bent, Q="[0, 0.04]", sigma="[0.02, 0.5]", other="ekf", nodes=200
+        tmp_path, next=bent, Q="[0, 0.04]", sigma="[0.02, 0.5]", other="ekf", nodes=144
     )
     assert exact.cov is not None
     F, Q = np.array([[1.0, 0.3], [0.0, 1.0]]), np.diag([0.0, 0.04])
@@ -88,7 +88,7 @@ def test_of_growth_with_a_drift_it_is_a_sum_over_a_lattice(tmp_path: Path) -> No
     growth = "{a: a/2 + 25*a/(1 + a**2) + 8*cos(1.2*k) + b, b: 0.9*b}"
     data, (exact, _) = outputs(
         tmp_path, runs=1, last="3", next=growth, Q="[10, 1]", h="a**2/20", R="1", sigma="[0.5, 1]",
-        other="ekf", nodes=160,
+        other="ekf", nodes=136,
     )  # fmt: skip
     a, b = np.linspace(-32, 32, 801), np.linspace(-9, 9, 41)
     A, B = (g.ravel() for g in np.meshgrid(a, b, indexing="ij"))

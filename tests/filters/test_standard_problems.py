@@ -1,15 +1,15 @@
 """Standard problems of the literature against programs of a few lines, on the same measurements."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.conftest import ROOT, make_filter
+from tests.conftest import make_filter, shipped
 from tests.filters.test_ekfukf import sigma_points
 from tests.filters.test_ensembles import in_deviations
-from trackbench.config.load import load
 from trackbench.core.particles import Particles
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.run_filter import run_filter
@@ -17,18 +17,20 @@ from trackbench.evaluation.run_filter import run_filter
 Function = Callable[[Any], Any]
 
 
-def first_block(name: str, label: str, runs: int = 1) -> BlockTask:
-    """Return runs of a shipped experiment's filter at the first point of its grid."""
-    point = load(ROOT / "experiments" / f"{name}.yaml").points[0]
+def first_block(name: str, label: str, runs: int = 1, last: int | None = None) -> BlockTask:
+    """Return runs of a shipped experiment's filter at the first point of its grid, up to a step."""
+    point = shipped(name).points[0]
+    scenario: Any = point.scenario
     return BlockTask(
-        point.scenario, point.filters[label], seed=3, index=0, width=runs, runs_used=runs,
+        replace(scenario.without_scoring, last=last) if last else scenario, point.filters[label],
+        seed=3, index=0, width=runs, runs_used=runs,
         predictive_metrics=("score",), assume=point.assumed.get(label),
     )  # fmt: skip
 
 
-def filtered(name: str, label: str) -> tuple[Any, Any, Any, Any, Any]:
+def filtered(name: str, label: str, last: int | None = None) -> tuple[Any, Any, Any, Any, Any]:
     """Return a run's measurements, estimates (n, K), log-likelihoods, and the prior's moments."""
-    task = first_block(name, label)
+    task = first_block(name, label, last=last)
     data = task.data
     got, prior = run_filter(task, data), data.prior
     scores = got.diagnostics["log_likelihood"][1:, 0]
@@ -69,7 +71,7 @@ def lorenz96(x: Any) -> Any:
 
 def test_fading_ekf_of_the_lorenz_system() -> None:
     """Jacobians by complex steps."""
-    z, mean, _, m, P = filtered("lorenz63", "EKF")
+    z, mean, _, m, P = filtered("lorenz63", "EKF", 40)
     for k in range(40):
         F = runge_kutta(lorenz63, m[:, None] + 1e-30j * np.eye(3), 0.01, 25).imag / 1e-30
         m, P = runge_kutta(lorenz63, m, 0.01, 25), 180**0.25 * F @ P @ F.T
@@ -95,7 +97,7 @@ def test_ckf_of_lorenz_96() -> None:
 
 
 def test_step_of_lorenz_96_with_40_components() -> None:
-    scenario: Any = load(ROOT / "experiments" / "lorenz96-40.yaml").points[0].scenario
+    scenario: Any = shipped("lorenz96-40").points[0].scenario
     x = 3.0 + np.random.default_rng(1).standard_normal((40, 5))
     moved = scenario.model.motion.transition(x, 1).mean
     np.testing.assert_allclose(moved, runge_kutta(lorenz96, x, 0.05, 1), rtol=1e-12)
