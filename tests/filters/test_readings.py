@@ -52,12 +52,12 @@ def test_a_first_state_that_nobody_knows() -> None:
     first = simulate(scenario, 1, 0, 400).truth[0, 0]
     assert abs(first.mean()) < 4.0 / np.sqrt(400)
     assert abs(first.var() - 1.0) < 4.0 * np.sqrt(2.0 / 400)
-    exact = track(scenario, make_filter("grid"), 30)
-    cloud = track(scenario, make_filter("pf", N=20_000), 30)
+    exact = track(scenario, make_filter("grid", nodes=64), 10)
+    cloud = track(scenario, make_filter("pf", N=20_000), 10)
     np.testing.assert_allclose(exact.mean[0, 0], 0.0, atol=1e-15)
     off = cloud.mean[0, 1:] - exact.mean[0, 1:]
     assert np.sqrt(np.square(off).mean()) < 0.02
-    same = track(scenario, make_filter("grid", nodes=200), 30)
+    same = track(scenario, make_filter("grid", nodes=100), 10)
     np.testing.assert_allclose(exact.mean, same.mean, atol=1e-5)
 
 
@@ -85,7 +85,7 @@ def test_weights_and_copies_are_counted() -> None:
 
 def test_resampling_schemes_and_threshold_agree_on_the_level() -> None:
     scenario = merwe(R=0.1)
-    floor = per_run(scenario, make_filter("grid", nodes=64), 60).mean()
+    floor = per_run(scenario, make_filter("grid", nodes=32), 60).mean()
     for keys in (
         {"resampling": "stratified"},
         {"resampling": "residual"},
