@@ -263,7 +263,7 @@ def scalar(text: str) -> Scalar:
     return _SPECIAL.get(text.lower(), text)
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=128)
 def _composed(text: str) -> yaml.Node | None:
     """Return the document's node; cached, since experiments share their parts."""
     return _Loader(text).get_single_node()

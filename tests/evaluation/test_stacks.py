@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -32,7 +33,7 @@ def shortened(scenario: Any) -> Any:
 
 
 def of_every_kind() -> Iterator[tuple[str, BlockTask]]:
-    """Return a block of each filter class, with its parts, of the experiment where it is cheapest."""
+    """Return a block of each filter class, with its parts, and the experiment where it is cheapest."""
     cheapest: dict[frozenset[type], tuple[int, str, BlockTask]] = {}
     for path in sorted(EXPERIMENTS.glob("*.yaml")):
         for (point, label), tasks in make_plan(shipped(path.stem)).tasks.items():
@@ -44,12 +45,18 @@ def of_every_kind() -> Iterator[tuple[str, BlockTask]]:
             cost = len(task.scenario.steps) * task.filter.particle_count
             known = cheapest.get(parts)
             if known is None or cost < known[0]:
-                cheapest[parts] = cost, f"{path.stem}: {label}", task
+                cheapest[parts] = cost, path.stem, task
     for _, name, task in cheapest.values():
         yield name, task
 
 
-CASES = dict(of_every_kind())
+@cache
+def cases() -> dict[str, list[BlockTask]]:
+    """Return the blocks of `of_every_kind` by experiment."""
+    found: dict[str, list[BlockTask]] = {}
+    for name, task in of_every_kind():
+        found.setdefault(name, []).append(task)
+    return found
 
 
 def stacked_and_alone(task: BlockTask) -> Iterator[tuple[BlockResult, BlockResult]]:
@@ -80,12 +87,18 @@ def equal_bytes(one: BlockResult, other: BlockResult) -> bool:
     return same_names and all(a.tobytes() == b.tobytes() for a, b in pairs)
 
 
-@pytest.mark.parametrize("name", CASES)
+# By experiment: a list of the cases would load all experiments whenever tests are collected.
+@pytest.mark.parametrize("name", sorted(path.stem for path in EXPERIMENTS.glob("*.yaml")))
 def test_a_block_has_the_same_bytes_beside_others(name: str) -> None:
-    results = list(stacked_and_alone(replace(CASES[name], runs_with_tracks=6)))
-    assert all(equal_bytes(*pair) for pair in results)
-    first = results[0][0].per_run
-    assert any(np.isfinite(values).any() for values in first.values())
+    for task in cases().get(name, []):
+        results = list(stacked_and_alone(replace(task, runs_with_tracks=6)))
+        assert all(equal_bytes(*pair) for pair in results), task.filter
+        first = results[0][0].per_run
+        assert any(np.isfinite(values).any() for values in first.values()), task.filter
+
+
+def test_filters_of_every_kind_are_compared() -> None:
+    assert sum(map(len, cases().values())) > 40
 
 
 @pytest.mark.parametrize("lag", [None, 3])
