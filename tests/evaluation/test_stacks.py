@@ -36,7 +36,7 @@ def of_every_kind() -> Iterator[tuple[str, BlockTask]]:
     """Return a block of each filter class, with its parts, and the experiment where it is cheapest."""
     cheapest: dict[frozenset[type], tuple[int, str, BlockTask]] = {}
     for path in sorted(EXPERIMENTS.glob("*.yaml")):
-        for (point, label), tasks in make_plan(shipped(path.stem)).tasks.items():
+        for (point, _), tasks in make_plan(shipped(path.stem)).tasks.items():
             task = replace(tasks[0], width=WIDTH, runs_used=WIDTH, extra_run_counts=())
             if point or stack_limit(task) == 1:
                 continue
