@@ -1,6 +1,7 @@
 """The quadrature filter stops where its nodes do not resolve the posterior, and only there."""
 
 from dataclasses import replace
+from functools import cache
 from types import SimpleNamespace
 from typing import Any
 
@@ -19,6 +20,7 @@ from trackbench.scenarios.starts.without_scans import GaussianStart
 WIDE, NARROW = GaussianStart(sigma=(30.0,)), GaussianStart(sigma=(1.0,))
 
 
+@cache
 def means(nodes: int, R: float, start: GaussianStart) -> Array:
     scenario = replace(merwe(R=R, T=6), start=start)
     task = BlockTask(scenario, make_filter("grid", nodes=nodes), 1, 0, 8, 8)
