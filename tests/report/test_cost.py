@@ -125,7 +125,8 @@ reference: Exact
 grid:
   filters.PF.N & filters.HDEPF.N: [[10, 5], [40, 8], [160, 12]]
   filters.HDEPF.G: [1, 3]
-filters: {{PF: {{kind: pf, N: 9}}, HDEPF: {{kind: hdepf}}, UKF: {{kind: ukf}}, Exact: {{kind: grid}}}}
+filters: {{PF: {{kind: pf, N: 9}}, HDEPF: {{kind: hdepf}}, UKF: {{kind: ukf}},
+  Exact: {{kind: grid, nodes: 32}}}}
 metrics: [rmse, rmsd]
 per_step: []
 tables:
@@ -367,7 +368,7 @@ def test_a_filter_that_fails_at_some_of_its_sizes_or_all(tmp_path: Path, sizes: 
     )
     a, b = text.index("grid:"), text.index("filters: {PF")
     text = f"plugins: [fails.py]\n{text[:a]}grid: {{filters.PF.N: {sizes}}}\n{text[b:]}"
-    text = text.replace("HDEPF: {kind: hdepf}, UKF: {kind: ukf}, ", "").replace("UKF", "PF")
+    text = text.replace("HDEPF: {kind: hdepf}, UKF: {kind: ukf},", "").replace("UKF", "PF")
     text = text.replace("runs: 60", "runs: 6")
     (tmp_path / "c.yaml").write_text(text)
     options = api.Options(engine="serial", quiet=True, formats=("svg",), allow_plugins=True)

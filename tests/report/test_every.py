@@ -21,7 +21,11 @@ name: every
 runs: 80
 block: 40
 scenario: MERWE
-filters: {PF: {kind: pf, N: 20}, UKF: {kind: ukf}, Exact: {kind: grid}, None: {kind: prior-mean}}
+filters:
+  PF: {kind: pf, N: 20}
+  UKF: {kind: ukf}
+  Exact: {kind: grid, nodes: 32}
+  None: {kind: prior-mean}
 published: [claims.csv]
 """.replace("MERWE", merwe_text(T=8))
 CLAIMS = """paper,claim,experiment,left,expression,relation,factor,right
