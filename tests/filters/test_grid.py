@@ -73,7 +73,7 @@ def test_of_the_growth_model_it_is_a_sum_over_many_states(
     sensor: str, h: Callable[[np.ndarray], np.ndarray], R: float, tmp_path: Path
 ) -> None:
     """Point masses from -60 to 60, at a spacing of 0.05: mean, and the density of each measurement."""
-    data, (exact, _) = outputs(tmp_path, motion=GROWTH, sensor=sensor, nodes=512, sigma="1")
+    data, (exact, _) = outputs(tmp_path, motion=GROWTH, sensor=sensor, nodes=256, sigma="1")
     x = np.linspace(-60.0, 60.0, 2401)
     f = x / 2 + 25 * x / (1 + x**2)
     p = np.tile(np.exp(-0.5 * x**2)[:, None], 6)
