@@ -62,7 +62,7 @@ def parts(scenario: Any, tracker: Any, runs: int) -> dict[str, float]:
         "transition": lambda: model.motion.transition(old, k),
         "sample": lambda: moved.sample(rng),
         "log-likelihood": lambda: log_likelihood(model.sensor, z, x, k),
-        "normalise": lambda: particles.normalize(log_w),
+        "normalize": lambda: particles.normalize(log_w),
         "ancestors": lambda: resampling.ancestors(w, rng),
         "select": lambda: resampling.select(x, index),
         "moments": cloud.moments,

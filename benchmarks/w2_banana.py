@@ -1,4 +1,4 @@
-"""W2: bootstrap and regularised particle filters of a banana-shaped posterior, N = 10000, 100 scans."""
+"""W2: bootstrap and regularized particle filters of a banana-shaped posterior, N = 10000, 100 scans."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ POSITION = (0, 2)
 
 def workloads() -> list[Workload]:
     """PF against the peers and the floor, RPF against the floor."""
-    return [_bootstrap(), _regularised()]
+    return [_bootstrap(), _regularized()]
 
 
 class _Sampled:
@@ -97,12 +97,12 @@ def _bootstrap() -> Workload:
     return work
 
 
-def _regularised() -> Workload:
+def _regularized() -> Workload:
     scenario, tracker = shipped("banana"), make("filters", "rpf", N=N)
     T = steps(scenario)
     return Workload(
         "W2 RPF",
-        f"Regularised particle filter, banana, N = {N}, {RUNS} runs x {T} steps",
+        f"Regularized particle filter, banana, N = {N}, {RUNS} runs x {T} steps",
         "particle-step",
         {
             "trackbench": ours(scenario, tracker, RUNS),

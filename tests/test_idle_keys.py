@@ -101,7 +101,7 @@ OTHER: dict[str, Any] = {
 """Another value of a key that is neither a word nor true or false."""
 SETTINGS: dict[str, list[Keys]] = {
     "pf": [{"boost": 2, "boost_scans": 2}],
-    "mpf": [{"regularise": "none"}],
+    "mpf": [{"regularize": "none"}],
     "epf": [{"defensive": 1.0}],
     "upf": [{"defensive": 1.0}],
     "pfde": [{"reading": {"estimate_from": "before"}}, {"G": 0}],

@@ -73,7 +73,7 @@ REFUSED = ["../x", "/x", "3x", "", "a b/c", "x" * 100, "a.b", "ukf", "numpy", "Ã
 
 
 # The last one would take a pattern that can split a word in many ways longer than anybody waits.
-@pytest.mark.parametrize("name", [*REFUSED, "regularisedunscentedparticlefilter.py"])
+@pytest.mark.parametrize("name", [*REFUSED, "regularizedunscentedparticlefilter.py"])
 def test_names_that_are_refused(tmp_path: Path, name: str) -> None:
     done = trackbench("new", "filter", name, cwd=tmp_path)
     assert done.returncode == 2

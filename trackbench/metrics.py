@@ -161,7 +161,7 @@ _ERROR_METRICS = [
     Metric("bias", "mean signed error, estimate minus truth", "quantity", "zero", "error"),
     Metric("std", "standard deviation of the error over the runs", "quantity", "lower",
            "error", over_steps="", over_runs="std"),
-    Metric("nees", "normalised estimation error squared; of n components n if consistent", "", "",
+    Metric("nees", "normalized estimation error squared; of n components n if consistent", "", "",
            "nees", over_runs=""),
     Metric("anees", "mean NEES over the number of components", "", "one",
            "nees", over_steps="", per_component=True),
@@ -173,7 +173,7 @@ _ERROR_METRICS = [
            "log_likelihood"),
     Metric("held_log_score", "the same of measurements that are held out", "", "higher",
            "held_log_likelihood"),
-    Metric("anis", "normalised innovation squared over the number of components", "", "one",
+    Metric("anis", "normalized innovation squared over the number of components", "", "one",
            "anis", over_steps=""),
     Metric("innovations", "measured components of a run", "1", "", "innovations", over_steps="sum"),
     Metric("pit", "probability below the truth, uniform if calibrated (of a cloud its rank)", "1", "",
@@ -200,7 +200,7 @@ onset_error_s | s | zero   | estimated minus true onset
 onset_abs_error_s   | s | lower  | size of the estimated onset's error
 onset_age_s   | s |        | time since the estimated onset when it is detected
 false_maneuvers_per_1000 | 1 | lower | alarms per 1000 quiet samples
-nis           |   |        | normalised innovation squared; of n components n if consistent
+nis           |   |        | normalized innovation squared; of n components n if consistent
 gated         | 1 |        | measurements of a run that the gate refused
 mode          | 1 |        | weight of the maneuvering mode
 alarm         | 1 |        | decisions in a run that a maneuver has begun

@@ -11,7 +11,7 @@ from trackbench.atomic_files import write_text
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.field_types import DataError
 from trackbench.registry import GROUPS, kinds
-from trackbench.scenarios.recordings.guess_format import config_parts, recognised
+from trackbench.scenarios.recordings.guess_format import config_parts, recognized
 
 _TEMPLATES = {
     "filter": ("filter.py", "filter.yaml", "test_filter.py"),
@@ -62,7 +62,7 @@ def write_config_for(data: Path, name: str, folder: Path) -> list[Path]:
     if path.exists():
         raise UserError(Problem(mark, "", f"there is a file {path}"))
     try:
-        parts = config_parts(recognised(str(data)))
+        parts = config_parts(recognized(str(data)))
     except DataError as error:
         problems = [Problem(Mark(p.file, p.line, p.column), "", p.what) for p in error.places]
         raise UserError(*problems) from None

@@ -47,7 +47,7 @@ def _config() -> str:
         "## Keys",
         *_key_table(catalog.experiment_keys()),
         "## What every filter may assume",
-        "Beside the keys of its kind and `preset`, an entry of `filters` may say what it believes of "
+        "Beside the keys of its kind and `preset`, an entry of `filters` may name what it assumes of "
         "the target and of the sensors; by default the scenario's own `assume`, or what is true.",
         *_key_table(catalog.assume_keys()),
     ]

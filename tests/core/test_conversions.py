@@ -91,7 +91,7 @@ def test_ducm_averages_the_error_over_the_prediction(
 
 @pytest.mark.parametrize(("r", "sigma_r", "sigma_a"), CASES)
 def test_ccm_is_first_order(r: float, sigma_r: float, sigma_a: float) -> None:
-    """Mean and covariance of the conversion linearised at the measurement."""
+    """Mean and covariance of the conversion linearized at the measurement."""
     a = 0.7
     found = convert("ccm", Polar(np.array([r]), np.array([a]), sigma_r**2, sigma_a**2))
     J = np.array([[np.cos(a), -r * np.sin(a)], [np.sin(a), r * np.cos(a)]])

@@ -13,7 +13,7 @@ def test_epanechnikov_radius_has_its_density(n: int, rng: np.random.Generator) -
 
 
 @pytest.mark.parametrize("n", [1, 2, 4])
-def test_bandwidth_minimises_the_expected_error_for_a_gaussian(n: int) -> None:
+def test_bandwidth_minimizes_the_expected_error_for_a_gaussian(n: int) -> None:
     """h^(n+4) = n int K^2 / (N (int u_1^2 K)^2 int (laplacian f)^2 ...) of Silverman (1986, 4.14)."""
     ball = np.pi ** (n / 2) / special.gamma(n / 2 + 1)
     height = (n + 2) / (2 * ball)  # K(u) = height (1 - |u|^2)

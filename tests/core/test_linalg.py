@@ -35,7 +35,7 @@ def test_products_agree_with_numpy(n: int, m: int, p: int, seed: int) -> None:
 
 
 @pytest.mark.parametrize("n", [1, 2, 4, 6])
-def test_factorisations_agree_with_numpy(n: int, rng: np.random.Generator) -> None:
+def test_factorizations_agree_with_numpy(n: int, rng: np.random.Generator) -> None:
     P, e = random_covariance(rng, n, 50), rng.standard_normal((n, 50))
     np.testing.assert_allclose(_stacked(linalg.cholesky(P)), np.linalg.cholesky(_stacked(P)))
     np.testing.assert_allclose(_stacked(linalg.inverse(P)), np.linalg.inv(_stacked(P)), rtol=1e-8)

@@ -23,7 +23,7 @@ def test_runs_and_blocks_are_independent_streams() -> None:
     rng = RunStreams(7, range(2000))
     x = rng.standard_normal((2, 2000))
     assert stats.kstest(x.ravel(), "norm").pvalue > 1e-3
-    # Neighbouring runs, and a block's stream beside the runs', are uncorrelated (5 sigma).
+    # Neighboring runs, and a block's stream beside the runs', are uncorrelated (5 sigma).
     assert abs(np.corrcoef(x[0, :-1], x[0, 1:])[0, 1]) < 5 / np.sqrt(2000)
     block = block_stream(7, 0).standard_normal(2000)
     assert abs(np.corrcoef(x[0], block)[0, 1]) < 5 / np.sqrt(2000)

@@ -42,7 +42,7 @@ def test_normals_have_the_normals_distribution_and_tails(normals: np.ndarray) ->
 
 
 @pytest.mark.parametrize("lag", [1, 2, 3, 4096, 8192, 12_288, 16_384])
-def test_neighbours_and_the_four_of_a_word_are_independent(normals: np.ndarray, lag: int) -> None:
+def test_neighbors_and_the_four_of_a_word_are_independent(normals: np.ndarray, lag: int) -> None:
     """A piece's quarters, 4096 apart, are sums and differences of the same four entries."""
     a, b = normals[:-lag], normals[lag:]
     for f in (lambda z: z, np.square, np.abs):
@@ -81,7 +81,7 @@ def test_normals_of_the_table_are_as_near_the_normal_as_is_said() -> None:
     assert 16.0 * np.mean(table**4) == pytest.approx(3.0, abs=1e-5)
     position = (table - table[0]) / grain
     cell = np.floor(position).astype(int)
-    share = position - cell  # shared between two neighbours, so that means are kept
+    share = position - cell  # shared between two neighbors, so that means are kept
     one = np.bincount(cell, 1.0 - share, cell.max() + 2) + np.bincount(cell + 1, share)
     two = np.maximum(signal.fftconvolve(one, one), 0.0) / len(table) ** 2
     x = 2.0 * table[0] + grain * np.arange(len(two))

@@ -11,8 +11,8 @@ from trackbench.evaluation.inference import (
     interval_of_difference,
     normal_of_t,
     of_variances,
-    studentised,
-    studentised_difference,
+    studentized,
+    studentized_difference,
     t_of_normal,
 )
 from trackbench.evaluation.summary import time_mean_shares
@@ -70,7 +70,7 @@ OF_SQUARES = [single("std"), difference("rms"), ratio("rms")]
 def held(found, truth):
     """Whether the hypothesis of the truth is not excluded, which is whether the interval holds it."""
     value, influences = found
-    return abs(studentised(value - truth, influences)) <= Z
+    return abs(studentized(value - truth, influences)) <= Z
 
 
 def check(shares, least=LEAST):
@@ -120,8 +120,8 @@ def test_a_difference_is_excluded_where_its_interval_ends():
     for other in (0.0, 2.0):
         low, high = interval_of_difference(value, sides, other=other)
         assert low < value < high
-        assert studentised_difference(value - low, sides, other) == pytest.approx(Z, rel=1e-6)
-        assert studentised_difference(value - high, sides, other) == pytest.approx(-Z, rel=1e-6)
+        assert studentized_difference(value - low, sides, other) == pytest.approx(Z, rel=1e-6)
+        assert studentized_difference(value - high, sides, other) == pytest.approx(-Z, rel=1e-6)
         assert interval_of_difference(-value, swapped, other=other) == (-high, -low)
 
 
@@ -166,8 +166,8 @@ def test_an_interval_is_what_is_not_excluded():
         low, high = interval_of(value, influences)
         assert low < value < high
         assert high - value > value - low  # the tail that was not seen
-        assert studentised(value - low, influences) == pytest.approx(Z, rel=1e-9)
-        assert studentised(value - high, influences) == pytest.approx(-Z, rel=1e-9)
+        assert studentized(value - low, influences) == pytest.approx(Z, rel=1e-9)
+        assert studentized(value - high, influences) == pytest.approx(-Z, rel=1e-9)
         assert st.interval(name, x) == (low, high)
 
 
@@ -185,7 +185,7 @@ def test_students_t_of_normal_influences():
 def test_an_error_of_the_hypothesis_adds_up():
     x = np.random.default_rng(2030).standard_normal(400)
     stderr = st.mean(x).stderr
-    z = studentised(0.3, x - x.mean(), other=3.0 * stderr)
+    z = studentized(0.3, x - x.mean(), other=3.0 * stderr)
     assert z == pytest.approx(0.3 / (stderr * np.sqrt(10.0)), rel=1e-3)
     low, high = interval_of(0.3, x - x.mean(), other=3.0 * stderr)
     assert high - low == pytest.approx(2.0 * Z * stderr * np.sqrt(10.0), rel=1e-3)
@@ -193,9 +193,9 @@ def test_an_error_of_the_hypothesis_adds_up():
 
 def test_what_has_no_error():
     nothing, one = np.zeros(5), np.array([np.nan, 1.0])
-    assert np.isnan(studentised(0.0, nothing))
-    assert studentised(1.0, nothing) == np.inf
-    assert np.isnan(studentised(1.0, one))
+    assert np.isnan(studentized(0.0, nothing))
+    assert studentized(1.0, nothing) == np.inf
+    assert np.isnan(studentized(1.0, one))
     assert np.isnan(interval_of(1.0, one)).all()
 
 

@@ -12,7 +12,7 @@ from trackbench.evaluation.inference import (
     correlation,
     interval_of_difference,
     share_interval,
-    studentised_difference,
+    studentized_difference,
 )
 
 CASES = [
@@ -74,7 +74,7 @@ def test_the_limits_are_those_of_clopper_and_pearson() -> None:
 @pytest.mark.parametrize("runs", [3, 6, 20, 3000])
 def test_none_against_all_is_as_sure_as_there_are_runs(runs: int) -> None:
     """Both shares have to move by sqrt(1/2) for the limits of their difference to reach zero."""
-    z = studentised_difference(-1.0, sides(0, 0, runs, runs))
+    z = studentized_difference(-1.0, sides(0, 0, runs, runs))
     if runs <= 20:  # none of n has the probability p with (1 - p)^n
         assert ndtr(z) == pytest.approx((1.0 - sqrt(0.5)) ** runs, rel=1e-6)
     assert np.isfinite(z)
@@ -83,9 +83,9 @@ def test_none_against_all_is_as_sure_as_there_are_runs(runs: int) -> None:
 def test_what_is_not_excluded_is_the_interval() -> None:
     found = sides(4, 5, 1, 20)
     low, high = interval_of_difference(0.2, found)
-    assert studentised_difference(0.2 - low, found) == pytest.approx(1.95996, abs=1e-4)
-    assert studentised_difference(0.2 - high, found) == pytest.approx(-1.95996, abs=1e-4)
-    assert studentised_difference(0.0, found) == 0.0
+    assert studentized_difference(0.2 - low, found) == pytest.approx(1.95996, abs=1e-4)
+    assert studentized_difference(0.2 - high, found) == pytest.approx(-1.95996, abs=1e-4)
+    assert studentized_difference(0.0, found) == 0.0
 
 
 def test_a_factor_stretches_the_second() -> None:

@@ -10,7 +10,7 @@ from trackbench.evaluation.inference import (
     interval_of,
     p_value,
     spread,
-    studentised,
+    studentized,
 )
 
 REPETITIONS = 200
@@ -169,7 +169,7 @@ def test_too_few_runs_have_no_interval():
 
 def test_an_error_beside_which_ones_own_is_nothing_is_normal():
     influences = np.random.default_rng(3).standard_exponential(50) - 1.0
-    assert studentised(1.0, influences, 1e100) == pytest.approx(1e-100)
+    assert studentized(1.0, influences, 1e100) == pytest.approx(1e-100)
     assert interval_of(0.0, influences, other=1e100)[1] == pytest.approx(1.959964e100)
 
 

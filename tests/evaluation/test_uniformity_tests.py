@@ -48,8 +48,8 @@ def test_the_band_is_kolmogorovs(M: int) -> None:
 def test_over_steps_by_numpy() -> None:
     given = shares(correlated(np.random.default_rng(3), 12, 200, 1.2))
     found = over_steps(np.hstack([given, np.full((TENTHS, 2), np.nan)]))
-    centre, covariance = given[:-1].mean(axis=1) - 0.1, np.cov(given[:-1])
-    T2 = 200 * centre @ np.linalg.solve(covariance, centre)
+    center, covariance = given[:-1].mean(axis=1) - 0.1, np.cov(given[:-1])
+    T2 = 200 * center @ np.linalg.solve(covariance, center)
     assert found.p == pytest.approx(stats.f.sf(T2 * 191 / (9 * 199), 9, 191), rel=1e-9)
     np.testing.assert_allclose(found.stderr, given.std(axis=1, ddof=1) / np.sqrt(200))
     cumulative = np.abs(np.cumsum(given.mean(axis=1)) - np.arange(1, 11) / 10)

@@ -130,8 +130,8 @@ def _moments(bank: _Bank, w: Array) -> tuple[Array, Array]:
     for i in (0, 1):
         state[i], state[i + 2] = y[i] * cos - y[i + 2] * sin, y[i] * sin + y[i + 2] * cos
     share = w[..., None] * (g / g.sum())
-    centre = state[:, :, :1, :1]
-    e = state - centre
+    center = state[:, :, :1, :1]
+    e = state - center
     mean = np.einsum("imnk,mnk->im", e, share)
     e = e - mean[..., None, None]
     cov = np.einsum("imnk,jmnk,mnk->ijm", e, e, share, optimize=True)
@@ -141,4 +141,4 @@ def _moments(bank: _Bank, w: Array) -> tuple[Array, Array]:
     G, eye = np.zeros((4, 4, len(turn))), np.arange(4)
     G[eye, eye] = cos
     G[[0, 1], [2, 3]], G[[2, 3], [0, 1]] = -sin, sin
-    return mean + centre[..., 0, 0], cov + np.einsum("ijm,jkm,lkm->ilm", G, within, G)
+    return mean + center[..., 0, 0], cov + np.einsum("ijm,jkm,lkm->ilm", G, within, G)

@@ -51,7 +51,7 @@ def test_both_augmented_starts_agree_without_process_noise(kind: str, window_s: 
         exit=Exit(hold_s=5.0),
     )
     added = track(TURN, tracker, 8)
-    refiltered = track(TURN, replace(tracker, initialise="barshalom"), 8)
+    refiltered = track(TURN, replace(tracker, initialize="barshalom"), 8)
     assert added.diagnostics["mode"][1:].any(axis=0).all()
     np.testing.assert_array_equal(added.diagnostics["mode"], refiltered.diagnostics["mode"])
     np.testing.assert_allclose(added.mean, refiltered.mean, atol=1e-6)
@@ -302,7 +302,7 @@ def test_input_estimation_follows_the_turn_and_is_a_kalman_filter_without_alarms
 FILTERS = {
     "ie": SECONDS,
     "fading-ie": adaptive("paper-eta20"),
-    "barshalom": replace(SECONDS, initialise="barshalom"),
+    "barshalom": replace(SECONDS, initialize="barshalom"),
     "paper onset": AdaptiveKF(nmf=CV, mf=CA, detector=Detector(kind="ie", eta=15.0, onset="paper")),
     "dlw": replace(SECONDS, dlw=SecondDecision(n=5)),
     "vdf": VDF(nmf=CV, mf=CA, alpha=1e-3),

@@ -60,7 +60,7 @@ def found(name: str, tracker: Any, seed: int = 1) -> Found:
 
 @cache
 def posterior(name: str, particles: int = N) -> Found:
-    """By a bootstrap filter: the transition is not regularised, which would widen it."""
+    """By a bootstrap filter: the transition is not regularized, which would widen it."""
     return found(name, make_filter("pf", N=particles))
 
 

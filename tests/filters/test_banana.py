@@ -13,7 +13,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.random_streams import block_stream
 from trackbench.evaluation.block import simulate
-from trackbench.evaluation.consistency_and_calibration import normalised_error
+from trackbench.evaluation.consistency_and_calibration import normalized_error
 from trackbench.evaluation.run_filter import FilterOutput
 from trackbench.scenarios.tracking import Tracking
 
@@ -87,8 +87,8 @@ def test_particle_filters_are_consistent_in_the_median(kind: str, keys: dict[str
     ("kind", "keys"),
     [
         ("pf", {"N": 3000}),
-        ("mpf", {"N": 3000, "regularise": "none"}),
-        ("mpf", {"N": 3000, "regularise": "position"}),
+        ("mpf", {"N": 3000, "regularize": "none"}),
+        ("mpf", {"N": 3000, "regularize": "position"}),
     ],
 )
 def test_without_joint_jitter_the_cloud_leaves_the_target(kind: str, keys: dict[str, Any]) -> None:
@@ -104,7 +104,7 @@ def test_mpf_has_the_velocity_error_of_rpf() -> None:
     assert 0.9 < low < 1.0 < high < 1.1
 
 
-def test_marginalising_the_range_beats_marginalising_nothing() -> None:
+def test_marginalizing_the_range_beats_marginalizing_nothing() -> None:
     a, b = (rmse("position", kind, N=2000) for kind in ("los-rbpf", "rpf"))
     # In logarithms: a run that loses its target, of either filter, would be most of a mean square.
     gain = np.log(b / a)
@@ -187,7 +187,7 @@ def test_los_rbpf_keeps_enough_particles_in_the_sense_that_the_first_azimuths_de
     """
     tracker = make_filter("los-rbpf", N=2000, boost=4, boost_scans=3)
     _, truth, found = _after_bad_azimuths(tracker, (1.7, -1.0, -3.2), runs=100)
-    assert (normalised_error(found, truth) > GATE).sum() <= 2
+    assert (normalized_error(found, truth) > GATE).sum() <= 2
 
 
 def _after_bad_azimuths(

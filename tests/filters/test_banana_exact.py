@@ -47,7 +47,7 @@ def squared_position_error(mean: np.ndarray, data: Simulation) -> np.ndarray:
 
 @pytest.mark.parametrize(("speed", "scans"), [(0.0, 5), (1000.0, 5), (5000.0, 3)])
 def test_quadrature_agrees_with_importance_sampling(speed: float, scans: int) -> None:
-    """Paths drawn from the model and weighted by every scan: nothing is linearised or marginalised."""
+    """Paths drawn from the model and weighted by every scan: nothing is linearized or marginalized."""
     scenario, runs, N = banana(velocity_cross=speed, scans=scans), 2, 500_000
     data = simulate(scenario, 4, 0, runs)
     exact = exact_posterior(scenario, data)

@@ -46,7 +46,7 @@ def test_without_any_measurement_the_motion_alone_is_left(kind: str) -> None:
     assert exact.cov is not None
     variance = mine.cov[0, 0, 1:]
     stderr = variance.std(axis=1, ddof=1) / np.sqrt(RUNS)
-    # A cloud of N has a variance that is short by 1/N a step (its centre is its own).
+    # A cloud of N has a variance that is short by 1/N a step (its center is its own).
     short = exact.cov[0, 0, 1:, 0] * len(SCENARIO.steps) / getattr(make_filter(kind), "N", 1e9)
     off = np.abs(variance.mean(axis=1) - exact.cov[0, 0, 1:, 0])
     assert (off <= 4.5 * stderr + short + 1e-4).all()

@@ -26,7 +26,7 @@ def motion(x: float, k: int) -> float:
 
 
 def ekf(x: float, z: float, k: int) -> tuple[float, float]:
-    """Mean and variance of x_k given z, linearised at the parent x."""
+    """Mean and variance of x_k given z, linearized at the parent x."""
     mean, variance = motion(x, k) + 1.5, 0.25 * P0 + Q
     slope = 0.4 * mean
     gain = variance * slope / (slope * variance * slope + R)

@@ -108,7 +108,7 @@ def test_weights_that_are_no_densities_score_nothing() -> None:
     assert np.isnan(told(SCALAR, demo, 3)).all()
 
 
-def test_marginalised_clouds_and_sums_agree_with_a_plain_cloud() -> None:
+def test_marginalized_clouds_and_sums_agree_with_a_plain_cloud() -> None:
     """All draw both first azimuths; the sharp range leaves some thousand of 300 000 particles."""
     scenario = banana(scans=5)
     plain = told(scenario, make_filter("pf", N=300_000), 4)

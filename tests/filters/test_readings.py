@@ -24,7 +24,7 @@ def test_half_of_all_steps_have_no_float64_likelihood_at_ten_particles() -> None
     assert not per_run(merwe(), make_filter("pf", N=10), 100, "collapsed_steps").any()
 
 
-def test_selection_on_a_normalised_fitness_accepts_nearly_everything() -> None:
+def test_selection_on_a_normalized_fitness_accepts_nearly_everything() -> None:
     accepted = per_run(
         merwe(), make_filter("hdepf", preset="published-level"), 20, "acceptance_rate"
     ).mean()

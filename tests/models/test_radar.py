@@ -69,8 +69,8 @@ def test_positions_lie_on_the_measured_arc(start: TwoPoint, rng: np.random.Gener
     _, p2, log_w = start.positions(rng, 1000)
     r = np.sqrt(np.square(p2).sum(axis=0))
     assert np.abs(r - 2.002e5).max() < 0.2 * 5
-    centre = position(start.second[0], start.second[1])
-    squares = np.square(p2[:, 0] - centre).sum(axis=0)
+    center = position(start.second[0], start.second[1])
+    squares = np.square(p2[:, 0] - center).sum(axis=0)
     assert 300 < np.sqrt((squares * np.exp(log_w[0])).mean()) < 500
 
 

@@ -44,7 +44,7 @@ def shares(logs):
 
 
 def weights(logs):
-    """Normalised; equal if all are zero."""
+    """Normalized; equal if all are zero."""
     return shares(logs if max(logs) > -inf else [0.0] * len(logs))
 
 

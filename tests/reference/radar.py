@@ -100,7 +100,7 @@ def mcaekf(first, second, scans):
 
 
 def mpf(first, second, scans, draws, N, boost, boost_scans):
-    """Marginalised particle filter (section VI; Schon et al. 2005), regularised jointly."""
+    """Marginalized particle filter (section VI; Schon et al. 2005), regularized jointly."""
     (Q11, Q12), (_, Q22) = Q_AXIS
     cloud, logs, C, sigma = [], [], DENSITY * T / 3, np.sqrt([V, S_A / 2])
     u, both, (e1, e2) = (draws.take(d) for d in ("random", "standard_normal", "standard_normal"))

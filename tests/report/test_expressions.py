@@ -11,8 +11,8 @@ from trackbench.evaluation import statistics as st
 from trackbench.evaluation.inference import (
     interval_of_difference,
     of_variances,
-    studentised,
-    studentised_difference,
+    studentized,
+    studentized_difference,
 )
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
@@ -91,7 +91,7 @@ def test_a_statistic_and_its_z(folder):
     x = found(folder, ("A", "rmse"))
     assert term.estimate == st.variance(x)
     assert (term.runs, term.lost, term.splits) == (RUNS - 2, 2, True)
-    assert term.z(0.002) == studentised(term.value - 0.002, st.influence("variance", x))
+    assert term.z(0.002) == studentized(term.value - 0.002, st.influence("variance", x))
     low, high = term.interval()
     assert (low, high) == st.interval("variance", x)
 
@@ -105,16 +105,16 @@ def test_a_difference_of_variances_has_the_limits_of_both(folder):
     of_x, of_y = (st.influence("variance", values) for values in (x, y))
     sides = of_variances(of_x, of_y)
     assert term.value == pytest.approx(value)
-    assert term.z() == pytest.approx(studentised_difference(value, sides))
+    assert term.z() == pytest.approx(studentized_difference(value, sides))
     assert term.interval() == pytest.approx(interval_of_difference(value, sides))
-    assert term.z() != studentised(value, of_x - of_y)
+    assert term.z() != studentized(value, of_x - of_y)
     assert term.stderr == st.mean(of_x - of_y).stderr
     rest, late = term.parts(4)[0], common & (np.arange(RUNS) >= 30)
     x, y = (folder.values[name][late] for name in names)
     sides = of_variances(st.influence("variance", x), st.influence("variance", y))
     alone = st.variance(x).value - st.variance(y).value
     assert rest.value == pytest.approx(alone, abs=0.1 * term.stderr)
-    assert rest.z() == pytest.approx(studentised_difference(alone, sides), rel=0.1)
+    assert rest.z() == pytest.approx(studentized_difference(alone, sides), rel=0.1)
     assert e.term(measure("minus(mean(rmse), B)").of("A")).sides is None
 
 
@@ -229,7 +229,7 @@ def test_a_number_without_its_farthest_run_and_with_three_more(folder):
     assert less.estimate == pytest.approx(st.mean(x[x < 9.0]))
     assert more.estimate == pytest.approx(st.mean(with_three))
     assert more.z(mean) == pytest.approx(
-        studentised(with_three.mean() - mean, st.influence("mean", with_three))
+        studentized(with_three.mean() - mean, st.influence("mean", with_three))
     )
 
 

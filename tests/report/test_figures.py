@@ -124,7 +124,7 @@ def test_a_filter_looks_the_same_in_every_figure(made):
     )
 
 
-def test_eight_filters_differ_in_grey_and_more_in_colour_and_dash():
+def test_eight_filters_differ_in_gray_and_more_in_color_and_dash():
     looks = [(x["color"], str(x["linestyle"])) for x in map(style.line, range(24))]
     assert len({dash for _, dash in looks[:8]}) == 8
     assert len(set(looks)) == 24

@@ -96,5 +96,5 @@ def test_a_thumbnail_is_small_and_only_shapes(made):
     assert len(small) < 0.3 * len(content)
     root = ET.fromstring(small)
     assert {element.tag for element in root} == {f"{SVG}path"}
-    assert len({e.get("stroke") for e in root} & set(map(str.lower, style.COLOURS))) > 1
+    assert len({e.get("stroke") for e in root} & set(map(str.lower, style.COLORS))) > 1
     assert not [e for e in root.iter() if "id" in e.attrib]

@@ -53,7 +53,7 @@ def panels(spec: OverTime, results: Results) -> list[Axes]:
 
 
 def lines(ax: Axes) -> dict[str, np.ndarray]:
-    """Return the points (n, 2) of labelled lines that have any."""
+    """Return the points (n, 2) of labeled lines that have any."""
     found = {str(line.get_label()): np.asarray(line.get_xydata(), float) for line in ax.lines}
     return {label: xy for label, xy in found.items() if len(xy) > 2 and label[0] != "_"}
 
@@ -81,10 +81,10 @@ def test_many_filters_over_many_steps_have_a_panel_each(many: Results, log: bool
 def test_seven_panels_stand_in_rows_of_four_and_three(many: Results, kind: OverTime) -> None:
     shown = panels(kind, many)
     assert len(shown) == 7
-    labelled = [ax.get_xlabel() != "" for ax in shown]
-    assert labelled == [False] * 3 + [True] * 4  # where no panel is below
+    labeled = [ax.get_xlabel() != "" for ax in shown]
+    assert labeled == [False] * 3 + [True] * 4  # where no panel is below
     ticks = [any(tick.label1.get_visible() for tick in ax.xaxis.get_major_ticks()) for ax in shown]
-    assert ticks == labelled
+    assert ticks == labeled
 
 
 @pytest.mark.parametrize("labels", [LABELS[:5], LABELS[:1]])

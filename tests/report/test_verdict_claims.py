@@ -11,7 +11,7 @@ from tests.report.test_expressions import RUNS, Folder, table
 from trackbench.config.published import Claim
 from trackbench.evaluation import inference
 from trackbench.evaluation import statistics as st
-from trackbench.evaluation.inference import studentised
+from trackbench.evaluation.inference import studentized
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.estimates import RunEstimate, Share
 from trackbench.report.expressions import Evaluator
@@ -118,7 +118,7 @@ def test_a_difference_of_variances_under_stress_is_that_of_its_influences(rng):
     less = np.delete(influences, np.argmax(np.abs(influences)))
     for found, made_by in zip(term.stressed()[:1], [less], strict=True):
         value = term.value + made_by.mean()
-        assert found.z() == pytest.approx(studentised(value, made_by - made_by.mean()))
+        assert found.z() == pytest.approx(studentized(value, made_by - made_by.mean()))
 
 
 def test_parts_of_a_bar_have_the_order_of_the_words_and_their_verbs():

@@ -92,7 +92,7 @@ def test_mistakes(tmp_path: Path, old: str, new: str, expected: str) -> None:
     assert mistakes(tmp_path, text) == [expected]
 
 
-def test_a_marginalised_filter_needs_process_noise(tmp_path: Path) -> None:
+def test_a_marginalized_filter_needs_process_noise(tmp_path: Path) -> None:
     text = GOOD.replace("q: 1e-3", "q: 0").replace("kind: rpf", "kind: mpf")
     expected = "7:5: filters.RPF: mpf needs process noise: q must be greater than 0"
     assert mistakes(tmp_path, text) == [expected]

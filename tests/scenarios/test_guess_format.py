@@ -8,7 +8,7 @@ import pytest
 from tests.commands import trackbench
 from tests.conftest import EXPERIMENTS
 from trackbench.config.load import load
-from trackbench.scenarios.recordings.guess_format import recognised
+from trackbench.scenarios.recordings.guess_format import recognized
 
 T = np.arange(0.0, 60.0, 0.5)
 NOISE = np.random.default_rng(5).normal(size=(2, len(T)))
@@ -49,7 +49,7 @@ def test_what_it_writes_runs(tmp_path: Path, what: str) -> None:
 
 
 def test_its_numbers_are_near(tmp_path: Path) -> None:
-    guess = recognised(str(table(tmp_path / "m.csv", *TABLES["dates"])))
+    guess = recognized(str(table(tmp_path / "m.csv", *TABLES["dates"])))
     assert {name: f.column for name, f in guess.columns.items()} == {
         "time": "Time (UTC)",
         "run": "Track ID",
@@ -59,7 +59,7 @@ def test_its_numbers_are_near(tmp_path: Path) -> None:
     assert guess.units == {"x": "km", "y": "km"}
     assert 2.0 <= guess.sigma[0] <= 4.0
     assert guess.speed == 20.0  # 22.4 to one digit
-    guess = recognised(str(table(tmp_path / "m.csv", *TABLES["a radar"])))
+    guess = recognized(str(table(tmp_path / "m.csv", *TABLES["a radar"])))
     assert (guess.units["time"], guess.units["azimuth"]) == ("ms", "deg")
 
 

@@ -9,7 +9,7 @@ from trackbench.config.build import unknown
 from trackbench.config.experiment import (
     DrawnExhibit,
     Exhibit,
-    Labelled,
+    Labeled,
     Point,
     Settings,
     labels_to_run,
@@ -258,7 +258,7 @@ def _leaves(value: object, where: Keys) -> Iterator[tuple[Keys, object]]:
         inner = value
     elif isinstance(value, tuple) and not isinstance(value, Measure):
         inner = dict(enumerate(value))
-    elif isinstance(value, Labelled):
+    elif isinstance(value, Labeled):
         inner = {key: getattr(value, key) for key in value.label_keys}
     else:
         yield where, value

@@ -152,14 +152,14 @@ class Point:
         return self.scenario.with_assumptions(self.assumed[label])
 
 
-class Labelled:
+class Labeled:
     """Base of what holds labels of filters."""
 
     label_keys: ClassVar[tuple[str, ...]] = ()
     """keys, beside ``filters``, that hold labels, alone or in mappings and lists"""
 
 
-class Exhibit(Labelled, Part):
+class Exhibit(Labeled, Part):
     """Base of tables and figures: the filters and metrics that they show."""
 
     requires: ClassVar[dict[str, str]] = {}

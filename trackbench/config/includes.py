@@ -109,7 +109,7 @@ def split_assignment(source: Source, text: str, option: str) -> tuple[Keys, str,
 
 
 def split_path(source: Source, path: str) -> Keys:
-    """Return a dotted path as keys; a key that has dots itself (a label) is recognised if it exists."""
+    """Return a dotted path as keys; a key that has dots itself (a label) is recognized if it exists."""
     keys: Keys = ()
     data: object = source.data
     while path:

@@ -32,7 +32,7 @@ _ENOUGH = 1024  # columns: a call on so many is worth its price
 
 
 class ConsistencySeries:
-    """Normalised errors squared of the whole state and of its marginals, many steps at a time."""
+    """Normalized errors squared of the whole state and of its marginals, many steps at a time."""
 
     def __init__(self, scenario: Scenario, runs: int) -> None:
         self._parts = {f"nees_{name}": list(part) for name, part in scenario.marginals.items()}
@@ -57,11 +57,11 @@ class ConsistencySeries:
         means, covs, truths = zip(*self._waiting, strict=True)
         self._waiting.clear()
         found, truth = _side_by_side(means, covs), np.stack(truths, axis=1)
-        self._series["nees"].append(normalised_error(found, truth))
+        self._series["nees"].append(normalized_error(found, truth))
         # Marginals: the part's rows of the mean, its rows and columns of the covariance.
         for name, part in self._parts.items():
             of_part = Gaussian(found.mean[part], found.cov[np.ix_(part, part)])
-            self._series[name].append(normalised_error(of_part, truth[part]))
+            self._series[name].append(normalized_error(of_part, truth[part]))
 
 
 def _side_by_side(means: Sequence[Array], covs: Sequence[Array]) -> Gaussian:
@@ -93,8 +93,8 @@ def observed(
     return out
 
 
-def normalised_error(found: Gaussian, truth: Array) -> Array:
-    """Return the normalised estimation error squared (*batch).
+def normalized_error(found: Gaussian, truth: Array) -> Array:
+    """Return the normalized estimation error squared (*batch).
 
     Infinite where the covariance is singular, as a collapsed cloud's is up to rounding.
     """

@@ -1,6 +1,6 @@
 """Tests and intervals of a number from the influence that each run has on it, also if these are skewed.
 
-``influences`` (M,) are centred values whose mean has the number's error (`statistics.influence`); those
+``influences`` (M,) are centered values whose mean has the number's error (`statistics.influence`); those
 that are NaN do not count. A sample without its far tail is both too low and too sure of it, so that the
 number over its standard error, T, is neither symmetric nor has it Student's M - 1 degrees of freedom.
 
@@ -82,7 +82,7 @@ def correlation(a: Array, b: Array) -> float:
 
 
 @np.errstate(all="ignore")
-def studentised_difference(value: float, sides: Sides, other: float = 0.0) -> float:
+def studentized_difference(value: float, sides: Sides, other: float = 0.0) -> float:
     """Return z of the hypothesis of no difference: the deviations at which a limit is zero."""
     if value == 0.0 or not abs(value) < inf:
         return value
@@ -104,7 +104,7 @@ def studentised_difference(value: float, sides: Sides, other: float = 0.0) -> fl
 def interval_of_difference(
     value: float, sides: Sides, level: float = 0.95, other: float = 0.0
 ) -> tuple[float, float]:
-    """Return the confidence interval: all differences that `studentised_difference` accepts."""
+    """Return the confidence interval: all differences that `studentized_difference` accepts."""
     z = deviations(level)
     return value - sides.below(z, other), value + sides.above(z, other)
 
@@ -190,7 +190,7 @@ class Spread(NamedTuple):
 
 
 @np.errstate(all="ignore")
-def studentised(value: float, influences: Array, other: float = 0.0) -> float:
+def studentized(value: float, influences: Array, other: float = 0.0) -> float:
     """Return z of the hypothesis that the number is zero, corrected for skewness.
 
     ``other`` is an independent normal standard error that the hypothesis has itself. NaN without an
@@ -244,7 +244,7 @@ def deviations(level: float) -> float:
 def interval_of(
     value: float, influences: Array, level: float = 0.95, other: float = 0.0
 ) -> tuple[float, float]:
-    """Return the confidence interval: all values that `studentised` accepts."""
+    """Return the confidence interval: all values that `studentized` accepts."""
     found, z = spread(influences, other), deviations(level)
     return value - found.below(z), value + found.above(z)
 

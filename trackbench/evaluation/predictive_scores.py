@@ -5,7 +5,7 @@ Series (T + 1, M) beside those of `metrics`, for whoever asks for them:
 ``log_likelihood``   log p(z_k | z_1..k-1) by the filter's own method of that name
 ``squared_predicted_<component>``, ``error_predicted_<component>``  z_k minus its prediction
 ``innovations``      number of components measured
-``anis``             normalised innovation squared over that number, 1 if consistent
+``anis``             normalized innovation squared over that number, 1 if consistent
 ``autocovariance_<l>``  whitened innovation times the l-th one before it, summed over the components
 ``held_log_likelihood``, ``squared_held_<component>``, ``error_held_<component>``  the same of
                      measurements that the filter is not given (``hold_out``)

@@ -72,12 +72,12 @@ def over_steps(shares: Array) -> Histogram:
     M = shares.shape[1]
     if M <= TENTHS:
         return Histogram(np.full(TENTHS, np.nan), np.full(TENTHS, np.nan), M)
-    centre = mean(shares)
-    off = shares - centre[:, None]
+    center = mean(shares)
+    off = shares - center[:, None]
     covariance = np.array([[float(total(a * b)) for b in off] for a in off]) / (M - 1.0)
     variance = linalg.diagonal(covariance)
     # Step 2: Kolmogorov's distance, at the edges of the tenths.
-    edges = np.add.accumulate(centre) - np.arange(1, TENTHS + 1) / TENTHS
+    edges = np.add.accumulate(center) - np.arange(1, TENTHS + 1) / TENTHS
     distance = float(np.abs(edges).max())
     # Step 3: Hotelling's test of all tenths but the last.
     n, p = TENTHS - 1, 0.0  # the last share is what is left of one
@@ -85,9 +85,9 @@ def over_steps(shares: Array) -> Histogram:
         p = np.nan  # fewer than ten places: their shares in tenths depend on each other
         if not linalg.is_singular(covariance[:n, :n]):
             # T^2 = M (c - 1/10)' S^-1 (c - 1/10); (M - n) T^2 / (n (M - 1)) is F(n, M - n).
-            T2 = M * float(linalg.mahalanobis(centre[:n] - 1.0 / TENTHS, covariance[:n, :n]))
+            T2 = M * float(linalg.mahalanobis(center[:n] - 1.0 / TENTHS, covariance[:n, :n]))
             p = float(fdtrc(n, M - n, T2 * (M - n) / (n * (M - 1.0))))
-    return Histogram(centre, np.sqrt(variance / M), M, distance, p=p)
+    return Histogram(center, np.sqrt(variance / M), M, distance, p=p)
 
 
 def places_of(pit: Array) -> int:

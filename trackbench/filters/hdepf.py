@@ -43,7 +43,7 @@ class Reading:
     """arithmetic of the likelihood: log-domain, exp() in float64, or exp() + 1e-99"""
     transition_density: TransitionReading = "model"
     """noise in the weight's prior: x_k - f(x_{k-1}), or x_k - x_{k-1} as in the public demo"""
-    fitness: Literal["log", "normalised", "raw"] = "log"
+    fitness: Literal["log", "normalized", "raw"] = "log"
     """what selection compares: log-fitness, fitness normalized over the population, or raw"""
     target: Literal["posterior", "ratio"] = "posterior"
     """fitness: likelihood * prior, or the importance ratio likelihood * prior / proposal (printed)"""
@@ -310,7 +310,7 @@ class HDEPF(UnscentedProposal, EvolutionFilter, KalmanProposalFilter):
         "literal": {
             "reading": {
                 "weights": "naive",
-                "fitness": "normalised",
+                "fitness": "normalized",
                 "target": "ratio",
                 "keep_best": "none",
                 "bounds": "none",
@@ -321,7 +321,7 @@ class HDEPF(UnscentedProposal, EvolutionFilter, KalmanProposalFilter):
             **MERWE_PROPOSAL,
             "reading": {
                 "weights": "floor",
-                "fitness": "normalised",
+                "fitness": "normalized",
                 "target": "ratio",
                 "keep_best": "none",
                 "bounds": "cloud",

@@ -41,7 +41,7 @@ class MPF(ParticleFilter):
     exchanged, and eqs. 16-17 leave out that one acceleration drives position and velocity.
     """
 
-    regularise: Literal["joint", "position", "none"] = "joint"
+    regularize: Literal["joint", "position", "none"] = "joint"
     """components jittered after resampling: positions with their velocities, positions alone, none"""
     kernel: Kernel = "epanechnikov"
     """regularization kernel"""
@@ -58,8 +58,8 @@ class MPF(ParticleFilter):
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
         """Report the kernel's keys as idle if nothing is jittered."""
-        idle = ("kernel", "bandwidth_scale") if self.regularise == "none" else ()
-        return super().idle_keys(scenario) | dict.fromkeys(idle, "with `regularise: none`")
+        idle = ("kernel", "bandwidth_scale") if self.regularize == "none" else ()
+        return super().idle_keys(scenario) | dict.fromkeys(idle, "with `regularize: none`")
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> PFState:
         """Draw the positions of both scans; their difference over T is the velocity's mean."""
@@ -94,9 +94,9 @@ class MPF(ParticleFilter):
         )
 
     def _jitter(self, x: Array, cov: Array, rng: Generator) -> Array:
-        if self.regularise == "none":
+        if self.regularize == "none":
             return x
-        if self.regularise == "position":
+        if self.regularize == "position":
             px, py = jitter(x[0::2], cov[0::2, 0::2], self.kernel, rng, self.bandwidth_scale)
             return np.stack([px, x[1], py, x[3]])
         return jitter(x, cov, self.kernel, rng, self.bandwidth_scale)

@@ -1,4 +1,4 @@
-"""Particle filters that propose from the transition: SIR, regularised, auxiliary."""
+"""Particle filters that propose from the transition: SIR, regularized, auxiliary."""
 
 from dataclasses import dataclass
 from typing import Annotated, Literal
@@ -99,7 +99,7 @@ class PF(SimulatingSmoother):
 class JitterPF(PF):
     """Bootstrap filter that moves the copies of a particle apart after resampling.
 
-    Post-regularisation (Musso et al. 2001) of the copies alone, as in ``PartFilt`` of DAPPER.
+    Post-regularization (Musso et al. 2001) of the copies alone, as in ``PartFilt`` of DAPPER.
     """
 
     bandwidth_scale: NonNegative = 1.0
@@ -124,7 +124,7 @@ class JitterPF(PF):
 class RPF(SimulatingSmoother):
     """Regularized particle filter: resamples from a kernel density of the posterior.
 
-    Musso, Oudjane & Le Gland 2001, section 12.2 (post-regularisation).
+    Musso, Oudjane & Le Gland 2001, section 12.2 (post-regularization).
     """
 
     kernel: Kernel = "epanechnikov"

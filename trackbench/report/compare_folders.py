@@ -24,8 +24,8 @@ from trackbench.evaluation.inference import (
     holm,
     normal_of_t,
     share_z,
-    studentised,
-    studentised_difference,
+    studentized,
+    studentized_difference,
     two_sided,
 )
 from trackbench.evaluation.metric_expression import measured
@@ -199,7 +199,7 @@ def _paired(row: Row, x: Array, y: Array, is_exact: bool) -> Row:
         if row.is_event:  # the sign test
             up, down = int((y > x).sum()), int((y < x).sum())
             return share_z(up, up + down, 0.5) if up + down else 0.0
-        return studentised(value, of_b * of_y - of_a * of_x)
+        return studentized(value, of_b * of_y - of_a * of_x)
 
     row = row._replace(a=mean(x).value, b=mean(y).value, runs=len(x), how="paired")
     return _with_tests(row, difference.stderr, z_of)
@@ -212,7 +212,7 @@ def _independent(row: Row, a: Sample, b: Sample) -> Row:
     def z_of(value: float, of_a: float, of_b: float) -> float:
         if row.is_event:
             first, second = (Events(round(s.estimate.value * s.runs), s.runs) for s in (a, b))
-            return studentised_difference(value, Sides(second, first))
+            return studentized_difference(value, Sides(second, first))
         error = hypot(of_a * errors[0], of_b * errors[1])
         return normal_of_t(float(np.divide(value, error)), max(row.runs - 1, 1))
 
@@ -301,7 +301,7 @@ def draw(rows: Sequence[Row], names: tuple[str, str]) -> "Figure":
     primary = [row for row in rows if row.is_primary and isfinite(row.difference)]
     shown = [row for row in primary if row.how != EQUAL] or primary
     metrics = list(dict.fromkeys(row.metric for row in shown))[: style.MOST_PANELS]
-    colors = {WORSE: style.COLOURS[1], BETTER: style.COLOURS[2]}
+    colors = {WORSE: style.COLORS[1], BETTER: style.COLORS[2]}
     most = max((sum(row.metric == metric for row in shown) for metric in metrics), default=1)
     with style.rc_context():
         figure, axes = style.panel_grid(len(metrics), 0.9 + 0.22 * most, 0.5)

@@ -15,8 +15,8 @@ from trackbench.evaluation.inference import (
     of_variances,
     quantile,
     stderr_of,
-    studentised,
-    studentised_difference,
+    studentized,
+    studentized_difference,
 )
 from trackbench.evaluation.statistics import (
     Estimate,
@@ -159,8 +159,8 @@ class RunEstimate(NamedTuple):
                 return z_score(Estimate(self.value - target, np.hypot(self.stderr, other)))
             sides = self.sides
             if sides is not None:
-                return studentised_difference(self.value - target, sides, other)
-            return studentised(self.value - target, self.influences, other)
+                return studentized_difference(self.value - target, sides, other)
+            return studentized(self.value - target, self.influences, other)
 
     def interval(self, level: float = 0.95, other: float = 0.0) -> tuple[float, float]:
         """Return the confidence interval: all targets that `z` accepts; NaN without an error."""

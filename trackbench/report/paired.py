@@ -44,7 +44,7 @@ COLUMNS = Pair._fields[:7]
 def primary_metrics(metrics: list[str]) -> list[str]:
     """Return metrics over the whole run: ``rmse_<quantity>``, ``crps_...``, log scores.
 
-    Of a log score more is better: a positive difference is in favour of the first filter.
+    Of a log score more is better: a positive difference is in favor of the first filter.
     """
     found = ((name, measured(name)) for name in metrics)
     rows = ((name, m.family[0]) for name, m in found if m.is_row and not m.window)

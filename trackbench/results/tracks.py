@@ -74,7 +74,7 @@ class FigureTracks(TrackFile):
         if any(f.shown_measurements for f in figures):
             positions = measured_positions(scenario, tracks.measurements[..., :1])
             if positions is not None:
-                arrays["seen"] = _quantised(positions, list(range(len(positions))))
+                arrays["seen"] = _quantized(positions, list(range(len(positions))))
             arrays |= {f"sensor/{n}": path for n, path in sensor_paths(scenario)}
         # A figure of one filter shows no other; any other figure may show the best, too.
         of_filter = [f for f in figures if len(f.filters or ()) != 1 or label in (f.filters or ())]
@@ -84,7 +84,7 @@ class FigureTracks(TrackFile):
             arrays[f"mean/{label}"] = means
         elif only_lines:
             components = sorted({c for f in only_lines for c in f.shown_components or ()})
-            arrays[f"mean/{label}"] = _quantised(means, components)
+            arrays[f"mean/{label}"] = _quantized(means, components)
         if tracks.cov is not None and any(f.shown_covariances for f in of_filter):
             arrays[f"cov/{label}"] = tracks.cov[..., :exact]
         return arrays
@@ -121,7 +121,7 @@ def _most_runs(figures: list[DrawnExhibit]) -> int:
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a value beyond float32 is infinite: no page has it
-def _quantised(mean: Array, components: list[int]) -> Array:
+def _quantized(mean: Array, components: list[int]) -> Array:
     """Round the components (n_x, T + 1, r) to a step of a power of two, which float32 represents."""
     values = mean[components]
     finite = values[np.isfinite(values)]

@@ -32,7 +32,7 @@ _EVERYTHING = Score()
 class Tracking(Scenario):
     """A target, its sensors, an initialization and a score, in any combination.
 
-    What filters believe of it is ``assume``, of the scenario and of each filter.
+    The key ``assume``, of the scenario and of each filter, is the model that filters assume.
     """
 
     target: Annotated[Target, Registered("targets")]
@@ -50,7 +50,7 @@ class Tracking(Scenario):
     begin: Finite | None = None
     """time of the first step, s; default: 0, or what recorded data say"""
     assume: Assume = _NOTHING
-    """motion, sensor and start that filters believe in; default: the ones that make the data"""
+    """motion, sensor and start that filters assume; default: the ones that make the data"""
     score: Score = _EVERYTHING
     """what errors are measured, and over which steps"""
 

@@ -38,7 +38,7 @@ _RATIOS = (
     1.1673039782614187,
     1.1347241384015194,
 )
-"""Generalised golden ratios, ``x^(d + 1) = x + 1``, of one key to five."""
+"""Generalized golden ratios, ``x^(d + 1) = x + 1``, of one key to five."""
 _STEP = 0.1  # share of an axis between the corners of the first simplex
 _SMALL = 2e-3  # share within which the simplex has come together
 _AROUND = (-0.2, -0.08, -0.03, 0.03, 0.08, 0.2)

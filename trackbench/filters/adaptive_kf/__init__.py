@@ -40,7 +40,7 @@ class AdaptiveKF(VariableDimension):
     """second decision, between both filters"""
     exit: Exit = PAPER_EXIT
     """return to the non-maneuvering filter"""
-    initialise: Literal["ie", "barshalom"] = "ie"
+    initialize: Literal["ie", "barshalom"] = "ie"
     """start of the maneuvering filter: estimated input added, or refiltered from the onset (1982)"""
     requires: ClassVar[tuple[str, ...]] = PLANAR_POSITION
     summed_diagnostics: ClassVar[frozenset[str]] = frozenset({"alarm"})
@@ -56,7 +56,7 @@ class AdaptiveKF(VariableDimension):
     @property
     def parameters(self) -> Parameters:
         """Return motions and decisions, from the keys."""
-        return Parameters(self.nmf, self.mf, self.detector, self.dlw, self.exit, self.initialise)
+        return Parameters(self.nmf, self.mf, self.detector, self.dlw, self.exit, self.initialize)
 
     @classmethod
     def explain(cls) -> str:

@@ -55,13 +55,13 @@ class Parameters(NamedTuple):
     detector: Detector
     dlw: SecondDecision
     exit: Exit
-    initialise: Literal["ie", "barshalom"]
+    initialize: Literal["ie", "barshalom"]
     """start of the MF: the estimated input added, or data refiltered from the onset (1982)"""
 
     @property
     def estimates_inputs(self) -> bool:
         """True if the MF or the onset needs the estimated inputs."""
-        return self.initialise == "ie" or self.detector.onset_rule == "argmax"
+        return self.initialize == "ie" or self.detector.onset_rule == "argmax"
 
 
 class Mode(NamedTuple):
@@ -85,7 +85,7 @@ class DetectorState(NamedTuple):
     inputs: Hypotheses
     """estimated input for each onset of the window"""
     history: History | None
-    """window that is refiltered, with `initialise: barshalom`"""
+    """window that is refiltered, with `initialize: barshalom`"""
     significance: Array
     """significance of the acceleration in the last p samples (p, M)"""
 
@@ -156,7 +156,7 @@ class VariableDimension(Filter[AdaptiveState]):
             detector=DetectorState(
                 rho=zero,
                 inputs=empty_hypotheses(window, axes, runs),
-                history=history(nmf, window) if p.initialise == "barshalom" else None,
+                history=history(nmf, window) if p.initialize == "barshalom" else None,
                 significance=np.full((p.exit.p, runs), np.inf),
             ),
             record=StepRecord(

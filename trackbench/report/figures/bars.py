@@ -41,7 +41,7 @@ class Bars(FigureKind):
     floor: str | None = None
     """label of the filter that none can beat: a black dashed line"""
     baseline: str | None = None
-    """label of the filter that every other should beat: a grey dotted line"""
+    """label of the filter that every other should beat: a gray dotted line"""
 
     def default_caption(self, results: Results) -> str:
         """Return the who is best, and what the diamonds are."""
@@ -89,8 +89,8 @@ class Bars(FigureKind):
             value, low, high = self._value(expressions, label)
             if np.isfinite(value):
                 off = [[max(value - low, 0.0)], [max(high - value, 0.0)]]
-                colour = results.line_style(label)["color"]
-                ax.errorbar(value, i, xerr=off, color=colour, **look)
+                color = results.line_style(label)["color"]
+                ax.errorbar(value, i, xerr=off, color=color, **look)
         ax.errorbar(
             [], [], xerr=[], color=style.ANY, label=f"Measured, {100 * self.level:g} %", **look
         )

@@ -40,7 +40,7 @@ class CalibrationFigure(FigureKind):
     """Rank histograms: in which tenth of a filter's distribution the truth is; flat if calibrated.
 
     A filter that is too certain has a U, one that is not certain enough a hump, one with a bias a slope
-    (Talts et al. 2018, section 4.2). The grey band has 95 % of the bars of a calibrated filter, each by
+    (Talts et al. 2018, section 4.2). The gray band has 95 % of the bars of a calibrated filter, each by
     itself: binomial at a step, by the spread of the runs' own histograms over all steps.
     """
 
@@ -98,12 +98,12 @@ class CalibrationFigure(FigureKind):
         return figure
 
 
-def _bars(ax: Axes, found: Histogram, colour: str, over_steps: bool) -> None:
+def _bars(ax: Axes, found: Histogram, color: str, over_steps: bool) -> None:
     """Draw ten bars about their common expectation, the band, the p-value."""
     edges, level = np.arange(TENTHS + 1) / TENTHS, 1.0 / TENTHS
     at_step = np.full(TENTHS, np.sqrt(level * (1.0 - level) / found.runs))
     width = _NORMAL_95 * (found.stderr if over_steps else at_step)
-    ax.bar(edges[:-1], found.shares, 1.0 / TENTHS, align="edge", color=colour, alpha=0.6, lw=0)
+    ax.bar(edges[:-1], found.shares, 1.0 / TENTHS, align="edge", color=color, alpha=0.6, lw=0)
     low, high = (np.append(level + s * width, level + s * width[-1]) for s in (-1.0, 1.0))
     ax.fill_between(edges, low, high, step="post", color="black", alpha=0.25, lw=0, zorder=3)
     ax.axhline(level, color="black", linewidth=0.6, zorder=3)
@@ -118,7 +118,7 @@ def _bars(ax: Axes, found: Histogram, colour: str, over_steps: bool) -> None:
 class Reliability(Curves):
     """Share of truths within the regions of each level; on the diagonal if calibrated.
 
-    Of `pit_nees` regions of the whole state, of a component its central intervals. The grey band holds
+    Of `pit_nees` regions of the whole state, of a component its central intervals. The gray band holds
     the whole line of a calibrated filter in 95 % (Kolmogorov's distance, Stephens 1970); over all steps,
     where there is no such band, bars are two standard errors by the runs.
     """

@@ -20,7 +20,7 @@ from trackbench.report.results import Results
 @register("figures", "anees")
 @dataclass(frozen=True, kw_only=True)
 class Anees(OverTime):
-    """Average normalised estimation error squared over time, with the band of a consistent filter.
+    """Average normalized estimation error squared over time, with the band of a consistent filter.
 
     More than 5 filters over more than 150 steps have a panel each, with the other filters in gray.
     """
@@ -48,7 +48,7 @@ class Anees(OverTime):
         return f"{what}{', '.join(told)}. Above it a filter is overconfident." if told else ""
 
     def draw(self, results: Results) -> Figure:
-        """Return one line per filter; between the grey lines a consistent filter stays."""
+        """Return one line per filter; between the gray lines a consistent filter stays."""
         titles = self.panel_titles(results, self.steps_of(results, self.metric))
         figure, panels = self.panels_over_time(results, titles)
         for (ax,), point, title in panels:

@@ -73,7 +73,7 @@ def critical_difference(k: int, runs: int, alpha: float) -> float:
 
 
 def range_quantile(level: float, k: int) -> float:
-    """Return the quantile of the range of k standard normals: the studentised range of infinite freedom.
+    """Return the quantile of the range of k standard normals: the studentized range of infinite freedom.
 
     Its distribution function (Tippett 1925, Biometrika 17, 364) by quadrature, inverted by bisection:
     scipy's takes half a second to import.

@@ -39,9 +39,9 @@ class HeatMap(FigureKind):
     y: str | None = None
     """path of the grid along the vertical axis; default: the filters"""
     log: bool = False
-    """logarithmic colours"""
+    """logarithmic colors"""
     bar_label: str = ""
-    """label of the colour bar, with the unit; default: the metric"""
+    """label of the color bar, with the unit; default: the metric"""
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
         """Reject axes that are no paths of the grid."""

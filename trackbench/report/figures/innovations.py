@@ -23,9 +23,9 @@ _ENOUGH = 60  # measured components whose average is worth a point
 @register("figures", "nis")
 @dataclass(frozen=True, kw_only=True)
 class Nis(OverTime):
-    """Normalised innovation squared over the number of components, with a consistent filter's band.
+    """Normalized innovation squared over the number of components, with a consistent filter's band.
 
-    Averages over runs and over successive steps, so many that each is of some components; the grey band
+    Averages over runs and over successive steps, so many that each is of some components; the gray band
     has 95 % of them (Bar-Shalom, Li & Kirubarajan 2001, section 5.4.2). More than 5 filters over more
     than 150 steps have a panel each, with the other filters in gray.
     """

@@ -41,7 +41,7 @@ class Curves(FigureKind):
     floor: str | None = None
     """label of the filter that none can beat: drawn black and dashed"""
     baseline: str | None = None
-    """label of the filter that every other should beat: drawn grey and dotted"""
+    """label of the filter that every other should beat: drawn gray and dotted"""
 
     def labels(self, results: Results, exact: bool = False) -> Iterator[tuple[str, GridPoint]]:
         """Yield each label to draw with its line style; the floor and the baseline last."""

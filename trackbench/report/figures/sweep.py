@@ -89,8 +89,8 @@ class RmseVsParameter(FigureKind):
             self._line(ax, x, y, stderr, label, results.line_style(label))
             if np.isfinite(y).any() and np.ptp(y) != 0.0 and not is_of_scenario(path):
                 best, shown_x = best_place(y, self.metric), _moved_zero(x) if self.log_x else x
-                colour = results.line_style(label)["color"]
-                ax.plot(shown_x[best], y[best], "o", color=colour, markersize=5, zorder=3,
+                color = results.line_style(label)["color"]
+                ax.plot(shown_x[best], y[best], "o", color=color, markersize=5, zorder=3,
                         label=f"_{label}")  # fmt: skip
         if self.log_x and len(shown):
             _logarithmic(ax, np.unique(shown[path].astype(float)))
@@ -308,7 +308,7 @@ def _scale(ax: Axes, values: list[Any], numeric: bool) -> None:
 def _heat_maps(
     held: _Held, x: str, y: str, labels: list[str], metrics: dict[str, Measure], title: str
 ) -> Figure:
-    """Return a panel per filter, on one colour scale; the best value is framed."""
+    """Return a panel per filter, on one color scale; the best value is framed."""
     words, metric = next(iter(metrics.items()), ("", measured("mean(rmse)")))
     # Fields of the filters that have any number, and their common color scale.
     across, down = held.values[x], held.values[y]
@@ -350,8 +350,8 @@ def _write_values(ax: Axes, values: Array, finite: Array, few: bool) -> None:
     middle = 0.5 * (finite.min() + finite.max())
     for (i, j), value in np.ndenumerate(values):
         if np.isfinite(value):
-            colour = "black" if value > middle else "white"
-            ax.text(j, i, f"{value:.3g}", ha="center", va="center", color=colour, fontsize=8)
+            color = "black" if value > middle else "white"
+            ax.text(j, i, f"{value:.3g}", ha="center", va="center", color=color, fontsize=8)
 
 
 def _frame(ax: Axes, at: tuple[Any, ...]) -> None:
@@ -359,7 +359,7 @@ def _frame(ax: Axes, at: tuple[Any, ...]) -> None:
 
     i, j = at
     frame = Rectangle(
-        (j - 0.5, i - 0.5), 1, 1, fill=False, edgecolor=style.COLOURS[1], linewidth=2, zorder=5
+        (j - 0.5, i - 0.5), 1, 1, fill=False, edgecolor=style.COLORS[1], linewidth=2, zorder=5
     )
     frame.set_clip_on(False)
     ax.add_patch(frame)

@@ -119,14 +119,14 @@ class Track(FigureKind):
         ranked = [c.label for found in rankings(results)[:1] for c in found.order]
         return (ranked or results.filters)[: self.best]
 
-    def _estimates(self, ax: Axes, xy: Array, colour: str) -> None:
+    def _estimates(self, ax: Axes, xy: Array, color: str) -> None:
         x, y = xy
         shown = x.shape[1]
         name = f"Estimates, {shown} runs" if shown > 1 else "Estimate"
         opacity = min(1.0, max(0.15, 2.0 / shown))
-        ax.plot(x, y, color=colour, linewidth=0.6, alpha=opacity, rasterized=True)
+        ax.plot(x, y, color=color, linewidth=0.6, alpha=opacity, rasterized=True)
         alone = len(self.filters) == 1
-        ax.plot([], [], color=colour if alone else style.ANY, linewidth=1.0, label=name)
+        ax.plot([], [], color=color if alone else style.ANY, linewidth=1.0, label=name)
 
 
 def plane_unit(*tracks: Array) -> tuple[float, str]:
@@ -149,8 +149,8 @@ def _is_near(path: Array, tracks: Iterable[Array]) -> bool:
 
 def draw_sensor(ax: Axes, path: Array, name: str) -> None:
     """Draw a sensor where it begins, and its path (2, T)."""
-    ax.plot(*path, color=style.COLOURS[1], linewidth=1.0)
-    ax.plot(*path[:, :1], "^", color=style.COLOURS[1], markersize=8, label=name)
+    ax.plot(*path, color=style.COLORS[1], linewidth=1.0)
+    ax.plot(*path[:, :1], "^", color=style.COLORS[1], markersize=8, label=name)
 
 
 def _size(panels: int, *tracks: Array) -> tuple[float, float]:

@@ -49,19 +49,19 @@ def _panel(ax: Axes, record: Record, axis: Axis) -> None:
 
     best, near = record.best, record.within(axis)
     there = [t for t in record.trials if isfinite(t.objective)]
-    top, band = _top([t.objective for t in there], best.stderr), style.COLOURS[4]
+    top, band = _top([t.objective for t in there], best.stderr), style.COLORS[4]
     ax.axhspan(best.objective, best.objective + best.stderr, color=band, alpha=0.35, linewidth=0)
     if near and not axis.choices:
         ax.axvspan(x(near[0]), x(near[-1]), color=band, alpha=0.2, linewidth=0)
     line = sorted((x(t.values[axis.key]), min(t.objective, top)) for t in record.beside(axis))
     if not axis.choices:
-        ax.plot(*zip(*line, strict=True), color=style.COLOURS[0], linewidth=0.6, alpha=0.6)
+        ax.plot(*zip(*line, strict=True), color=style.COLORS[0], linewidth=0.6, alpha=0.6)
     for t in there:
         marker = "^" if t.objective > top else "x" if t.lost else "o"
         height = min(t.objective, top)
-        ax.plot(x(t.values[axis.key]), height, marker, color=style.COLOURS[0], markersize=3.5)
+        ax.plot(x(t.values[axis.key]), height, marker, color=style.COLORS[0], markersize=3.5)
     if isfinite(best.objective):
-        look: Any = {"fmt": "D", "color": style.COLOURS[1], "capsize": 2, "zorder": 4}
+        look: Any = {"fmt": "D", "color": style.COLORS[1], "capsize": 2, "zorder": 4}
         ax.errorbar(x(best.values[axis.key]), best.objective, best.stderr, **look)
     if axis.log:
         ax.set_xscale("log")

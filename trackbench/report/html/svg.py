@@ -210,7 +210,7 @@ _METADATA = re.compile(r"\s*<metadata>.*?</metadata>", re.DOTALL)
 
 
 def mark(figure: "Figure") -> list[str]:
-    """Give the shapes of each labelled curve its number; returns the labels, none of a figure without.
+    """Give the shapes of each labeled curve its number; returns the labels, none of a figure without.
 
     A shape of a curve without a line in the legend, such as its band, has its label behind a ``_``.
     """

@@ -1,4 +1,4 @@
-"""One look for every figure: a journal's page, colour-blind-safe, legible in grey; and its file.
+"""One look for every figure: a journal's page, color-blind-safe, legible in gray; and its file.
 
 A figure is laid out once for all formats. Equal figures are equal files.
 """
@@ -29,7 +29,7 @@ else:
 
 
 # Okabe & Ito 2008, without its yellow, which disappears on paper.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#6F4E37", "#999999")
+COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#6F4E37", "#999999")
 DASHES: tuple[Any, ...] = (
     *("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)), (0, (9, 1.5))),
     *((0, (2.5, 2.5)), (0, (6, 1.2, 1.2, 1.2, 1.2, 1.2)), (0, (9, 1.5, 3, 1.5))),
@@ -40,7 +40,7 @@ FLOOR: LineStyle = {"color": "black", "linestyle": (0, (6, 2)), "linewidth": 1.0
 EXACT: LineStyle = {"color": "black", "linestyle": (0, (4, 3)), "linewidth": 0.9}
 BASELINE: LineStyle = {"color": "#777777", "linestyle": (0, (1, 1.6)), "linewidth": 1.4}
 ANY, MANEUVER = "#555555", "#f3d9a4"
-"""Colours of what is no filter's own: of any filter in a legend, of spans of maneuvers."""
+"""Colors of what is no filter's own: of any filter in a legend, of spans of maneuvers."""
 BAND: LineStyle = {"color": "black", "alpha": 0.15, "lw": 0}
 """Look of where a filter without fault is found."""
 TRUTH: LineStyle = {"color": "black", "linewidth": 1.4, "linestyle": "-"}
@@ -84,9 +84,9 @@ def subplots(
 
 def line(index: int) -> LineStyle:
     """Return color and dash of the filter at ``index`` among the experiment's filters."""
-    colour = COLOURS[index % len(COLOURS)]
-    dash = DASHES[(index + index // len(COLOURS)) % len(DASHES)]
-    return {"color": colour, "linestyle": dash}
+    color = COLORS[index % len(COLORS)]
+    dash = DASHES[(index + index // len(COLORS)) % len(DASHES)]
+    return {"color": color, "linestyle": dash}
 
 
 def error_band(
@@ -101,7 +101,7 @@ def error_band(
 ) -> None:
     """Draw two standard errors around line ``place``; explain the band in legend and page.
 
-    A band; where there are more than three, which would lie over each other to a grey, bars at some
+    A band; where there are more than three, which would lie over each other to a gray, bars at some
     of the x, no two lines' at the same. On a logarithmic axis none reaches below a tenth of the value.
     """
     from trackbench.report.plotting.canvas import Canvas

@@ -24,7 +24,7 @@ from trackbench.report.table import Cell, Table
 @register("tables", "consistency")
 @dataclass(frozen=True, kw_only=True)
 class Consistency(TableKind):
-    """Normalised errors and innovations over the runs at each step, and their chi-square bands.
+    """Normalized errors and innovations over the runs at each step, and their chi-square bands.
 
     ANEES is NEES / n_x and ANIS is NIS / n_z: 1 if consistent. Averaged over M runs at one step they are
     chi-square of M n degrees of freedom over M n; a consistent filter stays in the 95 % band in 95 % of
@@ -126,7 +126,7 @@ _ERRORS = {"Prediction": "predicted", "Held-out": "held"}
 class Innovations(TableKind):
     """Consistency, whiteness, log score and one-step prediction errors; of recordings, all there is.
 
-    ANIS is the normalised innovation squared over the number of measured components, 1 if consistent;
+    ANIS is the normalized innovation squared over the number of measured components, 1 if consistent;
     of N components it is chi-square of N degrees of freedom over N. The autocorrelation of successive
     whitened innovations is 0 within 1.96 / sqrt(N) (Bar-Shalom, Li & Kirubarajan 2001, section 5.4.2).
     Where runs measure different numbers, N is that of which means over runs vary as much.

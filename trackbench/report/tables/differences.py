@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from trackbench.config.experiment import Labelled
+from trackbench.config.experiment import Labeled
 from trackbench.evaluation.metric_expression import OfRun
 from trackbench.field_types import Digits
 from trackbench.registry import register
@@ -53,7 +53,7 @@ class Differences(TableKind):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ClaimRow(Labelled):
+class ClaimRow(Labeled):
     """Statement that one filter's metric is less than another's."""
 
     label_keys: ClassVar[tuple[str, ...]] = ("less", "than")

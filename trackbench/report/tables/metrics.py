@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from trackbench.config.experiment import Labelled
+from trackbench.config.experiment import Labeled
 from trackbench.errors import counted
 from trackbench.evaluation.error_series import LOST_BECAUSE
 from trackbench.evaluation.metric_expression import Expression, Measure
@@ -23,7 +23,7 @@ from trackbench.results.point_facts import GridPoint
 
 
 @dataclass(frozen=True, kw_only=True)
-class Gain(Labelled):
+class Gain(Labeled):
     """A last row: by how many percent one filter's metric is below another's, on common runs."""
 
     label_keys: ClassVar[tuple[str, ...]] = ("of", "over")

@@ -19,7 +19,7 @@ NOT_MEASURED = "not measured"
 
 
 class ClaimVerdict(NamedTuple):
-    """A claim, the verdict by the z of its weakest comparison (positive: in its favour), and why."""
+    """A claim, the verdict by the z of its weakest comparison (positive: in its favor), and why."""
 
     claim: Claim
     verdict: Verdict
@@ -91,7 +91,7 @@ class _Margin(NamedTuple):
             return claim.tolerance * abs(self.target) - abs(off)
         return -off if claim.relation == "<" else off
 
-    def in_favour(self, claim: Claim) -> float:
+    def in_favor(self, claim: Claim) -> float:
         """Return z of the claim."""
         if claim.relation == "~" and isinstance(self.term, OfSteps):
             return self.term.z(self.term.value - self.margin(claim))
@@ -116,10 +116,10 @@ def _score(evidence: Evaluator, claim: Claim, right: str) -> _Score:
     """Return the claim against one filter of its right side, or against its factor if there is none."""
     off = _margin(evidence, claim, right)
     parts, stressed = (
-        [off._replace(term=term).in_favour(claim) for term in terms]
+        [off._replace(term=term).in_favor(claim) for term in terms]
         for terms in (off.term.parts(evidence.results.batches), off.term.stressed())
     )
-    return _Score(claim, right, off.in_favour(claim), parts, stressed, off)
+    return _Score(claim, right, off.in_favor(claim), parts, stressed, off)
 
 
 def _margin(expressions: Evaluator, claim: Claim, right: str) -> _Margin:

@@ -242,7 +242,7 @@ def _parts(verdict: Verdict) -> str:
 def _claim_table(claims: list[ClaimVerdict]) -> TextTable:
     """Return claims with verdict and z."""
     table = TextTable(
-        "Claims (z: standard errors in the claim's favour, weakest comparison)",
+        "Claims (z: standard errors in the claim's favor, weakest comparison)",
         [
             "Claim",
             "Verdict",

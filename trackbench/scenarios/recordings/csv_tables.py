@@ -200,7 +200,7 @@ class _Reading:
         for name, content in self.contents.items():
             values: Column
             if content == "label":
-                values, wrong = self._labelled(name, cells[name])
+                values, wrong = self._labeled(name, cells[name])
             else:
                 values, wrong = parsed(self._parser(content, cells[name]), cells[name])
             self._pieces[name].append(values)
@@ -230,7 +230,7 @@ class _Reading:
             self.dated = f"date{zoned}" if is_instant(cells[0]) else ""
         return partial(instant, zoned=self.dated != "date") if self.dated else seconds
 
-    def _labelled(self, name: str, cells: Sequence[str]) -> tuple[Column, list[tuple[int, str]]]:
+    def _labeled(self, name: str, cells: Sequence[str]) -> tuple[Column, list[tuple[int, str]]]:
         codes = self._codes[name]
         values = np.array([codes.setdefault(c.strip(), len(codes)) for c in cells], dtype=np.int32)
         if "" not in codes:

@@ -81,11 +81,11 @@ def places_of(columns: dict[str, Found]) -> tuple[str, str]:
     raise KeyError
 
 
-def recognised(path: str) -> Guess:
+def recognized(path: str) -> Guess:
     """Return the guess. Raises DataError if no time or no position can be made out."""
     # Step 1: find time and position by the columns' names.
     names = header(path)
-    columns, there = dict(_recognised(names)), ", ".join(names)[:200]
+    columns, there = dict(_recognized(names)), ", ".join(names)[:200]
     if "time" not in columns and "step" not in columns:
         what = f"no column looks like a time or a step; there are {there}"
         raise DataError(Place(path, 1, 1, what))
@@ -123,7 +123,7 @@ def recognised(path: str) -> Guess:
     return Guess(columns, units, why, runs, sigma, _speed(time, *place))
 
 
-def _recognised(names: list[str]) -> Iterator[tuple[str, Found]]:
+def _recognized(names: list[str]) -> Iterator[tuple[str, Found]]:
     """Yield each quantity with the first column that may be it."""
     for quantity, words in _CALLED.items():
         for name in names:
@@ -199,7 +199,7 @@ def _target_lines(guess: Guess) -> Iterator[str]:
 
 
 def _sensor_lines(guess: Guess) -> Iterator[str]:
-    told = "guess: how far measurements are from the line between their neighbours"
+    told = "guess: how far measurements are from the line between their neighbors"
     one, two = guess.sigma
     if guess.places == ("range", "azimuth"):
         mrad = float(f"{1000.0 * two:.3g}")

@@ -54,7 +54,7 @@
         if (!owner || !shape.path || this.curves.some((curve) => curve.owner === owner)) continue;
         const points = shape.path.flatMap(([, at]) => at);
         if (shape.path.some(([letter]) => letter === "z") || points.length < 3) continue;
-        this.curves.push({ owner, number: +owner.dataset.of, points, colour: shape.element.style.stroke });
+        this.curves.push({ owner, number: +owner.dataset.of, points, color: shape.element.style.stroke });
       }
       this.single = this.curves.every(({ points }) => points.every((p, i) => !i || p[0] >= points[i - 1][0]));
     }
@@ -360,10 +360,10 @@
       const { zero } = panel.told.x, first = rows[0].value[0];
       this.cursor = node("g", { "pointer-events": "none" }, this.svg);
       if (panel.single) node("line", { x1: x, x2: x, y1: top, y2: bottom, class: "cursor" }, this.cursor);
-      for (const row of rows) if (panel.inside(row.at)) node("circle", { cx: row.at[0], cy: row.at[1], r: 2.2, fill: row.curve.colour }, this.cursor);
+      for (const row of rows) if (panel.inside(row.at)) node("circle", { cx: row.at[0], cy: row.at[1], r: 2.2, fill: row.curve.color }, this.cursor);
       const lines = rows.map(({ curve, value, error }) => {
         const line = document.createElement("div"), dot = document.createElement("i"), number = document.createElement("b");
-        dot.style.background = curve.colour;
+        dot.style.background = curve.color;
         number.textContent = panel.single ? withError(value[1], error) : value.map(digits).join(", ");
         line.append(dot, `${this.told.labels[curve.number]} `, number);
         return line;
