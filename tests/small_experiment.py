@@ -23,7 +23,7 @@ filters:
   PF (N=50): {kind: pf, N: 50}
   "%s": {kind: ukf}
   No data: {kind: prior-mean}
-  Exact: {kind: grid, nodes: 32}
+  Exact: {kind: grid, nodes: 40}
 tables:
   table1:
     kind: metrics

@@ -29,7 +29,7 @@ def test_halving_the_default_grid_changes_nothing(R: float, tolerance: float) ->
 
 def test_posterior_is_consistent() -> None:
     """NEES of an exact posterior has mean one."""
-    nees = track(merwe(R=0.1), make_filter("grid", nodes=32), runs=400).nees[1:]
+    nees = track(merwe(R=0.1), make_filter("grid", nodes=40), runs=400).nees[1:]
     per_run_mean = nees.mean(axis=0)
     assert abs(per_run_mean.mean() - 1) < 4 * per_run_mean.std() / 20
 

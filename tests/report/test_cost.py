@@ -126,7 +126,7 @@ grid:
   filters.PF.N & filters.HDEPF.N: [[10, 5], [40, 8], [160, 12]]
   filters.HDEPF.G: [1, 3]
 filters: {{PF: {{kind: pf, N: 9}}, HDEPF: {{kind: hdepf}}, UKF: {{kind: ukf}},
-  Exact: {{kind: grid, nodes: 32}}}}
+  Exact: {{kind: grid, nodes: 40}}}}
 metrics: [rmse, rmsd]
 per_step: []
 tables:
@@ -237,7 +237,7 @@ def test_efficiency_is_made_of_the_runs(results):
 @pytest.mark.parametrize("runs", [1, 2, 3])
 def test_few_runs_have_no_runs_saved(tmp_path, runs):
     text = f"name: few\nruns: {runs}\nscenario: {merwe_text(T=8)}\nreference: Exact\n"
-    text += "filters: {UKF: {kind: ukf}, EKF: {kind: ekf}, Exact: {kind: grid, nodes: 32}}\n"
+    text += "filters: {UKF: {kind: ukf}, EKF: {kind: ekf}, Exact: {kind: grid, nodes: 40}}\n"
     (tmp_path / "c.yaml").write_text(f"{text}tables: {{e: {{kind: efficiency}}}}\n")
     keys = {"out": tmp_path / "out", "workers": 1, "quiet": True, "formats": ()}
     table = api.run(tmp_path / "c.yaml", **keys).tables["e"]

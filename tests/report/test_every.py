@@ -24,7 +24,7 @@ scenario: MERWE
 filters:
   PF: {kind: pf, N: 20}
   UKF: {kind: ukf}
-  Exact: {kind: grid, nodes: 32}
+  Exact: {kind: grid, nodes: 40}
   None: {kind: prior-mean}
 published: [claims.csv]
 """.replace("MERWE", merwe_text(T=8))
