@@ -46,6 +46,7 @@ def test_a_cluster_gets_batches_that_last_and_stores_their_blocks(
 
     plan = make_plan(load(write(tmp_path, text.replace("SCENE", merwe_text(T=6)))))
     monkeypatch.setattr(queue, "_AHEAD", 2)
+    monkeypatch.setattr(queue, "_SCHEDULER_SECONDS", 0.0)
     results = []
     for seconds in (0.0, 1e9):
         monkeypatch.setattr(queue, "_TASK_SECONDS", seconds)
