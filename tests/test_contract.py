@@ -130,6 +130,22 @@ class Biased(PF):
         return type(found)(found.mean + 10.0, found.cov)
 
 
+class Backwards(Base):
+    """All steps in one call, from the last measurement to the first."""
+
+    def all_steps(self, model: Any, state: Tracked, z: Any) -> Any:
+        states = []
+        for k in range(z.shape[1]):
+            state = self.step(model, state, z[:, -1 - k], k + 1, None)  # type: ignore[arg-type]
+            states.append(state)
+        return states
+
+
+class TooFew(Base):
+    def all_steps(self, model: Any, state: Tracked, z: Any) -> Any:
+        return [state]
+
+
 class Raises(Base):
     def step(self, model: Any, state: Tracked, z: Any, k: int, rng: Any) -> Any:
         raise KeyError("k")
@@ -164,6 +180,8 @@ class Needy(EKF):
         (FillsGaps, "predicts over", "not finite where"),
         (WrongGain, "equals the Kalman", "is off by up to"),
         (Biased, "equals the Kalman", "the mean is biased"),
+        (Backwards, "shapes", "all_steps gives another estimate than step at step 1"),
+        (TooFew, "shapes", "all_steps gives 1 states, not one per measurement"),
         (Raises, "shapes", "KeyError"),
         (Listed, "has a default", "cannot be hashed"),
     ],

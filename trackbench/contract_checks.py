@@ -60,11 +60,19 @@ def _check_shapes(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
     data = simulate(scenario, runs)
     n = data.truth.shape[0]
     state = tracker.init(scenario.model, data.prior, rng)
+    known = tracker.all_steps(scenario.model, state, data.measurements)
+    if known is not None and len(known) != len(scenario.steps) - 1:
+        raise ContractError(f"all_steps gives {len(known)} states, not one per measurement")
     # Step through the scenario; check the estimate and what else the filter gives at each step.
     for i, k in enumerate(scenario.steps):
         if i:
             state = tracker.step(scenario.model, state, data.measurements[:, i - 1], int(k), rng)
         estimate = tracker.estimate(state)
+        if i and known is not None:
+            other = tracker.estimate(known[i - 1])
+            pairs = ((other.mean, estimate.mean), (other.cov, estimate.cov))
+            if not all(np.allclose(a, b, rtol=1e-6, atol=0.0) for a, b in pairs):
+                raise ContractError(f"all_steps gives another estimate than step at step {k}")
         check_estimate(estimate, (n, n), runs)
         for name, array in (("mean", estimate.mean), ("cov", estimate.cov)):
             if np.asarray(array).dtype != np.float64:

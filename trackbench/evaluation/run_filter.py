@@ -83,6 +83,9 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
             found = tracker.estimate(state)
             known = tracker.all_steps(model, state, telling.visible)
             tracked = known and [(state, tracker.estimate(state)) for state in known]
+        if tracked and len(tracked) != len(task.scenario.steps) - 1:
+            what = f"returns {len(tracked)} states for {len(task.scenario.steps) - 1} measurements"
+            raise WrongReturnError("all_steps", what)
         states = [state]
         if not tracker.smooths:
             kept.add(state, found)
