@@ -133,16 +133,16 @@ class Biased(PF):
 class Backwards(Base):
     """All steps in one call, from the last measurement to the first."""
 
-    def all_steps(self, model: Any, state: Tracked, z: Any) -> Any:
+    def all_steps(self, model: Any, state: Tracked, z: Any, k: int) -> Any:
         states = []
-        for k in range(z.shape[1]):
-            state = self.step(model, state, z[:, -1 - k], k + 1, None)  # type: ignore[arg-type]
+        for i in range(z.shape[1]):
+            state = self.step(model, state, z[:, -1 - i], k + i, None)  # type: ignore[arg-type]
             states.append(state)
         return states
 
 
 class TooFew(Base):
-    def all_steps(self, model: Any, state: Tracked, z: Any) -> Any:
+    def all_steps(self, model: Any, state: Tracked, z: Any, k: int) -> Any:
         return [state]
 
 

@@ -60,7 +60,8 @@ def _check_shapes(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
     data = simulate(scenario, runs)
     n = data.truth.shape[0]
     state = tracker.init(scenario.model, data.prior, rng)
-    known = tracker.all_steps(scenario.model, state, data.measurements)
+    first = int(scenario.steps[0]) + 1
+    known = tracker.all_steps(scenario.model, state, data.measurements, first)
     if known is not None and len(known) != len(scenario.steps) - 1:
         raise ContractError(f"all_steps gives {len(known)} states, not one per measurement")
     # Step through the scenario; check the estimate and what else the filter gives at each step.

@@ -109,16 +109,16 @@ def test_what_all_steps_leaves_to_single_steps() -> None:
     model = Model(ConstantVelocity(q=0.3).sampled(1.0), _SENSORS["position"])
     rng, z = np.random.default_rng(1), np.zeros((2, 3, 5))
     state = KF().init(model, Gaussian(np.zeros((4, 5)), np.eye(4)), rng)
-    assert len(KF().all_steps(model, state, z) or ()) == 3
+    assert len(KF().all_steps(model, state, z, 1) or ()) == 3
     missing = np.where(np.arange(5) == 2, np.nan, z)
     huge = np.full(z.shape, 1e308)  # its square is beyond the numbers, but nothing is NaN
-    assert KF().all_steps(model, state, missing) is None
-    assert len(KF().all_steps(model, state, huge) or ()) == 3
-    assert KF().all_steps(model, state, huge * np.array([[[1.0]] * 3, [[np.inf]] * 3])) is None
+    assert KF().all_steps(model, state, missing, 1) is None
+    assert len(KF().all_steps(model, state, huge, 1) or ()) == 3
+    assert KF().all_steps(model, state, huge * np.array([[[1.0]] * 3, [[np.inf]] * 3]), 1) is None
     for other in (KF(gate=0.99), KF(fading=1.1), KF(form="square-root"), _OtherKF()):
-        assert other.all_steps(model, state, z) is None
+        assert other.all_steps(model, state, z, 1) is None
     per_run = KF().init(model, Gaussian(np.zeros((4, 5)), np.ones((4, 4, 5))), rng)
-    assert KF().all_steps(model, per_run, z) is None
+    assert KF().all_steps(model, per_run, z, 1) is None
 
 
 class _OtherKF(KF):
@@ -136,7 +136,7 @@ def _filtered(tracker: KF, model: Model, prior: Gaussian, z: np.ndarray) -> list
     """Arrays of every state, by all steps at once where the filter can, else one by one."""
     rng = np.random.default_rng(1)
     states = [tracker.init(model, prior, rng)]
-    known = tracker.all_steps(model, states[0], z)
+    known = tracker.all_steps(model, states[0], z, 1)
     for k in range(z.shape[1]):
         states.append(known[k] if known else tracker.step(model, states[-1], z[:, k], k + 1, rng))
     if tracker.smooths:

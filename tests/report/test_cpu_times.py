@@ -234,7 +234,7 @@ def test_measured_times_are_kept_until_code_machine_or_filters_change(
     run(config, runs=20)
     assert taken == [2]
     run(config, set=["filters.PF.N=20"])
-    monkeypatch.setattr(computing, "identity", lambda: ["another machine"])
+    monkeypatch.setattr(computing.platform, "node", lambda: "another machine")
     run(config)
     run(config, fresh=True)
     run(config, times=False)

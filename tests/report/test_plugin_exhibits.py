@@ -69,8 +69,8 @@ BAD = {
         TABLE, "        found.keys.append(['EKF'])\n" + TABLE, "table own", "def table",
         "the table cannot be written: ValueError: zip()"),
     "a figure raises": (
-        DRAW, "        axes.plot([1], [2], color='red')\n", "figure mine", "color",
-        "AttributeError: Line2D.set() got an unexpected keyword argument 'color'"),
+        DRAW, "        axes.plot([1], [2], colour='red')\n", "figure mine", "colour",
+        "AttributeError: Line2D.set() got an unexpected keyword argument 'colour'"),
     "a figure is nothing": (DRAW, "", "figure mine", "def draw", "draw gives a NoneType, not a Figure"),
     "a figure cannot be laid out": (
         DRAW, "        figure.set_size_inches(1e9, 1e9)\n" + DRAW, "figure mine",

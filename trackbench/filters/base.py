@@ -76,10 +76,10 @@ class Filter(Part, Generic[State]):
             Random numbers of the block of runs, the only ones allowed.
         """
 
-    def all_steps(self, model: Model, state: State, z: Array) -> list[State] | None:
-        """Return the states that `step` would return for measurements z (n_z, T, M), if that is faster.
+    def all_steps(self, model: Model, state: State, z: Array, k: int) -> list[State] | None:
+        """Return the states that `step` returns for z (n_z, T, M) of steps k, k + 1, ..., or None.
 
-        None, the default, calls `step` for each of them.
+        A filter that takes many steps in one call is faster; None, the default, calls `step` for each.
         """
         return None
 

@@ -215,7 +215,7 @@ class KF(GaussianFilter):
         """Predict and update: for a linear model the extended step is the Kalman filter's."""
         return extended_step(model, state, z, k, MODEL_NOISE)
 
-    def all_steps(self, model: Model, state: Tracked, z: Array) -> list[Tracked] | None:
+    def all_steps(self, model: Model, state: Tracked, z: Array, k: int) -> list[Tracked] | None:
         """Return the states after all measurements of a constant linear model, in one call."""
         motion, sensor = model
         plain = type(self) is KF and self == KF(smooth=self.smooth)
