@@ -81,6 +81,16 @@ def test_a_figure_without_curves_is_told_nothing_of(made):
     assert root.find(f"{SVG}metadata") is None
 
 
+def test_clip_paths_have_numbers_whatever_their_last_digits():
+    def drawing(first: str, second: str) -> str:
+        clips = f'<a clip-path="url(#{first})"/><b clip-path="url(#{second})"/>'
+        return f'{clips}<clipPath id="{first}"/><clipPath id="{second}"/><text>p0123456789</text>'
+
+    expected = drawing("clip1", "clip2")
+    assert compact(drawing("p0123456789", "pabcdefabcd")) == expected
+    assert compact(drawing("pfedcbafedc", "p9876543210")) == expected
+
+
 def test_outline_reads_what_compact_writes():
     d = "M 1.5 2 L -3 4.25 L -3.001 4.25 z M 7 8 L 7 -0.5"
     (path,) = ET.fromstring(compact(f'<a><b d="{d}"/></a>'))

@@ -78,10 +78,18 @@ _HARMLESS = re.compile(r"(?!.*url\()[-\w\s#.,;%'\"()+]*", re.IGNORECASE | re.DOT
 _PATH = re.compile(r' d="([MLZz0-9eE.\s+-]+)"')
 _NUMBER = re.compile(r"-?(?:\d+\.?\d*|\.\d+)(?:e-?\d+)?")
 _POINT = re.compile(r"([MLZz])([^MLZz]*)")
+_CLIP = re.compile(r'(id="|url\(#)(p[0-9a-f]{10})\b')
 
 
 def compact(content: str) -> str:
-    """Return the drawing in half the bytes: relative straight lines in hundredths of a point."""
+    """Return the drawing in half the bytes: relative straight lines in hundredths of a point.
+
+    Clip paths are numbered: matplotlib names them by all digits of their place, whose last ones depend
+    on the processor.
+    """
+    clips = dict.fromkeys(name for _, name in _CLIP.findall(content))
+    numbers = {name: f"clip{i}" for i, name in enumerate(clips, start=1)}
+    content = _CLIP.sub(lambda found: found[1] + numbers[found[2]], content)
     return _PATH.sub(lambda path: f' d="{_relative(path.group(1))}"', content)
 
 
