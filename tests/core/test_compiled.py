@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -28,8 +29,9 @@ from trackbench.core.distributions import Gamma, Gaussian, zero_mean_log_prob
 from trackbench.core.random_streams import NoiseGenerator, block_stream
 from trackbench.filters.kf import KF
 from trackbench.models.base import Model
-from trackbench.models.gaussian_steps import AssumedNoise, augmented_step
+from trackbench.models.gaussian_steps import AssumedNoise, additive_step, augmented_step
 from trackbench.models.motions.kinematic import ConstantVelocity
+from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.position import PositionSensor, PositionVelocity, ScalarSensor
 
 pytestmark = pytest.mark.skipif(compiled.kernels is None, reason="no C compiler")
@@ -117,6 +119,11 @@ def test_what_all_steps_leaves_to_single_steps() -> None:
     assert KF().all_steps(model, state, huge * np.array([[[1.0]] * 3, [[np.inf]] * 3]), 1) is None
     for other in (KF(gate=0.99), KF(fading=1.1), KF(form="square-root"), _OtherKF()):
         assert other.all_steps(model, state, z, 1) is None
+    F, Q = np.asfortranarray(model.motion.F), np.asfortranarray(model.motion.Q)
+    turned = Model(replace(model.motion, F=F, Q=Q), model.sensor)
+    columns, rows = (KF().all_steps(m, state, z, 1) for m in (turned, model))
+    for a, b in zip(columns or (), rows or (), strict=True):
+        assert a.posterior.mean.tobytes() == b.posterior.mean.tobytes()
     per_run = KF().init(model, Gaussian(np.zeros((4, 5)), np.ones((4, 4, 5))), rng)
     assert KF().all_steps(model, per_run, z, 1) is None
 
@@ -289,6 +296,51 @@ def test_steps_by_points_of_scalars(
         for k in (3, 40):
             for noise in (AssumedNoise(), AssumedNoise(Q=0.7, R=2.0, noise_mean=False)):
                 both(lambda x=x, P=P, z=z, k=k, noise=noise: step(Gaussian(x, P), z, k, noise))
+
+
+@pytest.mark.parametrize("returned", [np.int64, np.float32, "one for all"])
+def test_steps_by_points_of_a_sensor_of_other_arrays(
+    returned: type | str, both: Callable[..., None]
+) -> None:
+    rng = np.random.default_rng(9)
+    model = Model(merwe().model.motion, _Other(returned))
+    state = Gaussian(rng.normal(size=(1, 7)), np.ones((1, 1, 7)))
+    rule = unscented.Unscented(1.0, 0.0, 2.0)
+    z, noise = np.zeros((1, 7)), AssumedNoise()
+    both(lambda: augmented_step(model, state, z, 3, noise, rule)[0])
+    if returned != "one for all":
+        both(lambda: additive_step(model, state, z, 3, noise, rule)[0])
+        return
+    with pytest.raises(IndexError):  # of numpy, not what stands behind the array
+        additive_step(model, state, z, 3, noise, rule)
+
+
+@pytest.mark.parametrize("dtype", [np.int64, np.float32])
+def test_particles_of_other_numbers(dtype: type, both: Callable[..., None]) -> None:
+    rng = np.random.default_rng(10)
+    x = (10 * rng.standard_normal((2, 5, 80))).astype(dtype)
+    both(lambda: particles.normalize(x[0]).w)
+    both(lambda: particles.Particles(x, particles.equal_weights(5, 80)).moments())
+    L = np.tril(np.abs(x[:, :, :2].swapaxes(1, 2)))
+    both(lambda: linalg.lower_product(L, x))
+    w = np.abs(x[0]) / np.abs(x[0]).sum(axis=1, keepdims=True)
+    both(lambda: resampling.ancestors(w, block_stream(1, 1)))
+    both(lambda: elementary.exp(0.01 * x, out=np.empty(x.shape, dtype=np.float32)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Other(SensorBase):
+    """A sensor of a plugin, whose measurement has another type of number or no batch."""
+
+    returned: type | str
+    components = ("z",)
+
+    def __init__(self, returned: type | str) -> None:
+        object.__setattr__(self, "returned", returned)
+
+    def measurement(self, x: np.ndarray, k: int) -> Gaussian:
+        mean = np.zeros((1, 1, 1)) if isinstance(self.returned, str) else x.astype(self.returned)
+        return Gaussian(mean, np.ones((1, 1)))
 
 
 @pytest.mark.parametrize("runs", [1, 50, 700])

@@ -180,7 +180,7 @@ def _piecewise(kernel: Elementwise, x: ArrayLike, out: Array | None) -> Array:
     x = np.asarray(x, dtype=float)
     flat = np.ascontiguousarray(x).reshape(-1)
     # Write into `out` directly if its memory is in order, else copy at the end.
-    in_place = out is not None and out.flags.c_contiguous
+    in_place = out is not None and out.flags.c_contiguous and out.dtype == np.float64
     target = out.reshape(-1) if out is not None and in_place else np.empty(flat.shape)
     if compiled.kernels or 0 < len(flat) <= _PIECE:
         kernel(flat, target)

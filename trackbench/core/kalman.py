@@ -163,8 +163,10 @@ def track(
     means, covs = np.empty((T + 1, n, M)), np.empty((T + 1, n, n))
     means[0], covs[0] = prior.mean, prior.cov
     # The kernel turns the measurements into innovations.
-    nu, S, nis = z.swapaxes(0, 1).copy(), np.empty((T, n_z, n_z)), np.empty((T, M))
-    compiled.kernels.track(F, Q, H, R, means, covs, S, nu, nis, n, n_z, M)
+    nu, S, nis = np.empty((T, n_z, M)), np.empty((T, n_z, n_z)), np.empty((T, M))
+    nu[:] = z.swapaxes(0, 1)
+    model = (np.ascontiguousarray(A, dtype=np.float64) for A in (F, Q, H, R))
+    compiled.kernels.track(*model, means, covs, S, nu, nis, n, n_z, M)
     if any_nan(nu) or any_nan(nis):
         return None
     note("covariances", nis[:, 0], components=0)

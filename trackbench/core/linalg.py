@@ -31,7 +31,7 @@ def matvec(A: Array, x: Array) -> Array:
 
 def lower_product(L: Array, x: Array) -> Array:
     """Return ``L x`` for a lower triangle per run L (n, n, M) and particles x (n, M, N)."""
-    if compiled.kernels:
+    if compiled.kernels and L.dtype == x.dtype == np.float64:
         out = np.empty(x.shape)
         L, x = np.ascontiguousarray(L), np.ascontiguousarray(x)
         compiled.kernels.lower_product(L, x, out, len(x))

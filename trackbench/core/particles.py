@@ -43,11 +43,12 @@ class Particles(NamedTuple):
         if compiled.kernels:
             return self._compiled_moments(compiled.kernels)
         # Step 1: m = sum_i w_i x_i.
-        products = self.x * self.w
+        x = np.asarray(self.x, dtype=np.float64)
+        products = x * self.w
         mean = total(products)
-        e = self.x - mean[..., None]
+        e = x - mean[..., None]
         # Step 2: P = sum_i w_i e_i e_i', row by row up to the diagonal; products is reused as memory.
-        n, weighted = len(e), np.empty_like(self.x[0])
+        n, weighted = len(e), np.empty_like(x[0])
         cov = np.empty((n, n, *mean.shape[1:]))
         for i in range(n):
             np.multiply(e[i], self.w, out=weighted)
@@ -58,7 +59,7 @@ class Particles(NamedTuple):
     def _compiled_moments(self, kernels: ModuleType) -> Gaussian:
         n, runs, _ = self.x.shape
         mean, cov = np.empty((n, runs)), np.empty((n, n, runs))
-        x, w = np.ascontiguousarray(self.x), np.ascontiguousarray(self.w)
+        x, w = (np.ascontiguousarray(a, dtype=np.float64) for a in (self.x, self.w))
         kernels.moments(x, w, mean, cov, n)
         return Gaussian(mean, cov)
 
@@ -132,6 +133,7 @@ def normalize(log_w: Array) -> Weights:
     A run whose log-weights are all -inf gets equal weights and is marked as collapsed. A run with a NaN
     or +inf among them becomes NaN as a whole, which marks it as diverged.
     """
+    log_w = np.asarray(log_w, dtype=np.float64)
     if compiled.kernels:
         w, (top, scale) = np.empty(log_w.shape), np.empty((2, len(log_w)))
         log_w = np.ascontiguousarray(log_w)

@@ -169,11 +169,13 @@ class SigmaPoints(NamedTuple):
 
     def cross(self, a: Array, a_mean: Array, b: Array, b_mean: Array) -> Array:
         """Return the weighted sum of ``(a - a_mean) (b - b_mean)'`` over points (n, P, *batch)."""
-        alike = a.shape[2:] == a_mean.shape[1:] == b_mean.shape[1:]
-        if compiled.kernels and alike and a.shape[1:] == b.shape[1:]:
-            out, sizes = np.empty((len(a), len(b), *a.shape[2:])), (len(a), len(b))
-            arrays = map(np.ascontiguousarray, (self.cov_weights, a, a_mean, b, b_mean))
-            compiled.kernels.cross(*arrays, out, *sizes)
+        batch, given = a_mean.shape[1:], (self.cov_weights, a, a_mean, b, b_mean)
+        alike = (
+            a.shape[1:] == b.shape[1:] == (len(self.weights), *batch) and b_mean.shape[1:] == batch
+        )
+        if compiled.kernels and alike and all(x.dtype == np.float64 for x in given):
+            out, sizes = np.empty((len(a), len(b), *batch)), (len(a), len(b))
+            compiled.kernels.cross(*map(np.ascontiguousarray, given), out, *sizes)
             return out
         a, b = a - a_mean[:, None], b - b_mean[:, None]
         return np.stack([_weighted(self.cov_weights, row * b) for row in a])
@@ -205,9 +207,13 @@ class ScalarPoints(NamedTuple):
     weights: Array
     cov_weights: Array
 
-    def add_noise(self, moved: Array) -> Array:
-        """Return the predicted points (1, 5, *batch): f(x) of the three points, f(mean) + v and - v."""
-        assert compiled.kernels is not None
+    def add_noise(self, moved: Array) -> Array | None:
+        """Return the predicted points (1, 5, *batch): f(x) of the three points, f(mean) + v and - v.
+
+        None if f gives another shape or type of number.
+        """
+        if compiled.kernels is None or not _is_float(moved, self.x.shape):
+            return None
         predicted = np.empty((1, 5, *moved.shape[2:]))
         compiled.kernels.scalar_noise(np.ascontiguousarray(moved), self.v, predicted)
         return predicted
@@ -215,9 +221,11 @@ class ScalarPoints(NamedTuple):
     def condition(self, predicted: Array, h: Array, z: Array) -> tuple[Array, ...] | None:
         """Return posterior mean and covariance, innovation and its covariance, by h of `predicted`.
 
-        They are those of the seven points; z is (1, M). None if an innovation is NaN.
+        They are those of the seven points; z is (1, M). None if an innovation is NaN, or if h has
+        another shape or type of number.
         """
-        assert compiled.kernels is not None
+        if compiled.kernels is None or not _is_float(h, predicted.shape):
+            return None
         batch = predicted.shape[2:]
         mean, nu, each = np.empty((1, *batch)), np.empty((1, *batch)), np.empty((1, *batch))
         cov, S = np.empty((1, 1, *batch)), np.empty((1, 1, *batch))
@@ -227,8 +235,12 @@ class ScalarPoints(NamedTuple):
         return (mean, cov, nu, S) if done else None
 
 
+def _is_float(a: Array, shape: tuple[int, ...]) -> bool:
+    return a.shape == shape and a.dtype == np.float64
+
+
 def _weighted(weights: Array, values: Array) -> Array:
-    if compiled.kernels:
+    if compiled.kernels and _is_float(values, (len(values), len(weights), *values.shape[2:])):
         out, values = np.empty((len(values), *values.shape[2:])), np.ascontiguousarray(values)
         compiled.kernels.weighted(np.ascontiguousarray(weights), values, out, len(values))
         return out

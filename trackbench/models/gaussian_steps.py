@@ -172,6 +172,8 @@ def _scalar_step(
     if type(model.sensor).innovation is not SensorBase.innovation:  # such as one of angles
         return None
     predicted = points.add_noise(assumed.transition(model, points.x, k).mean)
+    if predicted is None:
+        return None
     step = points.condition(predicted, model.sensor.measurement(predicted, k).mean, z)
     if step is None:
         return None
