@@ -2,7 +2,7 @@
 
 ``.venv/bin/pytest -n 2 --dist loadfile --durations=0 | .venv/bin/python -m tests.slow``
 
-A test stands in ``tests/slow.txt`` if all its cases, with what they set up, take more than 0.3 s.
+A test stands in ``tests/slow.txt`` if all its cases, with what they set up, take more than 0.2 s.
 `make test-fast` leaves these tests out.
 """
 
@@ -13,7 +13,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 LIST = Path(__file__).with_name("slow.txt")
-LIMIT = 0.3  # s
+LIMIT = 0.2  # s
 _DURATION = re.compile(r"([\d.]+)s (?:call|setup|teardown) +([^\s\[]+::\w+)")
 
 

@@ -25,8 +25,8 @@ def test_most_tests_are_quick() -> None:
 
 def test_a_tests_cases_count_together() -> None:
     report = [
-        "0.20s call     tests/a.py::test_one[x]",
+        "0.15s call     tests/a.py::test_one[x]",
         "0.15s setup    tests/a.py::test_one[y]",
-        "0.25s call     tests/a.py::test_two",
+        "0.18s call     tests/a.py::test_two",
     ]
     assert slow_tests(report) == ["tests/a.py::test_one"]
