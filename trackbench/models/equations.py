@@ -261,7 +261,7 @@ class ArrayProgram:
         if self.constant is not None:
             return self.constant
         batch = x.shape[1:]
-        out = np.empty((np.prod(self.shape, dtype=int), *(batch or (1,))))
+        out = np.empty((len(self._nodes), *(batch or (1,))))
         for i, value in self._fixed:
             out[i] = value
         components = x if batch else x[:, None]
