@@ -29,7 +29,7 @@ def _completing(candidates: Callable[[typer.Context, str], Iterable[str]]) -> Co
     @wraps(candidates)
     def complete(ctx: typer.Context, incomplete: str) -> list[str]:
         with suppress(Exception):  # a traceback in the middle of a command line helps nobody
-            return [_word(w) for w in candidates(ctx, incomplete) if w.startswith(incomplete)]
+            return [_escape(w) for w in candidates(ctx, incomplete) if w.startswith(incomplete)]
         return []
 
     return complete
@@ -76,7 +76,7 @@ def all_kinds(ctx: typer.Context, incomplete: str) -> Iterator[str]:
 @_completing
 def labels(ctx: typer.Context, incomplete: str) -> list[str]:
     """Return the filter labels of the config that is named on the command line."""
-    return list(_config(ctx)["filters"])
+    return list(_config_in_line(ctx)["filters"])
 
 
 @_completing
@@ -84,20 +84,20 @@ def assignments(ctx: typer.Context, incomplete: str) -> Iterator[str]:
     """Yield ``PATH=`` for every key that the config has or may have."""
     from trackbench.config.experiment import Settings
 
-    config = _config(ctx)
+    config = _config_in_line(ctx)
     for field in fields(Settings):
         value = config.get(field.name)
         group = {"scenario": "scenarios"}.get(field.name, field.name)
         if field.name == "scenario":
-            yield from _keys(value, group, "scenario.")
+            yield from _key_paths(value, group, "scenario.")
         elif field.name in ("filters", "tables", "figures") and isinstance(value, dict):
             for label, part in value.items():
-                yield from _keys(part, group, f"{group}.{label}.")
+                yield from _key_paths(part, group, f"{group}.{label}.")
         else:
             yield f"{field.name}="
 
 
-def _keys(part: Any, group: str | None, path: str) -> Iterator[str]:
+def _key_paths(part: Any, group: str | None, path: str) -> Iterator[str]:
     """Yield paths to the keys of a component: its kind's, those in the config, nested ones."""
     from trackbench.config.build import dataclasses_in, hints_of
     from trackbench.field_types import part_group
@@ -114,14 +114,14 @@ def _keys(part: Any, group: str | None, path: str) -> Iterator[str]:
     for key in dict.fromkeys([*known, *part]):
         nested = dataclasses_in(known.get(key)) if part_group(known.get(key)) is None else []
         if isinstance(part.get(key), dict) and not nested:
-            yield from _keys(part[key], part_group(known.get(key)), f"{path}{key}.")
+            yield from _key_paths(part[key], part_group(known.get(key)), f"{path}{key}.")
         elif len(nested) == 1:
             yield from (f"{path}{key}.{name}=" for name in hints_of(nested[0]))
         else:
             yield f"{path}{key}="
 
 
-def _config(ctx: typer.Context) -> dict[str, Any]:
+def _config_in_line(ctx: typer.Context) -> dict[str, Any]:
     """Return the config on the command line with its includes resolved."""
     from trackbench.config.includes import inline_parts
     from trackbench.config.shipped_experiments import located
@@ -135,7 +135,7 @@ def _config(ctx: typer.Context) -> dict[str, Any]:
     return source.data
 
 
-def _word(word: str) -> str:
+def _escape(word: str) -> str:
     """Escape a word for bash; the other shells escape by themselves."""
     if os.environ.get("_TRACKBENCH_COMPLETE", "").endswith("bash"):
         return re.sub(r"([^\w./=,:@%+-])", r"\\\1", word)

@@ -142,13 +142,13 @@ def verify(
     """Compute the first runs of stored results again, rebuild the other files, and compare."""
     from trackbench.errors import Problem, UserError
     from trackbench.verify import CHANGED, verdict
-    from trackbench.verify import verify as recomputed
+    from trackbench.verify import verify as verify_folder
 
     verdicts: list[str] = []
     problems: list[Problem | str] = []
     for folder in folders:
         try:
-            found = recomputed(folder, runs, allow_plugins)
+            found = verify_folder(folder, runs, allow_plugins)
         except UserError as error:
             problems += error.problems
             continue

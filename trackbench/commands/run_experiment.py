@@ -1,4 +1,4 @@
-"""From configs to results folders: run, report, and return what was written; shards of a run."""
+"""Run experiments and report them, or compute one shard of their blocks."""
 
 import hashlib
 import json
@@ -216,12 +216,12 @@ def times_of(experiment: Experiment, outcome: Outcome, fresh: bool) -> Times:
 
 def run_shard(jobs: Sequence[Job], options: Options, open_engine: OpenEngine, workers: int) -> None:
     """Compute the missing blocks of one shard of every plan, and store them."""
-    shard, shards = _read(options.shard)
+    shard, shards = _parse_shard(options.shard)
     for job in jobs:
         if job.experiment.tuned:
             what = "the blocks of tuned filters follow from tuning; run this config without --shard"
             raise UserError(job.experiment.source.problem(("tune",), what))
-    plans = [_part(job.plan, shard, shards) for job in jobs]
+    plans = [_plan_of_shard(job.plan, shard, shards) for job in jobs]
     store = BlockStore(cache_folder())
     outcomes = execute(
         plans, store, open_engine, workers, fresh=options.fresh, progress=not options.quiet
@@ -234,7 +234,7 @@ def run_shard(jobs: Sequence[Job], options: Options, open_engine: OpenEngine, wo
                 say(f"note: {job.experiment.title_of(key)} failed: {why}", options)
 
 
-def _read(text: str) -> tuple[int, int]:
+def _parse_shard(text: str) -> tuple[int, int]:
     found = re.fullmatch(r"(\d{1,6})/(\d{1,6})", text)
     if found is None or not 1 <= int(found[1]) <= int(found[2]):
         what = f"{text!r} is no shard; allowed: 1/8 to 8/8 of eight shards"
@@ -242,7 +242,7 @@ def _read(text: str) -> tuple[int, int]:
     return int(found[1]), int(found[2])
 
 
-def _part(plan: Plan, shard: int, shards: int) -> Plan:
+def _plan_of_shard(plan: Plan, shard: int, shards: int) -> Plan:
     """Return the plan with consecutive blocks: every shard has blocks of all filters."""
     n = len(plan.unique)
     mine = set(plan.unique[n * (shard - 1) // shards : n * shard // shards])

@@ -251,7 +251,7 @@ def _written_again(
                 write_manifest(results.folder, results.manifest, paths)
 
 
-_HEAD = """\
+_CODECHECK_HEAD = """\
 ---
 # What `{command}` computes again. Fill in the paper; the checker adds the certificate.
 version: https://codecheck.org.uk/spec/config/1.0/
@@ -266,13 +266,13 @@ paper:
 def codecheck_text(folders: Sequence[Path], root: Path) -> str:
     """Return the file's content, with paths from ``root``; raises UserError for other folders."""
     results = [Results(folder) for folder in folders]
-    manifest = [item for one in results for item in _items(one, root)]
+    manifest = [item for one in results for item in _codecheck_items(one, root)]
     names = " ".join(os.path.relpath(folder, root) for folder in folders)
     body = yaml.safe_dump({"manifest": manifest}, sort_keys=False, allow_unicode=True, width=1000)
-    return _HEAD.format(command=f"trackbench verify {names}") + body
+    return _CODECHECK_HEAD.format(command=f"trackbench verify {names}") + body
 
 
-def _items(results: Results, root: Path) -> Iterator[dict[str, str]]:
+def _codecheck_items(results: Results, root: Path) -> Iterator[dict[str, str]]:
     """Yield tables and figures with their titles, then the data of the runs."""
     for group, suffix in (("tables", "csv"), ("figures", "svg")):
         for name, part in (results.config.get(group) or {}).items():

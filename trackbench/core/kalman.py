@@ -169,7 +169,7 @@ def track(
     compiled.kernels.track(*model, means, covs, S, nu, nis, n, n_z, M)
     if any_nan(nu) or any_nan(nis):
         return None
-    note("covariances", nis[:, 0], components=0)
+    note("covariances", nis[:, 0], components=0)  # one per step, since all runs share it
     posteriors = map(Gaussian, means[1:], covs[1:])
     return list(zip(posteriors, map(Innovation, nu, S), nis, strict=True))
 

@@ -56,65 +56,66 @@ class ReferenceOutput(NamedTuple):
 def run_reference(task: BlockTask) -> ReferenceOutput:
     """Return the reference's way through a block, read-only; cached for all filters of a stack."""
     output = run_filter_cached(task, 0)
-    kept = {n: rows for n, rows in output.diagnostics.items() if n == "log_likelihood"}
-    return ReferenceOutput(output.mean, kept)
+    series = {n: rows for n, rows in output.diagnostics.items() if n == "log_likelihood"}
+    return ReferenceOutput(output.mean, series)
 
 
 @explain_read_only_errors()
 def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> FilterOutput:
     """Run the filter over the block's data; estimates of every step, the prior's included.
 
-    Only the filter is timed. Covariances are kept of the first runs only. Raises ValueError if the
+    Only the filter is timed. Covariances are recorded of the first runs only. Raises ValueError if the
     filter writes to what it is given, or gives back what is no estimate.
     """
     tracker, model = task.filter, freeze(task.assumed_scenario.model)
     # The scores' own stream leaves the filter's random numbers as they are without scores.
     rng = side_by_side([block_stream(task.seed, block) for block in task.blocks], task.width)
     aside = side_by_side([aside_stream(task.seed, block) for block in task.blocks], task.width)
-    telling = PredictionScorer(
+    scorer = PredictionScorer(
         tracker, model, data.measurements, task.predictive_metrics, task.hold_out, aside
     )
     assumed_prior = task.assumed_scenario.assumed_prior(data.truth.shape[-1])
     if assumed_prior is not None:
         data = data._replace(prior=freeze(assumed_prior))
-    prior, kept, clock = prior_of(data, model), _Recorder(task, data, model, covariances), _Clock()
-    with _sealed(task, data, telling.visible, prior, model):
+    prior, clock = prior_of(data, model), _Clock()
+    recorder = _Recorder(task, data, model, covariances)
+    with _sealed(task, data, scorer.visible, prior, model):
         with clock:
             # Step 1: initialize from the prior.
             state = tracker.init(model, prior, rng)
             found = tracker.estimate(state)
         states = [state]
         if not tracker.smooths:
-            kept.add(state, found)
+            recorder.add(state, found)
         check_axes(found, prior.mean)
         # Step 2: one timed step per measurement, or many in one call; recording is not timed.
         ahead: list[tuple[Any, Gaussian]] = []
         for i, k in enumerate(task.scenario.steps[1:].tolist()):
-            before = state if telling.disabled else telling.snapshot(state)
+            before = state if scorer.disabled else scorer.snapshot(state)
             with clock if not ahead else nullcontext():
                 if i % _STEPS_AT_ONCE == 0:
-                    next_scans = telling.visible[:, i : i + _STEPS_AT_ONCE]
+                    next_scans = scorer.visible[:, i : i + _STEPS_AT_ONCE]
                     ahead = _steps_ahead(tracker, model, state, next_scans, k)
                 if ahead:
                     state, found = ahead.pop(0)
                 else:
-                    state = tracker.step(model, state, telling.visible[:, i], k, rng)
+                    state = tracker.step(model, state, scorer.visible[:, i], k, rng)
                     found = tracker.estimate(state)
-            kept.note(tracker.diagnostics(state))
+            recorder.note(tracker.diagnostics(state))
             if tracker.smooths:
                 states.append(state)
             else:
-                kept.add(state, found)
+                recorder.add(state, found)
             # Score with the state before the step, from which the measurement is predicted.
-            if not telling.disabled:
-                telling.add(Step(before, state, found, k), i)
+            if not scorer.disabled:
+                scorer.add(Step(before, state, found, k), i)
         if tracker.smooths:
             with clock:
                 # Step 3: a smoother goes back through all states; these estimates are recorded.
                 states = tracker.smoothed(model, states, int(task.scenario.steps[0]), rng)
             for state in states:
-                kept.add(state, tracker.estimate(state))
-        return kept.filtered(telling.series(), clock.cpu_s)
+                recorder.add(state, tracker.estimate(state))
+        return recorder.filtered(scorer.series(), clock.cpu_s)
 
 
 def _steps_ahead(

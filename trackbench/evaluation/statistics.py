@@ -260,9 +260,8 @@ def _sd(x: Array) -> float:
 
 LEAST_STEPS = 50
 """Steps from which on the test was simulated to hold its level."""
-_LARGEST = (
-    0.97  # autoregression that a recording of a few hundred steps can tell from a random walk
-)
+_LARGEST_AUTOREGRESSION = 0.97
+"""Largest one that differs visibly from a random walk in a recording of a few hundred steps."""
 
 
 class SeriesMean(NamedTuple):
@@ -286,7 +285,7 @@ def series_mean(series: Array) -> SeriesMean:
         return SeriesMean(mean, 0.0, 0.0 if mean == 0.0 else float(np.copysign(np.inf, mean)))
     # Step 1: autoregression d_k = r d_{k-1} + u_k; r is too small by (1 + 3 r) / T.
     r = float(dot(d[1:], d[:-1])) / float(total(d * d))
-    r = min(max(r + (1.0 + 3.0 * r) / T, -_LARGEST), _LARGEST)
+    r = min(max(r + (1.0 + 3.0 * r) / T, -_LARGEST_AUTOREGRESSION), _LARGEST_AUTOREGRESSION)
     u = d[1:] - r * d[:-1]
     # Step 2: long-run variance of u by cosines, and of d by 1 / (1 - r)^2.
     nu = max(4, int(0.2 * T ** (2.0 / 3.0)))
@@ -309,7 +308,7 @@ def series_mean(series: Array) -> SeriesMean:
 # coefficient 1 (Hammersley and Handscomb 1964, Monte Carlo Methods, section 5.5). Without its noise,
 # only the distance to the exact mean varies, on the same measurements.
 
-_FEWEST = 6
+_FEWEST_RUNS = 6
 """Runs from which a ratio of variances has a standard error."""
 
 
@@ -332,20 +331,20 @@ def efficiency(floor: Array, distance: Array) -> Jackknifed:
     F and D are root mean squares over the runs. The ratio of squares leaves each run out in turn, the
     root is by the delta method.
     """
-    return _root(np.square(floor), np.square(floor) + np.square(distance))
+    return _root_share(np.square(floor), np.square(floor) + np.square(distance))
 
 
 @np.errstate(all="ignore")
 def plain_efficiency(floor: Array, error: Array) -> Jackknifed:
     """Return ``F / E``, the RMSE of the exact mean over the filter's (M,), uncontrolled."""
-    return _root(np.square(floor), np.square(error))
+    return _root_share(np.square(floor), np.square(error))
 
 
 def cross_share(floor: Array, error: Array, distance: Array) -> Jackknifed:
     """Return the cross term over the mean square error: zero but for noise if the reference is exact."""
     # E^2 = F^2 + D^2 + cross term
     squares = np.square(error)
-    return _ratio(squares - np.square(floor) - np.square(distance), squares)
+    return _share(squares - np.square(floor) - np.square(distance), squares)
 
 
 def runs_saved(plain: Jackknifed, controlled: Jackknifed) -> Jackknifed:
@@ -354,20 +353,20 @@ def runs_saved(plain: Jackknifed, controlled: Jackknifed) -> Jackknifed:
     Missing for fewer than six runs: a ratio of variances of M normal values is Fisher's F of M - 1 and
     M - 1 degrees of freedom, which has a standard error only if M - 1 is more than four.
     """
-    if len(plain.influences) < _FEWEST:
+    if len(plain.influences) < _FEWEST_RUNS:
         return Jackknifed(np.nan, np.full(len(plain.influences), np.nan))
-    return _ratio(np.square(plain.influences), np.square(controlled.influences))
+    return _share(np.square(plain.influences), np.square(controlled.influences))
 
 
-def _root(part: Array, whole: Array) -> Jackknifed:
-    share, influences = _ratio(part, whole)
+def _root_share(part: Array, whole: Array) -> Jackknifed:
+    share, influences = _share(part, whole)
     # d sqrt(s) = ds / (2 sqrt(s))
     root = float(np.sqrt(share))
     return Jackknifed(root, influences / (2.0 * root))
 
 
 @np.errstate(all="ignore")
-def _ratio(part: Array, whole: Array) -> Jackknifed:
+def _share(part: Array, whole: Array) -> Jackknifed:
     a, b = float(sums.mean(part)), float(sums.mean(whole))
     of_a, of_b = influence("mean", part), influence("mean", whole)
     return Jackknifed(float(np.divide(a, b)), influence_of_ratio(a, b, of_a, of_b))

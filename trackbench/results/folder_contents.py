@@ -1,4 +1,4 @@
-"""The files of a results folder: their names, digests, which of them the next run removes; its lock.
+"""Files and lock of a results folder: names, digests, and which files the next run removes.
 
 Git keeps the files that every machine writes again byte for byte and that are small. It has the digests
 of the large ones (`DATA_FILES`). What one run adds on one machine stands apart (`is_of_one_run`): CPU

@@ -202,10 +202,10 @@ def write_page(path: Path, template: str, live: bool = True, **context: Any) -> 
     """Write a page; ``live`` ones have the script of figures."""
     from markupsafe import Markup
 
-    script = "".join(map(_text, ("page.js", "curves.js") if live else ("page.js",)))
+    script = "".join(map(_template_text, ("page.js", "curves.js") if live else ("page.js",)))
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     page = {
-        "style": Markup(_text("page.css")),
+        "style": Markup(_template_text("page.css")),
         "script": Markup(script),
         "script_digest": f"sha256-{digest}",
         "verdicts": VERDICTS,
@@ -215,7 +215,7 @@ def write_page(path: Path, template: str, live: bool = True, **context: Any) -> 
 
 
 @cache
-def _text(name: str) -> str:
+def _template_text(name: str) -> str:
     return (_TEMPLATES / name).read_text(encoding="utf-8")
 
 

@@ -1,4 +1,4 @@
-"""One look for every figure: a journal's page, color-blind-safe, legible in gray; and its file.
+"""Style, layout and files of all figures: a journal's page, color-blind-safe, legible in gray.
 
 A figure is laid out once for all formats. Equal figures are equal files.
 """

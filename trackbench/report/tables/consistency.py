@@ -150,22 +150,22 @@ class Innovations(TableKind):
         """Return the table from a results folder; columns that no filter has are left out."""
         found = {tuple(point.items()): Evaluator(results, point) for point in results.points()}
         there = {metric for evaluator in found.values() for _, metric in evaluator.stored}
-        columns = {h: m for h, m in _COLUMNS.items() if m in there} | _errors(results)
+        columns = {h: m for h, m in _COLUMNS.items() if m in there} | _error_columns(results)
         table = Table(self.title, [*results.grid_heads, "Filter"], list(columns), self.digits)
         for point, evaluator in found.items():
             for label in results.chosen(self.filters):
-                row = [_cell(evaluator, label, metric) for metric in columns.values()]
+                row = [_innovation_cell(evaluator, label, metric) for metric in columns.values()]
                 table.add([*(str(v) for _, v in point), label], row)
-        table.notes += _bands(results, results.chosen(self.filters))
+        table.notes += _band_notes(results, results.chosen(self.filters))
         return table
 
 
-def _cell(evaluator: Evaluator, label: str, metric: str) -> Cell:
+def _innovation_cell(evaluator: Evaluator, label: str, metric: str) -> Cell:
     words = evaluator.collapse(measured(metric).of(label))
     return Cell.of(evaluator.stored.get((label, metric), MISSING), words)
 
 
-def _errors(results: Results) -> dict[str, str]:
+def _error_columns(results: Results) -> dict[str, str]:
     """Return the heading and metric of a column for each component of the measurement."""
     found = {}
     for head, kind in _ERRORS.items():
@@ -176,14 +176,14 @@ def _errors(results: Results) -> dict[str, str]:
     return found
 
 
-def _bands(results: Results, labels: list[str]) -> list[str]:
+def _band_notes(results: Results, labels: list[str]) -> list[str]:
     """Return the bands of a consistent filter, and where filters leave them."""
     said: dict[str, list[str]] = {}
     # Filters with equal bands share a sentence, and so do points.
     for point in results.points():
         alike: dict[str, list[str]] = {}
         for label in labels:
-            for told in _notes(results.runs(point), label):
+            for told in _note_on_bands(results.runs(point), label):
                 alike.setdefault(told, []).append(label)
         for told, names in alike.items():
             who = [phrases.listed(names)] if len(alike) > 1 else []
@@ -194,8 +194,8 @@ def _bands(results: Results, labels: list[str]) -> list[str]:
     return [f"{'; '.join(places)}: {told}" for told, places in said.items()]
 
 
-def _notes(runs: dict[tuple[str, str], Array], label: str) -> list[str]:
-    """Return the sentence on a filter's bands; none of one that foretells nothing."""
+def _note_on_bands(runs: dict[tuple[str, str], Array], label: str) -> list[str]:
+    """Return the sentence on a filter's bands; none for a filter without predictions."""
     numbers = runs.get((label, "innovations"), np.empty(0))
     there = ~np.isnan(numbers)
     if not there.any():

@@ -295,27 +295,29 @@ def _z(z: float) -> str:
     return f"{z:+.1f}" if abs(z) < 100 else f"{z:+.0f}"
 
 
-_MOST = 5
+_MOST_REASONS = 5
 """Longer lists are cut; comparison.md has all verdicts."""
 
 
 def reasons(comparison: Comparison, runs: int) -> list[str]:
     """Return why numbers and claims are inconclusive, a line each; ``runs`` of each filter."""
     lines = [
-        f"inconclusive: {_name(row)}: {_reason(row, runs)}"
-        for row in _rows(comparison)
+        f"inconclusive: {_name_of_row(row)}: {_reason(row, runs)}"
+        for row in _judged_rows(comparison)
         if row.verdict.word == UNDECIDED
     ]
-    more = len(lines) - _MOST
-    return [*lines[:_MOST], f"inconclusive: {more} more: comparison.md"] if more > 1 else lines
+    more = len(lines) - _MOST_REASONS
+    if more < 2:
+        return lines
+    return [*lines[:_MOST_REASONS], f"inconclusive: {more} more: comparison.md"]
 
 
-def _rows(comparison: Comparison) -> Iterator[Compared | ClaimVerdict]:
+def _judged_rows(comparison: Comparison) -> Iterator[Compared | ClaimVerdict]:
     yield from (number.best for number in comparison.numbers)
     yield from comparison.claims
 
 
-def _name(row: Compared | ClaimVerdict) -> str:
+def _name_of_row(row: Compared | ClaimVerdict) -> str:
     if isinstance(row, ClaimVerdict):
         return row.claim.claim
     return ", ".join(filter(None, (row.published.filter, row.published.metric, row.published.row)))
@@ -331,7 +333,7 @@ def _reason(row: Compared | ClaimVerdict, runs: int) -> str:
     # Too few standard errors over all runs.
     if z < needed:
         text = f"{z:.2f} standard errors, and {needed:g} decide"
-        if z < _NOTHING:
+        if z < _NO_SIGN:
             return f"{text}; no sign of a difference"
         most = runs_needed(runs, z, exact=needed == SURE)
         what = (
@@ -349,7 +351,7 @@ def _reason(row: Compared | ClaimVerdict, runs: int) -> str:
     return row.note
 
 
-_NOTHING = 0.5
+_NO_SIGN = 0.5
 """Standard errors below which a measured difference says nothing about its size."""
 
 

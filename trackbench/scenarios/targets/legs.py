@@ -149,13 +149,13 @@ class Legs(Flown):
         end = float(timeline.times[-1])
         for n, leg in enumerate(self.legs):
             if leg.end <= leg.start:
-                raise InvalidKeyError(f"leg {n + 1} ends before it starts", *_KEY, n, "end")
+                raise InvalidKeyError(f"leg {n + 1} ends before it starts", *_LEGS_KEY, n, "end")
             if leg.end > end:
                 what = f"leg {n + 1} ends at {leg.end:g} s, after the run's end at {end:g} s"
-                raise InvalidKeyError(what, *_KEY, n, "end")
+                raise InvalidKeyError(what, *_LEGS_KEY, n, "end")
             if n and leg.start < self.legs[n - 1].end:
                 what = f"leg {n + 1} starts at {leg.start:g} s, before leg {n} ends"
-                raise InvalidKeyError(what, *_KEY, n, "start")
+                raise InvalidKeyError(what, *_LEGS_KEY, n, "start")
 
     def states(self, times: Array) -> Array:
         """Return exact states (n, K): each leg adds its acceleration's two integrals.
@@ -244,7 +244,7 @@ class Legs(Flown):
         return out
 
 
-_KEY = ("target", "legs")
+_LEGS_KEY = ("target", "legs")
 
 
 def _accelerated(start: Array, legs: list[Leg], times: Array, begun: float) -> Array:
@@ -340,13 +340,13 @@ class RandomLegs(Target):
         """Return states (4, K, M)."""
         # Step 1: draw the shares of the first state, and each leg's length and accelerations.
         x, y, share, heading, many = rng.random((5, runs))
-        most, number = self.legs[1], _whole(self.legs, many)
-        lengths = _whole(self.leg_steps, rng.random((most, runs)))
+        most, number = self.legs[1], _uniform_whole(self.legs, many)
+        lengths = _uniform_whole(self.leg_steps, rng.random((most, runs)))
         across = self.across * (2.0 * rng.random((most, runs)) - 1.0)
         along = self.sigma_along * rng.standard_normal((most, runs))
         # Step 2: put straight flight before each leg.
         if self.straight_steps is not None:
-            straight = _whole(self.straight_steps, rng.random((most, runs)))
+            straight = _uniform_whole(self.straight_steps, rng.random((most, runs)))
             lengths, most, number = _alternating(straight, lengths), 2 * most, 2 * number
             across, along = (_alternating(np.zeros_like(a), a) for a in (across, along))
         # Step 3: last step of each leg, and of each run.
@@ -369,7 +369,7 @@ class RandomLegs(Target):
         return out
 
 
-def _whole(ends: tuple[int, int], shares: Array) -> Index:
+def _uniform_whole(ends: tuple[int, int], shares: Array) -> Index:
     """Return whole numbers from the least to the largest, each as probable."""
     return (ends[0] + np.floor(shares * (ends[1] - ends[0] + 1))).astype(np.intp)
 
