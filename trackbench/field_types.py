@@ -42,7 +42,7 @@ DataFile = Annotated[str, IS_FILE]
 
 
 class UnitIf(NamedTuple):
-    """Mark of a key that has another unit if a second key has this value."""
+    """Annotation of a key whose unit is ``unit`` if the key named ``key`` has the value ``value``."""
 
     key: str
     value: str

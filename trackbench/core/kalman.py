@@ -137,25 +137,25 @@ def update(predicted: Gaussian, nu: Array, H: Array, R: Array) -> Updated:
 def track(
     prior: Gaussian, F: Array, Q: Array, H: Array, R: Array, z: Array
 ) -> list[tuple[Gaussian, Innovation, Array]] | None:
-    """Return posterior, innovation and NIS (M,) of every step of a constant linear model, in one call.
+    """Return posterior, innovation and NIS (M,) of every step of a linear model with constant matrices.
 
-    It computes what `predict`, `update` and `Innovation.nis` compute step by step, in a fraction of the
+    The bytes are those of `predict`, `update` and `Innovation.nis` step by step, in a fraction of the
     time for few runs.
 
     Parameters
     ----------
     prior : Gaussian
-        Mean (n, M), covariance (n, n) of all runs.
+        Estimate before the first prediction: mean (n, M), one covariance (n, n) for all runs.
     F, Q, H, R : (n, n), (n, n), (n_z, n), (n_z, n_z)
-        Matrices of motion and sensor.
+        Transition matrix, noise covariance, measurement matrix, noise covariance.
     z : (n_z, T, M)
         Measurements.
 
     Returns
     -------
     list or None
-        None without the C kernels, for more than six components of the state or two of the measurement,
-        for a covariance per run, and for a missing measurement or a run that diverges.
+        None if there are no C kernels, n > 6, n_z > 2, the covariance is per run, a measurement is
+        missing (NaN), or any innovation or NIS is NaN.
     """
     (n_z, T, M), n = z.shape, len(F)
     if not compiled.kernels or n > 6 or n_z > 2 or prior.cov.ndim > 2 or any_nan(z):

@@ -196,9 +196,10 @@ class SigmaPoints(NamedTuple):
 
 
 class ScalarPoints(NamedTuple):
-    """The different ones of the seven points of (x, v, n), for the C kernels.
+    """The distinct ones of the seven sigma points of (x, v, n), for the C kernels.
 
-    x (1, 3, *batch) is the mean and the points beside it; v and n (*batch) are the noises' points.
+    x (1, 3, *batch) are the mean and the points on both sides of it. The points of the process noise
+    and of the measurement noise are plus and minus v and n (*batch).
     """
 
     x: Array
@@ -208,9 +209,9 @@ class ScalarPoints(NamedTuple):
     cov_weights: Array
 
     def add_noise(self, moved: Array) -> Array | None:
-        """Return the predicted points (1, 5, *batch): f(x) of the three points, f(mean) + v and - v.
+        """Return the predicted points (1, 5, *batch): ``moved``, which is f(x), and f(mean) +- v.
 
-        None if f gives another shape or type of number.
+        None if ``moved`` does not have the shape of x and the type float64.
         """
         if compiled.kernels is None or not _is_float(moved, self.x.shape):
             return None
@@ -219,10 +220,10 @@ class ScalarPoints(NamedTuple):
         return predicted
 
     def condition(self, predicted: Array, h: Array, z: Array) -> tuple[Array, ...] | None:
-        """Return posterior mean and covariance, innovation and its covariance, by h of `predicted`.
+        """Return posterior mean and covariance, innovation and its covariance, as by all seven points.
 
-        They are those of the seven points; z is (1, M). None if an innovation is NaN, or if h has
-        another shape or type of number.
+        ``h`` are the measurements of the points ``predicted``, and z is (1, M). None if any innovation
+        is NaN, or if ``h`` does not have the shape of ``predicted`` and the type float64.
         """
         if compiled.kernels is None or not _is_float(h, predicted.shape):
             return None

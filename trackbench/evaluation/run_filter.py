@@ -121,7 +121,7 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
 def _steps_ahead(
     tracker: AnyFilter, model: Model, state: Any, z: Array, k: int
 ) -> list[tuple[Any, Gaussian]]:
-    """Return states and estimates after each of z (n_z, T, M), or none if the filter goes by steps."""
+    """Return state and estimate after each measurement of z (n_z, T, M); empty without `all_steps`."""
     states = tracker.all_steps(model, state, z, k) or []
     if states and len(states) != z.shape[1]:
         what = f"returns {len(states)} states for {z.shape[1]} measurements"

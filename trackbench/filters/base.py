@@ -77,9 +77,10 @@ class Filter(Part, Generic[State]):
         """
 
     def all_steps(self, model: Model, state: State, z: Array, k: int) -> list[State] | None:
-        """Return the states that `step` returns for z (n_z, T, M) of steps k, k + 1, ..., or None.
+        """Return the T states that `step` would return for z (n_z, T, M) of steps k to k + T - 1.
 
-        A filter that takes many steps in one call is faster; None, the default, calls `step` for each.
+        Override it for speed in a filter that draws no random numbers. If it returns None, as by
+        default, the runner calls `step` for each measurement.
         """
         return None
 

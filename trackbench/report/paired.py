@@ -22,7 +22,7 @@ from trackbench.report.verdicts.rules import difference_sign
 
 
 class Pair(NamedTuple):
-    """Mean difference ``a - b`` of a metric per run, its test, and what follows for the filter a."""
+    """Mean over runs of the difference ``a - b`` of a metric, its test, and the verdict on filter a."""
 
     filter_a: str
     filter_b: str
@@ -32,9 +32,9 @@ class Pair(NamedTuple):
     z: float
     runs: int
     interval: tuple[float, float]
-    """95 % confidence interval of the difference"""
+    """95 % confidence interval of the mean difference"""
     verdict: str
-    """a is better, worse, or there is no significant difference; untested without a standard error"""
+    """better, worse, no significant difference, or untested if there is no standard error"""
 
 
 COLUMNS = Pair._fields[:7]

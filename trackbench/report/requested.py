@@ -28,9 +28,10 @@ _UNIT = re.compile(
 
 
 def _unit(part: Any, group: str | None, cls: type[Any] | None, keys: Sequence[str]) -> str:
-    """Return the unit of the key at a path below a component of a group, or below a dataclass.
+    """Return the unit of the key at the path ``keys`` in the settings ``part``.
 
-    Empty if the component is unknown or the key names no unit.
+    They are those of a component of ``group``, or of the dataclass ``cls``. Empty if the component is
+    unknown or the key has no unit.
     """
     key, *rest = keys
     if group is not None:

@@ -134,6 +134,7 @@ class RungeKuttaStep(Step):
         return out.reshape(x.shape)
 
     def _integrated(self, x: Array, k: int) -> Array:
+        """Return the states at step k, all of them side by side."""
         h = self.T / self.substeps
         for i in range(self.substeps):
             # x + h/6 (k1 + 2 k2 + 2 k3 + k4)

@@ -111,10 +111,10 @@ class OverTime(Curves):
         return self.x_label or {"step": "Step k", "time": "Time (s)"}[self.x]
 
     def panel_titles(self, results: Results, steps: Mapping[str, int]) -> list[str]:
-        """Return the filters that get a panel each; an empty list if all share one panel.
+        """Return the labels that get a panel each; an empty list if all share one panel.
 
-        They get one if they are many, over many ``steps`` by label, at a single grid point. The floor,
-        the baseline, exact filters and labels without steps get none.
+        Panels need many filters, many ``steps`` (by label) and a single grid point. The floor, the
+        baseline, exact filters and labels without steps get none.
         """
         references = (self.floor, self.baseline, *results.exact)
         filters = [label for label in steps if steps[label] and label not in references]

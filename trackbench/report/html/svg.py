@@ -82,10 +82,10 @@ _CLIP = re.compile(r'(id="|url\(#)(p[0-9a-f]{10})\b')
 
 
 def compact(content: str) -> str:
-    """Return the drawing in half the bytes: relative straight lines in hundredths of a point.
+    """Return the SVG in half the bytes: straight lines relative, rounded to hundredths of a point.
 
-    Clip paths are numbered: matplotlib names them by all digits of their place, whose last ones depend
-    on the processor.
+    Clip paths are numbered, so that the file is equal on every machine: matplotlib names them by
+    unrounded positions, whose last digits depend on the processor.
     """
     clips = dict.fromkeys(name for _, name in _CLIP.findall(content))
     numbers = {name: f"clip{i}" for i, name in enumerate(clips, start=1)}
