@@ -192,7 +192,7 @@ def test_an_interrupted_run_says_how_to_go_on(
     undisturbed: Path, tmp_path: Path, number: signal.Signals, workers: str
 ) -> None:
     config = write(tmp_path)
-    process = start(config, "--workers", workers, start_new_session=True)
+    process = start(config, "--fresh", "--workers", workers, start_new_session=True)
     wait_for(lambda: kept_blocks(config) > 3)
     # Ctrl-C reaches every process of the terminal, a polite kill only the program.
     target = os.killpg if number == signal.SIGINT else os.kill

@@ -93,13 +93,13 @@ def print_error(error: "UserError | RunError") -> int:
         return 2
     typer.echo(f"error: {error}", err=True)
     if sys.argv[1:2] and sys.argv[1] in ("run", "sweep", "tune"):
-        typer.echo(f"finished blocks are kept; to go on: {this_command()}", err=True)
+        typer.echo(f"finished blocks are kept; to go on: {resume_command()}", err=True)
     return 1
 
 
-def this_command() -> str:
-    """Return the command line in a form that can be typed again."""
-    return shlex.join(["trackbench", *sys.argv[1:]])
+def resume_command() -> str:
+    """Return the command line to type again, without ``--fresh``, which would compute all anew."""
+    return shlex.join(["trackbench", *(word for word in sys.argv[1:] if word != "--fresh")])
 
 
 def mistakes(problems: "Iterable[Problem | str]") -> dict[str, Any]:

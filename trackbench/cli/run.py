@@ -25,7 +25,7 @@ from trackbench.cli.options import (
     api_options,
     runs_experiments,
 )
-from trackbench.cli.output import as_reportable, echo_line, print_error, reported, this_command
+from trackbench.cli.output import as_reportable, echo_line, print_error, reported, resume_command
 
 if TYPE_CHECKING:
     from trackbench.api import Options, Report
@@ -143,7 +143,9 @@ def _run(command: str, configs: list[Path], options: "Options", form: _Print) ->
                 form(report, most_rows=_SWEEP_ROWS if command == "sweep" else None)
                 good &= not report.failed
     except KeyboardInterrupt:
-        typer.echo(f"\ninterrupted; finished blocks are kept, to go on: {this_command()}", err=True)
+        typer.echo(
+            f"\ninterrupted; finished blocks are kept, to go on: {resume_command()}", err=True
+        )
         raise typer.Exit(130) from None
     return good
 
