@@ -10,6 +10,8 @@ import pytest
 from tests.commands import trackbench
 from tests.conftest import EXPERIMENTS, shipped
 from trackbench.contract import check_filter
+from trackbench.core.distributions import Gaussian, per_run_moments
+from trackbench.filters.base import Steps
 from trackbench.filters.ekf import EKF
 from trackbench.filters.kf import Tracked
 from trackbench.filters.particle_filters import PF
@@ -138,12 +140,32 @@ class Backwards(Base):
         for i in range(z.shape[1]):
             state = self.step(model, state, z[:, -1 - i], k + i, None)  # type: ignore[arg-type]
             states.append(state)
-        return states
+        return _side_by_side(states)
 
 
 class TooFew(Base):
     def all_steps(self, model: Any, state: Tracked, z: Any, k: int) -> Any:
-        return [state]
+        return _side_by_side([state])
+
+
+class WrongDiagnostics(Base):
+    """All steps in one call, with diagnostics of their own."""
+
+    def all_steps(self, model: Any, state: Tracked, z: Any, k: int) -> Any:
+        states = []
+        for i in range(z.shape[1]):
+            state = self.step(model, state, z[:, i], k + i, None)  # type: ignore[arg-type]
+            states.append(state)
+        steps = _side_by_side(states)
+        return steps._replace(diagnostics={"nis": 2.0 * steps.diagnostics["nis"]})
+
+
+def _side_by_side(states: list[Tracked]) -> Steps:
+    found = [per_run_moments(state.posterior) for state in states]
+    mean = np.stack([x.mean for x in found], axis=1)
+    cov = np.stack([x.cov for x in found], axis=2)
+    nis = np.stack([state.nis for state in states])
+    return Steps(Gaussian(mean, cov), {"nis": nis}, states.__getitem__)
 
 
 class Raises(Base):
@@ -182,6 +204,7 @@ class Needy(EKF):
         (Biased, "equals the Kalman", "the mean is biased"),
         (Backwards, "shapes", "all_steps gives another estimate than step at step 1"),
         (TooFew, "shapes", "all_steps gives 1 states, not one per measurement"),
+        (WrongDiagnostics, "shapes", "all_steps gives another nis than step at step 1"),
         (Raises, "shapes", "KeyError"),
         (Listed, "has a default", "cannot be hashed"),
     ],

@@ -26,7 +26,7 @@ from trackbench.contract_problems import (
     with_gaps,
 )
 from trackbench.core import linalg
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, with_trailing
 from trackbench.evaluation.validate_output import check_estimate, check_names, checked_numbers
 from trackbench.extension_points import field_values
 from trackbench.filters.base import AnyFilter, declares_diagnostics, has_likelihood
@@ -62,16 +62,20 @@ def _check_shapes(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
     state = tracker.init(scenario.model, data.prior, rng)
     first = int(scenario.steps[0]) + 1
     known = tracker.all_steps(scenario.model, state, data.measurements, first)
-    if known is not None and len(known) != len(scenario.steps) - 1:
-        raise ContractError(f"all_steps gives {len(known)} states, not one per measurement")
+    if known is not None and known.estimate.mean.shape[1] != len(scenario.steps) - 1:
+        what = f"{known.estimate.mean.shape[1]} states, not one per measurement"
+        raise ContractError(f"all_steps gives {what}")
     # Step through the scenario; check the estimate and what else the filter gives at each step.
     for i, k in enumerate(scenario.steps):
         if i:
             state = tracker.step(scenario.model, state, data.measurements[:, i - 1], int(k), rng)
         estimate = tracker.estimate(state)
         if i and known is not None:
-            other = tracker.estimate(known[i - 1])
-            pairs = ((other.mean, estimate.mean), (other.cov, estimate.cov))
+            after = known.state(i - 1)
+            of_state, of_steps = tracker.estimate(after), known.estimate
+            pairs = [(of_state.mean, estimate.mean), (of_state.cov, estimate.cov)]
+            cov = with_trailing(estimate.cov, 1, leading=2)
+            pairs += [(of_steps.mean[:, i - 1], estimate.mean), (of_steps.cov[:, :, i - 1], cov)]
             if not all(np.allclose(a, b, rtol=1e-6, atol=0.0) for a, b in pairs):
                 raise ContractError(f"all_steps gives another estimate than step at step {k}")
         check_estimate(estimate, (n, n), runs)
@@ -82,6 +86,10 @@ def _check_shapes(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
                 raise ContractError(f"{name} at step {k} is not finite")
             single &= not i or np.array_equal(array, np.float32(array))
         diagnostics = checked_numbers("diagnostic", tracker.diagnostics(state), runs)
+        for name, value in diagnostics.items() if i and known is not None else ():
+            of_steps = known.diagnostics.get(name)
+            if of_steps is None or not np.allclose(of_steps[i - 1], value, equal_nan=True):
+                raise ContractError(f"all_steps gives another {name} than step at step {k}")
         check_names(diagnostics)
         names = sorted(tracker.diagnostic_names)
         if i and declares_diagnostics(type(tracker)) and sorted(diagnostics) != names:

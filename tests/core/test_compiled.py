@@ -27,6 +27,8 @@ from trackbench.core import (
 from trackbench.core.build_compiled import BUILT
 from trackbench.core.distributions import Gamma, Gaussian, zero_mean_log_prob
 from trackbench.core.random_streams import NoiseGenerator, block_stream
+from trackbench.core.sums import ColumnSums
+from trackbench.filters.base import Steps
 from trackbench.filters.kf import KF
 from trackbench.models.base import Model
 from trackbench.models.gaussian_steps import AssumedNoise, additive_step, augmented_step
@@ -111,21 +113,26 @@ def test_what_all_steps_leaves_to_single_steps() -> None:
     model = Model(ConstantVelocity(q=0.3).sampled(1.0), _SENSORS["position"])
     rng, z = np.random.default_rng(1), np.zeros((2, 3, 5))
     state = KF().init(model, Gaussian(np.zeros((4, 5)), np.eye(4)), rng)
-    assert len(KF().all_steps(model, state, z, 1) or ()) == 3
+    assert _steps_of(KF().all_steps(model, state, z, 1)) == 3
     missing = np.where(np.arange(5) == 2, np.nan, z)
     huge = np.full(z.shape, 1e308)  # its square is beyond the numbers, but nothing is NaN
     assert KF().all_steps(model, state, missing, 1) is None
-    assert len(KF().all_steps(model, state, huge, 1) or ()) == 3
+    assert _steps_of(KF().all_steps(model, state, huge, 1)) == 3
     assert KF().all_steps(model, state, huge * np.array([[[1.0]] * 3, [[np.inf]] * 3]), 1) is None
     for other in (KF(gate=0.99), KF(fading=1.1), KF(form="square-root"), _OtherKF()):
         assert other.all_steps(model, state, z, 1) is None
     F, Q = np.asfortranarray(model.motion.F), np.asfortranarray(model.motion.Q)
     turned = Model(replace(model.motion, F=F, Q=Q), model.sensor)
     columns, rows = (KF().all_steps(m, state, z, 1) for m in (turned, model))
-    for a, b in zip(columns or (), rows or (), strict=True):
-        assert a.posterior.mean.tobytes() == b.posterior.mean.tobytes()
+    assert columns
+    assert rows
+    assert columns.estimate.mean.tobytes() == rows.estimate.mean.tobytes()
     per_run = KF().init(model, Gaussian(np.zeros((4, 5)), np.ones((4, 4, 5))), rng)
     assert KF().all_steps(model, per_run, z, 1) is None
+
+
+def _steps_of(steps: Steps | None) -> int:
+    return 0 if steps is None else steps.estimate.mean.shape[1]
 
 
 class _OtherKF(KF):
@@ -145,7 +152,8 @@ def _filtered(tracker: KF, model: Model, prior: Gaussian, z: np.ndarray) -> list
     states = [tracker.init(model, prior, rng)]
     known = tracker.all_steps(model, states[0], z, 1)
     for k in range(z.shape[1]):
-        states.append(known[k] if known else tracker.step(model, states[-1], z[:, k], k + 1, rng))
+        after = known.state(k) if known else tracker.step(model, states[-1], z[:, k], k + 1, rng)
+        states.append(after)
     if tracker.smooths:
         states = tracker.smoothed(model, states, 0, rng)
     return [
@@ -159,6 +167,42 @@ def _filtered(tracker: KF, model: Model, prior: Gaussian, z: np.ndarray) -> list
 def test_variates(size: object, both: Callable[..., None]) -> None:
     both(lambda: block_stream(3, 4).standard_normal(size))
     both(lambda: NoiseGenerator(SFC64(5)).standard_gamma(3, size))
+
+
+@pytest.mark.parametrize("runs", [1, 2, 50, 1000])
+def test_sums_over_rows_in_pieces(runs: int, both: Callable[..., None]) -> None:
+    rows = np.random.default_rng(runs).normal(size=(40, runs))
+    rows[:5, 0] = -0.0
+    with_gaps = np.where(rows > 1.0, np.nan, rows)
+    for values in (rows, with_gaps, -np.zeros((3, runs)), np.full((3, runs), np.inf)):
+        both(lambda values=values: _in_pieces(values, [len(values)]))
+        both(lambda values=values: _in_pieces(values, [0, 1, 3, len(values)]))
+    whole, pieces = _in_pieces(with_gaps, [40]), _in_pieces(with_gaps, [1, 2, 17, 40])
+    assert whole[0].tobytes() == pieces[0].tobytes()
+    np.testing.assert_array_equal(whole[1], (~np.isnan(with_gaps)).sum(axis=0))
+
+
+def _in_pieces(rows: np.ndarray, ends: list[int]) -> list[np.ndarray]:
+    sums = ColumnSums()
+    for first, end in zip([0, *ends], ends, strict=False):
+        sums.add(rows[first:end])
+    return [sums.total, sums.number]
+
+
+def test_distances_with_a_covariance_for_each_step(both: Callable[..., None]) -> None:
+    rng = np.random.default_rng(3)
+    for n in (1, 2, 4, 6):
+        A, e = rng.normal(size=(2, n, n, 7)), rng.normal(size=(n, 7, 600))
+        P = np.einsum("ijs,kjs->iks", A[0], A[0])
+        P[..., 0], P[..., 1], P[0, 0, 2] = np.eye(n), 0.0, np.nan
+        e[0, 3, 4], e[-1, 0, 5], e[0, 0, 6] = np.nan, np.inf, -0.0
+        both(lambda e=e, P=P: linalg.distance(e, P[..., None]))
+        both(lambda e=e, P=P: linalg.distance(e[:, 1:3], P[..., 1:3, None]))
+        # Each step alone has the same distances.
+        together = linalg.distance(e, P[..., None])
+        for i in range(1, 7):
+            alone = linalg.distance(e[:, i : i + 1], P[..., i : i + 1, None])
+            assert together[i].tobytes() == alone.tobytes()
 
 
 @pytest.mark.parametrize("n", [0, 1, 2, 7, 100, 127, 255, 256, 300, 4095, 4096, 5000, 10_001])

@@ -23,6 +23,12 @@ static inline double of_bits(int64_t n) { double x; memcpy(&x, &n, 8); return x;
 
 typedef struct { Py_buffer views[10]; int count; } Buffers;
 
+static int any_nan(const double *a, Size n) {
+  int found = 0;
+  for (Size i = 0; i < n; i++) found |= a[i] != a[i];
+  return found;
+}
+
 static void release(Buffers *b) { while (b->count) PyBuffer_Release(&b->views[--b->count]); }
 
 /* Open the first n arguments; those from `written` on are written to. Return whether all could be opened. */
@@ -265,6 +271,25 @@ KERNEL(c_dot) {
   DONE;
 }
 
+/* column_sums(rows, sums, gaps): add rows (S, M) to the sums (M) of the values that are no NaN, and count the NaN;
+   `ColumnSums`. */
+KERNEL(c_column_sums) {
+  OPEN(3, 1);
+  double *restrict sums = DOUBLES(1), *restrict gaps = DOUBLES(2);
+  Size M = LENGTH(2);
+  int missing = any_nan(DOUBLES(0), LENGTH(0));
+  for (Size i = 0; i < LENGTH(0) && M; i += M) {
+    const double *row = DOUBLES(0) + i;
+    if (missing)
+      for (Size m = 0; m < M; m++) {
+        gaps[m] += row[m] == row[m] ? 0.0 : 1.0;
+        sums[m] += row[m] == row[m] ? row[m] : 0.0;
+      }
+    else for (Size m = 0; m < M; m++) sums[m] += row[m];
+  }
+  DONE;
+}
+
 /* ---- particles.py and resampling.py ---- */
 
 /* normalize(powers, constants, log_w, w, top, scale, N): constants of exp, then the clip and its weight. */
@@ -354,9 +379,10 @@ KERNEL(c_select) {
 
 /* ---- small matrices over trailing batch axes: linalg.py and unscented.py ---- */
 
-enum { CHUNK = 512, MOST = 36 }; /* batch members at a time; components whose intermediate products fit the stack */
+enum { CHUNK = 512, MOST = 36, SHARED = 2 }; /* batch members at a time; components whose intermediate products fit the stack */
 
-/* A matrix (rows, columns, *batch), or a vector (rows, *batch) as one column; strides count doubles. */
+/* A matrix (rows, columns, *batch), or a vector (rows, *batch) as one column; strides count doubles. It is constant
+   without a batch; SHARED stands for one of several that serve a part of another's batch each. */
 typedef struct { double *at; Size rows, columns, row, column, batch; int constant; } Matrix;
 
 static int as_matrix(const Py_buffer *v, int vector, Matrix *M) {
@@ -615,7 +641,7 @@ KERNEL(c_factor) {
   ANSWER(1);
 }
 
-/* out = L^-1 b by forward substitution; L may be constant. */
+/* out = L^-1 b by forward substitution; L may be constant. As in numpy, zeros of a single L are left out. */
 static void forward(const Matrix *L, const Matrix *b, const Matrix *out, Size from, Size n) {
   for (Size i = 0; i < L->rows; i++) {
     double *restrict row = out->at + i * out->row + from;
@@ -625,7 +651,7 @@ static void forward(const Matrix *L, const Matrix *b, const Matrix *out, Size fr
       if (L->constant) {
         double f = j == i ? 1.0 / *factor : *factor;
         if (j == i) for (Size l = 0; l < n; l++) row[l] *= f;
-        else if (f != 0.0) for (Size l = 0; l < n; l++) row[l] -= f * y[l];
+        else if (f != 0.0 || L->constant == SHARED) for (Size l = 0; l < n; l++) row[l] -= f * y[l];
       } else {
         factor += from;
         if (j == i) for (Size l = 0; l < n; l++) row[l] *= 1.0 / factor[l];
@@ -667,9 +693,19 @@ static void mahalanobis(const Matrix *L, const Matrix *e, double *restrict out, 
 KERNEL(c_mahalanobis) {
   OPEN_STRIDED(3, 2);
   Matrix L, e;
-  if (!as_triangle(&b, &L, &e) || L.rows > MOST) ANSWER(0);
-  for (Size from = 0; from < e.batch; from += CHUNK)
-    mahalanobis(&L, &e, DOUBLES(2), from, e.batch - from < CHUNK ? e.batch - from : CHUNK);
+  const Py_buffer *of_L = &b.views[0], *of_e = &b.views[1];
+  Size parts = 1;
+  if (of_L->ndim == 4 && of_L->shape[3] == 1 && of_e->ndim == 3 && of_L->shape[2] == of_e->shape[1]
+      && as_matrix(of_L, 0, &L) && as_matrix(of_e, 1, &e) && L.rows == e.rows && L.columns == L.rows) {
+    parts = L.batch; /* L (n, n, parts, 1): one for each part of e (n, parts, M) */
+    L.constant = SHARED;
+  } else if (!as_triangle(&b, &L, &e)) ANSWER(0);
+  if (L.rows > MOST) ANSWER(0);
+  for (Size part = 0; part < parts; part++, L.at++) {
+    Size end = (part + 1) * (e.batch / parts);
+    for (Size from = part * (e.batch / parts); from < end; from += CHUNK)
+      mahalanobis(&L, &e, DOUBLES(2), from, end - from < CHUNK ? end - from : CHUNK);
+  }
   ANSWER(1);
 }
 
@@ -795,9 +831,7 @@ KERNEL(c_any_nan) {
     PyErr_Clear();
     Py_RETURN_NONE;
   }
-  const double *a = view.buf;
-  int suitable = !strcmp(view.format, "d"), found = 0;
-  for (Size i = 0; i < view.len / 8 && suitable; i++) found |= a[i] != a[i];
+  int suitable = !strcmp(view.format, "d"), found = suitable && any_nan(view.buf, view.len / 8);
   PyBuffer_Release(&view);
   if (!suitable) Py_RETURN_NONE;
   return PyBool_FromLong(found);
@@ -1058,7 +1092,7 @@ KERNEL(c_condition) {
 #define METHOD(name) {#name, (PyCFunction)(void (*)(void))c_##name, METH_FASTCALL, NULL}
 static PyMethodDef methods[] = {
   METHOD(exp), METHOD(log), METHOD(gamma_log_density), METHOD(log_prob),
-  METHOD(cos_sin), METHOD(arctan2), METHOD(normals), METHOD(total), METHOD(dot),
+  METHOD(cos_sin), METHOD(arctan2), METHOD(normals), METHOD(total), METHOD(dot), METHOD(column_sums),
   METHOD(normalize), METHOD(moments), METHOD(ancestors), METHOD(select), METHOD(product), METHOD(sandwich),
   METHOD(gain), METHOD(joseph), METHOD(factor), METHOD(eigen), METHOD(whiten), METHOD(mahalanobis), METHOD(track), METHOD(mix), METHOD(any_nan),
   METHOD(lower_product), METHOD(weighted), METHOD(cross), METHOD(sigma_points),

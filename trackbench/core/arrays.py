@@ -6,7 +6,7 @@ and ``(M, N)`` for N particles in each of M runs. ``px, vx, py, vy = x`` then is
 
 import ctypes
 from collections import Counter
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import wraps
 from math import prod
@@ -36,6 +36,13 @@ def with_trailing(a: Array, batch_ndim: int, leading: int = 1) -> Array:
 def with_axes_of(like: Array, a: Array) -> Array:
     """Append axes of length one to ``a`` until it has as many as ``like``."""
     return with_trailing(a, like.ndim, leading=0)
+
+
+def as_slice(rows: Sequence[int]) -> slice | Sequence[int]:
+    """Return regularly increasing row numbers as a slice, whose rows need no copy."""
+    step = rows[1] - rows[0] if len(rows) > 1 else 1
+    part = slice(rows[0], rows[-1] + 1, step) if rows and step > 0 else slice(0)
+    return part if [*range(rows[-1] + 1)][part] == [*rows] else [*rows]
 
 
 def any_nan(a: Array) -> bool:

@@ -136,8 +136,8 @@ def update(predicted: Gaussian, nu: Array, H: Array, R: Array) -> Updated:
 
 def track(
     prior: Gaussian, F: Array, Q: Array, H: Array, R: Array, z: Array
-) -> list[tuple[Gaussian, Innovation, Array]] | None:
-    """Return posterior, innovation and NIS (M,) of every step of a linear model with constant matrices.
+) -> tuple[Gaussian, Innovation, Array] | None:
+    """Return posteriors, innovations and NIS of all steps of a linear model with constant matrices.
 
     The bytes are those of `predict`, `update` and `Innovation.nis` step by step, in a fraction of the
     time for few runs.
@@ -153,9 +153,10 @@ def track(
 
     Returns
     -------
-    list or None
-        None if there are no C kernels, n > 6, n_z > 2, the covariance is per run, a measurement is
-        missing (NaN), or any innovation or NIS is NaN.
+    tuple or None
+        Posteriors, means (n, T, M) and covariances (n, n, T, 1); innovations, nu (n_z, T, M) and S
+        (n_z, n_z, T, 1); NIS (T, M). None if there are no C kernels, n > 6, n_z > 2, the covariance
+        is per run, a measurement is missing (NaN), or any innovation or NIS is NaN.
     """
     (n_z, T, M), n = z.shape, len(F)
     if not compiled.kernels or n > 6 or n_z > 2 or prior.cov.ndim > 2 or any_nan(z):
@@ -170,8 +171,9 @@ def track(
     if any_nan(nu) or any_nan(nis):
         return None
     note("covariances", nis[:, 0], components=0)  # one per step, since all runs share it
-    posteriors = map(Gaussian, means[1:], covs[1:])
-    return list(zip(posteriors, map(Innovation, nu, S), nis, strict=True))
+    # Steps become an axis of the batch.
+    posterior = Gaussian(means[1:].swapaxes(0, 1), np.moveaxis(covs[1:], 0, -1)[..., None])
+    return posterior, Innovation(nu.swapaxes(0, 1), np.moveaxis(S, 0, -1)[..., None]), nis
 
 
 def update_roots(m: Array, nu: Array, dx: Array, dz: Array, R: Array) -> tuple[Factored, Array]:

@@ -35,6 +35,31 @@ def total(a: Array, axis: Literal[0, -1] = -1) -> Array:
     return _in_order(rows.T).reshape(a.shape[:-1])[()]
 
 
+class ColumnSums:
+    """Sums ``total`` (M,) over rows of M values that come in pieces; a NaN counts as nothing."""
+
+    total = np.zeros(0)
+    _rows, _gaps = 0, np.zeros(0)
+
+    def add(self, rows: Array) -> None:
+        """Add rows (S, M)."""
+        if not self._rows:
+            self.total, self._gaps = np.zeros((2, rows.shape[1]))
+        if compiled.kernels and rows.dtype == np.float64:
+            compiled.kernels.column_sums(np.ascontiguousarray(rows), self.total, self._gaps)
+        else:
+            missing = np.isnan(rows)
+            self._gaps += missing.sum(axis=0)
+            known = np.where(missing, 0.0, rows)
+            self.total = np.asarray(total(np.vstack([self.total, known]), axis=0))
+        self._rows += len(rows)
+
+    @property
+    def number(self) -> Array:
+        """Return how many values each sum has."""
+        return self._rows - self._gaps
+
+
 def dot(a: Array, b: Array) -> Array:
     """Return ``sum_j a_j b_j`` over the last axis."""
     if compiled.kernels and a.dtype == b.dtype == np.float64:

@@ -19,7 +19,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from trackbench.core.arrays import Array, with_trailing
+from trackbench.core.arrays import Array, as_slice, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import exp, log
 from trackbench.core.linalg import distance
@@ -28,54 +28,65 @@ from trackbench.evaluation.validate_output import checked_numbers
 from trackbench.filters.base import AnyFilter, Filter, State, has_expectations
 from trackbench.scenarios.base import Scenario
 
-_ENOUGH = 1024  # columns: a call on so many is worth its price
+_ENOUGH = 4096  # runs times steps: a call on so many is worth its price, and they stay in the cache
 
 
 class ConsistencySeries:
-    """Normalized errors squared of the whole state and of its marginals, many steps at a time."""
+    """Normalized errors squared of the whole state and of its marginals, many steps at a time.
 
-    def __init__(self, scenario: Scenario, runs: int) -> None:
-        self._parts = {f"nees_{name}": list(part) for name, part in scenario.marginals.items()}
-        self._steps_at_a_time = max(1, _ENOUGH // runs)
-        self._waiting: list[tuple[Array, Array, Array]] = []
-        self._series: dict[str, list[Array]] = {name: [] for name in ("nees", *self._parts)}
+    Estimates and truth are ``mean`` and ``truth`` (n, T, M); a step's mean must be there when its
+    covariance is added.
+    """
 
-    def add(self, mean: Array, cov: Array, truth: Array) -> None:
-        """Add a step's estimate and truth (n_x, M); the covariance is copied."""
-        self._waiting.append((mean, np.array(cov, dtype=np.float64), truth))
-        if len(self._waiting) == self._steps_at_a_time:
-            self._reduce()
+    def __init__(self, scenario: Scenario, mean: Array, truth: Array) -> None:
+        self._mean, self._truth = mean, truth
+        self._parts = {f"nees_{name}": as_slice(p) for name, p in scenario.marginals.items()}
+        self._at_a_time = max(1, _ENOUGH // mean.shape[-1])
+        self._waiting: list[Array] = []
+        self._scored = 0
+        self._series = {name: np.empty(mean.shape[1:]) for name in ("nees", *self._parts)}
+
+    def add(self, cov: Array) -> None:
+        """Add the covariance (n, n) or (n, n, M) of the next step, which is copied."""
+        self._waiting.append(np.array(cov, dtype=np.float64))
+        if len(self._waiting) == self._at_a_time:
+            self._reduce_waiting()
+
+    def add_steps(self, cov: Array) -> None:
+        """Add the covariances of the next S steps: (n, n, S, M), or (n, n, S, 1) shared by the runs."""
+        self._reduce_waiting()
+        for first in range(0, cov.shape[2], self._at_a_time):
+            self._reduce(cov[:, :, first : first + self._at_a_time].astype(np.float64, order="C"))
 
     def series(self) -> dict[str, Array]:
         """Return values (T, M) by the name of their series, after the last step."""
+        self._reduce_waiting()
+        return self._series
+
+    def _reduce_waiting(self) -> None:
         if self._waiting:
-            self._reduce()
-        return {name: np.concatenate(rows) for name, rows in self._series.items()}
+            self._reduce(_side_by_side(self._waiting))
+            self._waiting.clear()
 
-    def _reduce(self) -> None:
-        # Stack the waiting steps, (n, S, M), and score them in one call.
-        means, covs, truths = zip(*self._waiting, strict=True)
-        self._waiting.clear()
-        found, truth = _side_by_side(means, covs), np.stack(truths, axis=1)
-        self._series["nees"].append(normalized_error(found, truth))
-        # Marginals: the part's rows of the mean, its rows and columns of the covariance.
-        for name, part in self._parts.items():
-            of_part = Gaussian(found.mean[part], found.cov[np.ix_(part, part)])
-            self._series[name].append(normalized_error(of_part, truth[part]))
+    def _reduce(self, cov: Array) -> None:
+        # Score S steps in one call: errors (n, S, M).
+        part = slice(self._scored, self._scored + cov.shape[2])
+        error = self._mean[:, part] - self._truth[:, part]
+        self._series["nees"][part] = distance(error, cov)
+        # Marginals: the part's rows of the error, its rows and columns of the covariance.
+        for name, rows in self._parts.items():
+            self._series[name][part] = distance(error[rows], cov[rows][:, rows])
+        self._scored = part.stop
 
 
-def _side_by_side(means: Sequence[Array], covs: Sequence[Array]) -> Gaussian:
-    """Return S estimates (n, M) as one (n, S, M), with covariances (n, n, S, M).
-
-    If all covariances are shared by the runs, the result has (n, n, S, 1), or (n, n) for S = 1.
-    """
-    mean = np.stack(means, axis=1)
+def _side_by_side(covs: Sequence[Array]) -> Array:
+    """Return the covariances (n, n, S, M) of S steps; (n, n, S, 1) if the runs share all of them."""
     if all(cov.ndim == 2 for cov in covs):
-        return Gaussian(mean, covs[0] if len(covs) == 1 else np.stack(covs, axis=2)[..., None])
+        return np.stack(covs, axis=2)[..., None]
     covs = [with_trailing(cov, 1, leading=2) for cov in covs]
     # A covariance that the runs of a step share is repeated if another step has one per run.
     widest = max((cov.shape for cov in covs), key=lambda shape: shape[-1])
-    return Gaussian(mean, np.stack([np.broadcast_to(cov, widest) for cov in covs], axis=2))
+    return np.stack([np.broadcast_to(cov, widest) for cov in covs], axis=2)
 
 
 def observed(
@@ -139,13 +150,14 @@ class Calibration:
     ) -> None:
         self._tracker, self._components = tracker, components
         self._wanted = {"calibration", "ranks", "crps"}.intersection(wanted)
+        self.disabled = not self._wanted
         self._rows: dict[str, list[Array]] = {}
         self._places: list[int] = []
         self._excess: list[Array | None] = []
 
     def add(self, state: Any, found: Gaussian, truth: Array) -> None:
         """Add a step's state, estimate of the truth's components, and truth (n_x, M)."""
-        if not self._wanted:
+        if self.disabled:
             return
         # A filter without a posterior of its own is judged by the Gaussian of its estimate.
         posterior = self._tracker.posterior(state) or NormalPosterior(found)

@@ -7,14 +7,15 @@ names, ``error_<quantity>`` the signed error of a scalar one, ``nees`` the norma
 """
 
 import re
+from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping
 from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 
-from trackbench.core.arrays import Array, Mask
-from trackbench.core.sums import dot, total
+from trackbench.core.arrays import Array, Mask, any_nan
+from trackbench.core.sums import ColumnSums, dot, total
 from trackbench.evaluation.validate_output import checked_metrics
 from trackbench.filters.base import WrongReturnError
 from trackbench.metrics import in_window, is_reserved, joined, metrics_of
@@ -22,7 +23,6 @@ from trackbench.scenarios.base import Scenario
 
 _OF_TRUTH = re.compile(r"squared(?!_(?:predicted|held)_)")
 FOUND, NOT_FINITE, TOO_FAR = 0.0, 1.0, 2.0
-_COLUMNS = 8192  # runs times steps whose errors are computed at a time
 LOST_BECAUSE = {NOT_FINITE: "the estimate left the numbers", TOO_FAR: "the error passed the limit"}
 
 
@@ -60,33 +60,25 @@ def _errors(
 ) -> dict[str, Array]:
     """Return the squared norm of each error vector; of scalar errors the signed value, too."""
     out: dict[str, Array] = {}
-    steps, runs = mean.shape[1:]
-    # The steps are taken in pieces that stay in the cache.
-    at_a_time = max(1, _COLUMNS // runs)
-    for first in range(0, steps, at_a_time):
-        part = slice(first, first + at_a_time)
-        for quantity, error in scenario.errors(mean[:, part], other[:, part]).items():
-            rows = {joined(squared, quantity): total(np.square(error), axis=0)}
-            if signed and len(error) == 1:
-                rows[joined(signed, quantity)] = error[0]
-            for name, values in rows.items():
-                if name not in out:
-                    out[name] = np.empty((steps, runs))
-                out[name][part] = values
+    for quantity, error in scenario.errors(mean, other).items():
+        error = np.asarray(error, dtype=np.float64)
+        out[joined(squared, quantity)] = total(np.square(error), axis=0)
+        if signed and len(error) == 1:
+            out[joined(signed, quantity)] = error[0]
     return out
 
 
 def per_run_metrics(
-    scenario: Scenario, values: dict[str, Array], counts: Collection[str], finite: Mask
+    scenario: Scenario, values: dict[str, Array], sums: "SeriesSums", finite: Mask
 ) -> dict[str, Array]:
     """Return numbers per run (M,) over each window, as each metric is made of its series; NaN if lost.
 
     ``rmse`` is eq. 14 of the hdepf paper. A name carries its window: ``rmse[k<=30]``. ``finite`` (M,)
     says whose estimates stayed within the numbers. Raises ValueError if a name would be given twice.
     """
-    # Step 1: reduce every series over the steps of each window.
+    # Step 1: the sums over the steps of each window.
     lost = lost_runs(scenario, values, finite)
-    out = {"lost": lost} | over_windows(values, scenario.windows, counts)
+    out = {"lost": lost} | sums.over_windows(values)
     # Step 2: add the scenario's own metrics, whose names must be new.
     for name, numbers in checked_metrics(scenario.run_metrics(values), len(lost)).items():
         if name in out and (name == "lost" or is_reserved(name)):
@@ -97,6 +89,8 @@ def per_run_metrics(
             raise ValueError(f"{name!r} is a metric of the scenario: rename the diagnostic")
         out[name] = numbers
     # Step 3: a lost run keeps the reason; its other numbers are NaN.
+    if not lost.any():
+        return out
     return {n: v if n == "lost" else np.where(lost > 0, np.nan, v) for n, v in out.items()}
 
 
@@ -104,33 +98,84 @@ def over_windows(
     values: Mapping[str, Array], windows: Mapping[str, Mask], counts: Collection[str]
 ) -> dict[str, Array]:
     """Return each metric's numbers per run (M,) over the steps of each window, window by window."""
-    found: dict[str, dict[str, Array]] = {window: {} for window in windows}
-    steps = {window: _as_slice(mask) for window, mask in windows.items()}
-    for series, rows in values.items():
-        wanted = {name: m.over_steps for m, name in metrics_of(series, counts) if m.over_steps}
-        if not wanted:
-            continue
-        kinds = set(wanted.values())
-        # Step 1: values that do not exist add zero; an infinite NEES of collapsed particles counts.
-        missing = np.isnan(rows)
-        complete = not missing.any()
-        known = rows if complete else np.where(missing, 0.0, rows)
-        roots = np.sqrt(known) if "root" in kinds else known  # of squares
-        # Step 2: sums over the steps of each window, and over the number of existing values.
-        for window, mask in windows.items():
-            part = steps[window]
-            number = mask.sum() if complete else mask.sum() - missing[part].sum(axis=0)
-            added = total(known[part], axis=0)
-            mean = np.asarray(added / number)
-            of_window = {"sum": added, "mean": mean, "last": rows[part][-1]}
-            if "rms" in kinds:
-                of_window["rms"] = np.sqrt(mean)  # of squares
-            if "root" in kinds:
-                of_window["root"] = np.asarray(total(roots[part], axis=0) / number)
-            found[window] |= {name: of_window[how] for name, how in wanted.items()}
-    for window, mask in windows.items():
-        found[window] |= _of_innovations(values, mask)
-    return {in_window(n, w): numbers for w, of_w in found.items() for n, numbers in of_w.items()}
+    return SeriesSums.of(values, windows, counts).over_windows(values)
+
+
+class SeriesSums:
+    """Sums of series over the steps of each window, and over the runs at each step.
+
+    Steps are added in pieces, which are read once for all sums while they are in the cache. ``counts``
+    names the series that are summed over the steps.
+    """
+
+    def __init__(self, windows: Mapping[str, Mask], counts: Collection[str]) -> None:
+        self._windows = windows
+        self._counts = counts
+        self._kinds: dict[str, dict[str, str]] = {}
+        self._pieces: dict[tuple[int, int], list[tuple[str, slice | Mask]]] = {}
+        self._sums = defaultdict[tuple[str, str, str], ColumnSums](ColumnSums)
+        self._of_steps = defaultdict[str, list[StepSums]](list)
+
+    @classmethod
+    def of(
+        cls, values: Mapping[str, Array], windows: Mapping[str, Mask], counts: Collection[str]
+    ) -> "SeriesSums":
+        """Return the sums of whole series."""
+        sums = cls(windows, counts)
+        for name, rows in values.items():
+            sums.add(name, rows, 0)
+        return sums
+
+    def add(self, series: str, rows: Array, first: int) -> None:
+        """Add the values (S, M) of the steps from ``first`` on."""
+        if series not in self._kinds:
+            self._kinds[series] = {
+                name: m.over_steps for m, name in metrics_of(series, self._counts) if m.over_steps
+            }
+        kinds = self._kinds[series].values()
+        columns = {"values": rows} if kinds else {}
+        if "root" in kinds:
+            columns["roots"] = np.sqrt(rows)  # of squares
+        # Values that do not exist count as nothing; an infinite NEES of collapsed particles counts.
+        for window, part in self._parts(first, first + len(rows)) if columns else ():
+            for name, each in columns.items():
+                self._sums[series, window, name].add(each[part])
+        self._of_steps[series].append(step_sums(rows, np.full(rows.shape[1], FOUND)))
+
+    def _parts(self, first: int, end: int) -> list[tuple[str, slice | Mask]]:
+        """Return the windows that have some of these steps, and which."""
+        if (first, end) not in self._pieces:
+            here = [(window, mask[first:end]) for window, mask in self._windows.items()]
+            self._pieces[first, end] = [(w, _as_slice(mask)) for w, mask in here if mask.any()]
+        return self._pieces[first, end]
+
+    def over_runs(self) -> dict[str, StepSums]:
+        """Return the sums over all runs at each step, lost ones too; no zero is negative."""
+        return {
+            name: StepSums(*(np.concatenate(part) + 0.0 for part in zip(*pieces, strict=True)))
+            for name, pieces in self._of_steps.items()
+        }
+
+    def over_windows(self, values: Mapping[str, Array]) -> dict[str, Array]:
+        """Return each metric's numbers per run (M,) by window; ``values`` are the whole series."""
+        found: dict[str, Array] = {}
+        for window, mask in self._windows.items():
+            of_window: dict[str, Array] = {}
+            last = np.flatnonzero(mask)[-1]
+            for series, wanted in self._kinds.items():
+                if not wanted:
+                    continue
+                sums = self._sums[series, window, "values"]
+                mean = sums.total / sums.number
+                numbers = {"sum": sums.total, "mean": mean, "last": values[series][last]}
+                if "rms" in wanted.values():
+                    numbers["rms"] = np.sqrt(mean)  # of squares
+                if "root" in wanted.values():
+                    numbers["root"] = self._sums[series, window, "roots"].total / sums.number
+                of_window |= {name: numbers[how] for name, how in wanted.items()}
+            of_window |= _of_innovations(values, mask)
+            found |= {in_window(name, window): numbers for name, numbers in of_window.items()}
+        return found
 
 
 def _as_slice(mask: Mask) -> slice | Mask:
@@ -171,8 +216,11 @@ def lost_runs(scenario: Scenario, values: dict[str, Array], finite: Mask) -> Arr
 
 def step_sums(rows: Array, lost: Array) -> StepSums:
     """Return sums over the runs that are not lost and whose value exists."""
-    counted: Mask = (lost == FOUND) & ~np.isnan(rows)
-    kept = rows if counted.all() else np.where(counted, rows, 0.0)
+    there = lost == FOUND
+    if there.all() and not any_nan(rows):
+        return StepSums(total(rows), dot(rows, rows), np.full(len(rows), float(rows.shape[1])))
+    counted: Mask = there & ~np.isnan(rows)
+    kept = np.where(counted, rows, 0.0)
     return StepSums(total(kept), dot(kept, kept), counted.sum(axis=1).astype(float))
 
 

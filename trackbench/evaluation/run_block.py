@@ -9,10 +9,19 @@ import numpy as np
 from trackbench.core.arrays import Array, Mask
 from trackbench.evaluation.block import BlockResult, BlockTask, Tracks
 from trackbench.evaluation.consistency_and_calibration import likelihood_ratio
-from trackbench.evaluation.error_series import FOUND, per_run_metrics, series, step_sums
+from trackbench.evaluation.error_series import (
+    FOUND,
+    SeriesSums,
+    StepSums,
+    per_run_metrics,
+    series,
+    step_sums,
+)
 from trackbench.evaluation.run_filter import FilterOutput, run_filter_cached, run_reference
 from trackbench.evaluation.validate_output import check_names
 from trackbench.scenarios.base import Simulation
+
+_COLUMNS = 16_384  # runs times steps whose series are made and added up at a time, in the cache
 
 
 def run_block(task: BlockTask) -> BlockResult:
@@ -74,25 +83,56 @@ def _cut(
 
 def _reduce(task: BlockTask, data: Simulation, output: FilterOutput) -> dict[int, BlockResult]:
     """Return the block's metrics by the number of runs that they are reduced over."""
-    # Step 1: error series (T + 1, M), then the filter's diagnostics and the likelihood ratio.
-    exact = None if task.reference is None else run_reference(task.reference_task)
-    exact_mean = None if exact is None else exact.mean
-    values = series(task.scenario, data.truth, output.mean, output.nees, exact_mean)
-    values |= output.diagnostics
-    if exact is not None and "likelihood_ratio" in task.predictive_metrics:
-        values |= likelihood_ratio(values, exact.diagnostics)
     check_names(task.filter.summed_diagnostics)
-    finite = _stayed_finite(output.mean)
+    exact = None if task.reference is None else run_reference(task.reference_task)
+    told = dict(output.diagnostics)
+    if exact is not None and "likelihood_ratio" in task.predictive_metrics:
+        told |= likelihood_ratio(told, exact.diagnostics)
+    # Step 1: error series (T + 1, M), then the filter's diagnostics and the likelihood ratio.
+    values, sums = _series_and_sums(task, data, output, told, None if exact is None else exact.mean)
     # Step 2: over the whole block, then trimmed: numpy adds up a single column in another order.
-    per_run = per_run_metrics(task.scenario, values, task.filter.summed_diagnostics, finite)
+    per_run = per_run_metrics(task.scenario, values, sums, _stayed_finite(output.mean))
+    lost = (per_run["lost"] != FOUND).any()
+    known = {task.width: {} if lost else sums.over_runs()}
     return {
-        used: _trimmed(task, data, output, values, per_run, used)
+        used: _trimmed(task, data, output, values, per_run, used, known.get(used, {}))
         for used in {task.runs_used, task.width, *task.extra_run_counts}
     }
 
 
+def _series_and_sums(
+    task: BlockTask,
+    data: Simulation,
+    output: FilterOutput,
+    told: dict[str, Array],
+    exact_mean: Array | None,
+) -> tuple[dict[str, Array], SeriesSums]:
+    """Return the series of errors and those that are told, and their sums.
+
+    The steps are taken in pieces, whose series are added up while they are in the cache.
+    """
+    values, whole = dict[str, Array](), {"nees": output.nees} | told
+    sums = SeriesSums(task.scenario.windows, task.filter.summed_diagnostics)
+    steps, runs = output.nees.shape
+    at_a_time = max(1, _COLUMNS // runs)
+    for first in range(0, steps, at_a_time):
+        part = slice(first, first + at_a_time)
+        mean, truth, nees = output.mean[:, part], data.truth[:, part], output.nees[part]
+        exact = None if exact_mean is None else exact_mean[:, part]
+        rows = series(task.scenario, truth, mean, nees, exact)
+        for name, row in (rows | {name: whole[name][part] for name in told}).items():
+            if name not in values:
+                values[name] = whole[name] if name in whole else np.empty((steps, runs))
+            if name not in whole:
+                values[name][part] = row
+            sums.add(name, row, first)
+    return values, sums
+
+
 def _stayed_finite(mean: Array) -> Mask:
     """Return the runs (M,) that are finite at every step, in the components that any run estimates."""
+    if np.isfinite(np.add.reduce(mean, axis=None)):  # in any order: a finite sum has finite terms
+        return np.ones(mean.shape[-1], dtype=np.bool_)
     there = np.isfinite(mean)
     estimated = there.any(axis=(1, 2))  # a converted measurement, say, has no velocity
     return np.asarray(there[estimated].all(axis=(0, 1)) & estimated.any())
@@ -105,6 +145,7 @@ def _trimmed(
     values: dict[str, Array],
     per_run: dict[str, Array],
     used: int,
+    known: dict[str, StepSums],
 ) -> BlockResult:
     # Keep the first ``used`` runs of every series and metric.
     values = {name: rows[:, :used] for name, rows in values.items()}
@@ -120,7 +161,7 @@ def _trimmed(
         per_run=per_run,
         # Training runs (index < 0) have no sums per step.
         steps={
-            name: step_sums(rows, per_run["lost"])
+            name: known[name] if name in known else step_sums(rows, per_run["lost"])
             for name, rows in values.items()
             if task.index >= 0
         },

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -18,21 +18,23 @@ from trackbench.evaluation.consistency_and_calibration import (
     ConsistencySeries,
     observed,
 )
-from trackbench.evaluation.predictive_scores import PredictionScorer, Step, after_first
+from trackbench.evaluation.predictive_scores import PredictionScorer, Step
 from trackbench.evaluation.validate_output import (
     check_axes,
     check_estimate,
     check_names,
-    checked_numbers,
+    check_numbers,
     explain_read_only_errors,
 )
 from trackbench.extension_points import foreign_parts
-from trackbench.filters.base import AnyFilter, WrongReturnError
+from trackbench.filters.base import AnyFilter, Steps, WrongReturnError, has_expectations
 from trackbench.models.base import Model, extra_std
 from trackbench.models.priors import augment_prior
 from trackbench.scenarios.base import Simulation
 
-_STEPS_AT_ONCE = 128  # that a filter may take in one call: their arrays take memory
+_AT_ONCE = (
+    32_768  # runs times steps that a filter may take in one call: the arrays stay in the cache
+)
 
 
 class FilterOutput(NamedTuple):
@@ -89,26 +91,33 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
             recorder.add(state, found)
         check_axes(found, prior.mean)
         # Step 2: one timed step per measurement, or many in one call; recording is not timed.
-        ahead: list[tuple[Any, Gaussian]] = []
-        for i, k in enumerate(task.scenario.steps[1:].tolist()):
-            before = state if scorer.disabled else scorer.snapshot(state)
-            with clock if not ahead else nullcontext():
-                if i % _STEPS_AT_ONCE == 0:
-                    next_scans = scorer.visible[:, i : i + _STEPS_AT_ONCE]
-                    ahead = _steps_ahead(tracker, model, state, next_scans, k)
-                if ahead:
-                    state, found = ahead.pop(0)
-                else:
-                    state = tracker.step(model, state, scorer.visible[:, i], k, rng)
+        steps = task.scenario.steps[1:].tolist()
+        at_once = max(1, _AT_ONCE // task.runs)
+        one_by_one = tracker.smooths or not scorer.disabled or recorder.needs_states
+        for first in range(0, len(steps), at_once):
+            part = slice(first, first + at_once)
+            with clock:
+                ahead = _steps_ahead(tracker, model, state, scorer.visible[:, part], steps[first])
+            if ahead is not None and not one_by_one:
+                recorder.add_steps(ahead)
+                state = ahead.state(-1)
+                continue
+            for i, k in enumerate(steps[part], first):
+                before = state if scorer.disabled else scorer.snapshot(state)
+                with clock:
+                    if ahead is None:
+                        state = tracker.step(model, state, scorer.visible[:, i], k, rng)
+                    else:
+                        state = ahead.state(i - first)
                     found = tracker.estimate(state)
-            recorder.note(tracker.diagnostics(state))
-            if tracker.smooths:
-                states.append(state)
-            else:
-                recorder.add(state, found)
-            # Score with the state before the step, from which the measurement is predicted.
-            if not scorer.disabled:
-                scorer.add(Step(before, state, found, k), i)
+                recorder.note(tracker.diagnostics(state))
+                if tracker.smooths:
+                    states.append(state)
+                else:
+                    recorder.add(state, found)
+                # Score with the state before the step, from which the measurement is predicted.
+                if not scorer.disabled:
+                    scorer.add(Step(before, state, found, k), i)
         if tracker.smooths:
             with clock:
                 # Step 3: a smoother goes back through all states; these estimates are recorded.
@@ -118,15 +127,13 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
         return recorder.filtered(scorer.series(), clock.cpu_s)
 
 
-def _steps_ahead(
-    tracker: AnyFilter, model: Model, state: Any, z: Array, k: int
-) -> list[tuple[Any, Gaussian]]:
-    """Return state and estimate after each measurement of z (n_z, T, M); empty without `all_steps`."""
-    states = tracker.all_steps(model, state, z, k) or []
-    if states and len(states) != z.shape[1]:
-        what = f"returns {len(states)} states for {z.shape[1]} measurements"
+def _steps_ahead(tracker: AnyFilter, model: Model, state: Any, z: Array, k: int) -> Steps | None:
+    """Return the steps with the measurements z (n_z, T, M); None without the hook `all_steps`."""
+    steps = tracker.all_steps(model, state, z, k)
+    if steps is not None and steps.estimate.mean.shape[1:] != z.shape[1:]:
+        what = f"gives {steps.estimate.mean.shape[1]} states for {z.shape[1]} measurements"
         raise WrongReturnError("all_steps", what)
-    return [(state, tracker.estimate(state)) for state in states]
+    return steps
 
 
 @contextmanager
@@ -155,7 +162,11 @@ def prior_of(data: Simulation, model: Model) -> Distribution:
 
 
 def _run_filter(task: BlockTask, covariances: int) -> FilterOutput:
-    return freeze(run_filter(task, task.data, covariances))
+    output = run_filter(task, task.data, covariances)
+    for a in (output.mean, output.nees, output.cov, *output.diagnostics.values()):
+        if a is not None:
+            a.flags.writeable = False  # without a copy: no filter sees it
+    return output
 
 
 run_filter_cached = LatestResults(_run_filter, size=1)
@@ -168,33 +179,58 @@ class _Recorder:
     def __init__(self, task: BlockTask, data: Simulation, model: Model, covariances: int) -> None:
         self._task, self._data, self._covariances = task, data, covariances
         self._sizes = len(data.truth), len(model.motion.components)
-        self._means: list[Array] = []
+        self._mean = np.empty(data.truth.shape)
         self._covs: list[Array] = []
-        self._noted: list[dict[str, Array]] = []
-        self._observed: list[dict[str, Array]] = []
+        self._noted: dict[str, Array] = {}
+        self._observed: dict[str, Array] = {}
+        self._next_note, self._next = 1, 0  # the first state has no diagnostics
         scenario, tracker = task.scenario, task.filter
-        self._consistency = ConsistencySeries(scenario, task.runs)
+        self._consistency = ConsistencySeries(scenario, self._mean, data.truth)
         wanted = task.predictive_metrics if scenario.has_truth else ()
         self._judged = Calibration(tracker, scenario.components, wanted)
+        self.needs_states = has_expectations(tracker) or not self._judged.disabled
+        """whether what is recorded depends on more than estimates and diagnostics"""
 
     def note(self, diagnostics: dict[str, Array]) -> None:
         """Record the diagnostics of a step."""
-        self._noted.append(checked_numbers("diagnostic", diagnostics, self._task.runs))
+        check_numbers("diagnostic", diagnostics, self._task.runs)
+        if not diagnostics.keys() <= self._noted.keys():
+            check_names(diagnostics)
+        self._fill(self._noted, self._next_note, diagnostics)
+        self._next_note += 1
 
     def add(self, state: Any, found: Gaussian) -> None:
         """Record a step's state and estimate; score the truth's components of the estimate."""
         check_estimate(found, self._sizes, self._task.runs)
+        k, n = self._next, self._sizes[0]
         # Drop the components that only the filter's motion has: the truth has none of them.
-        (n, _), truth = self._sizes, self._data.truth[:, len(self._means)]
         if len(found.mean) > n:
             found = Gaussian(found.mean[:n], found.cov[:n, :n])
-        mean = np.array(found.mean, dtype=np.float64)
-        self._means.append(mean)
-        self._consistency.add(mean, found.cov, truth)
-        self._judged.add(state, found, truth)
-        self._observed.append(observed(self._task.scenario, self._task.filter, state, truth))
+        self._mean[:, k] = found.mean
+        self._consistency.add(found.cov)
+        if self.needs_states:
+            truth = self._data.truth[:, k]
+            self._judged.add(state, found, truth)
+            seen = observed(self._task.scenario, self._task.filter, state, truth)
+            self._fill(self._observed, k, seen)
         if self._covariances:
             self._covs.append(per_run_moments(found).cov[..., : self._covariances].copy())
+        self._next += 1
+
+    def add_steps(self, steps: Steps) -> None:
+        """Record the estimates and diagnostics of many steps."""
+        check_estimate(steps.estimate, self._sizes, *steps.estimate.mean.shape[1:])
+        mean, cov = (a[: self._sizes[0]] for a in (steps.estimate.mean, steps.estimate.cov))
+        n, count, runs = mean.shape
+        check_numbers("diagnostic", steps.diagnostics, count, runs)
+        part = slice(self._next, self._next + count)
+        self._fill(self._noted, part, steps.diagnostics)
+        self._mean[:, part] = mean
+        self._consistency.add_steps(cov[:, :n])
+        if self._covariances:
+            per_run = np.broadcast_to(cov[:, :n], (n, n, count, runs))
+            self._covs += [*np.moveaxis(per_run[..., : self._covariances], 2, 0).copy()]
+        self._next = self._next_note = part.stop
 
     def filtered(self, told: dict[str, Array], cpu_s: float) -> FilterOutput:
         """Return the output, with the predictive series."""
@@ -204,15 +240,17 @@ class _Recorder:
             for rows in errors.values():
                 rows[0] = np.nan  # the first state is known exactly: there is nothing to judge
         nees = errors.pop("nees")
-        names = self._noted[0] if self._noted else {}
-        check_names(names)
-        # Diagnostics start at the first measurement: NaN at the first state.
-        series = {name: after_first(np.stack([n[name] for n in self._noted])) for name in names}
-        series |= errors
-        series |= {n: np.stack([o[n] for o in self._observed]) for n in self._observed[0]}
         # Covariances of the shown runs (n, n, T + 1, r).
         cov = np.stack(self._covs, axis=2) if self._covs else None
-        return FilterOutput(np.stack(self._means, axis=1), nees, cov, series | told, cpu_s)
+        series = self._noted | errors | self._observed | told
+        return FilterOutput(self._mean, nees, cov, series, cpu_s)
+
+    def _fill(self, series: dict[str, Array], steps: int | slice, rows: dict[str, Array]) -> None:
+        """Enter the rows of some steps; NaN where a series has none."""
+        for name, row in rows.items():
+            if name not in series:
+                series[name] = np.full(self._data.truth.shape[1:], np.nan)
+            series[name][steps] = row
 
 
 class _Clock:

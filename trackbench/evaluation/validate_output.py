@@ -34,10 +34,11 @@ def explain_read_only_errors() -> Iterator[None]:
         raise ValueError(f"{what} ({error})") from error
 
 
-def check_estimate(found: Gaussian, sizes: tuple[int, int], runs: int) -> None:
+def check_estimate(found: Gaussian, sizes: tuple[int, int], *batch: int) -> None:
     """Raise ValueError unless the mean is (n, M) and the covariance (n, n, M) or (n, n), all real.
 
-    n is either of the sizes: components of the truth, or of the motion that the filter assumes.
+    n is either of the sizes: components of the truth, or of the motion that the filter assumes. Of many
+    steps the batch is (S, M), and covariances that the runs share are (n, n, S, 1).
     """
     try:
         mean, cov = found.mean, found.cov
@@ -45,12 +46,13 @@ def check_estimate(found: Gaussian, sizes: tuple[int, int], runs: int) -> None:
         what = f"an estimate is a Gaussian, and this is a {type(found).__name__}"
         raise WrongReturnError("estimate", what) from None
     # The truth's number of components, or that of the assumed motion.
-    n = sizes[0] if _is_real(mean, (sizes[0], runs)) else sizes[1]
-    if not _is_real(mean, (n, runs)):
-        raise _refused("estimate", "the mean of the estimate", mean, (n, runs))
-    if not _is_real(cov, (n, n, runs), (n, n)):
+    n = sizes[0] if _is_real(mean, (sizes[0], *batch)) else sizes[1]
+    if not _is_real(mean, (n, *batch)):
+        raise _refused("estimate", "the mean of the estimate", mean, (n, *batch))
+    shared = (n, n) if len(batch) == 1 else (n, n, batch[0], 1)
+    if not _is_real(cov, (n, n, *batch), shared):
         what = "the covariance of the estimate"
-        raise _refused("estimate", what, cov, (n, n, runs), (n, n))
+        raise _refused("estimate", what, cov, (n, n, *batch), shared)
 
 
 def check_axes(first: Gaussian, start: Array) -> None:
@@ -63,15 +65,20 @@ def check_axes(first: Gaussian, start: Array) -> None:
 
 def checked_numbers(what: str, given: dict[str, Any], runs: int) -> dict[str, Array]:
     """Return copies of real numbers per run (M,) by name; raises ValueError for anything else."""
+    check_numbers(what, given, runs)
+    return {name: np.array(row, dtype=np.float64) for name, row in given.items()}
+
+
+def check_numbers(what: str, given: dict[str, Any], *batch: int) -> None:
+    """Raise ValueError for anything but real numbers (*batch) by name."""
     if not isinstance(given, dict):
         text = f"{what}s are a {type(given).__name__}, not a mapping"
         raise WrongReturnError(_METHODS[what], text)
     for name, row in given.items():
         if not isinstance(name, str):
             raise WrongReturnError(_METHODS[what], f"the name of a {what} is {name!r}, no word")
-        if not _is_real(row, (runs,)):
-            raise _refused(_METHODS[what], f"{what} {name!r}", row, (runs,))
-    return {name: np.array(row, dtype=np.float64) for name, row in given.items()}
+        if not _is_real(row, batch):
+            raise _refused(_METHODS[what], f"{what} {name!r}", row, batch)
 
 
 def checked_metrics(given: dict[str, Any], runs: int) -> dict[str, Array]:

@@ -3,7 +3,7 @@
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Generic, Protocol, TypeVar
+from typing import Annotated, Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from annotated_types import Interval
@@ -76,8 +76,8 @@ class Filter(Part, Generic[State]):
             Random numbers of the block of runs, the only ones allowed.
         """
 
-    def all_steps(self, model: Model, state: State, z: Array, k: int) -> list[State] | None:
-        """Return the T states that `step` would return for z (n_z, T, M) of steps k to k + T - 1.
+    def all_steps(self, model: Model, state: State, z: Array, k: int) -> "Steps | None":
+        """Return what `step` would make of z (n_z, T, M), the measurements of steps k to k + T - 1.
 
         Override it for speed in a filter that draws no random numbers. If it returns None, as by
         default, the runner calls `step` for each measurement.
@@ -183,6 +183,17 @@ class Filter(Part, Generic[State]):
 
 
 AnyFilter = Filter[Any]
+
+
+class Steps(NamedTuple):
+    """T steps of a filter in one call: what its hooks give of each step, side by side."""
+
+    estimate: Gaussian
+    """mean (n_x, T, M); covariance (n_x, n_x, T, M), or (n_x, n_x, T, 1) if the runs share it"""
+    diagnostics: dict[str, Array]
+    """arrays (T, M) by name"""
+    state: Callable[[int], Any]
+    """state after the measurement of this index; -1 is the last"""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,7 +21,7 @@ from trackbench.core.distributions import (
 from trackbench.core.kalman import Innovation, Updated
 from trackbench.core.smoothing import Transition, smooth
 from trackbench.field_types import NonNegative, OpenShare, Positive
-from trackbench.filters.base import FixedLag, InnovationFilter, SmoothingFilter
+from trackbench.filters.base import FixedLag, InnovationFilter, SmoothingFilter, Steps
 from trackbench.models.base import Model, Scene
 from trackbench.models.gaussian_steps import (
     MODEL_NOISE,
@@ -215,12 +215,20 @@ class KF(GaussianFilter):
         """Predict and update: for a linear model the extended step is the Kalman filter's."""
         return extended_step(model, state, z, k, MODEL_NOISE)
 
-    def all_steps(self, model: Model, state: Tracked, z: Array, k: int) -> list[Tracked] | None:
-        """Return the states after all measurements of a constant linear model, in one call."""
+    def all_steps(self, model: Model, state: Tracked, z: Array, k: int) -> Steps | None:
+        """Return the steps with all measurements of a constant linear model, in one call."""
         motion, sensor = model
         plain = type(self) is KF and self == KF(smooth=self.smooth)
         if not (plain and isinstance(motion, Linear) and isinstance(sensor, LinearSensor)):
             return None
         H = sensor.H(len(motion.F))
-        steps = kalman.track(state.posterior, motion.F, motion.Q, H, sensor.R, z)
-        return None if steps is None else [Tracked(x, nis, nu) for x, nu, nis in steps]
+        found = kalman.track(state.posterior, motion.F, motion.Q, H, sensor.R, z)
+        if found is None:
+            return None
+        x, nu, nis = found
+
+        def at(i: int) -> Tracked:
+            posterior = Gaussian(x.mean[:, i], x.cov[:, :, i, 0])
+            return Tracked(posterior, nis[i], Innovation(nu.nu[:, i], nu.S[:, :, i, 0]))
+
+        return Steps(x, {"nis": nis}, at)

@@ -11,7 +11,7 @@ import numpy as np
 
 from trackbench.core.distributions import Gaussian
 from trackbench.core.random_streams import RunStreams
-from trackbench.evaluation.error_series import per_run_metrics, series
+from trackbench.evaluation.error_series import SeriesSums, per_run_metrics, series
 from trackbench.extension_points import foreign_parts, is_foreign, walk_parts
 from trackbench.filters.base import AnyFilter, WrongReturnError
 from trackbench.models.sensors.base import SensorBase
@@ -127,7 +127,8 @@ def _simulate_and_score(scenario: Scenario, bounded: bool) -> None:
         _check_shape("errors", f"the error {name!r}", error, (len(error), steps, runs))
     scenario.observables(truth)
     values = series(scenario, truth, truth, np.zeros((steps, runs)), None)
-    per_run_metrics(scenario, values, (), np.ones(runs, dtype=bool))
+    sums = SeriesSums.of(values, scenario.windows, ())
+    per_run_metrics(scenario, values, sums, np.ones(runs, dtype=bool))
     if bounded:
         scenario.bounds()
 

@@ -8,7 +8,7 @@ import numpy as np
 from annotated_types import Interval
 from pydantic import StringConstraints
 
-from trackbench.core.arrays import Array, Index, Mask
+from trackbench.core.arrays import Array, Index, Mask, as_slice
 from trackbench.field_types import ONE_LINE, InvalidKeyError, Natural, Positive, freeze_mappings
 from trackbench.models.base import position_velocity_names
 from trackbench.models.sensors.base import SensorBase, Sensors
@@ -125,7 +125,7 @@ class Score:
     ) -> dict[str, Array]:
         """Return error vectors by quantity; those in a sensor's coordinates of a single sensor only."""
         e = mean - truth
-        out = {name: e[rows] for name, rows in self._rows(components).items()}
+        out = {name: e[as_slice(rows)] for name, rows in self._rows(components).items()}
         if _is_moving(components) and isinstance(sensor, SensorBase):
             out |= sensor.errors(mean, truth)
         return out
