@@ -936,68 +936,66 @@ KERNEL(c_sigma_points) {
   ANSWER(1);
 }
 
-/* scalar_points(mean, P, Q, R, x, v, n, scale): the sigma points of (x, v, n), three scalars of which v and n have
-   mean zero: x (3, batch) the mean and both sides of it, v and n (batch) the distances of the noises' points.
+/* The distance of a sigma point; like `root`, NaN for an infinite variance and 0.0 for -0.0. */
+static inline double spread(double scale, double variance) {
+  return scale * ((variance == INFINITY ? NAN : sqrt(variance)) + 0.0);
+}
+
+/* scalar_points(mean, P, x, scale): x (3, batch), the mean of a scalar and the points on both sides of it.
    False also for a mean of -0.0, of which the other points are +0.0. */
 KERNEL(c_scalar_points) {
-  OPEN_STRIDED(7, 4);
-  Matrix m, V[3];
-  double scale = PyFloat_AsDouble(args[7]);
+  OPEN_STRIDED(3, 2);
+  Matrix m, P;
+  double scale = PyFloat_AsDouble(args[3]);
   int negative_zero = 0;
-  if (!as_matrix(&b.views[0], 1, &m)) ANSWER(0);
-  for (int i = 0; i < 3; i++)
-    if (!as_matrix(&b.views[1 + i], 0, &V[i]) || !(V[i].constant || same_batch(&b.views[0], 1, &b.views[1 + i], 2)))
-      ANSWER(0);
-  for (Size l = 0; l < m.batch; l++) negative_zero |= m.at[l] == 0.0 && signbit(m.at[l]);
-  double *restrict x = DOUBLES(4), *restrict above = x + m.batch, *restrict below = above + m.batch;
-  double *restrict steps[3] = {below, DOUBLES(5), DOUBLES(6)};
-  for (int i = 0; i < 3; i++)
-    for (Size l = 0; l < m.batch; l++) { /* `root` has NaN for an infinite variance, and 0.0 for -0.0 */
-      double variance = V[i].constant ? *V[i].at : V[i].at[l];
-      steps[i][l] = V[i].constant && l ? steps[i][0] : scale * ((variance == INFINITY ? NAN : sqrt(variance)) + 0.0);
-    }
+  if (!as_matrix(&b.views[0], 1, &m) || !as_matrix(&b.views[1], 0, &P)
+      || !(P.constant || same_batch(&b.views[0], 1, &b.views[1], 2)))
+    ANSWER(0);
+  double *restrict x = DOUBLES(2), *restrict above = x + m.batch, *restrict below = above + m.batch;
   for (Size l = 0; l < m.batch; l++) {
-    x[l] = m.at[l];
-    above[l] = m.at[l] + below[l];
-    below[l] = m.at[l] - below[l];
+    double mean = m.at[l], step = spread(scale, P.at[P.constant ? 0 : l]);
+    negative_zero |= mean == 0.0 && signbit(mean);
+    x[l] = mean;
+    above[l] = mean + step;
+    below[l] = mean - step;
   }
   ANSWER(!negative_zero);
 }
 
-/* scalar_noise(moved, v, f): f (5, batch) of the moved points (3, batch), those of f(mean) + v and f(mean) - v. */
+/* scalar_noise(moved, Q, f, scale): f (5, batch) of the moved points (3, batch), and f(mean) + v and f(mean) - v. */
 KERNEL(c_scalar_noise) {
   OPEN(3, 2);
-  const double *moved = DOUBLES(0), *v = DOUBLES(1);
+  const double *moved = DOUBLES(0), v = spread(PyFloat_AsDouble(args[3]), *DOUBLES(1));
   double *restrict f = DOUBLES(2);
-  Size batch = LENGTH(1);
+  Size batch = LENGTH(2) / 5;
   for (Size l = 0; l < 3 * batch; l++) f[l] = moved[l] + 0.0;
-  for (Size l = 0; l < batch; l++) f[3 * batch + l] = moved[l] + v[l], f[4 * batch + l] = moved[l] - v[l];
+  for (Size l = 0; l < batch; l++) f[3 * batch + l] = moved[l] + v, f[4 * batch + l] = moved[l] - v;
   DONE;
 }
 
-/* scalar_update(weights, cov_weights, f, h, n, z, m, P, nu, S): posterior, innovation of z (batch) and its variance
-   by the points f of scalar_noise and h (5, batch) of them; False if an innovation is NaN. */
+/* scalar_update(weights, cov_weights, f, h, R, z, m, P, nu, S, scale): posterior, innovation of z (M) and its
+   variance by the points f of scalar_noise and h (5, batch) of them; False if an innovation is NaN. */
 KERNEL(c_scalar_update) {
   OPEN(10, 6);
   enum { PIECE = 128 };
-  const double *f = DOUBLES(2), *h = DOUBLES(3), *n = DOUBLES(4);
-  Size batch = LENGTH(4);
+  const double *f = DOUBLES(2), *h = DOUBLES(3), n = spread(PyFloat_AsDouble(args[10]), *DOUBLES(4)), *z = DOUBLES(5);
+  Size batch = LENGTH(6), N = LENGTH(5) ? batch / LENGTH(5) : 0, left = N;
   int known = 1;
-  /* Of the points' order, center, x, v, n above and x, v, n below: the row of f, and the sign of n. */
-  static const int row[7] = {0, 1, 3, 0, 2, 4, 0}, sign[7] = {0, 0, 0, 1, 0, 0, -1};
+  /* Of the points' order, center, x, v, n above and x, v, n below: the row of f, and the noise n. */
+  static const int row[7] = {0, 1, 3, 0, 2, 4, 0};
+  const double noise[7] = {0.0, 0.0, 0.0, n, 0.0, 0.0, -n};
   for (Size from = 0; from < batch; from += PIECE) {
     Size count = batch - from < PIECE ? batch - from : PIECE;
-    double relative[7][PIECE], m[PIECE], z_mean[PIECE], P[PIECE], S[PIECE], C[PIECE];
+    double relative[7][PIECE], m[PIECE], z_mean[PIECE], P[PIECE], S[PIECE], C[PIECE], z_each[PIECE];
     /* Step 1: measurements relative to the center, and both means. */
     for (int p = 0; p < 7; p++) {
       const double *moved = f + row[p] * batch + from, *seen = h + row[p] * batch + from, *center = h + from;
-      double w = DOUBLES(0)[p];
-      for (Size l = 0; l < count; l++) relative[p][l] = seen[l] - center[l];
-      if (sign[p] > 0) for (Size l = 0; l < count; l++) relative[p][l] += n[from + l];
-      else if (sign[p] < 0) for (Size l = 0; l < count; l++) relative[p][l] -= n[from + l];
-      else for (Size l = 0; l < count; l++) relative[p][l] += 0.0;
-      if (p) for (Size l = 0; l < count; l++) m[l] += w * moved[l], z_mean[l] += w * relative[p][l];
-      else for (Size l = 0; l < count; l++) m[l] = w * moved[l], z_mean[l] = w * relative[p][l];
+      double w = DOUBLES(0)[p], shift = noise[p];
+      for (Size l = 0; l < count; l++) {
+        double dz = seen[l] - center[l] + shift, x_term = w * moved[l], z_term = w * dz;
+        relative[p][l] = dz;
+        m[l] = p ? m[l] + x_term : x_term, z_mean[l] = p ? z_mean[l] + z_term : z_term;
+      }
     }
     /* Step 2: P of the state, S of the measurement, C of both. */
     for (int p = 0; p < 7; p++) {
@@ -1009,9 +1007,13 @@ KERNEL(c_scalar_update) {
         P[l] = p ? P[l] + xx : xx, S[l] = p ? S[l] + zz : zz, C[l] = p ? C[l] + xz : xz;
       }
     }
-    /* Step 3: K = C / S, m + K nu, P - K S K. */
+    /* Step 3: K = C / S, m + K nu, P - K S K, each run's measurement being that of its N members. */
     for (Size l = 0; l < count; l++) {
-      double nu = DOUBLES(5)[from + l] - (h[from + l] + z_mean[l]), K = C[l] * (1.0 / S[l]);
+      z_each[l] = *z;
+      if (!--left) z++, left = N;
+    }
+    for (Size l = 0; l < count; l++) {
+      double nu = z_each[l] - (h[from + l] + z_mean[l]), K = C[l] * (1.0 / S[l]);
       known &= nu == nu;
       DOUBLES(6)[from + l] = K * nu + m[l];
       DOUBLES(7)[from + l] = P[l] - K * (K * S[l]);
