@@ -12,6 +12,16 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* Kernels whose loops are sums and products also for four numbers at a time; each rounds as it does alone. */
+#if defined(__x86_64__) && defined(__GLIBC__) && defined(__has_attribute)
+#if __has_attribute(target_clones)
+#define WIDE __attribute__((target_clones("avx2", "default")))
+#endif
+#endif
+#ifndef WIDE
+#define WIDE
+#endif
+
 typedef Py_ssize_t Size;
 enum { POWERS = 1 << 14, LOGS = 1 << 13, TURNS = 1 << 11, SLOPES = 1 << 8, QUADS = 4096 };
 static const double ROUND = 1.5 * 4503599627370496.0;
@@ -290,7 +300,7 @@ KERNEL(c_normalize) {
 }
 
 /* moments(x, w, mean, cov, n): mean and covariance about it, a run at a time in the cache. */
-KERNEL(c_moments) {
+WIDE KERNEL(c_moments) {
   OPEN(4, 2);
   Size n = WHOLE(4), M = n > 0 ? LENGTH(2) / n : 0, N = M ? LENGTH(1) / M : 0;
   double *e = malloc(sizeof(double) * (n + 1) * (N + 1)), *weighted = e + n * N;
@@ -727,7 +737,7 @@ KERNEL(c_track) {
 }
 
 /* log_prob(at_edge, inverse, constants, L, e, out, n log(2 pi) / 2): log N(e; 0, L L'), `zero_mean_log_prob`. */
-KERNEL(c_log_prob) {
+WIDE KERNEL(c_log_prob) {
   OPEN_STRIDED(6, 5);
   Matrix L, e;
   Buffers of_triangle = {{b.views[3], b.views[4]}, 0};
@@ -943,7 +953,7 @@ static inline double spread(double scale, double variance) {
 
 /* scalar_points(mean, P, x, scale): x (3, batch), the mean of a scalar and the points on both sides of it.
    False also for a mean of -0.0, of which the other points are +0.0. */
-KERNEL(c_scalar_points) {
+WIDE KERNEL(c_scalar_points) {
   OPEN_STRIDED(3, 2);
   Matrix m, P;
   double scale = PyFloat_AsDouble(args[3]);
@@ -963,7 +973,7 @@ KERNEL(c_scalar_points) {
 }
 
 /* scalar_noise(moved, Q, f, scale): f (5, batch) of the moved points (3, batch), and f(mean) + v and f(mean) - v. */
-KERNEL(c_scalar_noise) {
+WIDE KERNEL(c_scalar_noise) {
   OPEN(3, 2);
   const double *moved = DOUBLES(0), v = spread(PyFloat_AsDouble(args[3]), *DOUBLES(1));
   double *restrict f = DOUBLES(2);
@@ -975,52 +985,44 @@ KERNEL(c_scalar_noise) {
 
 /* scalar_update(weights, cov_weights, f, h, R, z, m, P, nu, S, scale): posterior, innovation of z (M) and its
    variance by the points f of scalar_noise and h (5, batch) of them; False if an innovation is NaN. */
-KERNEL(c_scalar_update) {
+WIDE KERNEL(c_scalar_update) {
   OPEN(10, 6);
-  enum { PIECE = 128 };
-  const double *f = DOUBLES(2), *h = DOUBLES(3), n = spread(PyFloat_AsDouble(args[10]), *DOUBLES(4)), *z = DOUBLES(5);
-  Size batch = LENGTH(6), N = LENGTH(5) ? batch / LENGTH(5) : 0, left = N;
+  const double *f = DOUBLES(2), *h = DOUBLES(3), n = spread(PyFloat_AsDouble(args[10]), *DOUBLES(4));
+  double *mean = DOUBLES(6), *cov = DOUBLES(7), *nu = DOUBLES(8), *S_out = DOUBLES(9);
+  Size batch = LENGTH(6), runs = LENGTH(5), N = runs ? batch / runs : 0;
   int known = 1;
   /* Of the points' order, center, x, v, n above and x, v, n below: the row of f, and the noise n. */
   static const int row[7] = {0, 1, 3, 0, 2, 4, 0};
   const double noise[7] = {0.0, 0.0, 0.0, n, 0.0, 0.0, -n};
-  for (Size from = 0; from < batch; from += PIECE) {
-    Size count = batch - from < PIECE ? batch - from : PIECE;
-    double relative[7][PIECE], m[PIECE], z_mean[PIECE], P[PIECE], S[PIECE], C[PIECE], z_each[PIECE];
+  double w[7], w_cov[7];
+  memcpy(w, DOUBLES(0), sizeof w);
+  memcpy(w_cov, DOUBLES(1), sizeof w_cov);
+  for (Size r = 0; r < runs; r++)
+    for (Size i = 0; i < N; i++) nu[r * N + i] = DOUBLES(5)[r];
+#pragma GCC ivdep
+  for (Size l = 0; l < batch; l++) {
+    double moved[7], relative[7], m = 0.0, z_mean = 0.0, P = 0.0, S = 0.0, C = 0.0;
     /* Step 1: measurements relative to the center, and both means. */
     for (int p = 0; p < 7; p++) {
-      const double *moved = f + row[p] * batch + from, *seen = h + row[p] * batch + from, *center = h + from;
-      double w = DOUBLES(0)[p], shift = noise[p];
-      for (Size l = 0; l < count; l++) {
-        double dz = seen[l] - center[l] + shift, x_term = w * moved[l], z_term = w * dz;
-        relative[p][l] = dz;
-        m[l] = p ? m[l] + x_term : x_term, z_mean[l] = p ? z_mean[l] + z_term : z_term;
-      }
+      moved[p] = f[row[p] * batch + l];
+      relative[p] = h[row[p] * batch + l] - h[l] + noise[p];
+      m = p ? m + w[p] * moved[p] : w[p] * moved[p];
+      z_mean = p ? z_mean + w[p] * relative[p] : w[p] * relative[p];
     }
     /* Step 2: P of the state, S of the measurement, C of both. */
     for (int p = 0; p < 7; p++) {
-      const double *moved = f + row[p] * batch + from;
-      double w = DOUBLES(1)[p];
-      for (Size l = 0; l < count; l++) {
-        double dx = moved[l] - m[l], dz = relative[p][l] - z_mean[l];
-        double xx = w * (dx * dx), zz = w * (dz * dz), xz = w * (dx * dz);
-        P[l] = p ? P[l] + xx : xx, S[l] = p ? S[l] + zz : zz, C[l] = p ? C[l] + xz : xz;
-      }
+      double dx = moved[p] - m, dz = relative[p] - z_mean;
+      double xx = w_cov[p] * (dx * dx), zz = w_cov[p] * (dz * dz), xz = w_cov[p] * (dx * dz);
+      P = p ? P + xx : xx, S = p ? S + zz : zz, C = p ? C + xz : xz;
     }
-    /* Step 3: K = C / S, m + K nu, P - K S K, each run's measurement being that of its N members. */
-    for (Size l = 0; l < count; l++) {
-      z_each[l] = *z;
-      if (!--left) z++, left = N;
-    }
-    for (Size l = 0; l < count; l++) {
-      double nu = z_each[l] - (h[from + l] + z_mean[l]), K = C[l] * (1.0 / S[l]);
-      known &= nu == nu;
-      DOUBLES(6)[from + l] = K * nu + m[l];
-      DOUBLES(7)[from + l] = P[l] - K * (K * S[l]);
-      DOUBLES(8)[from + l] = nu;
-      DOUBLES(9)[from + l] = S[l];
-    }
+    /* Step 3: K = C / S, m + K nu, P - K S K. */
+    double K = C * (1.0 / S), innovation = nu[l] - (h[l] + z_mean);
+    nu[l] = innovation;
+    S_out[l] = S;
+    mean[l] = K * innovation + m;
+    cov[l] = P - K * (K * S);
   }
+  for (Size l = 0; l < batch; l++) known &= nu[l] == nu[l];
   ANSWER(known);
 }
 
