@@ -285,7 +285,12 @@ KERNEL(c_normalize) {
   for (Size m = 0; m < LENGTH(4); m++) {
     const double *log_w = DOUBLES(2) + m * N;
     double *w = DOUBLES(3) + m * N, top = log_w[0];
-    for (Size i = 1; i < N; i++) if (!(log_w[i] <= top) && top == top) top = log_w[i];
+    int nan = 0;
+    for (Size i = 0; i < N; i++) {
+      top = log_w[i] > top ? log_w[i] : top;
+      nan |= log_w[i] != log_w[i];
+    }
+    if (nan) top = NAN;
     DOUBLES(4)[m] = top;
     for (Size i = 0; i < N; i++) {
       double shifted = top == -INFINITY ? 0.0 : log_w[i] - top;
@@ -300,7 +305,7 @@ KERNEL(c_normalize) {
 }
 
 /* moments(x, w, mean, cov, n): mean and covariance about it, a run at a time in the cache. */
-WIDE KERNEL(c_moments) {
+KERNEL(c_moments) {
   OPEN(4, 2);
   Size n = WHOLE(4), M = n > 0 ? LENGTH(2) / n : 0, N = M ? LENGTH(1) / M : 0;
   double *e = malloc(sizeof(double) * (n + 1) * (N + 1)), *weighted = e + n * N;
@@ -737,7 +742,7 @@ KERNEL(c_track) {
 }
 
 /* log_prob(at_edge, inverse, constants, L, e, out, n log(2 pi) / 2): log N(e; 0, L L'), `zero_mean_log_prob`. */
-WIDE KERNEL(c_log_prob) {
+KERNEL(c_log_prob) {
   OPEN_STRIDED(6, 5);
   Matrix L, e;
   Buffers of_triangle = {{b.views[3], b.views[4]}, 0};
@@ -763,16 +768,14 @@ WIDE KERNEL(c_log_prob) {
         rows[l] = i ? rows[l] + square : square;
       }
     /* Step 2: sqrt(det P) is the product of the diagonal of L. */
-    double *restrict out = DOUBLES(5) + from, log_scale = NAN;
-    for (Size l = 0; l < n; l++) {
-      if (!l || !L.constant) {
-        const double *at = L.at + (L.constant ? 0 : from + l);
-        double scale = *at;
-        for (Size i = 1; i < L.rows; i++) scale *= at[i * (L.row + L.column)];
-        log_scale = log_of(scale, at_edge, inverse, c) + log_norm;
-      }
-      out[l] = -log_scale - rows[l];
+    double *restrict out = DOUBLES(5) + from, scale[CHUNK];
+    for (Size i = 0; i < L.rows; i++) {
+      const double *at = L.at + i * (L.row + L.column) + (L.constant ? 0 : from);
+      for (Size l = 0; l < count; l++) scale[l] = i ? scale[l] * at[l] : at[l];
     }
+    for (Size l = 0; l < count; l++) scale[l] = -(log_of(scale[l], at_edge, inverse, c) + log_norm);
+    if (L.constant) for (Size l = 0; l < n; l++) out[l] = scale[0] - rows[l];
+    else for (Size l = 0; l < n; l++) out[l] = scale[l] - rows[l];
   }
   ANSWER(1);
 }
@@ -798,8 +801,8 @@ KERNEL(c_mix) {
   ANSWER(1);
 }
 
-/* any_nan(a): None if the memory of a has another form. */
-KERNEL(c_any_nan) {
+/* Whether any of a is NaN, or infinite if that counts; None if the memory of a has another form. */
+static PyObject *any(PyObject *const *args, Size given, int infinite) {
   Py_buffer view;
   if (given < 1 || PyObject_GetBuffer(args[0], &view, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT)) {
     PyErr_Clear();
@@ -807,11 +810,16 @@ KERNEL(c_any_nan) {
   }
   const double *a = view.buf;
   int suitable = !strcmp(view.format, "d"), found = 0;
-  for (Size i = 0; i < view.len / 8 && suitable; i++) found |= a[i] != a[i];
+  Size length = suitable ? view.len / 8 : 0;
+  if (infinite) for (Size i = 0; i < length; i++) found |= !(fabs(a[i]) < INFINITY);
+  else for (Size i = 0; i < length; i++) found |= a[i] != a[i];
   PyBuffer_Release(&view);
   if (!suitable) Py_RETURN_NONE;
   return PyBool_FromLong(found);
 }
+
+KERNEL(c_any_nan) { return any(args, given, 0); }
+KERNEL(c_any_not_finite) { return any(args, given, 1); }
 
 /* lower_product(L, x, out): L x for a triangle per run and particles (n, M, N). */
 KERNEL(c_lower_product) {
@@ -953,7 +961,7 @@ static inline double spread(double scale, double variance) {
 
 /* scalar_points(mean, P, x, scale): x (3, batch), the mean of a scalar and the points on both sides of it.
    False also for a mean of -0.0, of which the other points are +0.0. */
-WIDE KERNEL(c_scalar_points) {
+KERNEL(c_scalar_points) {
   OPEN_STRIDED(3, 2);
   Matrix m, P;
   double scale = PyFloat_AsDouble(args[3]);
@@ -973,7 +981,7 @@ WIDE KERNEL(c_scalar_points) {
 }
 
 /* scalar_noise(moved, Q, f, scale): f (5, batch) of the moved points (3, batch), and f(mean) + v and f(mean) - v. */
-WIDE KERNEL(c_scalar_noise) {
+KERNEL(c_scalar_noise) {
   OPEN(3, 2);
   const double *moved = DOUBLES(0), v = spread(PyFloat_AsDouble(args[3]), *DOUBLES(1));
   double *restrict f = DOUBLES(2);
@@ -1064,7 +1072,7 @@ static PyMethodDef methods[] = {
   METHOD(exp), METHOD(log), METHOD(gamma_log_density), METHOD(log_prob),
   METHOD(cos_sin), METHOD(arctan2), METHOD(normals), METHOD(total), METHOD(dot),
   METHOD(normalize), METHOD(moments), METHOD(ancestors), METHOD(select), METHOD(product), METHOD(sandwich),
-  METHOD(gain), METHOD(joseph), METHOD(factor), METHOD(eigen), METHOD(whiten), METHOD(mahalanobis), METHOD(track), METHOD(mix), METHOD(any_nan),
+  METHOD(gain), METHOD(joseph), METHOD(factor), METHOD(eigen), METHOD(whiten), METHOD(mahalanobis), METHOD(track), METHOD(mix), METHOD(any_nan), METHOD(any_not_finite),
   METHOD(lower_product), METHOD(weighted), METHOD(cross), METHOD(sigma_points),
   METHOD(scalar_points), METHOD(scalar_noise), METHOD(scalar_update), METHOD(condition), {NULL}};
 static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, "_compiled", "Kernels of core/ in C.", -1, methods};

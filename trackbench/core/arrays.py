@@ -44,6 +44,12 @@ def any_nan(a: Array) -> bool:
     return bool(np.isnan(a).any()) if found is None else bool(found)
 
 
+def all_finite(a: Array) -> bool:
+    """Return whether all entries are finite numbers."""
+    found = compiled.kernels.any_not_finite(a) if compiled.kernels else None
+    return bool(np.isfinite(a).all()) if found is None else not found
+
+
 def fixed(a: A) -> A:
     """Return the array in memory that cannot be made writable, for results that are shared.
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from trackbench.core import compiled, elementary, linalg
 from trackbench.core._elementary_kernels import log_tables
-from trackbench.core.arrays import Array, with_trailing
+from trackbench.core.arrays import Array, all_finite, fixed, with_trailing
 from trackbench.core.elementary import log
 from trackbench.core.random_streams import Streams
 
@@ -94,7 +94,7 @@ class Gaussian(Symmetric):
         shape = self.mean.shape + trailing
         noise = rng.standard_normal(shape)
         # A covariance without a Cholesky factor needs the semidefinite root.
-        root = self._root if np.isfinite(self._root).all() else linalg.root(self.cov)
+        root = self._root if all_finite(self._root) else linalg.root(self.cov)
         if root.ndim > 2:
             root = with_trailing(root, len(shape) - 1, leading=2)
         # x = mean + L e
@@ -170,6 +170,11 @@ class Gamma:
         """Return shape / rate^2."""
         return self.shape / (self.rate * self.rate)
 
+    @cached_property
+    def cov(self) -> Array:
+        """Return the variance as a matrix (1, 1)."""
+        return fixed(np.array([[self.variance]]))
+
     @property
     def peak(self) -> float:
         """Return the value of highest density: (shape - 1) / rate, or zero."""
@@ -237,7 +242,7 @@ class Shifted:
     @property
     def cov(self) -> Array:
         """Return the noise's variance (1, 1)."""
-        return np.array([[self.noise.variance]])
+        return self.noise.cov
 
     def sample(self, rng: Streams, *trailing: int) -> Array:
         """Return ``loc`` plus a fresh variate per batch member."""

@@ -227,9 +227,10 @@ class ScalarPoints(NamedTuple):
         alike = _is_float(h, predicted.shape) and _is_float(R, (1, 1)) and _is_float(z, (1, *batch[:1]))
         if compiled.kernels is None or not alike:
             return None
-        mean, nu, cov, S = (np.empty((1,) * axes + batch) for axes in (1, 1, 2, 2))
-        inputs = self.weights, self.cov_weights, predicted, h, R, z
-        arrays = *map(np.ascontiguousarray, inputs), mean, cov, nu, S
+        mean, nu = np.empty((1, *batch)), np.empty((1, *batch))
+        cov, S = np.empty((1, 1, *batch)), np.empty((1, 1, *batch))
+        h, z = np.ascontiguousarray(h), np.ascontiguousarray(z)
+        arrays = self.weights, self.cov_weights, predicted, h, R, z, mean, cov, nu, S
         return (mean, cov, nu, S) if compiled.kernels.scalar_update(*arrays, self.scale) else None
 
 

@@ -8,6 +8,7 @@ draws each particle from a Kalman filter of its own (de Freitas et al. 2000; van
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated, ClassVar, Literal, NamedTuple, TypeAlias, cast
 
 import numpy as np
@@ -236,8 +237,11 @@ class UnscentedProposal:
     def _kalman(
         self, model: Model, state: Gaussian, z: Array, k: int, assumed: AssumedNoise
     ) -> Gaussian:
-        unscented = Unscented(self.alpha, self.beta, self.kappa)
-        return augmented_step(model, state, z, k, assumed, unscented)[0]
+        return augmented_step(model, state, z, k, assumed, self._rule)[0]
+
+    @cached_property
+    def _rule(self) -> Unscented:
+        return Unscented(self.alpha, self.beta, self.kappa)
 
     def _kalman_conflicts(self, model: Model) -> dict[str, str]:
         return spread_conflicts(self.alpha, self.kappa, model)
