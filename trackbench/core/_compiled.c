@@ -120,13 +120,16 @@ KERNEL(c_gamma_log_density) {
   const double *at_edge = DOUBLES(0), *inverse = DOUBLES(1), *c = DOUBLES(2), *v = DOUBLES(3);
   double *out = DOUBLES(4), power = PyFloat_AsDouble(args[5]), rate = PyFloat_AsDouble(args[6]);
   double log_norm = PyFloat_AsDouble(args[7]);
-  for (Size i = 0; i < LENGTH(3); i++) {
-    double log_p = log_of(v[i] <= 0x1p-1022 ? 0x1p-1022 : v[i], at_edge, inverse, c);
+  Size n = LENGTH(3);
+  /* Loops of their own for both conditions: the sign of v is random, and a jump that depends on it costs more. */
+  for (Size i = 0; i < n; i++) out[i] = v[i] > 0x1p-1022 ? v[i] : 0x1p-1022; /* also of NaN: rate v is NaN again */
+  for (Size i = 0; i < n; i++) {
+    double log_p = log_of(out[i], at_edge, inverse, c);
     log_p *= power;
     log_p -= rate * v[i];
-    log_p += log_norm;
-    out[i] = v[i] <= 0.0 ? -INFINITY : log_p;
+    out[i] = log_p + log_norm;
   }
+  for (Size i = 0; i < n; i++) out[i] = v[i] <= 0.0 ? -INFINITY : out[i];
   DONE;
 }
 
