@@ -973,12 +973,13 @@ KERNEL(c_scalar_points) {
       || !(P.constant || same_batch(&b.views[0], 1, &b.views[1], 2)))
     ANSWER(0);
   double *restrict x = DOUBLES(2), *restrict above = x + m.batch, *restrict below = above + m.batch;
+  for (Size l = 0; l < m.batch; l++) negative_zero |= bits_of(m.at[l]) == INT64_MIN;
+  for (Size l = 0; l < m.batch; l++) below[l] = P.constant ? *P.at : P.at[l];
   for (Size l = 0; l < m.batch; l++) {
-    double mean = m.at[l], step = spread(scale, P.at[P.constant ? 0 : l]);
-    negative_zero |= mean == 0.0 && signbit(mean);
-    x[l] = mean;
-    above[l] = mean + step;
-    below[l] = mean - step;
+    double step = spread(scale, below[l]);
+    x[l] = m.at[l];
+    above[l] = m.at[l] + step;
+    below[l] = m.at[l] - step;
   }
   ANSWER(!negative_zero);
 }
