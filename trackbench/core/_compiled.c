@@ -280,11 +280,11 @@ KERNEL(c_dot) {
 
 /* ---- particles.py and resampling.py ---- */
 
-/* normalize(powers, constants, log_w, w, top, scale, N): constants of exp, then the clip and its weight. */
+/* normalize(powers, constants, log_w, w, top, scale, collapsed, N): constants of exp, then the clip and its weight. */
 KERNEL(c_normalize) {
-  OPEN(6, 3);
+  OPEN(7, 3);
   const double *powers = DOUBLES(0), *c = DOUBLES(1);
-  Size N = WHOLE(6);
+  Size N = WHOLE(7);
   for (Size m = 0; m < LENGTH(4); m++) {
     const double *log_w = DOUBLES(2) + m * N;
     double *w = DOUBLES(3) + m * N, top = log_w[0];
@@ -295,6 +295,7 @@ KERNEL(c_normalize) {
     }
     if (nan) top = NAN;
     DOUBLES(4)[m] = top;
+    ((char *)b.views[6].buf)[m] = top == -INFINITY;
     for (Size i = 0; i < N; i++) {
       double shifted = top == -INFINITY ? 0.0 : log_w[i] - top;
       if (shifted < c[3]) shifted = c[3];
@@ -620,6 +621,7 @@ KERNEL(c_factor) {
         if (i == j) for (Size l = 0; l < n; l++) root[l] = sqrt(pivot[l]);
         else for (Size l = 0; l < n; l++) at[l] /= root[l];
       }
+      if (P.rows == 1 && tolerance == 0.0) continue; /* the root alone */
       /* Step 3: zeros where there is no variance, NaN where P is not definite. */
       for (Size i = j; i < P.rows; i++) {
         double *at = L.at + i * L.row + j * L.column + from;

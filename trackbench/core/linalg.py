@@ -114,6 +114,9 @@ def cholesky(P: Array) -> Array:
     """
     n = P.shape[0]
     if n == 1:
+        L = np.empty(P.shape)
+        if compiled.kernels and compiled.kernels.factor(P, L, 0.0):
+            return L
         with np.errstate(invalid="ignore"):
             return np.sqrt(P)
     return _factor(P, 0.0)
