@@ -207,9 +207,11 @@ class ScalarPoints(NamedTuple):
     def add_noise(self, moved: Array, Q: Array) -> Array | None:
         """Return the predicted points (1, 5, *batch): ``moved``, which is f(x), and f(mean) +- v.
 
-        None if ``moved`` does not have the shape of x, Q is not one variance, or either is no float64.
+        None if ``moved`` does not have the shape of x, or Q is not (1, 1), or either is not float64.
         """
-        if compiled.kernels is None or not (_is_float(moved, self.x.shape) and _is_float(Q, (1, 1))):
+        if compiled.kernels is None or not (
+            _is_float(moved, self.x.shape) and _is_float(Q, (1, 1))
+        ):
             return None
         predicted = np.empty((1, 5, *moved.shape[2:]))
         compiled.kernels.scalar_noise(np.ascontiguousarray(moved), Q, predicted, self.scale)
@@ -220,11 +222,13 @@ class ScalarPoints(NamedTuple):
     ) -> tuple[Array, Array, Array, Array] | None:
         """Return posterior mean and covariance, innovation and its covariance, as by all seven points.
 
-        ``h`` are the measurements of the points ``predicted``, and z is (1, M). None if any innovation
-        is NaN, ``h`` does not have the shape of ``predicted``, R is not one variance, or any is no float64.
+        ``h`` are the measurements of the points ``predicted``, R is (1, 1), and z is (1, M). None if any
+        innovation is NaN, or if one of the three has another shape or a type other than float64.
         """
         batch = predicted.shape[2:]
-        alike = _is_float(h, predicted.shape) and _is_float(R, (1, 1)) and _is_float(z, (1, *batch[:1]))
+        alike = (
+            _is_float(h, predicted.shape) and _is_float(R, (1, 1)) and _is_float(z, (1, *batch[:1]))
+        )
         if compiled.kernels is None or not alike:
             return None
         mean, nu = np.empty((1, *batch)), np.empty((1, *batch))
