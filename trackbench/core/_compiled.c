@@ -21,6 +21,12 @@
 #ifndef WIDE
 #define WIDE
 #endif
+/* Before a loop that writes to no memory that another iteration reads. */
+#ifdef __clang__
+#define INDEPENDENT _Pragma("clang loop vectorize(assume_safety)")
+#else
+#define INDEPENDENT _Pragma("GCC ivdep")
+#endif
 
 typedef Py_ssize_t Size;
 enum { POWERS = 1 << 14, LOGS = 1 << 13, TURNS = 1 << 11, SLOPES = 1 << 8, QUADS = 4096 };
@@ -367,6 +373,34 @@ KERNEL(c_select) {
     const int64_t *from = INTS(0) + i * length;
     int64_t *to = INTS(2) + i * count;
     for (Size k = 0; k < count; k++) to[k] = from[index[k]];
+  }
+  DONE;
+}
+
+/* choose(mask, a, b, out): a where the mask (M, N) is set, else b (n, M, N), by bits: the mask is as good as random. */
+KERNEL(c_choose) {
+  OPEN(4, 3);
+  Size count = b.views[0].len, n = count ? LENGTH(3) / count : 0;
+  const char *mask = b.views[0].buf;
+  for (Size i = 0; i < n; i++) {
+    const int64_t *yes = INTS(1) + i * count, *no = INTS(2) + i * count;
+    int64_t *restrict out = INTS(3) + i * count;
+    for (Size k = 0; k < count; k++) out[k] = no[k] ^ ((yes[k] ^ no[k]) & -(int64_t)mask[k]);
+  }
+  DONE;
+}
+
+/* pairs(u, r1, r2, N): `distinct_pairs` from uniform numbers u (2, M, N). */
+KERNEL(c_pairs) {
+  OPEN(3, 1);
+  Size N = WHOLE(3), count = LENGTH(1);
+  const double *u = DOUBLES(0);
+  for (Size l = 0, i = 0; l < count; l++) {
+    Size first = (Size)(u[l] * (double)(N - 1)) + 1, second = (Size)(u[count + l] * (double)(N - 2)) + 1;
+    second += second >= first;
+    INTS(1)[l] = l + first - (i + first < N ? 0 : N);
+    INTS(2)[l] = l + second - (i + second < N ? 0 : N);
+    i = i + 1 < N ? i + 1 : 0;
   }
   DONE;
 }
@@ -1013,7 +1047,7 @@ WIDE KERNEL(c_scalar_update) {
   memcpy(w_cov, DOUBLES(1), sizeof w_cov);
   for (Size r = 0; r < runs; r++)
     for (Size i = 0; i < N; i++) nu[r * N + i] = DOUBLES(5)[r];
-#pragma GCC ivdep
+  INDEPENDENT
   for (Size l = 0; l < batch; l++) {
     double moved[7], relative[7], m = 0.0, z_mean = 0.0, P = 0.0, S = 0.0, C = 0.0;
     /* Step 1: measurements relative to the center, and both means. */
@@ -1077,7 +1111,7 @@ KERNEL(c_condition) {
 static PyMethodDef methods[] = {
   METHOD(exp), METHOD(log), METHOD(gamma_log_density), METHOD(log_prob),
   METHOD(cos_sin), METHOD(arctan2), METHOD(normals), METHOD(total), METHOD(dot),
-  METHOD(normalize), METHOD(moments), METHOD(ancestors), METHOD(select), METHOD(product), METHOD(sandwich),
+  METHOD(normalize), METHOD(moments), METHOD(ancestors), METHOD(select), METHOD(choose), METHOD(pairs), METHOD(product), METHOD(sandwich),
   METHOD(gain), METHOD(joseph), METHOD(factor), METHOD(eigen), METHOD(whiten), METHOD(mahalanobis), METHOD(track), METHOD(mix), METHOD(any_nan), METHOD(any_not_finite),
   METHOD(lower_product), METHOD(weighted), METHOD(cross), METHOD(sigma_points),
   METHOD(scalar_points), METHOD(scalar_noise), METHOD(scalar_update), METHOD(condition), {NULL}};

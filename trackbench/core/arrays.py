@@ -50,6 +50,16 @@ def all_finite(a: Array) -> bool:
     return bool(np.isfinite(a).all()) if found is None else not found
 
 
+def choose(mask: Mask, a: Array, b: Array) -> Array:
+    """Return a where the mask (*batch) is set, else b, for arrays (n, *batch) or (*batch)."""
+    alike = a.shape == b.shape and a.shape[a.ndim - mask.ndim :] == mask.shape
+    if compiled.kernels and alike and a.dtype == b.dtype == np.float64 and mask.dtype == np.bool_:
+        out = np.empty(a.shape)
+        compiled.kernels.choose(*map(np.ascontiguousarray, (mask, a, b)), out)
+        return out
+    return np.where(mask, a, b)
+
+
 def fixed(a: A) -> A:
     """Return the array in memory that cannot be made writable, for results that are shared.
 

@@ -16,7 +16,7 @@ from annotated_types import Ge
 from numpy.random import Generator
 
 from trackbench.core import linalg, particles
-from trackbench.core.arrays import Array, with_trailing
+from trackbench.core.arrays import Array, choose, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.elementary import log, logaddexp
 from trackbench.core.particles import Particles, WeightReading, read_likelihood
@@ -57,7 +57,7 @@ class DefensiveMixture(NamedTuple):
         """Return one draw per particle (n, M, N)."""
         x = self.kalman.sample(rng)
         from_prior = rng.random(x.shape[1:]) < self.share
-        return np.where(from_prior, self.transition.sample(rng), x)
+        return choose(from_prior, self.transition.sample(rng), x)
 
     def log_prob(self, x: Array) -> Array:
         """Return the log-density (M, N) of the mixture."""
