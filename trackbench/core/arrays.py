@@ -30,7 +30,8 @@ def with_trailing(a: Array, batch_ndim: int, leading: int = 1) -> Array:
 
     ``leading`` is the number of component axes (1 for a vector, 2 for a matrix).
     """
-    return a.reshape(a.shape + (1,) * (batch_ndim + leading - a.ndim))
+    missing = batch_ndim + leading - a.ndim
+    return a.reshape(a.shape + (1,) * missing) if missing > 0 else a
 
 
 def with_axes_of(like: Array, a: Array) -> Array:
