@@ -87,50 +87,51 @@ KERNEL(c_exp) {
   DONE;
 }
 
-/* log x of a normal number; c = log_linear, log_square, log_2 / 2^52. */
-static inline double log_of_normal(double x, const double *at_edge, const double *inverse, const double *c) {
+/* log x of a normal number; c = log_linear, log_square, log_2 / 2^52, log_2, then each cell's log and inverse. */
+static inline double log_of_normal(double x, const double *c) {
   enum { CELL = 52 + 1 - 14 };
   int64_t e = bits_of(x) - 0x3FE8000000000000, index = (e >> CELL) & (LOGS - 1);
   e &= (int64_t)(~(uint64_t)0 << 52);
   int64_t m = bits_of(x) - e, edge = (int64_t)((uint64_t)(m >> CELL) << CELL);
   double r = of_bits(m) - of_bits(edge);
-  r *= inverse[index];
+  const double *cell = c + 4 + 2 * index;
+  r *= cell[1];
   double series = c[0] * r;
   series += c[1];
   series *= r;
   series *= r;
   series += r;
-  series += at_edge[index];
+  series += cell[0];
   return (double)e * c[2] + series;
 }
 
-/* log v of any number; the constants' fourth is log 2. */
-static inline double log_of(double v, const double *at_edge, const double *inverse, const double *c) {
-  if (v >= 0x1p-1022 && v < INFINITY) return log_of_normal(v, at_edge, inverse, c);
-  if (v > 0.0 && v < 1.0) return log_of_normal(v * 0x1p52, at_edge, inverse, c) - 52 * c[3];
+/* log v of any number */
+static inline double log_of(double v, const double *c) {
+  if (v >= 0x1p-1022 && v < INFINITY) return log_of_normal(v, c);
+  if (v > 0.0 && v < 1.0) return log_of_normal(v * 0x1p52, c) - 52 * c[3];
   return v == 0.0 ? -INFINITY : v > 0.0 ? INFINITY : NAN;
 }
 
-/* log(at_edge, inverse, constants, x, out) */
+/* log(logs, x, out): `log_table`. */
 KERNEL(c_log) {
-  OPEN(5, 4);
-  const double *at_edge = DOUBLES(0), *inverse = DOUBLES(1), *c = DOUBLES(2), *x = DOUBLES(3);
-  double *out = DOUBLES(4);
-  for (Size i = 0; i < LENGTH(3); i++) out[i] = log_of(x[i], at_edge, inverse, c);
+  OPEN(3, 2);
+  const double *logs = DOUBLES(0), *x = DOUBLES(1);
+  double *out = DOUBLES(2);
+  for (Size i = 0; i < LENGTH(1); i++) out[i] = log_of(x[i], logs);
   DONE;
 }
 
-/* gamma_log_density(at_edge, inverse, constants, v, out, shape - 1, rate, log_norm): `Gamma.log_density`. */
+/* gamma_log_density(logs, v, out, shape - 1, rate, log_norm): `Gamma.log_density`. */
 KERNEL(c_gamma_log_density) {
-  OPEN(5, 4);
-  const double *at_edge = DOUBLES(0), *inverse = DOUBLES(1), *c = DOUBLES(2), *v = DOUBLES(3);
-  double *out = DOUBLES(4), power = PyFloat_AsDouble(args[5]), rate = PyFloat_AsDouble(args[6]);
-  double log_norm = PyFloat_AsDouble(args[7]);
-  Size n = LENGTH(3);
+  OPEN(3, 2);
+  const double *logs = DOUBLES(0), *v = DOUBLES(1);
+  double *restrict out = DOUBLES(2), power = PyFloat_AsDouble(args[3]), rate = PyFloat_AsDouble(args[4]);
+  double log_norm = PyFloat_AsDouble(args[5]);
+  Size n = LENGTH(1);
   /* Loops of their own for both conditions: the sign of v is random, and a jump that depends on it costs more. */
   for (Size i = 0; i < n; i++) out[i] = v[i] > 0x1p-1022 ? v[i] : 0x1p-1022; /* also of NaN: rate v is NaN again */
   for (Size i = 0; i < n; i++) {
-    double log_p = log_of(out[i], at_edge, inverse, c);
+    double log_p = log_of(out[i], logs);
     log_p *= power;
     log_p -= rate * v[i];
     out[i] = log_p + log_norm;
@@ -780,13 +781,13 @@ KERNEL(c_track) {
   DONE;
 }
 
-/* log_prob(at_edge, inverse, constants, L, e, out, n log(2 pi) / 2): log N(e; 0, L L'), `zero_mean_log_prob`. */
+/* log_prob(logs, L, e, out, n log(2 pi) / 2): log N(e; 0, L L'), `zero_mean_log_prob`. */
 KERNEL(c_log_prob) {
-  OPEN_STRIDED(6, 5);
+  OPEN_STRIDED(4, 3);
   Matrix L, e;
-  Buffers of_triangle = {{b.views[3], b.views[4]}, 0};
+  Buffers of_triangle = {{b.views[1], b.views[2]}, 0};
   if (!as_triangle(&of_triangle, &L, &e) || L.rows != L.columns || L.rows * L.rows > MOST) ANSWER(0);
-  const double *at_edge = DOUBLES(0), *inverse = DOUBLES(1), *c = DOUBLES(2), log_norm = PyFloat_AsDouble(args[6]);
+  const double *logs = DOUBLES(0), log_norm = PyFloat_AsDouble(args[4]);
   static double triangle[MOST * CHUNK], rows[MOST * CHUNK];
   Size entry = L.constant ? 1 : CHUNK;
   for (Size from = 0; from < e.batch; from += CHUNK) {
@@ -807,12 +808,12 @@ KERNEL(c_log_prob) {
         rows[l] = i ? rows[l] + square : square;
       }
     /* Step 2: sqrt(det P) is the product of the diagonal of L. */
-    double *restrict out = DOUBLES(5) + from, scale[CHUNK];
+    double *restrict out = DOUBLES(3) + from, scale[CHUNK];
     for (Size i = 0; i < L.rows; i++) {
       const double *at = L.at + i * (L.row + L.column) + (L.constant ? 0 : from);
       for (Size l = 0; l < count; l++) scale[l] = i ? scale[l] * at[l] : at[l];
     }
-    for (Size l = 0; l < count; l++) scale[l] = -(log_of(scale[l], at_edge, inverse, c) + log_norm);
+    for (Size l = 0; l < count; l++) scale[l] = -(log_of(scale[l], logs) + log_norm);
     if (L.constant) for (Size l = 0; l < n; l++) out[l] = scale[0] - rows[l];
     else for (Size l = 0; l < n; l++) out[l] = scale[l] - rows[l];
   }

@@ -195,14 +195,14 @@ def once(function: F) -> F:
 
     @wraps(function)
     def call(*matrices: Array) -> Any:
+        if matrices[0].ndim > 2:  # has a batch axis, so it is not constant
+            return function(*matrices)
         identities = tuple([id(A) for A in matrices])
         found = by_identity.get(identities)
         if found is not None:
             return found[1]
-        # A matrix with a batch axis is not constant: compute directly.
-        for A in matrices:
-            if A.ndim > 2:
-                return function(*matrices)
+        if any(A.ndim > 2 for A in matrices):
+            return function(*matrices)
         # The key is the content of all matrices.
         key = tuple([(A.dtype.char, A.shape, A.tobytes()) for A in matrices])
         result = cache.get(key)

@@ -12,7 +12,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from trackbench.core import compiled, elementary, linalg
-from trackbench.core._elementary_kernels import log_tables
+from trackbench.core._elementary_kernels import log_table
 from trackbench.core.arrays import Array, all_finite, fixed, with_trailing
 from trackbench.core.elementary import log
 from trackbench.core.random_streams import Streams
@@ -137,7 +137,7 @@ def zero_mean_log_prob(e: Array, cov: Array, root: Array | None = None) -> Array
     log_norm = 0.5 * len(e) * LOG_2PI
     if compiled.kernels and e.ndim > 1:
         out = np.empty(e.shape[1:])
-        if compiled.kernels.log_prob(*log_tables(), L, e, out, log_norm):
+        if compiled.kernels.log_prob(log_table(), L, e, out, log_norm):
             return out
     rows = linalg.whiten(_SQRT_2 * L, e)
     exponent = rows[0]
@@ -207,7 +207,7 @@ class Gamma:
         if compiled.kernels and v.dtype == np.float64:
             out, v = np.empty(v.shape), np.ascontiguousarray(v)
             numbers = self.shape - 1.0, self.rate, self._log_norm
-            compiled.kernels.gamma_log_density(*log_tables(), v, out, *numbers)
+            compiled.kernels.gamma_log_density(log_table(), v, out, *numbers)
             return out
         log_p = np.maximum(v, _SMALLEST)
         log_p = elementary.log(log_p, out=log_p)

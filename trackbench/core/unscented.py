@@ -71,7 +71,7 @@ class Unscented:
         """
         if len(state.mean) > 1 or not compiled.kernels:
             return None
-        x, scale = np.empty((1, 3, *state.mean.shape[1:])), float(np.sqrt(self.spread(3)))
+        x, scale = np.empty((1, 3, *state.mean.shape[1:])), sqrt(self.spread(3))
         if not compiled.kernels.scalar_points(state.mean, state.cov, x, scale):
             return None
         return ScalarPoints(x, scale, *_weights(self, 3))
