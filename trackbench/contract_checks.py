@@ -86,10 +86,12 @@ def _check_shapes(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
                 raise ContractError(f"{name} at step {k} is not finite")
             single &= not i or np.array_equal(array, np.float32(array))
         diagnostics = checked_numbers("diagnostic", tracker.diagnostics(state), runs)
-        for name, value in diagnostics.items() if i and known is not None else ():
-            of_steps = known.diagnostics.get(name)
-            if of_steps is None or not np.allclose(of_steps[i - 1], value, equal_nan=True):
-                raise ContractError(f"all_steps gives another {name} than step at step {k}")
+        if i and known is not None:
+            for name, value in diagnostics.items():
+                rows = known.diagnostics.get(name)
+                if rows is None or not np.allclose(rows[i - 1], value, equal_nan=True):
+                    what = f"another {name} than step at step {k}"
+                    raise ContractError(f"all_steps gives {what}")
         check_names(diagnostics)
         names = sorted(tracker.diagnostic_names)
         if i and declares_diagnostics(type(tracker)) and sorted(diagnostics) != names:

@@ -19,6 +19,7 @@ from trackbench.core import (
     kalman,
     linalg,
     mixtures,
+    particle_moves,
     particles,
     resampling,
     sums,
@@ -342,7 +343,7 @@ def test_steps_by_points_of_scalars(
                 both(lambda x=x, P=P, z=z, k=k, noise=noise: step(Gaussian(x, P), z, k, noise))
 
 
-@pytest.mark.parametrize("returned", [np.int64, np.float32, "one for all"])
+@pytest.mark.parametrize("returned", [np.int64, np.float32, "noise of the state", "one for all"])
 def test_steps_by_points_of_a_sensor_of_other_arrays(
     returned: type | str, both: Callable[..., None]
 ) -> None:
@@ -383,6 +384,8 @@ class _Other(SensorBase):
         object.__setattr__(self, "returned", returned)
 
     def measurement(self, x: np.ndarray, k: int) -> Gaussian:
+        if self.returned == "noise of the state":
+            return Gaussian(np.sin(x), 1.0 + np.square(x)[None])
         mean = np.zeros((1, 1, 1)) if isinstance(self.returned, str) else x.astype(self.returned)
         return Gaussian(mean, np.ones((1, 1)))
 
@@ -445,7 +448,28 @@ def test_nan_is_found(both: Callable[..., None]) -> None:
     ):
         both(lambda a=a: arrays.any_nan(a))
         both(lambda a=a: arrays.any_nan(a[None, :, None].T))
+        both(lambda a=a: arrays.all_finite(a))
+        both(lambda a=a: arrays.all_finite(a[None, :, None].T))
+        assert arrays.all_finite(a) == np.isfinite(a).all()
         assert arrays.any_nan(a) == np.isnan(a).any()
+
+
+def test_choices_and_pairs(both: Callable[..., None]) -> None:
+    rng = np.random.default_rng(11)
+    a, b = rng.choice(SPECIAL, (2, 3, 8, 40))
+    mask = rng.random((8, 40)) < 0.5
+    for yes, no in ((a, b), (a[0], b[0]), (a[:, ::-1], b), (a, b[:1]), (a, (2 * mask).astype(int))):
+        both(lambda yes=yes, no=no: arrays.choose(mask, yes, no))
+    both(lambda: arrays.choose(mask[:, :1], a, b))
+    both(lambda: arrays.choose(mask[:, :0], a[..., :0], b[..., :0]))
+    for N in (3, 10, 300):
+        both(lambda N=N: particle_moves.distinct_pairs(7, N, block_stream(3, N)))
+
+
+def test_roots_of_one_variance(both: Callable[..., None]) -> None:
+    for P in (SPECIAL[None, None], np.tile(SPECIAL, (1, 1, 3, 60)), SPECIAL[None, None, ::-1]):
+        both(lambda P=P: linalg.cholesky(P))
+        both(lambda P=P: linalg.root(P))
 
 
 def test_constant_matrices(both: Callable[..., None]) -> None:

@@ -12,6 +12,22 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* Kernels whose loops are sums and products also for four numbers at a time; each rounds as it does alone. */
+#if defined(__x86_64__) && defined(__GLIBC__) && defined(__has_attribute)
+#if __has_attribute(target_clones)
+#define WIDE __attribute__((target_clones("avx2", "default")))
+#endif
+#endif
+#ifndef WIDE
+#define WIDE
+#endif
+/* Before a loop that writes to no memory that another iteration reads. */
+#ifdef __clang__
+#define INDEPENDENT _Pragma("clang loop vectorize(assume_safety)")
+#else
+#define INDEPENDENT _Pragma("GCC ivdep")
+#endif
+
 typedef Py_ssize_t Size;
 enum { POWERS = 1 << 14, LOGS = 1 << 13, TURNS = 1 << 11, SLOPES = 1 << 8, QUADS = 4096 };
 static const double ROUND = 1.5 * 4503599627370496.0;
@@ -77,52 +93,56 @@ KERNEL(c_exp) {
   DONE;
 }
 
-/* log x of a normal number; c = log_linear, log_square, log_2 / 2^52. */
-static inline double log_of_normal(double x, const double *at_edge, const double *inverse, const double *c) {
+/* log x of a normal number; c = log_linear, log_square, log_2 / 2^52, log_2, then each cell's log and inverse. */
+static inline double log_of_normal(double x, const double *c) {
   enum { CELL = 52 + 1 - 14 };
   int64_t e = bits_of(x) - 0x3FE8000000000000, index = (e >> CELL) & (LOGS - 1);
   e &= (int64_t)(~(uint64_t)0 << 52);
   int64_t m = bits_of(x) - e, edge = (int64_t)((uint64_t)(m >> CELL) << CELL);
   double r = of_bits(m) - of_bits(edge);
-  r *= inverse[index];
+  const double *cell = c + 4 + 2 * index;
+  r *= cell[1];
   double series = c[0] * r;
   series += c[1];
   series *= r;
   series *= r;
   series += r;
-  series += at_edge[index];
+  series += cell[0];
   return (double)e * c[2] + series;
 }
 
-/* log v of any number; the constants' fourth is log 2. */
-static inline double log_of(double v, const double *at_edge, const double *inverse, const double *c) {
-  if (v >= 0x1p-1022 && v < INFINITY) return log_of_normal(v, at_edge, inverse, c);
-  if (v > 0.0 && v < 1.0) return log_of_normal(v * 0x1p52, at_edge, inverse, c) - 52 * c[3];
+/* log v of any number */
+static inline double log_of(double v, const double *c) {
+  if (v >= 0x1p-1022 && v < INFINITY) return log_of_normal(v, c);
+  if (v > 0.0 && v < 1.0) return log_of_normal(v * 0x1p52, c) - 52 * c[3];
   return v == 0.0 ? -INFINITY : v > 0.0 ? INFINITY : NAN;
 }
 
-/* log(at_edge, inverse, constants, x, out) */
+/* log(logs, x, out): `log_table`. */
 KERNEL(c_log) {
-  OPEN(5, 4);
-  const double *at_edge = DOUBLES(0), *inverse = DOUBLES(1), *c = DOUBLES(2), *x = DOUBLES(3);
-  double *out = DOUBLES(4);
-  for (Size i = 0; i < LENGTH(3); i++) out[i] = log_of(x[i], at_edge, inverse, c);
+  OPEN(3, 2);
+  const double *logs = DOUBLES(0), *x = DOUBLES(1);
+  double *out = DOUBLES(2);
+  for (Size i = 0; i < LENGTH(1); i++) out[i] = log_of(x[i], logs);
   DONE;
 }
 
-/* gamma_log_density(at_edge, inverse, constants, v, out, shape - 1, rate, log_norm): `Gamma.log_density`. */
+/* gamma_log_density(logs, v, out, shape - 1, rate, log_norm): `Gamma.log_density`. */
 KERNEL(c_gamma_log_density) {
-  OPEN(5, 4);
-  const double *at_edge = DOUBLES(0), *inverse = DOUBLES(1), *c = DOUBLES(2), *v = DOUBLES(3);
-  double *out = DOUBLES(4), power = PyFloat_AsDouble(args[5]), rate = PyFloat_AsDouble(args[6]);
-  double log_norm = PyFloat_AsDouble(args[7]);
-  for (Size i = 0; i < LENGTH(3); i++) {
-    double log_p = log_of(v[i] <= 0x1p-1022 ? 0x1p-1022 : v[i], at_edge, inverse, c);
+  OPEN(3, 2);
+  const double *logs = DOUBLES(0), *v = DOUBLES(1);
+  double *restrict out = DOUBLES(2), power = PyFloat_AsDouble(args[3]), rate = PyFloat_AsDouble(args[4]);
+  double log_norm = PyFloat_AsDouble(args[5]);
+  Size n = LENGTH(1);
+  /* Loops of their own for both conditions: the sign of v is random, and a jump that depends on it costs more. */
+  for (Size i = 0; i < n; i++) out[i] = v[i] > 0x1p-1022 ? v[i] : 0x1p-1022; /* also of NaN: rate v is NaN again */
+  for (Size i = 0; i < n; i++) {
+    double log_p = log_of(out[i], logs);
     log_p *= power;
     log_p -= rate * v[i];
-    log_p += log_norm;
-    out[i] = v[i] <= 0.0 ? -INFINITY : log_p;
+    out[i] = log_p + log_norm;
   }
+  for (Size i = 0; i < n; i++) out[i] = v[i] <= 0.0 ? -INFINITY : out[i];
   DONE;
 }
 
@@ -292,16 +312,22 @@ KERNEL(c_column_sums) {
 
 /* ---- particles.py and resampling.py ---- */
 
-/* normalize(powers, constants, log_w, w, top, scale, N): constants of exp, then the clip and its weight. */
+/* normalize(powers, constants, log_w, w, top, scale, collapsed, N): constants of exp, then the clip and its weight. */
 KERNEL(c_normalize) {
-  OPEN(6, 3);
+  OPEN(7, 3);
   const double *powers = DOUBLES(0), *c = DOUBLES(1);
-  Size N = WHOLE(6);
+  Size N = WHOLE(7);
   for (Size m = 0; m < LENGTH(4); m++) {
     const double *log_w = DOUBLES(2) + m * N;
     double *w = DOUBLES(3) + m * N, top = log_w[0];
-    for (Size i = 1; i < N; i++) if (!(log_w[i] <= top) && top == top) top = log_w[i];
+    int nan = 0;
+    for (Size i = 0; i < N; i++) {
+      top = log_w[i] > top ? log_w[i] : top;
+      nan |= log_w[i] != log_w[i];
+    }
+    if (nan) top = NAN;
     DOUBLES(4)[m] = top;
+    ((char *)b.views[6].buf)[m] = top == -INFINITY;
     for (Size i = 0; i < N; i++) {
       double shifted = top == -INFINITY ? 0.0 : log_w[i] - top;
       if (shifted < c[3]) shifted = c[3];
@@ -373,6 +399,34 @@ KERNEL(c_select) {
     const int64_t *from = INTS(0) + i * length;
     int64_t *to = INTS(2) + i * count;
     for (Size k = 0; k < count; k++) to[k] = from[index[k]];
+  }
+  DONE;
+}
+
+/* choose(mask, a, b, out): a where the mask (M, N) is set, else b (n, M, N), by bits: the mask is as good as random. */
+KERNEL(c_choose) {
+  OPEN(4, 3);
+  Size count = b.views[0].len, n = count ? LENGTH(3) / count : 0;
+  const char *mask = b.views[0].buf;
+  for (Size i = 0; i < n; i++) {
+    const int64_t *yes = INTS(1) + i * count, *no = INTS(2) + i * count;
+    int64_t *restrict out = INTS(3) + i * count;
+    for (Size k = 0; k < count; k++) out[k] = no[k] ^ ((yes[k] ^ no[k]) & -(int64_t)mask[k]);
+  }
+  DONE;
+}
+
+/* pairs(u, r1, r2, N): `distinct_pairs` from uniform numbers u (2, M, N). */
+KERNEL(c_pairs) {
+  OPEN(3, 1);
+  Size N = WHOLE(3), count = LENGTH(1);
+  const double *u = DOUBLES(0);
+  for (Size l = 0, i = 0; l < count; l++) {
+    Size first = (Size)(u[l] * (double)(N - 1)) + 1, second = (Size)(u[count + l] * (double)(N - 2)) + 1;
+    second += second >= first;
+    INTS(1)[l] = l + first - (i + first < N ? 0 : N);
+    INTS(2)[l] = l + second - (i + second < N ? 0 : N);
+    i = i + 1 < N ? i + 1 : 0;
   }
   DONE;
 }
@@ -628,6 +682,7 @@ KERNEL(c_factor) {
         if (i == j) for (Size l = 0; l < n; l++) root[l] = sqrt(pivot[l]);
         else for (Size l = 0; l < n; l++) at[l] /= root[l];
       }
+      if (P.rows == 1 && tolerance == 0.0) continue; /* the root alone */
       /* Step 3: zeros where there is no variance, NaN where P is not definite. */
       for (Size i = j; i < P.rows; i++) {
         double *at = L.at + i * L.row + j * L.column + from;
@@ -762,13 +817,13 @@ KERNEL(c_track) {
   DONE;
 }
 
-/* log_prob(at_edge, inverse, constants, L, e, out, n log(2 pi) / 2): log N(e; 0, L L'), `zero_mean_log_prob`. */
+/* log_prob(logs, L, e, out, n log(2 pi) / 2): log N(e; 0, L L'), `zero_mean_log_prob`. */
 KERNEL(c_log_prob) {
-  OPEN_STRIDED(6, 5);
+  OPEN_STRIDED(4, 3);
   Matrix L, e;
-  Buffers of_triangle = {{b.views[3], b.views[4]}, 0};
+  Buffers of_triangle = {{b.views[1], b.views[2]}, 0};
   if (!as_triangle(&of_triangle, &L, &e) || L.rows != L.columns || L.rows * L.rows > MOST) ANSWER(0);
-  const double *at_edge = DOUBLES(0), *inverse = DOUBLES(1), *c = DOUBLES(2), log_norm = PyFloat_AsDouble(args[6]);
+  const double *logs = DOUBLES(0), log_norm = PyFloat_AsDouble(args[4]);
   static double triangle[MOST * CHUNK], rows[MOST * CHUNK];
   Size entry = L.constant ? 1 : CHUNK;
   for (Size from = 0; from < e.batch; from += CHUNK) {
@@ -789,16 +844,14 @@ KERNEL(c_log_prob) {
         rows[l] = i ? rows[l] + square : square;
       }
     /* Step 2: sqrt(det P) is the product of the diagonal of L. */
-    double *restrict out = DOUBLES(5) + from, log_scale = NAN;
-    for (Size l = 0; l < n; l++) {
-      if (!l || !L.constant) {
-        const double *at = L.at + (L.constant ? 0 : from + l);
-        double scale = *at;
-        for (Size i = 1; i < L.rows; i++) scale *= at[i * (L.row + L.column)];
-        log_scale = log_of(scale, at_edge, inverse, c) + log_norm;
-      }
-      out[l] = -log_scale - rows[l];
+    double *restrict out = DOUBLES(3) + from, scale[CHUNK];
+    for (Size i = 0; i < L.rows; i++) {
+      const double *at = L.at + i * (L.row + L.column) + (L.constant ? 0 : from);
+      for (Size l = 0; l < count; l++) scale[l] = i ? scale[l] * at[l] : at[l];
     }
+    for (Size l = 0; l < count; l++) scale[l] = -(log_of(scale[l], logs) + log_norm);
+    if (L.constant) for (Size l = 0; l < n; l++) out[l] = scale[0] - rows[l];
+    else for (Size l = 0; l < n; l++) out[l] = scale[l] - rows[l];
   }
   ANSWER(1);
 }
@@ -824,18 +877,25 @@ KERNEL(c_mix) {
   ANSWER(1);
 }
 
-/* any_nan(a): None if the memory of a has another form. */
-KERNEL(c_any_nan) {
+/* Whether any of a is NaN, or infinite if that counts; None if the memory of a has another form. */
+static PyObject *any(PyObject *const *args, Size given, int infinite) {
   Py_buffer view;
   if (given < 1 || PyObject_GetBuffer(args[0], &view, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT)) {
     PyErr_Clear();
     Py_RETURN_NONE;
   }
-  int suitable = !strcmp(view.format, "d"), found = suitable && any_nan(view.buf, view.len / 8);
+  const double *a = view.buf;
+  int suitable = !strcmp(view.format, "d"), found = 0;
+  Size length = suitable ? view.len / 8 : 0;
+  if (infinite) for (Size i = 0; i < length; i++) found |= !(fabs(a[i]) < INFINITY);
+  else found = any_nan(a, length);
   PyBuffer_Release(&view);
   if (!suitable) Py_RETURN_NONE;
   return PyBool_FromLong(found);
 }
+
+KERNEL(c_any_nan) { return any(args, given, 0); }
+KERNEL(c_any_not_finite) { return any(args, given, 1); }
 
 /* lower_product(L, x, out): L x for a triangle per run and particles (n, M, N). */
 KERNEL(c_lower_product) {
@@ -970,89 +1030,84 @@ KERNEL(c_sigma_points) {
   ANSWER(1);
 }
 
-/* scalar_points(mean, P, Q, R, x, v, n, scale): the sigma points of (x, v, n), three scalars of which v and n have
-   mean zero: x (3, batch) the mean and both sides of it, v and n (batch) the distances of the noises' points.
+/* The distance of a sigma point; like `root`, NaN for an infinite variance and 0.0 for -0.0. */
+static inline double spread(double scale, double variance) {
+  return scale * ((variance == INFINITY ? NAN : sqrt(variance)) + 0.0);
+}
+
+/* scalar_points(mean, P, x, scale): x (3, batch), the mean of a scalar and the points on both sides of it.
    False also for a mean of -0.0, of which the other points are +0.0. */
 KERNEL(c_scalar_points) {
-  OPEN_STRIDED(7, 4);
-  Matrix m, V[3];
-  double scale = PyFloat_AsDouble(args[7]);
+  OPEN_STRIDED(3, 2);
+  Matrix m, P;
+  double scale = PyFloat_AsDouble(args[3]);
   int negative_zero = 0;
-  if (!as_matrix(&b.views[0], 1, &m)) ANSWER(0);
-  for (int i = 0; i < 3; i++)
-    if (!as_matrix(&b.views[1 + i], 0, &V[i]) || !(V[i].constant || same_batch(&b.views[0], 1, &b.views[1 + i], 2)))
-      ANSWER(0);
-  for (Size l = 0; l < m.batch; l++) negative_zero |= m.at[l] == 0.0 && signbit(m.at[l]);
-  double *restrict x = DOUBLES(4), *restrict above = x + m.batch, *restrict below = above + m.batch;
-  double *restrict steps[3] = {below, DOUBLES(5), DOUBLES(6)};
-  for (int i = 0; i < 3; i++)
-    for (Size l = 0; l < m.batch; l++) { /* `root` has NaN for an infinite variance, and 0.0 for -0.0 */
-      double variance = V[i].constant ? *V[i].at : V[i].at[l];
-      steps[i][l] = V[i].constant && l ? steps[i][0] : scale * ((variance == INFINITY ? NAN : sqrt(variance)) + 0.0);
-    }
+  if (!as_matrix(&b.views[0], 1, &m) || !as_matrix(&b.views[1], 0, &P)
+      || !(P.constant || same_batch(&b.views[0], 1, &b.views[1], 2)))
+    ANSWER(0);
+  double *restrict x = DOUBLES(2), *restrict above = x + m.batch, *restrict below = above + m.batch;
+  for (Size l = 0; l < m.batch; l++) negative_zero |= bits_of(m.at[l]) == INT64_MIN;
+  for (Size l = 0; l < m.batch; l++) below[l] = P.constant ? *P.at : P.at[l];
   for (Size l = 0; l < m.batch; l++) {
+    double step = spread(scale, below[l]);
     x[l] = m.at[l];
-    above[l] = m.at[l] + below[l];
-    below[l] = m.at[l] - below[l];
+    above[l] = m.at[l] + step;
+    below[l] = m.at[l] - step;
   }
   ANSWER(!negative_zero);
 }
 
-/* scalar_noise(moved, v, f): f (5, batch) of the moved points (3, batch), those of f(mean) + v and f(mean) - v. */
+/* scalar_noise(moved, Q, f, scale): f (5, batch) of the moved points (3, batch), and f(mean) + v and f(mean) - v. */
 KERNEL(c_scalar_noise) {
   OPEN(3, 2);
-  const double *moved = DOUBLES(0), *v = DOUBLES(1);
+  const double *moved = DOUBLES(0), v = spread(PyFloat_AsDouble(args[3]), *DOUBLES(1));
   double *restrict f = DOUBLES(2);
-  Size batch = LENGTH(1);
+  Size batch = LENGTH(2) / 5;
   for (Size l = 0; l < 3 * batch; l++) f[l] = moved[l] + 0.0;
-  for (Size l = 0; l < batch; l++) f[3 * batch + l] = moved[l] + v[l], f[4 * batch + l] = moved[l] - v[l];
+  for (Size l = 0; l < batch; l++) f[3 * batch + l] = moved[l] + v, f[4 * batch + l] = moved[l] - v;
   DONE;
 }
 
-/* scalar_update(weights, cov_weights, f, h, n, z, m, P, nu, S): posterior, innovation of z (batch) and its variance
-   by the points f of scalar_noise and h (5, batch) of them; False if an innovation is NaN. */
-KERNEL(c_scalar_update) {
+/* scalar_update(weights, cov_weights, f, h, R, z, m, P, nu, S, scale): posterior, innovation of z (M) and its
+   variance by the points f of scalar_noise and h (5, batch) of them; False if an innovation is NaN. */
+WIDE KERNEL(c_scalar_update) {
   OPEN(10, 6);
-  enum { PIECE = 128 };
-  const double *f = DOUBLES(2), *h = DOUBLES(3), *n = DOUBLES(4);
-  Size batch = LENGTH(4);
+  const double *f = DOUBLES(2), *h = DOUBLES(3), n = spread(PyFloat_AsDouble(args[10]), *DOUBLES(4));
+  double *mean = DOUBLES(6), *cov = DOUBLES(7), *nu = DOUBLES(8), *S_out = DOUBLES(9);
+  Size batch = LENGTH(6), runs = LENGTH(5), N = runs ? batch / runs : 0;
   int known = 1;
-  /* Of the points' order, center, x, v, n above and x, v, n below: the row of f, and the sign of n. */
-  static const int row[7] = {0, 1, 3, 0, 2, 4, 0}, sign[7] = {0, 0, 0, 1, 0, 0, -1};
-  for (Size from = 0; from < batch; from += PIECE) {
-    Size count = batch - from < PIECE ? batch - from : PIECE;
-    double relative[7][PIECE], m[PIECE], z_mean[PIECE], P[PIECE], S[PIECE], C[PIECE];
+  /* Of the points' order, center, x, v, n above and x, v, n below: the row of f, and the noise n. */
+  static const int row[7] = {0, 1, 3, 0, 2, 4, 0};
+  const double noise[7] = {0.0, 0.0, 0.0, n, 0.0, 0.0, -n};
+  double w[7], w_cov[7];
+  memcpy(w, DOUBLES(0), sizeof w);
+  memcpy(w_cov, DOUBLES(1), sizeof w_cov);
+  for (Size r = 0; r < runs; r++)
+    for (Size i = 0; i < N; i++) nu[r * N + i] = DOUBLES(5)[r];
+  INDEPENDENT
+  for (Size l = 0; l < batch; l++) {
+    double moved[7], relative[7], m = 0.0, z_mean = 0.0, P = 0.0, S = 0.0, C = 0.0;
     /* Step 1: measurements relative to the center, and both means. */
     for (int p = 0; p < 7; p++) {
-      const double *moved = f + row[p] * batch + from, *seen = h + row[p] * batch + from, *center = h + from;
-      double w = DOUBLES(0)[p];
-      for (Size l = 0; l < count; l++) relative[p][l] = seen[l] - center[l];
-      if (sign[p] > 0) for (Size l = 0; l < count; l++) relative[p][l] += n[from + l];
-      else if (sign[p] < 0) for (Size l = 0; l < count; l++) relative[p][l] -= n[from + l];
-      else for (Size l = 0; l < count; l++) relative[p][l] += 0.0;
-      if (p) for (Size l = 0; l < count; l++) m[l] += w * moved[l], z_mean[l] += w * relative[p][l];
-      else for (Size l = 0; l < count; l++) m[l] = w * moved[l], z_mean[l] = w * relative[p][l];
+      moved[p] = f[row[p] * batch + l];
+      relative[p] = h[row[p] * batch + l] - h[l] + noise[p];
+      m = p ? m + w[p] * moved[p] : w[p] * moved[p];
+      z_mean = p ? z_mean + w[p] * relative[p] : w[p] * relative[p];
     }
     /* Step 2: P of the state, S of the measurement, C of both. */
     for (int p = 0; p < 7; p++) {
-      const double *moved = f + row[p] * batch + from;
-      double w = DOUBLES(1)[p];
-      for (Size l = 0; l < count; l++) {
-        double dx = moved[l] - m[l], dz = relative[p][l] - z_mean[l];
-        double xx = w * (dx * dx), zz = w * (dz * dz), xz = w * (dx * dz);
-        P[l] = p ? P[l] + xx : xx, S[l] = p ? S[l] + zz : zz, C[l] = p ? C[l] + xz : xz;
-      }
+      double dx = moved[p] - m, dz = relative[p] - z_mean;
+      double xx = w_cov[p] * (dx * dx), zz = w_cov[p] * (dz * dz), xz = w_cov[p] * (dx * dz);
+      P = p ? P + xx : xx, S = p ? S + zz : zz, C = p ? C + xz : xz;
     }
     /* Step 3: K = C / S, m + K nu, P - K S K. */
-    for (Size l = 0; l < count; l++) {
-      double nu = DOUBLES(5)[from + l] - (h[from + l] + z_mean[l]), K = C[l] * (1.0 / S[l]);
-      known &= nu == nu;
-      DOUBLES(6)[from + l] = K * nu + m[l];
-      DOUBLES(7)[from + l] = P[l] - K * (K * S[l]);
-      DOUBLES(8)[from + l] = nu;
-      DOUBLES(9)[from + l] = S[l];
-    }
+    double K = C * (1.0 / S), innovation = nu[l] - (h[l] + z_mean);
+    nu[l] = innovation;
+    S_out[l] = S;
+    mean[l] = K * innovation + m;
+    cov[l] = P - K * (K * S);
   }
+  for (Size l = 0; l < batch; l++) known &= nu[l] == nu[l];
   ANSWER(known);
 }
 
@@ -1093,8 +1148,9 @@ KERNEL(c_condition) {
 static PyMethodDef methods[] = {
   METHOD(exp), METHOD(log), METHOD(gamma_log_density), METHOD(log_prob),
   METHOD(cos_sin), METHOD(arctan2), METHOD(normals), METHOD(total), METHOD(dot), METHOD(column_sums),
-  METHOD(normalize), METHOD(moments), METHOD(ancestors), METHOD(select), METHOD(product), METHOD(sandwich),
-  METHOD(gain), METHOD(joseph), METHOD(factor), METHOD(eigen), METHOD(whiten), METHOD(mahalanobis), METHOD(track), METHOD(mix), METHOD(any_nan),
+  METHOD(normalize), METHOD(moments), METHOD(ancestors), METHOD(select), METHOD(choose), METHOD(pairs),
+  METHOD(product), METHOD(sandwich), METHOD(gain), METHOD(joseph), METHOD(factor), METHOD(eigen), METHOD(whiten),
+  METHOD(mahalanobis), METHOD(track), METHOD(mix), METHOD(any_nan), METHOD(any_not_finite),
   METHOD(lower_product), METHOD(weighted), METHOD(cross), METHOD(sigma_points),
   METHOD(scalar_points), METHOD(scalar_noise), METHOD(scalar_update), METHOD(condition), {NULL}};
 static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, "_compiled", "Kernels of core/ in C.", -1, methods};

@@ -106,7 +106,7 @@ def exp_of_moderate(x: Array, out: Array) -> None:
 def log(x: Array, out: Array) -> None:
     """Write the natural logarithm to ``out``."""
     if compiled.kernels:
-        compiled.kernels.log(*log_tables(), x, out)
+        compiled.kernels.log(log_table(), x, out)
         return
     if np.minimum.reduce(x) >= _SMALLEST and np.maximum.reduce(x) <= _LARGEST:
         _log_of_normal(x, out)
@@ -256,12 +256,12 @@ def exp_constants() -> Array:
 
 
 @cache
-def log_tables() -> tuple[Array, Array, Array]:
-    """Return what C kernels need for natural logarithms: the two `logarithms`, and four constants."""
+def log_table() -> Array:
+    """Return what C kernels need for natural logarithms: four constants, then `logarithms` in pairs."""
     const = constants()
     per_bit = const.log_2 * 2.0**-_MANTISSA
     numbers = [const.log_linear, const.log_square, per_bit, const.log_2]
-    return *logarithms(), fixed(np.array(numbers))
+    return fixed(np.concatenate([numbers, np.stack(logarithms(), axis=1).ravel()]))
 
 
 @cache

@@ -30,7 +30,8 @@ def with_trailing(a: Array, batch_ndim: int, leading: int = 1) -> Array:
 
     ``leading`` is the number of component axes (1 for a vector, 2 for a matrix).
     """
-    return a.reshape(a.shape + (1,) * (batch_ndim + leading - a.ndim))
+    missing = batch_ndim + leading - a.ndim
+    return a.reshape(a.shape + (1,) * missing) if missing > 0 else a
 
 
 def with_axes_of(like: Array, a: Array) -> Array:
@@ -49,6 +50,22 @@ def any_nan(a: Array) -> bool:
     """Return whether any entry is NaN."""
     found = compiled.kernels.any_nan(a) if compiled.kernels else None
     return bool(np.isnan(a).any()) if found is None else bool(found)
+
+
+def all_finite(a: Array) -> bool:
+    """Return whether all entries are finite numbers."""
+    found = compiled.kernels.any_not_finite(a) if compiled.kernels else None
+    return bool(np.isfinite(a).all()) if found is None else not found
+
+
+def choose(mask: Mask, a: Array, b: Array) -> Array:
+    """Return a where the mask (*batch) is set, else b, for arrays (n, *batch) or (*batch)."""
+    alike = a.shape == b.shape and a.shape[a.ndim - mask.ndim :] == mask.shape
+    if compiled.kernels and alike and a.dtype == b.dtype == np.float64 and mask.dtype == np.bool_:
+        out = np.empty(a.shape)
+        compiled.kernels.choose(*map(np.ascontiguousarray, (mask, a, b)), out)
+        return out
+    return np.where(mask, a, b)
 
 
 def fixed(a: A) -> A:
@@ -185,14 +202,14 @@ def once(function: F) -> F:
 
     @wraps(function)
     def call(*matrices: Array) -> Any:
+        if matrices[0].ndim > 2:  # has a batch axis, so it is not constant
+            return function(*matrices)
         identities = tuple([id(A) for A in matrices])
         found = by_identity.get(identities)
         if found is not None:
             return found[1]
-        # A matrix with a batch axis is not constant: compute directly.
-        for A in matrices:
-            if A.ndim > 2:
-                return function(*matrices)
+        if any(A.ndim > 2 for A in matrices):
+            return function(*matrices)
         # The key is the content of all matrices.
         key = tuple([(A.dtype.char, A.shape, A.tobytes()) for A in matrices])
         result = cache.get(key)

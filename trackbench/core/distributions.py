@@ -12,8 +12,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from trackbench.core import compiled, elementary, linalg
-from trackbench.core._elementary_kernels import log_tables
-from trackbench.core.arrays import Array, with_trailing
+from trackbench.core._elementary_kernels import log_table
+from trackbench.core.arrays import Array, all_finite, fixed, with_trailing
 from trackbench.core.elementary import log
 from trackbench.core.random_streams import Streams
 
@@ -94,7 +94,7 @@ class Gaussian(Symmetric):
         shape = self.mean.shape + trailing
         noise = rng.standard_normal(shape)
         # A covariance without a Cholesky factor needs the semidefinite root.
-        root = self._root if np.isfinite(self._root).all() else linalg.root(self.cov)
+        root = self._root if all_finite(self._root) else linalg.root(self.cov)
         if root.ndim > 2:
             root = with_trailing(root, len(shape) - 1, leading=2)
         # x = mean + L e
@@ -137,7 +137,7 @@ def zero_mean_log_prob(e: Array, cov: Array, root: Array | None = None) -> Array
     log_norm = 0.5 * len(e) * LOG_2PI
     if compiled.kernels and e.ndim > 1:
         out = np.empty(e.shape[1:])
-        if compiled.kernels.log_prob(*log_tables(), L, e, out, log_norm):
+        if compiled.kernels.log_prob(log_table(), L, e, out, log_norm):
             return out
     rows = linalg.whiten(_SQRT_2 * L, e)
     exponent = rows[0]
@@ -169,6 +169,11 @@ class Gamma:
     def variance(self) -> float:
         """Return shape / rate^2."""
         return self.shape / (self.rate * self.rate)
+
+    @cached_property
+    def cov(self) -> Array:
+        """Return the variance as a matrix (1, 1)."""
+        return fixed(np.array([[self.variance]]))
 
     @property
     def peak(self) -> float:
@@ -202,7 +207,7 @@ class Gamma:
         if compiled.kernels and v.dtype == np.float64:
             out, v = np.empty(v.shape), np.ascontiguousarray(v)
             numbers = self.shape - 1.0, self.rate, self._log_norm
-            compiled.kernels.gamma_log_density(*log_tables(), v, out, *numbers)
+            compiled.kernels.gamma_log_density(log_table(), v, out, *numbers)
             return out
         log_p = np.maximum(v, _SMALLEST)
         log_p = elementary.log(log_p, out=log_p)
@@ -237,7 +242,7 @@ class Shifted:
     @property
     def cov(self) -> Array:
         """Return the noise's variance (1, 1)."""
-        return np.array([[self.noise.variance]])
+        return self.noise.cov
 
     def sample(self, rng: Streams, *trailing: int) -> Array:
         """Return ``loc`` plus a fresh variate per batch member."""

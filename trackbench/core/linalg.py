@@ -11,7 +11,7 @@ from math import nan, sqrt
 import numpy as np
 
 from trackbench.core import compiled
-from trackbench.core.arrays import Array, once, with_trailing
+from trackbench.core.arrays import Array, all_finite, once, with_trailing
 
 _SINGULAR = 1e-14  # share of its variance below which a pivot is rounding
 _ROUNDING = 2.0**-52  # share of the diagonal below which a rotation changes nothing
@@ -114,6 +114,9 @@ def cholesky(P: Array) -> Array:
     """
     n = P.shape[0]
     if n == 1:
+        L = np.empty(P.shape)
+        if compiled.kernels and compiled.kernels.factor(P, L, 0.0):
+            return L
         with np.errstate(invalid="ignore"):
             return np.sqrt(P)
     return _factor(P, 0.0)
@@ -126,7 +129,7 @@ def root(P: Array) -> Array:
     It serves draws and sigma points; a matrix to be inverted needs `cholesky`.
     """
     L = cholesky(P)
-    return L if np.isfinite(L).all() else _factor(P, _SINGULAR)
+    return L if all_finite(L) else _factor(P, _SINGULAR)
 
 
 def _factor(P: Array, tolerance: float) -> Array:

@@ -14,8 +14,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from trackbench.core import elementary, linalg
-from trackbench.core.arrays import Array, Index, Mask
+from trackbench.core import compiled, elementary, linalg
+from trackbench.core.arrays import Array, Index, Mask, choose
 from trackbench.core.random_streams import Streams
 from trackbench.core.resampling import select
 
@@ -78,7 +78,7 @@ def independence_moves(
         # Accept with probability min(1, exp(proposed - current)).
         with np.errstate(invalid="ignore"):
             accept = metropolis(proposed - current, 1.0, rng)
-        x, current = np.where(accept, trial, x), np.where(accept, proposed, current)
+        x, current = choose(accept, trial, x), choose(accept, proposed, current)
     return x
 
 
@@ -107,13 +107,17 @@ def crossover(x: Array, mutant: Array, CR: float, rng: Streams) -> Array:
 
     Both populations are (n, M, N), and so is the result.
     """
-    return np.where(rng.random(x.shape) <= CR, mutant, x)
+    return choose(rng.random(x.shape) <= CR, mutant, x)
 
 
 def distinct_pairs(runs: int, N: int, rng: Streams) -> tuple[Index, Index]:
     """Return flat indices r1, r2 (M, N), uniform over pairs with r1, r2, i all different; N >= 3."""
     # Step 1: draw r1 = i + steps[0], 1 <= steps[0] <= N - 1.
     u = rng.random((2, runs, N))
+    if compiled.kernels:
+        r1, r2 = np.empty((runs, N), dtype=np.intp), np.empty((runs, N), dtype=np.intp)
+        compiled.kernels.pairs(u, r1, r2, N)
+        return r1, r2
     u[0] *= N - 1
     u[1] *= N - 2
     steps = u.astype(np.intp)

@@ -59,7 +59,8 @@ class Particles(NamedTuple):
     def _compiled_moments(self, kernels: ModuleType) -> Gaussian:
         n, runs, _ = self.x.shape
         mean, cov = np.empty((n, runs)), np.empty((n, n, runs))
-        x, w = (np.ascontiguousarray(a, dtype=np.float64) for a in (self.x, self.w))
+        x = np.ascontiguousarray(self.x, dtype=np.float64)
+        w = np.ascontiguousarray(self.w, dtype=np.float64)
         kernels.moments(x, w, mean, cov, n)
         return Gaussian(mean, cov)
 
@@ -133,13 +134,14 @@ def normalize(log_w: Array) -> Weights:
     A run whose log-weights are all -inf gets equal weights and is marked as collapsed. A run with a NaN
     or +inf among them becomes NaN as a whole, which marks it as diverged.
     """
-    log_w = np.asarray(log_w, dtype=np.float64)
     if compiled.kernels:
-        w, (top, scale) = np.empty(log_w.shape), np.empty((2, len(log_w)))
-        log_w = np.ascontiguousarray(log_w)
+        log_w, w = np.ascontiguousarray(log_w, dtype=np.float64), np.empty(log_w.shape)
+        runs, N = log_w.shape
+        top, scale, collapsed = np.empty(runs), np.empty(runs), np.empty(runs, dtype=np.bool_)
         powers = _elementary_kernels.powers_of_two()
-        compiled.kernels.normalize(powers, _constants(), log_w, w, top, scale, log_w.shape[1])
-        return Weights(w, top == -np.inf, Mass(top, scale))
+        compiled.kernels.normalize(powers, _constants(), log_w, w, top, scale, collapsed, N)
+        return Weights(w, collapsed, Mass(top, scale))
+    log_w = np.asarray(log_w, dtype=np.float64)
     # Step 1: find each run's largest log-weight, and the runs without any weight.
     top = shift = _row_maxima(log_w)
     collapsed = top == -np.inf

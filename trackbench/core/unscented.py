@@ -63,21 +63,18 @@ class Unscented:
         # Step 2: weights of the mean and of the covariance, which differ in the center.
         return SigmaPoints(x, *_weights(self, n))
 
-    def scalar_points(self, state: Gaussian, Q: Array, R: Array) -> "ScalarPoints | None":
-        """Return the sigma points of (x, v, n): the state, and noises v ~ N(0, Q) and n ~ N(0, R).
+    def scalar_points(self, state: Gaussian) -> "ScalarPoints | None":
+        """Return the state's sigma points of (x, v, n): a scalar, and noises v ~ N(0, Q), n ~ N(0, R).
 
         They are those of `points` for the covariance diag(P, Q, R), found without its root. Returns
-        None if x, v or n has several components, or without C kernels.
+        None if the state has several components, or without C kernels.
         """
-        scalars = len(state.mean) == len(Q) == len(R) == 1
-        if not scalars or not compiled.kernels:
+        if len(state.mean) > 1 or not compiled.kernels:
             return None
-        batch = state.mean.shape[1:]
-        x, v, n = np.empty((1, 3, *batch)), np.empty(batch), np.empty(batch)
-        scale = float(np.sqrt(self.spread(3)))
-        if not compiled.kernels.scalar_points(state.mean, state.cov, Q, R, x, v, n, scale):
+        x, scale = np.empty((1, 3, *state.mean.shape[1:])), sqrt(self.spread(3))
+        if not compiled.kernels.scalar_points(state.mean, state.cov, x, scale):
             return None
-        return ScalarPoints(x, v, n, *_weights(self, 3))
+        return ScalarPoints(x, scale, *_weights(self, 3))
 
     def spread(self, n: int) -> float:
         """Return n + lambda = alpha^2 (n + kappa), the squared distance of the points in sigmas."""
@@ -198,42 +195,47 @@ class SigmaPoints(NamedTuple):
 class ScalarPoints(NamedTuple):
     """The distinct ones of the seven sigma points of (x, v, n), for the C kernels.
 
-    x (1, 3, *batch) are the mean and the points on both sides of it. The points of the process noise
-    and of the measurement noise are plus and minus v and n (*batch).
+    x (1, 3, *batch) are the mean and the points on both sides of it. The points of the noises are
+    ``scale`` standard deviations from the mean, and each method adds those of one noise.
     """
 
     x: Array
-    v: Array
-    n: Array
+    scale: float
     weights: Array
     cov_weights: Array
 
-    def add_noise(self, moved: Array) -> Array | None:
+    def add_noise(self, moved: Array, Q: Array) -> Array | None:
         """Return the predicted points (1, 5, *batch): ``moved``, which is f(x), and f(mean) +- v.
 
-        None if ``moved`` does not have the shape of x and the type float64.
+        None if ``moved`` does not have the shape of x, or Q is not (1, 1), or either is not float64.
         """
-        if compiled.kernels is None or not _is_float(moved, self.x.shape):
+        if compiled.kernels is None or not (
+            _is_float(moved, self.x.shape) and _is_float(Q, (1, 1))
+        ):
             return None
         predicted = np.empty((1, 5, *moved.shape[2:]))
-        compiled.kernels.scalar_noise(np.ascontiguousarray(moved), self.v, predicted)
+        compiled.kernels.scalar_noise(np.ascontiguousarray(moved), Q, predicted, self.scale)
         return predicted
 
-    def condition(self, predicted: Array, h: Array, z: Array) -> tuple[Array, ...] | None:
+    def condition(
+        self, predicted: Array, h: Array, R: Array, z: Array
+    ) -> tuple[Array, Array, Array, Array] | None:
         """Return posterior mean and covariance, innovation and its covariance, as by all seven points.
 
-        ``h`` are the measurements of the points ``predicted``, and z is (1, M). None if any innovation
-        is NaN, or if ``h`` does not have the shape of ``predicted`` and the type float64.
+        ``h`` are the measurements of the points ``predicted``, R is (1, 1), and z is (1, M). None if any
+        innovation is NaN, or if one of the three has another shape or a type other than float64.
         """
-        if compiled.kernels is None or not _is_float(h, predicted.shape):
-            return None
         batch = predicted.shape[2:]
-        mean, nu, each = np.empty((1, *batch)), np.empty((1, *batch)), np.empty((1, *batch))
+        alike = (
+            _is_float(h, predicted.shape) and _is_float(R, (1, 1)) and _is_float(z, (1, *batch[:1]))
+        )
+        if compiled.kernels is None or not alike:
+            return None
+        mean, nu = np.empty((1, *batch)), np.empty((1, *batch))
         cov, S = np.empty((1, 1, *batch)), np.empty((1, 1, *batch))
-        each[...] = with_trailing(z, len(batch))
-        inputs = self.weights, self.cov_weights, predicted, h, self.n, each
-        done = compiled.kernels.scalar_update(*map(np.ascontiguousarray, inputs), mean, cov, nu, S)
-        return (mean, cov, nu, S) if done else None
+        h, z = np.ascontiguousarray(h), np.ascontiguousarray(z)
+        arrays = self.weights, self.cov_weights, predicted, h, R, z, mean, cov, nu, S
+        return (mean, cov, nu, S) if compiled.kernels.scalar_update(*arrays, self.scale) else None
 
 
 def _is_float(a: Array, shape: tuple[int, ...]) -> bool:

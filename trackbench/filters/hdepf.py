@@ -16,7 +16,7 @@ from annotated_types import Ge, Interval
 from numpy.random import Generator
 
 from trackbench.core import elementary, particles
-from trackbench.core.arrays import Array, Mask
+from trackbench.core.arrays import Array, Mask, choose
 from trackbench.core.particle_moves import crossover, metropolis, mutate
 from trackbench.core.particles import Evidence, Particles, WeightReading
 from trackbench.core.random_streams import Streams
@@ -229,11 +229,11 @@ class EvolutionFilter(ProposalFilter):
                 gain = self.reading.compared(trial_fitness) - self.reading.compared(fitness)
             take = selection.accept(gain, rng)
             is_new = (trial != x).any(axis=0)
-            x, fitness = np.where(take, trial, x), np.where(take, trial_fitness, fitness)
+            x, fitness = choose(take, trial, x), choose(take, trial_fitness, fitness)
             if self.reading.keep_best == "slot":
                 better = fitness > best_fitness
-                best_x = np.where(better, x, best_x)
-                best_fitness = np.where(better, fitness, best_fitness)
+                best_x = choose(better, x, best_x)
+                best_fitness = choose(better, fitness, best_fitness)
             else:
                 best_x, best_fitness = x, fitness
             accepted += take & is_new

@@ -8,6 +8,7 @@ draws each particle from a Kalman filter of its own (de Freitas et al. 2000; van
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated, ClassVar, Literal, NamedTuple, TypeAlias, cast
 
 import numpy as np
@@ -15,7 +16,7 @@ from annotated_types import Ge
 from numpy.random import Generator
 
 from trackbench.core import linalg, particles
-from trackbench.core.arrays import Array, with_trailing
+from trackbench.core.arrays import Array, choose, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.elementary import log, logaddexp
 from trackbench.core.particles import Particles, WeightReading, read_likelihood
@@ -56,7 +57,7 @@ class DefensiveMixture(NamedTuple):
         """Return one draw per particle (n, M, N)."""
         x = self.kalman.sample(rng)
         from_prior = rng.random(x.shape[1:]) < self.share
-        return np.where(from_prior, self.transition.sample(rng), x)
+        return choose(from_prior, self.transition.sample(rng), x)
 
     def log_prob(self, x: Array) -> Array:
         """Return the log-density (M, N) of the mixture."""
@@ -236,8 +237,11 @@ class UnscentedProposal:
     def _kalman(
         self, model: Model, state: Gaussian, z: Array, k: int, assumed: AssumedNoise
     ) -> Gaussian:
-        unscented = Unscented(self.alpha, self.beta, self.kappa)
-        return augmented_step(model, state, z, k, assumed, unscented)[0]
+        return augmented_step(model, state, z, k, assumed, self._rule)[0]
+
+    @cached_property
+    def _rule(self) -> Unscented:
+        return Unscented(self.alpha, self.beta, self.kappa)
 
     def _kalman_conflicts(self, model: Model) -> dict[str, str]:
         return spread_conflicts(self.alpha, self.kappa, model)

@@ -12,7 +12,7 @@ from trackbench.core.arrays import Array, any_nan, note, with_axes_of, with_trai
 from trackbench.core.distributions import Factored, Gaussian, from_root, per_run_moments, root_of
 from trackbench.core.kalman import Innovation, Updated
 from trackbench.core.smoothing import Transition
-from trackbench.core.unscented import PointRule, ScalarPoints, SigmaPoints, Unscented
+from trackbench.core.unscented import PointRule, SigmaPoints, Unscented
 from trackbench.models.base import (
     DifferentiableMotion,
     DifferentiableSensor,
@@ -149,14 +149,12 @@ def augmented_step(
 
     The points pass through the motion and then the sensor (van der Merwe et al. 2000, section 3.2).
     """
+    if step := _scalar_step(model, state, z, k, assumed, rule):
+        return step
     # Step 1: points of state, process noise and measurement noise.
     n_x = state.mean.shape[0]
     transition = assumed.transition(model, state.mean, k)
     R = assumed.measurement(model, transition.mean, k).cov
-    if isinstance(rule, Unscented) and not isinstance(state, Factored):
-        scalars = rule.scalar_points(state, transition.cov, R)
-        if scalars is not None and (step := _scalar_step(model, scalars, z, k, assumed)):
-            return step
     points = rule.points(_augment(state, transition.cov, R))
     x, v, n = points.x[:n_x], points.x[n_x : 2 * n_x], points.x[2 * n_x :]
     # Step 2: predict each point, f(x) + v; condition on z = h(f(x) + v) + n.
@@ -166,15 +164,23 @@ def augmented_step(
 
 
 def _scalar_step(
-    model: Model, points: ScalarPoints, z: Array, k: int, assumed: AssumedNoise
+    model: Model, state: Gaussian, z: Array, k: int, assumed: AssumedNoise, rule: PointRule
 ) -> Updated | None:
     """Return the step of `augmented_step` by the points of three scalars, or None if it must do it."""
+    if not isinstance(rule, Unscented) or isinstance(state, Factored):
+        return None
     if type(model.sensor).innovation is not SensorBase.innovation:  # such as one of angles
         return None
-    predicted = points.add_noise(assumed.transition(model, points.x, k).mean)
+    points = rule.scalar_points(state)
+    if points is None:
+        return None
+    # f(x) and f(mean) +- v, then their measurements; noises of the state have a variance per point.
+    moved = assumed.transition(model, points.x, k)
+    predicted = points.add_noise(moved.mean, moved.cov)
     if predicted is None:
         return None
-    step = points.condition(predicted, model.sensor.measurement(predicted, k).mean, z)
+    measured = assumed.measurement(model, predicted, k)
+    step = points.condition(predicted, measured.mean, measured.cov, z)
     if step is None:
         return None
     mean, cov, nu, S = step

@@ -80,7 +80,9 @@ class MerweMotion:
         """Return Gamma noise plus ``1 + sin(w pi (k - lag)) + phi1 x`` for x (1, *batch)."""
         # f(x) = 1 + sin(w pi s) + phi1 x
         drive = 1.0 + _sine(self.w * np.pi * (k - self.sine_lag))
-        return Shifted(self.noise, self.phi1 * x + drive)
+        loc = self.phi1 * x
+        loc += drive
+        return Shifted(self.noise, loc)
 
     def jacobian(self, x: Array, k: int) -> Array:
         """Return phi1 (1, 1)."""

@@ -1,11 +1,12 @@
 """A scalar sensor that is quadratic and then linear."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, fixed
 from trackbench.core.distributions import Gaussian
 from trackbench.core.quadrature import Interval
 from trackbench.field_types import Natural, Positive
@@ -37,7 +38,11 @@ class SquareThenLine(SensorBase):
         """Return N(h(x), R) for x (1, *batch)."""
         # h(x) = phi2 x^2, then phi3 x - 2
         h = self.phi2 * np.square(x) if k <= self.switch else self.phi3 * x - 2.0
-        return Gaussian(h, np.array([[self.R]]))
+        return Gaussian(h, self._cov)
+
+    @cached_property
+    def _cov(self) -> Array:
+        return fixed(np.array([[self.R]]))
 
     def jacobian(self, x: Array, k: int) -> Array:
         """Return dh/dx (1, 1, *batch)."""
