@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trackbench.core.arrays import Array, Index, Mask
+from trackbench.core.arrays import Array, Index, Mask, any_nan
 from trackbench.core.distributions import Gaussian
 from trackbench.core.kalman import Innovation
 from trackbench.core.sums import total
@@ -67,22 +67,22 @@ class Hypotheses(NamedTuple):
         """
         # Step 1: M^- = F M + g, psi = H M^- with H = [1 0].
         F_, g_ = F[:, :, None, None, None], g[:, None, None, None]
-        response = F_[:, 0] * self.response[0] + F_[:, 1] * self.response[1] + g_
+        response = F_[:, 0] * self.response[0]
+        response += F_[:, 1] * self.response[1]
+        response += g_
         psi, S, nu = response[0], innovation.S[0, 0], innovation.nu[0]
         # Step 2: K = P H' / R of the posterior; a missing measurement has no gain and no information.
         gain, precision = posterior.cov[:, 0] / R[0, 0], 1.0 / S
-        missing = np.isnan(nu)
-        if missing.any():
-            measured = ~missing.any(axis=0)
+        if any_nan(nu):
+            measured = ~np.isnan(nu).any(axis=0)
             gain, precision, nu = (np.where(measured, a, 0.0) for a in (gain, precision, nu))
         # Step 3: L^-1 += psi^2 / S, d += psi nu / S, M = M^- - K psi.
         weight = precision[:, None] * psi
-        return Hypotheses(
-            response - gain[:, :, None] * psi,
-            self.information + weight * psi,
-            self.score + weight * nu[:, None],
-            self.with_start(k).since,
-        )
+        information, score = weight * psi, weight * nu[:, None]
+        information += self.information
+        score += self.score
+        response = np.subtract(response, gain[:, :, None] * psi, out=response)
+        return Hypotheses(response, information, score, self.with_start(k).since)
 
     def with_start(self, k: int) -> "Hypotheses":
         """Return hypotheses with ``since`` set, if step k is the first."""
@@ -108,9 +108,10 @@ class Hypotheses(NamedTuple):
     def significance(self) -> Array:
         """Return zeta (W, M), zero where there is no information yet."""
         # zeta = sum over the axes of d^2 L
-        known = self.information > 0.0
-        L = np.where(known, 1.0, 0.0) / np.where(known, self.information, 1.0)
-        return total(np.square(self.score) * L, axis=0)
+        L = 1.0 / np.where(self.information > 0.0, self.information, np.inf)
+        square = np.square(self.score)
+        square *= L
+        return total(square, axis=0)
 
     def onset(self, slot: Index, k: int) -> Index:
         """Return the step t (M,) of the onset in each run's slot (M,), at step k."""

@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 
 from trackbench.core import compiled, elementary, linalg
-from trackbench.core.arrays import Array, with_trailing
+from trackbench.core.arrays import Array, Index, with_trailing
 from trackbench.core.distributions import Gaussian, Symmetric
 from trackbench.core.random_streams import Streams
 from trackbench.core.sums import total
@@ -217,13 +217,19 @@ def pad(state: Gaussian, like: Gaussian, shared: Common, unbiased: bool) -> Gaus
     mean, cov = np.zeros((m, runs)), np.zeros((m, m, runs))
     mean[list(target)] = state.mean[list(source)]
     state_cov = with_trailing(state.cov, 1, leading=2)
-    cov[np.ix_(target, target)] = state_cov[np.ix_(source, source)]
+    cov[_block(target)] = state_cov[_block(source)]
     # Step 2: fill the others from the other model.
     if unbiased:
-        rest = [i for i in range(m) if i not in target]
-        mean[rest] = like.mean[rest]
-        cov[np.ix_(rest, rest)] = with_trailing(like.cov, 1, leading=2)[np.ix_(rest, rest)]
+        rest = tuple(i for i in range(m) if i not in target)
+        mean[list(rest)] = like.mean[list(rest)]
+        cov[_block(rest)] = with_trailing(like.cov, 1, leading=2)[_block(rest)]
     return Gaussian(mean, cov)
+
+
+@cache
+def _block(components: tuple[int, ...]) -> tuple[Index, ...]:
+    """Return the index of these rows and columns of a covariance."""
+    return np.ix_(components, components)
 
 
 @cache

@@ -105,6 +105,10 @@ class StepRecord(NamedTuple):
     mf: Innovation | None = None
     reports_mf: Mask | None = None
     """the MF was the reported filter when the measurement came"""
+    nmf_nis: Array | None = None
+    """NIS of the NMF, zero without a measurement"""
+    missing: Mask | None = None
+    """there is no measurement"""
 
 
 class AdaptiveState(NamedTuple):
@@ -197,15 +201,15 @@ class VariableDimension(Filter[AdaptiveState]):
 
     def log_likelihood(self, state: AdaptiveState) -> Array:
         """Return log N(innovation; 0, S) (M,) of the filter that was reported before the step."""
-        nmf, mf = state.record.nmf, state.record.mf
-        if nmf is None:
+        nmf, mf, missing = state.record.nmf, state.record.mf, state.record.missing
+        if nmf is None or missing is None:
             return np.full(state.record.nis.shape, np.nan)
         # The axes are independent: their log-likelihoods add up.
         value = sum_over_axes(nmf.log_likelihood)
         if mf is not None and state.record.reports_mf is not None:
             value = np.where(state.record.reports_mf, sum_over_axes(mf.log_likelihood), value)
         # A step without a measurement has no predictive likelihood.
-        return np.where(is_missing(nmf), np.nan, value)
+        return np.where(missing, np.nan, value)
 
     @property
     def diagnostic_names(self) -> frozenset[str]:
@@ -239,11 +243,12 @@ def _run_filters(
     p: Parameters, state: AdaptiveState, z: Array, sampling: Sampling
 ) -> AdaptiveState:
     """Predict and update both filters (section 3.2), and compare them while both are on."""
-    (T, R), on = sampling, state.mode.on
+    (T, R), (on, since, evidence) = sampling, state.mode
     # Eqs. 8-12: the NMF in every run, the MF if any run has it on.
     nmf, of_nmf = axis_step(state.nmf, p.nmf.axis(T), z, R)
     mf, of_mf = state.mf, None
-    nis, evidence = sum_over_axes(of_nmf.nis), np.zeros_like(state.mode.evidence)
+    nis = nmf_nis = sum_over_axes(of_nmf.nis)
+    ratio = None
     if (on != NMF).any():
         mf, of_mf = axis_step(state.mf, p.mf.axis(T), z, R)
         # The NIS of the MF is reported where it is on alone.
@@ -251,11 +256,22 @@ def _run_filters(
         # Evidence of the second decision: sum of log p(z | MF) - log p(z | NMF) while both are on.
         if (on == BOTH).any():
             ratio = sum_over_axes(of_mf.log_likelihood) - sum_over_axes(of_nmf.log_likelihood)
-            evidence = np.where(on == BOTH, state.mode.evidence + ratio, 0.0)
-    nis = np.where(is_missing(of_nmf), np.nan, nis)
-    record = state.record._replace(nis=nis, nmf=of_nmf, mf=of_mf, reports_mf=on == MF)
-    mode = state.mode._replace(evidence=evidence)
-    return state._replace(nmf=nmf, mf=mf, mode=mode, record=record)
+    evidence = (
+        np.where(on == BOTH, evidence + ratio, 0.0) if ratio is not None else np.zeros(len(on))
+    )
+    missing = is_missing(of_nmf)
+    record = StepRecord(
+        nis=np.where(missing, np.nan, nis),
+        alarm=state.record.alarm,
+        age=state.record.age,
+        zeta=state.record.zeta,
+        nmf=of_nmf,
+        mf=of_mf,
+        reports_mf=on == MF,
+        nmf_nis=nmf_nis,
+        missing=missing,
+    )
+    return AdaptiveState(nmf, mf, Mode(on, since, evidence), state.detector, record)
 
 
 def _update_statistics(
@@ -263,11 +279,12 @@ def _update_statistics(
 ) -> AdaptiveState:
     """Update the statistics of the first decision and of the exit test."""
     (T, R), (rho, inputs, past, significance) = sampling, state.detector
-    innovation = state.record.nmf
+    innovation, nis, missing = state.record.nmf, state.record.nmf_nis, state.record.missing
     assert innovation is not None
+    assert nis is not None
+    assert missing is not None
     # rho(k) = gamma rho(k-1) + NIS(k)
-    faded = p.detector.gamma * rho + sum_over_axes(innovation.nis)
-    rho = np.where(is_missing(innovation), rho, faded)
+    rho = np.where(missing, rho, p.detector.gamma * rho + nis)
     # Input and zeta of every onset in the window: an acceleration adds [T^2/2, T]' a to the state.
     if p.estimates_inputs:
         g = np.array([T * T / 2, T])

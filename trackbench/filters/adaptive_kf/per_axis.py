@@ -11,7 +11,7 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from trackbench.core import kalman
-from trackbench.core.arrays import Array, Index, Mask, fixed, with_trailing
+from trackbench.core.arrays import Array, Index, Mask, any_nan, fixed, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kalman import Innovation, Updated
 from trackbench.models.base import Model
@@ -69,9 +69,8 @@ def axis_step(state: Gaussian, motion: Axis, z: Array, R: Array) -> Updated:
     # x- = F x, P- = F P F' + Q
     predicted = kalman.predict(state, motion.F, motion.Q)
     nu = (z - predicted.mean[0])[None]
-    missing = np.isnan(nu)
-    if missing.any():
-        nu = np.where(missing.any(axis=1), np.nan, nu)
+    if any_nan(nu):
+        nu = np.where(np.isnan(nu).any(axis=1), np.nan, nu)
     posterior, innovation = kalman.update(predicted, nu, _position(len(motion.F)), R)
     # Axes that share their covariance still do after a missing measurement.
     axes = state.cov.shape[2]
@@ -87,12 +86,14 @@ def _position(n: int) -> Array:
 
 def is_missing(innovation: Innovation) -> Mask:
     """Return the runs (M,) without a measurement."""
+    if not any_nan(innovation.nu):
+        return np.zeros(innovation.nu.shape[-1], dtype=np.bool_)
     return np.asarray(np.isnan(innovation.nu).any(axis=(0, 1)))
 
 
 def sum_over_axes(values: Array) -> Array:
     """Return the sum (M,) of NIS or log-likelihoods (2, M), zero where nothing was measured."""
-    x, y = np.where(np.isnan(values), 0.0, values)
+    x, y = np.where(np.isnan(values), 0.0, values) if any_nan(values) else values
     return np.asarray(x + y)
 
 
