@@ -1,8 +1,10 @@
 """Blocks that are filtered side by side: each has the bytes that it has alone."""
 
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,12 +16,16 @@ from trackbench.core.random_streams import SomeRuns, block_stream, side_by_side
 from trackbench.evaluation.block import BlockResult, BlockTask, simulate
 from trackbench.evaluation.run_block import run_stack, run_whole_block
 from trackbench.evaluation.run_filter import run_filter_cached
+from trackbench.execution.cache import BlockStore
 from trackbench.execution.plan import make_plan, stack_limit
+from trackbench.execution.queue import Queue
+from trackbench.execution.worker import Computed
 from trackbench.extension_points import walk_parts
 from trackbench.filters.base import FixedLag, Trajectories
 from trackbench.models.motions.kinematic import ConstantAcceleration, WhiteAcceleration
 from trackbench.scenarios.base import Scenario
 from trackbench.scenarios.targets.driven import Driven
+from trackbench.scenarios.targets.legs import Leg
 
 WIDTH, BLOCKS, STEPS = 4, 3, 60
 
@@ -169,3 +175,102 @@ def test_filters_that_mix_runs_and_plugins_are_filtered_alone() -> None:
     # 32 768 particles and 400 000 steps are filtered side by side.
     assert stack_limit(replace(task, filter=make_filter("pf", N=300), width=50)) == 2
     assert stack_limit(replace(task, scenario=maneuver(), filter=make_filter("kf"))) == 4
+
+
+_NUMBERS: list[tuple[str, dict[str, Any], list[dict[str, Any]]]] = [
+    (
+        "adaptive-kf",
+        {"nmf": {"q": 0.0}, "mf": {"q": 1e-3}, "detector": {"kind": "fading-ie", "eta": 20.0}},
+        [
+            {"nmf": {"q": 0.5}, "dlw": {"n": 5}},
+            {"mf": {"q": 0.1}, "detector": {"kind": "fading-ie", "gamma": 0.79, "alpha": 1e-4}},
+            {"exit": {"Ta": 20.0, "hold_s": 9.0}},
+        ],
+    ),
+    (
+        "adaptive-kf",
+        {
+            "nmf": {"q": 0.0},
+            "mf": {"q": 1e-3},
+            "detector": {"kind": "ie", "eta": 15.0, "window_s": 20.0},
+        },
+        [
+            {"nmf": {"q": 0.2, "noise_gain": "printed"}, "mf": {"q": 0.1}},
+            {"detector": {"kind": "ie", "eta": 9.0, "window_s": 20.0, "min_window_s": 5.0}},
+        ],
+    ),
+    (
+        "vdf",
+        {"nmf": {"q": 0.0}, "mf": {"q": 1e-3}, "eta": 25.0},
+        [{"mf": {"q": 0.1}}, {"nmf": {"q": 0.3}, "eta": 20.0, "Ta": 30.0}],
+    ),
+]
+
+
+@pytest.mark.parametrize("index", [0, -2])
+@pytest.mark.parametrize(("kind", "keys", "others"), _NUMBERS)
+def test_filters_that_differ_in_numbers_have_the_same_bytes_side_by_side(
+    kind: str, keys: dict[str, Any], others: list[dict[str, Any]], index: int
+) -> None:
+    turn = Leg(start=80.0, end=140.0, ax=2.0, ay=-2.0)
+    scenario = maneuver(duration=200.0, legs=(turn,), score_from=0.0)
+    filters = [make_filter(kind, **{**keys, **other}) for other in ({}, *others)]
+    shown: dict[str, Any] = {"runs_with_tracks": 2, "keep_covariance": True}
+    task = BlockTask(scenario, filters[0], 3, index, WIDTH, 3, keep_steps=("nees",), **shown)
+    for metrics in ((), ("score", "prediction")):
+        blocks = [replace(task, filter=f, predictive_metrics=metrics) for f in filters]
+        (stack,) = stacks_of(blocks)
+        assert stack == blocks
+        alone = []
+        for block, result in zip(blocks, run_stack(blocks), strict=True):
+            run_filter_cached.cache_clear()
+            alone.append(run_whole_block(block))
+            assert result.keys() == alone[-1].keys()
+            assert all(equal_bytes(result[used], alone[-1][used]) for used in result)
+        runs = [result[WIDTH].per_run for result in alone]
+        assert all(values["alarm"].any() for values in runs)
+        assert len({values["rmse_position"].tobytes() for values in runs}) == len(filters)
+
+
+def stacks_of(tasks: list[BlockTask], workers: int = 1) -> list[list[BlockTask]]:
+    """Return the stacks of a queue with these tasks."""
+    queue = Queue(workers, BlockStore(Path("unused")))
+    queue.add(tasks, ())
+    return [*queue._waiting]
+
+
+def test_only_lone_blocks_of_one_structure_are_joined() -> None:
+    scenario = maneuver(duration=60.0, legs=(), score_from=0.0)
+    keys: dict[str, Any] = {"nmf": {"q": 0.0}, "mf": {"q": 1e-3}}
+    made = [
+        make_filter("adaptive-kf", **keys, detector={"kind": "ie", "eta": float(eta), **other})
+        for eta in (10, 20)
+        for other in ({}, {"window_s": 30.0}, {"onset": "window"})
+    ]
+    tasks = [BlockTask(scenario, f, 3, 0, WIDTH, WIDTH) for f in made]
+    assert stacks_of(tasks) == [[tasks[i], tasks[i + 3]] for i in range(3)]
+    assert stacks_of(tasks, workers=2) == [[task] for task in tasks]
+    # Other data, and adjacent blocks of one filter, which need no numbers per run.
+    assert len(stacks_of([tasks[0], replace(tasks[3], seed=4)])) == 2
+    assert len(stacks_of([tasks[0], replace(tasks[3], index=1)])) == 2
+    both = [replace(task, index=i) for i in (0, 1) for task in (tasks[0], tasks[3])]
+    assert stacks_of(both) == [both[0::2], both[1::2]]
+    # A Kalman filter's constants would become arrays.
+    kalman = [replace(tasks[0], filter=make_filter("kf", fading=a)) for a in (1.0, 1.1)]
+    assert len(stacks_of(kalman)) == 2
+
+
+def test_a_filter_that_fails_is_given_up_alone() -> None:
+    scenario = maneuver(duration=60.0, legs=(), score_from=0.0)
+    keys: dict[str, Any] = {"nmf": {"q": 0.0}, "mf": {"q": 1e-3}}
+    made = [make_filter("vdf", **keys, eta=eta) for eta in (10.0, 20.0, 30.0)]
+    tasks = [BlockTask(scenario, f, 3, 0, WIDTH, WIDTH) for f in made]
+    queue = Queue(1, BlockStore(Path("unused")))
+    queue.add(tasks, ())
+    failed = Computed(ValueError("no"), 1.0)
+    assert not list(queue._finish(queue._waiting.popleft(), failed))
+    assert [*queue._waiting] == [[task] for task in tasks]
+    # Side by side again, the filters that did not fail stay.
+    queue._waiting = deque([tasks])
+    assert queue.give_up(tasks[0], ValueError("no")) == [tasks[0], tasks[0]]
+    assert [*queue._waiting] == [tasks[1:]]

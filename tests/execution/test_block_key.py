@@ -50,6 +50,7 @@ OTHERS: dict[str, Any] = {
 NO_KEY = {
     "extra_run_counts": "a block that is reduced over other runs, too, is kept under their key",
     "stacked": "a block has the same numbers beside others",
+    "copies": "a block has the same numbers beside others",
 }
 SAME_ESTIMATES = {
     "runs_used": "the filter runs on the whole block",
@@ -122,7 +123,7 @@ def test_another_value_of_a_field_is_another_key(name: str) -> None:
     other = replace(task, **{name: OTHERS.get(name, "another")})
     same = block_key(other, other.runs_used) == block_key(task, task.runs_used)
     assert same == (name in NO_KEY)
-    if name != "stacked":  # of a stack, which is no task of a plan
+    if name not in ("stacked", "copies"):  # of a stack, which is no task of a plan
         assert (other == task) == same  # equal tasks are computed once
 
 
@@ -202,7 +203,7 @@ def test_a_plan_fills_in_every_field(tmp_path: Path) -> None:
     (first, last) = make_plan(experiment, save_tracks=True, looks=(2, 6)).tasks[0, "Mine"]
     defaults = {f.name: f.default for f in fields(BlockTask) if f.default is not MISSING}
     left = [name for name, value in defaults.items() if getattr(first, name) == value]
-    assert left == ["stacked"]  # by the worker that filters a stack
+    assert left == ["stacked", "copies"]  # by the worker that filters a stack
     assert (first.extra_run_counts, last.extra_run_counts) == ((2,), (2,))
     assert [(t.seed, t.index, t.width, t.runs_used, t.runs_with_tracks) for t in (first, last)] == [
         (3, 0, 4, 4, 7),
@@ -217,7 +218,7 @@ def test_a_trial_fills_in_every_field_but_those_of_what_is_kept(tmp_path: Path) 
     (first, last) = Training(load(tmp_path / "all.yaml"), "Mine").tasks((0.1,))
     defaults = {f.name: f.default for f in fields(BlockTask) if f.default is not MISSING}
     left = {name for name, value in defaults.items() if getattr(first, name) == value}
-    assert left - {"predictive_metrics", "stacked"} == NOT_OF_TRAINING.keys()
+    assert left - {"predictive_metrics", "stacked", "copies"} == NOT_OF_TRAINING.keys()
     assert first.assume is not None
     assert [(t.seed, t.index, t.width, t.runs_used) for t in (first, last)] == [
         (3, -1, 3, 3),

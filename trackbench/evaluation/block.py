@@ -7,7 +7,10 @@ same in a batch of 10 or of 10 000.
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple, TypeAlias
 
+import numpy as np
+
 from trackbench.core.arrays import Array, LatestResults, freeze
+from trackbench.core.distributions import Gaussian
 from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation import consistency_and_calibration as calibration
 from trackbench.evaluation import predictive_scores
@@ -54,6 +57,8 @@ class BlockTask:
     """numbers of the block's runs over which it is reduced, too: a batch may stop there, or go on"""
     stacked: int = 1
     """blocks from this one outwards that are filtered side by side, each with its own random numbers"""
+    copies: int = 1
+    """filters that filter the block side by side: ``filter`` joins them"""
 
     @property
     def assumed_scenario(self) -> Scenario:
@@ -68,18 +73,21 @@ class BlockTask:
     @property
     def runs(self) -> int:
         """Number of runs that are filtered together."""
-        return self.stacked * self.width
+        return self.stacked * self.copies * self.width
 
     @property
-    def blocks(self) -> range:
+    def blocks(self) -> list[int]:
         """Numbers of the stacked blocks: training blocks count down."""
         step = 1 if self.index >= 0 else -1
-        return range(self.index, self.index + step * self.stacked, step)
+        return [*range(self.index, self.index + step * self.stacked, step)] * self.copies
 
     @property
     def data(self) -> Simulation:
         """Return the data of the whole block, or stack of blocks."""
-        return simulate(self.scenario.without_scoring, self.seed, self.first_run, self.runs)
+        width = self.stacked * self.width
+        return simulate(
+            self.scenario.without_scoring, self.seed, self.first_run, width, self.copies
+        )
 
     @property
     def filtering_key(self) -> "BlockTask":
@@ -93,6 +101,7 @@ class BlockTask:
             predictive_metrics=self.predictive_metrics,
             hold_out=self.hold_out,
             stacked=self.stacked,
+            copies=self.copies,
         )
 
     @property
@@ -129,11 +138,26 @@ class BlockResult(NamedTuple):
     width: int
 
 
-def _simulate(scenario: Scenario, seed: int, first_run: int, width: int) -> Simulation:
+def _simulate(
+    scenario: Scenario, seed: int, first_run: int, width: int, copies: int = 1
+) -> Simulation:
+    if copies > 1:
+        return freeze(_repeated(simulate(scenario, seed, first_run, width), copies))
     # Training runs count down: -1, -2, ...
     step = 1 if first_run >= 0 else -1
     rng = RunStreams(seed, range(first_run, first_run + step * width, step))
     return freeze(scenario.simulate(rng, width))
+
+
+def _repeated(data: Simulation, copies: int) -> Simulation:
+    """Return the same runs several times, with the prior's moments."""
+
+    def repeated(rows: Array) -> Array:
+        return np.concatenate([rows] * copies, axis=-1)
+
+    mean, cov = data.prior.mean, data.prior.cov
+    prior = Gaussian(repeated(mean), repeated(cov) if cov.ndim > 2 else cov)
+    return Simulation(repeated(data.truth), repeated(data.measurements), prior)
 
 
 simulate = LatestResults(_simulate, size=2)

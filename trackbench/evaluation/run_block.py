@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
+from typing import Any, cast
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from trackbench.evaluation.error_series import (
 )
 from trackbench.evaluation.run_filter import FilterOutput, run_filter_cached, run_reference
 from trackbench.evaluation.validate_output import check_names
+from trackbench.filters.base import JoinableFilter
 from trackbench.scenarios.base import Simulation
 
 _COLUMNS = 16_384  # runs times steps whose series are made and added up at a time, in the cache
@@ -38,14 +40,16 @@ def run_whole_block(task: BlockTask) -> dict[int, BlockResult]:
 
 
 def run_stack(blocks: Sequence[BlockTask]) -> list[dict[int, BlockResult]]:
-    """Return the results of adjacent blocks, which are filtered together: each the same as alone.
+    """Return the results of blocks that are filtered together: each the same as alone.
 
-    A call of numpy then serves the runs of all blocks. The blocks differ in their numbers and in the
-    runs used only.
+    A call of numpy then serves the runs of all blocks. They are adjacent blocks of one filter, or one
+    block of several filters of the same structure. They differ in the runs used, too.
     """
     keep_freed_memory()
-    stack = replace(blocks[0], stacked=len(blocks))
+    stack = _stack_of(blocks)
     covariances = stack.runs_with_tracks_among(stack.runs) if stack.keep_covariance else 0
+    if covariances and stack.copies > 1:
+        covariances = stack.runs  # each copy has its first runs
     with np.errstate(all="ignore"):  # a run that leaves the numbers is counted, not warned about
         # The reference first, so that the filter's output is the one that stays cached.
         for block in blocks:
@@ -58,6 +62,15 @@ def run_stack(blocks: Sequence[BlockTask]) -> list[dict[int, BlockResult]]:
             _reduce(block, *_cut(data, output, first, block.width))
             for block, first in zip(blocks, range(0, stack.runs, stack.width), strict=True)
         ]
+
+
+def _stack_of(blocks: Sequence[BlockTask]) -> BlockTask:
+    """Return the task of all blocks side by side."""
+    first, filters = blocks[0], [block.filter for block in blocks]
+    if len(set(filters)) == 1:
+        return replace(first, stacked=len(blocks))
+    joined = cast(JoinableFilter[Any], first.filter).joined(filters, first.width)
+    return replace(first, filter=joined, copies=len(blocks))
 
 
 def _cut(

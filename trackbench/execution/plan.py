@@ -16,7 +16,7 @@ from trackbench.config.requested_metrics import requested_contributions, request
 from trackbench.errors import Problem, UserError, counted
 from trackbench.evaluation.block import MOST_STACKED, BlockTask
 from trackbench.extension_points import foreign_parts
-from trackbench.filters.base import AnyFilter
+from trackbench.filters.base import AnyFilter, JoinableFilter
 from trackbench.plugins.load import Plugin
 from trackbench.scenarios.base import Scenario
 
@@ -134,7 +134,7 @@ def block_width(tracker: AnyFilter, scenario: Scenario) -> int:
 
 
 def stack_limit(task: BlockTask) -> int:
-    """Return how many adjacent blocks a worker may filter side by side, for the same numbers.
+    """Return how many blocks a worker may filter side by side, for the same numbers.
 
     Plugins may draw or sum over all runs they are given, and held-out measurements are predicted with
     draws that depend on the block: such blocks run alone, and so does a block of one run, whose sums
@@ -203,10 +203,10 @@ def check_memory(experiment: Experiment, workers: int, save_tracks: bool = False
         for label, tracker in point.filters.items():
             width = _width(settings, tracker, point.scenario)
             reference = point.filters.get(settings.reference or "", tracker)
-            # Blocks of one filter that are computed as one stack.
-            stacked = min(
-                _largest_stack(tracker, point.scenario, width), ceil(settings.runs / width)
-            )
+            # Blocks of one filter, or of several that differ in numbers, that are computed as one stack.
+            stacked = _largest_stack(tracker, point.scenario, width)
+            if not isinstance(tracker, JoinableFilter):
+                stacked = min(stacked, ceil(settings.runs / width))
             block = max(
                 _block_bytes(point.assumed_scenario(label), f, width, blocks)
                 for f, blocks in ((tracker, stacked), (reference, 1))

@@ -3,7 +3,7 @@
 import pickle
 import sys
 from collections import Counter, deque
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Hashable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
 from dataclasses import replace
 from importlib.util import find_spec
@@ -11,7 +11,7 @@ from itertools import chain, islice
 from math import inf, nan
 from pathlib import Path
 from queue import SimpleQueue
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, cast
 
 from trackbench.errors import RunError, WriteError, in_line
 from trackbench.evaluation.block import BlockResult, BlockTask
@@ -19,6 +19,7 @@ from trackbench.execution.cache import BlockStore, announced
 from trackbench.execution.engines import ClusterExecutor, OpenEngine, SerialExecutor
 from trackbench.execution.plan import stack_limit
 from trackbench.execution.worker import Computed, Work, compute_batch, environment_digests
+from trackbench.filters.base import JoinableFilter
 from trackbench.plugins.errors import FilterError, message_of, postponed
 from trackbench.plugins.load import Plugin
 
@@ -34,7 +35,7 @@ _SCHEDULER_SECONDS = 0.004
 Found: TypeAlias = dict[int, BlockResult] | Exception
 """A block's results by the number of runs used, or why there are none; empty if they are stored."""
 Stack: TypeAlias = list[BlockTask]
-"""Adjacent blocks of one filter, which a worker filters side by side."""
+"""Adjacent blocks of one filter, or one block of several, which a worker filters side by side."""
 
 
 class Queue:
@@ -54,12 +55,13 @@ class Queue:
         self._plugins: dict[BlockTask, tuple[Plugin, ...]] = {}
 
     def add(self, tasks: Sequence[BlockTask], plugins: tuple[Plugin, ...]) -> None:
-        """Append the tasks that are new, adjacent blocks of a filter as stacks.
+        """Append the tasks that are new, as stacks.
 
         Several workers get at least two stacks each.
         """
         most = len(tasks) // (2 * self._workers) if self._workers > 1 else len(tasks)
         last: dict[BlockTask, Stack] = {}
+        stacks: list[Stack] = []
         for task in tasks:
             if task in self._plugins:
                 continue
@@ -72,8 +74,9 @@ class Queue:
                 or abs(task.index) != abs(stack[-1].index) + 1
             ):
                 last[of_filter] = stack = []
-                self._waiting.append(stack)
+                stacks.append(stack)
             stack.append(task)
+        self._waiting.extend(_joined(stacks, most))
 
     def run(self, open_engine: OpenEngine) -> Generator[tuple[BlockTask, Found]]:
         """Yield tasks with their results as they finish."""
@@ -98,7 +101,8 @@ class Queue:
         why = str(error) if isinstance(error, FilterError) else message_of(error)
         self.failed.setdefault(lost, in_line(f"{why} ({runs})"))
         left_out = [t for stack in self._waiting for t in stack if algorithm(t) == lost]
-        self._waiting = deque(stack for stack in self._waiting if algorithm(stack[0]) != lost)
+        stacks = ([t for t in stack if algorithm(t) != lost] for stack in self._waiting)
+        self._waiting = deque(filter(None, stacks))
         return [task, *left_out]
 
     def _drain(
@@ -134,7 +138,7 @@ class Queue:
 
     def _finish(self, stack: Stack, computed: Computed) -> Iterator[tuple[BlockTask, Found]]:
         if not isinstance(computed.results, Exception):
-            self._seconds[algorithm(stack[0])] = computed.seconds / len(stack)
+            self._seconds |= {algorithm(t): computed.seconds / len(stack) for t in stack}
             yield from zip(stack, computed.results, strict=True)
         elif len(stack) == 1:
             yield stack[0], computed.results
@@ -180,6 +184,24 @@ class Queue:
 def algorithm(task: BlockTask) -> tuple[object, ...]:
     """Return the parts of a task that fail together: a filter on a scenario."""
     return task.scenario, task.filter, task.assume, task.reference, task.width
+
+
+def _joined(stacks: Sequence[Stack], most: int) -> list[Stack]:
+    """Return the stacks, lone blocks of filters that differ in numbers only as one stack."""
+    out: list[Stack] = []
+    alike: dict[tuple[Hashable, BlockTask], Stack] = {}
+    for stack in stacks:
+        task = stack[0]
+        if len(stack) > 1 or not isinstance(task.filter, JoinableFilter):
+            out.append(stack)
+            continue
+        without_filter = replace(task, filter=cast(Any, None), runs_used=0)
+        key = task.filter.structure(task.assumed_scenario), without_filter
+        if len(alike.get(key, ())) not in range(1, min(most, stack_limit(task))):
+            alike[key] = []
+            out.append(alike[key])
+        alike[key].append(task)
+    return out
 
 
 def _results(future: Future[list[Computed]]) -> list[Computed] | Exception:

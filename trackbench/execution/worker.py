@@ -58,7 +58,7 @@ def compute(
     blocks: list[BlockTask] = pickle.loads(stack)
     block = blocks[0]
     if here.numpy != expected.numpy and code_digests.uses_numpy_arithmetic(
-        block.scenario, block.filter, block.reference, block.assume
+        block.scenario, *(b.filter for b in blocks), block.reference, block.assume
     ):
         raise RuntimeError(
             "numpy computes otherwise on this worker (another processor or C library), and this "

@@ -1,7 +1,7 @@
 """Base class of the filters, a frozen dataclass with three pure functions; keys of the smoothers."""
 
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
@@ -228,6 +228,21 @@ class SmoothingFilter(Filter[State]):
     def lag(self) -> int | None:
         """Return the number of later measurements that an estimate uses, or None for all."""
         return None if isinstance(self.smooth, bool) else self.smooth.lag
+
+
+class JoinableFilter(Filter[State]):
+    """Base of the filters that run side by side with others of their `structure`, for the same bytes.
+
+    Such a filter draws no random numbers and takes the prior's moments only.
+    """
+
+    @abstractmethod
+    def structure(self, scenario: Scene) -> Hashable:
+        """Return a value that is equal for filters which differ in numbers only."""
+
+    @abstractmethod
+    def joined(self, filters: Sequence[Filter[State]], width: int) -> Filter[State]:
+        """Return a filter that runs each filter, all of one structure, for ``width`` runs."""
 
 
 class HasInnovation(Protocol):

@@ -14,7 +14,8 @@ from trackbench.filters.adaptive_kf.decision_keys import (
     SecondDecision,
     tail,
 )
-from trackbench.filters.adaptive_kf.filter import Parameters, VariableDimension
+from trackbench.filters.adaptive_kf.filter import Parameters
+from trackbench.filters.adaptive_kf.side_by_side import JoinableVariableDimension
 from trackbench.filters.base import PLANAR_POSITION
 from trackbench.models.base import Scene
 from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
@@ -23,7 +24,7 @@ from trackbench.registry import register
 
 @register("filters", "adaptive-kf")
 @dataclass(frozen=True, kw_only=True)
-class AdaptiveKF(VariableDimension):
+class AdaptiveKF(JoinableVariableDimension):
     """Adaptive Kalman filter: a detector switches from constant velocity to constant acceleration.
 
     Tang, Sun & Liu, adaptive-kf paper, section 3, after Bar-Shalom & Birmiwal 1982, Bogler 1987 and
@@ -72,7 +73,7 @@ class AdaptiveKF(VariableDimension):
 
 @register("filters", "vdf")
 @dataclass(frozen=True, kw_only=True)
-class VDF(VariableDimension):
+class VDF(JoinableVariableDimension):
     """Variable-dimension filter: refilters the last window with an acceleration after an alarm.
 
     Bar-Shalom & Birmiwal 1982. A fading sum of the NIS raises the alarm, not before step 20. The

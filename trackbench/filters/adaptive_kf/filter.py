@@ -340,7 +340,10 @@ def _start_mf(
     else:
         # Start at the onset, and filter the measurements since then again.
         onset = inputs.onset(slot, k)[runs]
-        started = refilter(past, onset, runs, k, p.mf.axis(sampling.T), sampling)
+        motion = p.mf.axis(sampling.T)
+        if motion.Q.ndim > 2:  # per run
+            motion = motion._replace(Q=motion.Q[..., runs])
+        started = refilter(past, onset, runs, k, motion, sampling)
     # Only the alarmed runs change.
     mean, cov = state.mf.mean.copy(), state.mf.cov.copy()
     mean[..., runs], cov[..., runs] = started.mean, started.cov

@@ -1,0 +1,78 @@
+"""Filters of variable dimension that differ in numbers only, side by side as one filter.
+
+Each of them has ``width`` of the runs. A number that differs between them becomes an array over the
+runs. Estimates have the same bytes as those of each filter alone.
+"""
+
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import Any, cast
+
+import numpy as np
+
+from trackbench.core.arrays import fixed
+from trackbench.filters.adaptive_kf.filter import AdaptiveState, Parameters, VariableDimension
+from trackbench.filters.adaptive_kf.per_axis import sampling_of
+from trackbench.filters.base import Filter, JoinableFilter
+from trackbench.models.base import Scene
+
+
+class JoinableVariableDimension(VariableDimension, JoinableFilter[AdaptiveState]):
+    """Base of the filters that `SideBySide` joins."""
+
+    def structure(self, scenario: Scene) -> Hashable:
+        """Return the choices between algorithms, and the lengths of arrays."""
+        p = self.parameters
+        window = p.detector.window(sampling_of(scenario.model).T)
+        return type(self), p.detector.kind, p.detector.onset_rule, window, p.exit.p, p.initialize
+
+    def joined(self, filters: Sequence[Filter[AdaptiveState]], width: int) -> "SideBySide":
+        """Return the filters side by side."""
+        return SideBySide(cast("tuple[VariableDimension, ...]", tuple(filters)), width)
+
+
+@dataclass(frozen=True)
+class SideBySide(VariableDimension):
+    """Filters of one `structure`, each for ``width`` runs."""
+
+    filters: tuple[VariableDimension, ...]
+    width: int
+
+    @cached_property
+    def parameters(self) -> Parameters:
+        """Return motions and decisions with numbers per run."""
+        each = [f.parameters for f in self.filters]
+        nmf, mf, detector, dlw, leave, _ = zip(*each, strict=True)
+        joined = (_PerRun(parts, self.width) for parts in (nmf, mf, detector, dlw, leave))
+        return Parameters(
+            *cast("tuple[Any, Any, Any, Any, Any]", tuple(joined)), each[0].initialize
+        )
+
+
+class _PerRun:
+    """Attributes and methods of several objects of a class: each result once if equal, else per run."""
+
+    def __init__(self, parts: Sequence[Any], width: int) -> None:
+        self._parts, self._width = parts, width
+
+    def __getattr__(self, name: str) -> Any:
+        values = [getattr(part, name) for part in self._parts]
+        found = self._method(values) if callable(values[0]) else _per_run(values, self._width)
+        self.__dict__[name] = found  # looked up at every step
+        return found
+
+    def _method(self, methods: Sequence[Callable[..., Any]]) -> Callable[..., Any]:
+        return cache(lambda *args: _per_run([m(*args) for m in methods], self._width))
+
+
+def _per_run(values: Sequence[Any], width: int) -> Any:
+    """Return the value that all are equal to, else numbers (M,) or matrices (n, n, 1, M)."""
+    first = values[0]
+    if isinstance(first, tuple):  # F and Q of a motion
+        columns = (_per_run(column, width) for column in zip(*values, strict=True))
+        return type(first)(*columns)
+    if all(np.array_equal(value, first) for value in values):
+        return first
+    rows = np.repeat(np.stack(values, axis=-1), width, axis=-1)
+    return fixed(rows[:, :, None] if rows.ndim == 3 else rows)
