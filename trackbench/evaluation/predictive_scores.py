@@ -99,6 +99,8 @@ class PredictionScorer:
 
     def add(self, told: Step, i: int) -> None:
         """Add the step that used measurement i."""
+        if self.disabled:
+            return
         z = self.visible[:, i]
         if "score" in self._wanted:
             self._note(self._scores(told.after, _measured(z)))

@@ -71,14 +71,13 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
     """
     tracker, model = task.filter, freeze(task.assumed_scenario.model)
     # The scores' own stream leaves the filter's random numbers as they are without scores.
-    rng = side_by_side([block_stream(task.seed, block) for block in task.blocks], task.width)
-    aside = side_by_side([aside_stream(task.seed, block) for block in task.blocks], task.width)
-    scorer = PredictionScorer(
-        tracker, model, data.measurements, task.predictive_metrics, task.hold_out, aside
+    rng, aside = (
+        side_by_side([stream(task.seed, block) for block in task.blocks], task.width)
+        for stream in (block_stream, aside_stream)
     )
-    assumed_prior = task.assumed_scenario.assumed_prior(data.truth.shape[-1])
-    if assumed_prior is not None:
-        data = data._replace(prior=freeze(assumed_prior))
+    seen, wanted = data.measurements, task.predictive_metrics
+    scorer = PredictionScorer(tracker, model, seen, wanted, task.hold_out, aside)
+    data = _with_assumed_prior(task, data)
     prior, clock = prior_of(data, model), _Clock()
     recorder = _Recorder(task, data, model, covariances)
     with _sealed(task, data, scorer.visible, prior, model):
@@ -115,9 +114,8 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
                     states.append(state)
                 else:
                     recorder.add(state, found)
-                # Score with the state before the step, from which the measurement is predicted.
-                if not scorer.disabled:
-                    scorer.add(Step(before, state, found, k), i)
+                # The state before the step predicts the measurement.
+                scorer.add(Step(before, state, found, k), i)
         if tracker.smooths:
             with clock:
                 # Step 3: a smoother goes back through all states; these estimates are recorded.
@@ -125,6 +123,11 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
             for state in states:
                 recorder.add(state, tracker.estimate(state))
         return recorder.filtered(scorer.series(), clock.cpu_s)
+
+
+def _with_assumed_prior(task: BlockTask, data: Simulation) -> Simulation:
+    prior = task.assumed_scenario.assumed_prior(data.truth.shape[-1])
+    return data if prior is None else data._replace(prior=freeze(prior))
 
 
 def _steps_ahead(tracker: AnyFilter, model: Model, state: Any, z: Array, k: int) -> Steps | None:
