@@ -28,7 +28,7 @@ from trackbench.core import (
 from trackbench.core.build_compiled import BUILT
 from trackbench.core.distributions import Gamma, Gaussian, zero_mean_log_prob
 from trackbench.core.random_streams import NoiseGenerator, block_stream
-from trackbench.core.sums import ColumnSums
+from trackbench.core.sums import WindowSums
 from trackbench.filters.base import Steps
 from trackbench.filters.kf import KF
 from trackbench.models.base import Model
@@ -171,22 +171,24 @@ def test_variates(size: object, both: Callable[..., None]) -> None:
 
 
 @pytest.mark.parametrize("runs", [1, 2, 50, 1000])
-def test_sums_over_rows_in_pieces(runs: int, both: Callable[..., None]) -> None:
+def test_sums_over_windows_in_pieces(runs: int, both: Callable[..., None]) -> None:
     rows = np.random.default_rng(runs).normal(size=(40, runs))
     rows[:5, 0] = -0.0
     with_gaps = np.where(rows > 1.0, np.nan, rows)
-    for values in (rows, with_gaps, -np.zeros((3, runs)), np.full((3, runs), np.inf)):
-        both(lambda values=values: _in_pieces(values, [len(values)]))
-        both(lambda values=values: _in_pieces(values, [0, 1, 3, len(values)]))
+    for values in (rows, with_gaps, -np.zeros((40, runs)), np.full((40, runs), np.inf)):
+        both(lambda values=values: _in_pieces(values, [40]))
+        both(lambda values=values: _in_pieces(values, [0, 1, 3, 40]))
     whole, pieces = _in_pieces(with_gaps, [40]), _in_pieces(with_gaps, [1, 2, 17, 40])
     assert whole[0].tobytes() == pieces[0].tobytes()
-    np.testing.assert_array_equal(whole[1], (~np.isnan(with_gaps)).sum(axis=0))
+    np.testing.assert_array_equal(whole[1][0], (~np.isnan(with_gaps)).sum(axis=0))
+    np.testing.assert_array_equal(whole[1][2], (~np.isnan(with_gaps[::3])).sum(axis=0))
 
 
 def _in_pieces(rows: np.ndarray, ends: list[int]) -> list[np.ndarray]:
-    sums = ColumnSums()
+    k = np.arange(40)
+    sums = WindowSums(np.stack([k >= 0, (k > 1) & (k < 30), k % 3 == 0]), rows.shape[1])
     for first, end in zip([0, *ends], ends, strict=False):
-        sums.add(rows[first:end])
+        sums.add(rows[first:end], first)
     return [sums.total, sums.number]
 
 

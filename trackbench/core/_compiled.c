@@ -291,22 +291,25 @@ KERNEL(c_dot) {
   DONE;
 }
 
-/* column_sums(rows, sums, gaps): add rows (S, M) to the sums (M) of the values that are no NaN, and count the NaN;
-   `ColumnSums`. */
-KERNEL(c_column_sums) {
-  OPEN(3, 1);
-  double *restrict sums = DOUBLES(1), *restrict gaps = DOUBLES(2);
-  Size M = LENGTH(2);
-  int missing = any_nan(DOUBLES(0), LENGTH(0));
-  for (Size i = 0; i < LENGTH(0) && M; i += M) {
-    const double *row = DOUBLES(0) + i;
-    if (missing)
-      for (Size m = 0; m < M; m++) {
-        gaps[m] += row[m] == row[m] ? 0.0 : 1.0;
-        sums[m] += row[m] == row[m] ? row[m] : 0.0;
-      }
-    else for (Size m = 0; m < M; m++) sums[m] += row[m];
-  }
+/* window_sums(windows, rows, sums, gaps, M): add rows (S, M) to the sums (W, M) of the windows (W, S) that they are
+   in, but no NaN, which is counted; `WindowSums`. */
+KERNEL(c_window_sums) {
+  OPEN(4, 2);
+  Size M = WHOLE(4), S = M > 0 ? LENGTH(1) / M : 0, W = M > 0 ? LENGTH(2) / M : 0;
+  const char *in = b.views[0].buf;
+  int missing = any_nan(DOUBLES(1), LENGTH(1));
+  for (Size i = 0; i < S; i++)
+    for (Size w = 0; w < W; w++) {
+      const double *row = DOUBLES(1) + i * M;
+      double *restrict sums = DOUBLES(2) + w * M, *restrict gaps = DOUBLES(3) + w * M;
+      if (!in[w * S + i]) continue;
+      if (missing)
+        for (Size m = 0; m < M; m++) {
+          gaps[m] += row[m] == row[m] ? 0.0 : 1.0;
+          sums[m] += row[m] == row[m] ? row[m] : 0.0;
+        }
+      else for (Size m = 0; m < M; m++) sums[m] += row[m];
+    }
   DONE;
 }
 
@@ -1147,7 +1150,7 @@ KERNEL(c_condition) {
 #define METHOD(name) {#name, (PyCFunction)(void (*)(void))c_##name, METH_FASTCALL, NULL}
 static PyMethodDef methods[] = {
   METHOD(exp), METHOD(log), METHOD(gamma_log_density), METHOD(log_prob),
-  METHOD(cos_sin), METHOD(arctan2), METHOD(normals), METHOD(total), METHOD(dot), METHOD(column_sums),
+  METHOD(cos_sin), METHOD(arctan2), METHOD(normals), METHOD(total), METHOD(dot), METHOD(window_sums),
   METHOD(normalize), METHOD(moments), METHOD(ancestors), METHOD(select), METHOD(choose), METHOD(pairs),
   METHOD(product), METHOD(sandwich), METHOD(gain), METHOD(joseph), METHOD(factor), METHOD(eigen), METHOD(whiten),
   METHOD(mahalanobis), METHOD(track), METHOD(mix), METHOD(any_nan), METHOD(any_not_finite),

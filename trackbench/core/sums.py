@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from trackbench.core import compiled
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, Mask
 
 _EXACT = 128  # products of numbers of 23 bits whose sum is exact
 _AT_ONCE = 16_384  # numbers of a product's rows: their halves stay in the cache
@@ -35,29 +35,33 @@ def total(a: Array, axis: Literal[0, -1] = -1) -> Array:
     return _in_order(rows.T).reshape(a.shape[:-1])[()]
 
 
-class ColumnSums:
-    """Sums ``total`` (M,) over rows of M values that come in pieces; a NaN counts as nothing."""
+class WindowSums:
+    """Sums ``total`` (W, M) over the rows of W windows (W, T); rows come in pieces.
 
-    total = np.zeros(0)
-    _rows, _gaps = 0, np.zeros(0)
+    A NaN counts as nothing: ``number`` (W, M) says how many values each sum has.
+    """
 
-    def add(self, rows: Array) -> None:
-        """Add rows (S, M)."""
-        if not self._rows:
-            self.total, self._gaps = np.zeros((2, rows.shape[1]))
+    def __init__(self, windows: Mask, M: int) -> None:
+        self._windows = windows
+        self.total, self._gaps = np.zeros((2, len(windows), M))
+
+    def add(self, rows: Array, first: int) -> None:
+        """Add rows (S, M) from the one of this number on."""
+        here = np.ascontiguousarray(self._windows[:, first : first + len(rows)])
         if compiled.kernels and rows.dtype == np.float64:
-            compiled.kernels.column_sums(np.ascontiguousarray(rows), self.total, self._gaps)
-        else:
-            missing = np.isnan(rows)
-            self._gaps += missing.sum(axis=0)
-            known = np.where(missing, 0.0, rows)
-            self.total = np.asarray(total(np.vstack([self.total, known]), axis=0))
-        self._rows += len(rows)
+            rows = np.ascontiguousarray(rows)
+            compiled.kernels.window_sums(here, rows, self.total, self._gaps, rows.shape[1])
+            return
+        missing = np.isnan(rows)
+        known = np.where(missing, 0.0, rows)
+        for so_far, gaps, part in zip(self.total, self._gaps, here, strict=True):
+            gaps += missing[part].sum(axis=0)
+            so_far[:] = total(np.vstack([so_far, known[part]]), axis=0)
 
     @property
     def number(self) -> Array:
         """Return how many values each sum has."""
-        return self._rows - self._gaps
+        return self._windows.sum(axis=1)[:, None] - self._gaps
 
 
 def dot(a: Array, b: Array) -> Array:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array, Mask, any_nan
-from trackbench.core.sums import ColumnSums, dot, total
+from trackbench.core.sums import WindowSums, dot, total
 from trackbench.evaluation.validate_output import checked_metrics
 from trackbench.filters.base import WrongReturnError
 from trackbench.metrics import in_window, is_reserved, joined, metrics_of
@@ -109,11 +109,10 @@ class SeriesSums:
     """
 
     def __init__(self, windows: Mapping[str, Mask], counts: Collection[str]) -> None:
-        self._windows = windows
-        self._counts = counts
+        self._windows, self._counts = windows, counts
+        self._masks = np.stack([*windows.values()])
         self._kinds: dict[str, dict[str, str]] = {}
-        self._pieces: dict[tuple[int, int], list[tuple[str, slice | Mask]]] = {}
-        self._sums = defaultdict[tuple[str, str, str], ColumnSums](ColumnSums)
+        self._sums: dict[tuple[str, str], WindowSums] = {}
         self._of_steps = defaultdict[str, list[StepSums]](list)
 
     @classmethod
@@ -137,17 +136,11 @@ class SeriesSums:
         if "root" in kinds:
             columns["roots"] = np.sqrt(rows)  # of squares
         # Values that do not exist count as nothing; an infinite NEES of collapsed particles counts.
-        for window, part in self._parts(first, first + len(rows)) if columns else ():
-            for name, each in columns.items():
-                self._sums[series, window, name].add(each[part])
+        for name, each in columns.items():
+            if (series, name) not in self._sums:
+                self._sums[series, name] = WindowSums(self._masks, rows.shape[1])
+            self._sums[series, name].add(each, first)
         self._of_steps[series].append(step_sums(rows, np.full(rows.shape[1], FOUND)))
-
-    def _parts(self, first: int, end: int) -> list[tuple[str, slice | Mask]]:
-        """Return the windows that have some of these steps, and which."""
-        if (first, end) not in self._pieces:
-            here = [(window, mask[first:end]) for window, mask in self._windows.items()]
-            self._pieces[first, end] = [(w, _as_slice(mask)) for w, mask in here if mask.any()]
-        return self._pieces[first, end]
 
     def over_runs(self) -> dict[str, StepSums]:
         """Return the sums over all runs at each step, lost ones too; no zero is negative."""
@@ -158,30 +151,24 @@ class SeriesSums:
 
     def over_windows(self, values: Mapping[str, Array]) -> dict[str, Array]:
         """Return each metric's numbers per run (M,) by window; ``values`` are the whole series."""
-        found: dict[str, Array] = {}
-        for window, mask in self._windows.items():
-            of_window: dict[str, Array] = {}
-            last = np.flatnonzero(mask)[-1]
-            for series, wanted in self._kinds.items():
-                if not wanted:
-                    continue
-                sums = self._sums[series, window, "values"]
-                mean = sums.total / sums.number
-                numbers = {"sum": sums.total, "mean": mean, "last": values[series][last]}
-                if "rms" in wanted.values():
-                    numbers["rms"] = np.sqrt(mean)  # of squares
-                if "root" in wanted.values():
-                    numbers["root"] = self._sums[series, window, "roots"].total / sums.number
-                of_window |= {name: numbers[how] for name, how in wanted.items()}
+        found: list[dict[str, Array]] = [{} for _ in self._windows]
+        last = [np.flatnonzero(mask)[-1] for mask in self._masks]
+        for series, wanted in self._kinds.items():
+            if not wanted:
+                continue
+            sums = self._sums[series, "values"]
+            number, mean = sums.number, sums.total / sums.number
+            numbers = {"sum": sums.total, "mean": mean, "last": values[series][last]}
+            if "rms" in wanted.values():
+                numbers["rms"] = np.sqrt(mean)  # of squares
+            if "root" in wanted.values():
+                numbers["root"] = self._sums[series, "roots"].total / number
+            for i, of_window in enumerate(found):
+                of_window |= {name: numbers[how][i] for name, how in wanted.items()}
+        for of_window, mask in zip(found, self._masks, strict=True):
             of_window |= _of_innovations(values, mask)
-            found |= {in_window(name, window): numbers for name, numbers in of_window.items()}
-        return found
-
-
-def _as_slice(mask: Mask) -> slice | Mask:
-    """Return consecutive steps as a slice, whose rows need no copy."""
-    part = slice(mask.argmax(), len(mask) - mask[::-1].argmax())
-    return part if mask[part].all() else mask
+        each = zip(self._windows, found, strict=True)
+        return {in_window(name, w): rows for w, of_w in each for name, rows in of_w.items()}
 
 
 def _of_innovations(values: Mapping[str, Array], mask: Mask) -> Iterator[tuple[str, Array]]:
