@@ -11,9 +11,11 @@ import pytest
 from tests.execution.test_resume import write
 from tests.papers import merwe_text
 from trackbench.config.load import load
+from trackbench.evaluation import run_filter
+from trackbench.evaluation.block import BlockTask
 from trackbench.execution import queue
 from trackbench.execution.cache import BlockStore
-from trackbench.execution.engines import ClusterExecutor
+from trackbench.execution.engines import ClusterExecutor, SerialExecutor
 from trackbench.execution.plan import Plan, make_plan
 from trackbench.execution.runner import execute
 
@@ -82,3 +84,23 @@ def test_a_larger_cluster_gets_more_tasks_and_longer_ones(
 
         assert not list(tasks.run(opened))
     assert found == [(1.0, 2), (8.0, 1000)]
+
+
+def test_a_filter_runs_once_for_points_that_score_it_in_different_ways(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = (
+        "name: scored\nruns: 6\nblock: 3\nscenario: SCENE\n"
+        "filters: {PF: {kind: pf, N: 5}, EKF: {kind: ekf}}\n"
+        "grid: {scenario.score.steps: [[1, 6], [2, 6], [2, 4]]}\n"
+    )
+    plan = make_plan(load(write(tmp_path, text.replace("SCENE", merwe_text(T=6)))))
+    ran = list[BlockTask]()
+    filtered = run_filter.run_filter
+    monkeypatch.setattr(
+        run_filter, "run_filter", lambda task, *rest: (ran.append(task), filtered(task, *rest))[1]
+    )
+    run_filter.run_filter_cached.cache_clear()
+    (outcome,) = execute([plan], BlockStore(tmp_path / "blocks"), SerialExecutor, 1, progress=False)
+    assert len(dict(outcome.results())) == 6
+    assert sorted(type(task.filter).__name__ for task in ran) == ["EKF", "PF"]

@@ -51,11 +51,17 @@ class Plan:
 
     @cached_property
     def unique(self) -> list[BlockTask]:
-        """Return every distinct task; filters of one block stand together and share its data."""
-        return sorted(
-            dict.fromkeys(t for tasks in self.tasks.values() for t in tasks),
-            key=lambda task: task.index,
-        )
+        """Return every distinct task; filters of one block stand together and share its data.
+
+        So do tasks that score the same estimates in different ways: the filter runs once for them.
+        """
+        ranks: dict[BlockTask, int] = {}
+        places: dict[BlockTask, tuple[int, int]] = {}
+        for tasks in self.tasks.values():
+            rank = ranks.setdefault(tasks[0].filtering_key, len(ranks))
+            for task in tasks:
+                places.setdefault(task, (task.index, rank))
+        return [task for task, _ in sorted(places.items(), key=lambda item: item[1])]
 
     def first(self, runs: int) -> "Plan":
         """Return the plan reduced to its first ``runs`` runs, with the same blocks."""
