@@ -86,21 +86,48 @@ def test_a_larger_cluster_gets_more_tasks_and_longer_ones(
     assert found == [(1.0, 2), (8.0, 1000)]
 
 
+@pytest.fixture
+def ran(monkeypatch: pytest.MonkeyPatch) -> list[BlockTask]:
+    """Tasks whose filters are run from now on."""
+    found, filtered = list[BlockTask](), run_filter.run_filter
+
+    def recorded(task: BlockTask, *rest: Any) -> run_filter.FilterOutput:
+        found.append(task)
+        return filtered(task, *rest)
+
+    monkeypatch.setattr(run_filter, "run_filter", recorded)
+    run_filter.run_filter_cached.cache_clear()
+    run_filter.run_reference.cache_clear()
+    return found
+
+
+def results_of(text: str, folder: Path) -> dict[Any, Any]:
+    plan = make_plan(load(write(folder, text.replace("SCENE", merwe_text(T=6)))))
+    (outcome,) = execute([plan], BlockStore(folder / "blocks"), SerialExecutor, 1, progress=False)
+    return dict(outcome.results())
+
+
 def test_a_filter_runs_once_for_points_that_score_it_in_different_ways(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, ran: list[BlockTask]
 ) -> None:
     text = (
         "name: scored\nruns: 6\nblock: 3\nscenario: SCENE\n"
         "filters: {PF: {kind: pf, N: 5}, EKF: {kind: ekf}}\n"
         "grid: {scenario.score.steps: [[1, 6], [2, 6], [2, 4]]}\n"
     )
-    plan = make_plan(load(write(tmp_path, text.replace("SCENE", merwe_text(T=6)))))
-    ran = list[BlockTask]()
-    filtered = run_filter.run_filter
-    monkeypatch.setattr(
-        run_filter, "run_filter", lambda task, *rest: (ran.append(task), filtered(task, *rest))[1]
-    )
-    run_filter.run_filter_cached.cache_clear()
-    (outcome,) = execute([plan], BlockStore(tmp_path / "blocks"), SerialExecutor, 1, progress=False)
-    assert len(dict(outcome.results())) == 6
+    assert len(results_of(text, tmp_path)) == 6
     assert sorted(type(task.filter).__name__ for task in ran) == ["EKF", "PF"]
+
+
+def test_a_reference_runs_once_a_block(tmp_path: Path, ran: list[BlockTask]) -> None:
+    text = (
+        "name: exact\nruns: 6\nblock: 3\nscenario: SCENE\nreference: EKF\n"
+        "filters: {PF: {kind: pf, N: 5}, UKF: {kind: ukf}, EKF: {kind: ekf}}\n"
+        "metrics: [rmse, rmsd, coverage_90]\n"
+    )
+    with_others = results_of(text, tmp_path)
+    assert sorted(type(task.filter).__name__ for task in ran) == ["EKF", "EKF", "PF", "UKF"]
+    # As the reference it has the numbers that it has alone.
+    alone = results_of(text.replace("reference: EKF\n", "").replace("rmsd, ", ""), tmp_path)
+    for name, values in alone[0, "EKF"].per_run.items():
+        assert values.tobytes() == with_others[0, "EKF"].per_run[name].tobytes()

@@ -244,19 +244,23 @@ class LatestResults(Generic[T]):
     """
 
     def __init__(self, function: Callable[..., T], size: int) -> None:
-        self._function, self._size = function, size
+        self._function, self.size = function, size
         self._results: dict[tuple[Hashable, ...], T] = {}
 
     def __call__(self, *key: Hashable) -> T:
         """Return the cached result of these arguments, or compute it."""
         result = self._results.pop(key, None)
         if result is None:
-            surplus = max(0, len(self._results) + 1 - self._size)
+            surplus = max(0, len(self._results) + 1 - self.size)
             for oldest in [*self._results][:surplus]:
                 self._results.pop(oldest, None)
             result = self._function(*key)
         self._results[key] = result  # the latest is the last one
         return result
+
+    def cached(self, *key: Hashable) -> T | None:
+        """Return the result of these arguments if it is cached."""
+        return self._results.get(key)
 
     def cache_clear(self) -> None:
         """Drop all results."""

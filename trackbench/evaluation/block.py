@@ -106,12 +106,9 @@ class BlockTask:
 
     @property
     def reference_task(self) -> "BlockTask":
-        """Return the reference's own task."""
+        """Return the reference's own task, as it is among the filters."""
         assert self.reference is not None
-        told: tuple[Kind, ...] = ("score",) if "likelihood_ratio" in self.predictive_metrics else ()
-        return replace(
-            self.filtering_key, filter=self.reference, assume=None, predictive_metrics=told
-        )
+        return replace(self.filtering_key, filter=self.reference, assume=None)
 
     def runs_with_tracks_among(self, used: int) -> int:
         """Count the block's first ``used`` runs whose whole tracks are stored."""

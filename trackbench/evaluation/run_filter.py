@@ -3,7 +3,6 @@
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,7 +11,7 @@ from trackbench.core import arrays
 from trackbench.core.arrays import Array, LatestResults, Seal, freeze
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.random_streams import aside_stream, block_stream, side_by_side
-from trackbench.evaluation.block import MOST_STACKED, BlockTask
+from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.consistency_and_calibration import (
     Calibration,
     ConsistencySeries,
@@ -45,21 +44,6 @@ class FilterOutput(NamedTuple):
     cov: Array | None
     diagnostics: dict[str, Array]
     cpu_s: float
-
-
-class ReferenceOutput(NamedTuple):
-    """mean (n_x, T + 1, M) of the reference, and its log-likelihood series by name."""
-
-    mean: Array
-    diagnostics: dict[str, Array]
-
-
-@lru_cache(maxsize=MOST_STACKED)
-def run_reference(task: BlockTask) -> ReferenceOutput:
-    """Return the reference's way through a block, read-only; cached for all filters of a stack."""
-    output = run_filter_cached(task, 0)
-    series = {n: rows for n, rows in output.diagnostics.items() if n == "log_likelihood"}
-    return ReferenceOutput(output.mean, series)
 
 
 @explain_read_only_errors()
@@ -174,6 +158,8 @@ def _run_filter(task: BlockTask, covariances: int) -> FilterOutput:
 
 run_filter_cached = LatestResults(_run_filter, size=1)
 """A filter's output over its block, read-only; cached for tasks that score it in another way."""
+run_reference = LatestResults(lambda task: _run_filter(task, 0), size=1)
+"""The reference's output over a block, read-only; cached for all filters, itself among them."""
 
 
 class _Recorder:
