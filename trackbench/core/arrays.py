@@ -25,6 +25,11 @@ T = TypeVar("T")
 A = TypeVar("A", bound=np.ndarray[Any, Any])
 
 
+# Free one block of nearly 32 MB, which is never touched: glibc then keeps up to 64 MB of freed memory
+# for the next arrays, the most that it chooses itself. The system fills new memory with zeros first.
+np.empty((1 << 25) - (1 << 16), dtype=np.uint8)
+
+
 def with_trailing(a: Array, batch_ndim: int, leading: int = 1) -> Array:
     """Return ``a`` with axes of length one appended until it has ``batch_ndim`` batch axes.
 
