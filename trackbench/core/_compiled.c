@@ -235,6 +235,25 @@ KERNEL(c_normals) {
   DONE;
 }
 
+/* erlang(table, words, out, shape): sums of so many entries, in pieces of 4 QUADS sums; `standard_gamma`. */
+KERNEL(c_erlang) {
+  OPEN(3, 2);
+  const float *table = b.views[0].buf;
+  const uint16_t *index = b.views[1].buf;
+  double *out = DOUBLES(2);
+  Size shape = WHOLE(3), count = LENGTH(2);
+  for (Size done = 0; done < count; done += 4 * QUADS) {
+    Size n = count - done < 4 * QUADS ? count - done : 4 * QUADS;
+    const uint16_t *i = index + shape * done;
+    for (Size k = 0; k < n; k++) {
+      float sum = table[i[k]];
+      for (Size j = 1; j < shape; j++) sum += table[i[j * n + k]];
+      out[done + k] = (double)sum;
+    }
+  }
+  DONE;
+}
+
 /* ---- sums in a fixed order: sums.py ---- */
 
 /* Add the products of two rows (or one row, if b is NULL) in blocks, as `_by_blocks` does. */
@@ -897,19 +916,50 @@ static PyObject *any(PyObject *const *args, Size given, int infinite) {
 KERNEL(c_any_nan) { return any(args, given, 0); }
 KERNEL(c_any_not_finite) { return any(args, given, 1); }
 
-/* lower_product(L, x, out): L x for a triangle per run and particles (n, M, N). */
-KERNEL(c_lower_product) {
-  OPEN(3, 2);
-  Size n = WHOLE(3), M = n > 0 ? LENGTH(0) / (n * n) : 0, N = M ? LENGTH(1) / (n * M) : 0;
-  for (Size i = 0; i < n; i++)
-    for (Size m = 0; m < M; m++)
-      for (Size j = 0; j <= i; j++) {
-        double factor = DOUBLES(0)[(i * n + j) * M + m];
-        const double *x = DOUBLES(1) + (j * M + m) * N;
-        double *restrict out = DOUBLES(2) + (i * M + m) * N;
-        if (j) for (Size k = 0; k < N; k++) out[k] += factor * x[k];
-        else for (Size k = 0; k < N; k++) out[k] = factor * x[k];
+/* epanechnikov(square, e): e / sqrt(2 square + e'e) in place, `kernel_draws`. */
+KERNEL(c_epanechnikov) {
+  OPEN(2, 1);
+  Size count = LENGTH(0);
+  double *e = DOUBLES(1), root[CHUNK];
+  for (Size from = 0; from < count; from += CHUNK) {
+    Size n = count - from < CHUNK ? count - from : CHUNK;
+    /* Step 1: the norm in n + 4 dimensions. */
+    for (Size k = 0; k < n; k++) root[k] = DOUBLES(0)[from + k] * 2.0;
+    for (Size i = from; i < LENGTH(1); i += count)
+      for (Size k = 0; k < n; k++) root[k] += e[i + k] * e[i + k];
+    for (Size k = 0; k < n; k++) root[k] = sqrt(root[k]);
+    /* Step 2: divide each coordinate by it. */
+    for (Size i = from; i < LENGTH(1); i += count)
+      for (Size k = 0; k < n; k++) e[i + k] /= root[k];
+  }
+  DONE;
+}
+
+/* move(L, e, members, x, out, n): x + L e for a triangle per run and particles (n, M, N), of the members (M, N) of a
+   mode or of all; `jitter_modes`. */
+WIDE KERNEL(c_move) {
+  OPEN(5, 4);
+  Size n = WHOLE(5), M = n > 0 ? LENGTH(0) / (n * n) : 0, N = M ? LENGTH(1) / (n * M) : 0;
+  for (Size m = 0; m < M; m++)
+    for (Size from = 0; from < N; from += CHUNK) {
+      Size size = N - from < CHUNK ? N - from : CHUNK;
+      const char *member = b.views[2].len ? (const char *)b.views[2].buf + m * N + from : NULL;
+      for (Size i = 0; i < n; i++) {
+        Size at = (i * M + m) * N + from;
+        const double *x = DOUBLES(3) + at;
+        double *restrict out = DOUBLES(4) + at;
+        /* Step 1: L e */
+        for (Size j = 0; j <= i; j++) {
+          double factor = DOUBLES(0)[(i * n + j) * M + m];
+          const double *e = DOUBLES(1) + (j * M + m) * N + from;
+          if (j) for (Size k = 0; k < size; k++) out[k] += factor * e[k];
+          else for (Size k = 0; k < size; k++) out[k] = factor * e[k];
+        }
+        /* Step 2: x + L e, or x + 0.0 of a particle that is no member. */
+        if (member) for (Size k = 0; k < size; k++) out[k] = of_bits(bits_of(out[k]) & -(int64_t)member[k]) + x[k];
+        else for (Size k = 0; k < size; k++) out[k] += x[k];
       }
+    }
   DONE;
 }
 
@@ -1147,11 +1197,12 @@ KERNEL(c_condition) {
 #define METHOD(name) {#name, (PyCFunction)(void (*)(void))c_##name, METH_FASTCALL, NULL}
 static PyMethodDef methods[] = {
   METHOD(exp), METHOD(log), METHOD(gamma_log_density), METHOD(log_prob),
-  METHOD(cos_sin), METHOD(arctan2), METHOD(normals), METHOD(total), METHOD(dot), METHOD(column_sums),
-  METHOD(normalize), METHOD(moments), METHOD(ancestors), METHOD(select), METHOD(choose), METHOD(pairs),
+  METHOD(cos_sin), METHOD(arctan2), METHOD(normals), METHOD(erlang), METHOD(total),
+  METHOD(dot), METHOD(column_sums), METHOD(normalize), METHOD(moments),
+  METHOD(ancestors), METHOD(select), METHOD(choose), METHOD(pairs),
   METHOD(product), METHOD(sandwich), METHOD(gain), METHOD(joseph), METHOD(factor), METHOD(eigen), METHOD(whiten),
   METHOD(mahalanobis), METHOD(track), METHOD(mix), METHOD(any_nan), METHOD(any_not_finite),
-  METHOD(lower_product), METHOD(weighted), METHOD(cross), METHOD(sigma_points),
+  METHOD(epanechnikov), METHOD(move), METHOD(weighted), METHOD(cross), METHOD(sigma_points),
   METHOD(scalar_points), METHOD(scalar_noise), METHOD(scalar_update), METHOD(condition), {NULL}};
 static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, "_compiled", "Kernels of core/ in C.", -1, methods};
 PyMODINIT_FUNC PyInit__compiled(void) {
