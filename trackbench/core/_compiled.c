@@ -211,6 +211,23 @@ KERNEL(c_arctan2) {
   DONE;
 }
 
+/* line_of_sight(c, s, px, py, r, across, along): `along_line_of_sight` of positions (M, N) about c, s (M). */
+KERNEL(c_line_of_sight) {
+  OPEN(7, 4);
+  Size M = LENGTH(0), N = M ? LENGTH(2) / M : 0;
+  const double *px = DOUBLES(2), *py = DOUBLES(3);
+  double *restrict r = DOUBLES(4), *restrict across = DOUBLES(5), *restrict along = DOUBLES(6);
+  for (Size m = 0; m < M; m++) {
+    double c = DOUBLES(0)[m], s = DOUBLES(1)[m];
+    for (Size i = m * N; i < (m + 1) * N; i++) {
+      along[i] = c * px[i] + s * py[i];
+      across[i] = c * py[i] - s * px[i];
+      r[i] = sqrt(along[i] * along[i] + across[i] * across[i]);
+    }
+  }
+  DONE;
+}
+
 /* ---- variates: random_streams.py ---- */
 
 /* normals(table, words, out): a Hadamard matrix times four table entries, in pieces of QUADS words. */
@@ -1197,7 +1214,7 @@ KERNEL(c_condition) {
 #define METHOD(name) {#name, (PyCFunction)(void (*)(void))c_##name, METH_FASTCALL, NULL}
 static PyMethodDef methods[] = {
   METHOD(exp), METHOD(log), METHOD(gamma_log_density), METHOD(log_prob),
-  METHOD(cos_sin), METHOD(arctan2), METHOD(normals), METHOD(erlang), METHOD(total),
+  METHOD(cos_sin), METHOD(arctan2), METHOD(line_of_sight), METHOD(normals), METHOD(erlang), METHOD(total),
   METHOD(dot), METHOD(column_sums), METHOD(normalize), METHOD(moments),
   METHOD(ancestors), METHOD(select), METHOD(choose), METHOD(pairs),
   METHOD(product), METHOD(sandwich), METHOD(gain), METHOD(joseph), METHOD(factor), METHOD(eigen), METHOD(whiten),

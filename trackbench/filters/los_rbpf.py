@@ -153,8 +153,11 @@ class LineOfSight(ParticleFilter):
         K, S, P = _kalman_gain(P, sensor.R[0, 0], missing)
         # Step 2: log w = log w - nu^2 / (2 S) - (a - theta)^2 / (2 sigma_a^2), nu = z_r - r.
         nu = z[0][:, None] - r
-        half_distance = np.square(nu) * (0.5 / S)[:, None]
-        half_distance += np.square(arctan2(across, along)) * (0.5 / sensor.R[1, 1])
+        half_distance, angle = np.square(nu), arctan2(across, along)
+        half_distance *= (0.5 / S)[:, None]
+        angle *= angle
+        angle *= 0.5 / sensor.R[1, 1]
+        half_distance += angle
         if missing.any():
             nu[missing], half_distance[missing] = 0.0, 0.0
         note("likelihoods", half_distance, components=0)
@@ -172,7 +175,7 @@ class LineOfSight(ParticleFilter):
             collapsed=collapsed,
             age=state.age + 1,
             P=P,
-            log_w=np.where(collapsed[:, None], 0.0, log_w),
+            log_w=np.where(collapsed[:, None], 0.0, log_w) if collapsed.any() else log_w,
             evidence=(evidence,),
         )
         # Step 4: resample and regularize the runs with few effective particles.
