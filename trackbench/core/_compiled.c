@@ -349,19 +349,20 @@ KERNEL(c_column_sums) {
 /* ---- particles.py and resampling.py ---- */
 
 /* normalize(powers, constants, log_w, w, top, scale, collapsed, N): constants of exp, then the clip and its weight. */
-KERNEL(c_normalize) {
+WIDE KERNEL(c_normalize) {
   OPEN(7, 3);
   const double *powers = DOUBLES(0), *c = DOUBLES(1);
   Size N = WHOLE(7);
   for (Size m = 0; m < LENGTH(4); m++) {
     const double *log_w = DOUBLES(2) + m * N;
-    double *w = DOUBLES(3) + m * N, top = log_w[0];
-    int nan = 0;
-    for (Size i = 0; i < N; i++) {
-      top = log_w[i] > top ? log_w[i] : top;
-      nan |= log_w[i] != log_w[i];
-    }
-    if (nan) top = NAN;
+    double *w = DOUBLES(3) + m * N, top = log_w[0], tops[8];
+    /* The largest of each eighth of the log-weights, since each comparison waits for the one before. */
+    for (int k = 0; k < 8; k++) tops[k] = top;
+    for (Size i = 0; i + 8 <= N; i += 8)
+      for (int k = 0; k < 8; k++) tops[k] = log_w[i + k] > tops[k] ? log_w[i + k] : tops[k];
+    for (int k = 0; k < 8; k++) top = tops[k] > top ? tops[k] : top;
+    for (Size i = N - N % 8; i < N; i++) top = log_w[i] > top ? log_w[i] : top;
+    if (any_nan(log_w, N)) top = NAN;
     DOUBLES(4)[m] = top;
     ((char *)b.views[6].buf)[m] = top == -INFINITY;
     for (Size i = 0; i < N; i++) {
@@ -377,7 +378,7 @@ KERNEL(c_normalize) {
 }
 
 /* moments(x, w, mean, cov, n): mean and covariance about it, a run at a time in the cache. */
-KERNEL(c_moments) {
+WIDE KERNEL(c_moments) {
   OPEN(4, 2);
   Size n = WHOLE(4), M = n > 0 ? LENGTH(2) / n : 0, N = M ? LENGTH(1) / M : 0;
   double *e = malloc(sizeof(double) * (n + 1) * (N + 1)), *weighted = e + n * N;
