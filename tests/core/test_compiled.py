@@ -27,13 +27,17 @@ from trackbench.core import (
 )
 from trackbench.core.build_compiled import BUILT
 from trackbench.core.distributions import Gamma, Gaussian, zero_mean_log_prob
-from trackbench.core.random_streams import NoiseGenerator, block_stream
+from trackbench.core.particle_moves import Mode, jitter_modes
+from trackbench.core.random_streams import NoiseGenerator, SomeRuns, block_stream
 from trackbench.core.sums import WindowSums
+from trackbench.filters import los_rbpf, mpf
 from trackbench.filters.base import Steps
 from trackbench.filters.kf import KF
+from trackbench.filters.particle_base import PFState
 from trackbench.models.base import Model
 from trackbench.models.gaussian_steps import AssumedNoise, additive_step, augmented_step
 from trackbench.models.motions.kinematic import ConstantVelocity
+from trackbench.models.sensors.angular import along_line_of_sight
 from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.position import PositionSensor, PositionVelocity, ScalarSensor
 
@@ -44,6 +48,10 @@ SPECIAL = np.array(
         *(-708.0, -708.1, 709.7, 709.8, 1e6, 1.1e6, 1e300, 0.75, 1.5, 1 / 32, 3.0, np.pi),
     ]
 )
+
+
+EDGES = (127, 128, 255, 256, 511, 512, 513, 4095, 4096, 5000)
+"""Lengths about those of blocks and pieces."""
 
 
 @pytest.fixture
@@ -167,7 +175,15 @@ def _filtered(tracker: KF, model: Model, prior: Gaussian, z: np.ndarray) -> list
 @pytest.mark.parametrize("size", [1, 3, (7, 50), (4, 100, 333), 16_384, 16_385, 40_001])
 def test_variates(size: object, both: Callable[..., None]) -> None:
     both(lambda: block_stream(3, 4).standard_normal(size))
-    both(lambda: NoiseGenerator(SFC64(5)).standard_gamma(3, size))
+    for shape in (1, 2, 3, 8):
+        both(lambda shape=shape: NoiseGenerator(SFC64(5)).standard_gamma(shape, size))
+        both(lambda shape=shape: _state_after_gamma(shape, size))
+
+
+def _state_after_gamma(shape: int, size: object) -> np.ndarray:
+    rng = NoiseGenerator(SFC64(5))
+    rng.standard_gamma(shape, size)
+    return rng.bit_generator.state["state"]["state"]
 
 
 @pytest.mark.parametrize("runs", [1, 2, 50, 1000])
@@ -222,7 +238,7 @@ def test_sums(n: int, both: Callable[..., None]) -> None:
     both(lambda: sums.total(np.where(w > 0.9999, np.inf, w)))
 
 
-@pytest.mark.parametrize("N", [1, 10, 63, 64, 300, 5000])
+@pytest.mark.parametrize("N", [1, 7, 8, 9, 10, 63, 64, 300, *EDGES])
 def test_weights_and_resampling(N: int, both: Callable[..., None]) -> None:
     rng = np.random.default_rng(N)
     log_w = 30.0 * rng.standard_normal((9, N))
@@ -237,6 +253,53 @@ def test_weights_and_resampling(N: int, both: Callable[..., None]) -> None:
     index = resampling.ancestors(w, block_stream(1, 2))
     both(lambda: resampling.select(x, index))
     both(lambda: resampling.select(x[:, ::-1], index))
+
+
+@pytest.mark.parametrize("N", [1, 2, 9, *EDGES])
+@pytest.mark.parametrize("special", [False, True])
+def test_moves_of_particles(N: int, special: bool, both: Callable[..., None]) -> None:
+    rng = np.random.default_rng(N)
+
+    def draw(*shape: int) -> np.ndarray:
+        values = rng.standard_normal(shape)
+        return (
+            np.where(rng.random(shape) < 0.3, rng.choice(SPECIAL, shape), values)
+            if special
+            else values
+        )
+
+    x, a, azimuth = draw(4, 3, N), draw(4, 4, 3), draw(3)
+    singles = rng.standard_normal(x.shape).astype(np.float32)
+    # Kernel smoothing of all particles and of two modes; also of masks that the kernel cannot use.
+    covs = [linalg.sandwich(a, np.eye(4)), np.zeros((4, 4, 3)), draw(4, 4, 3)]
+    up, share = x[1] > 0.0, np.array([0.2, 0.0, 0.9])
+    modes = [Mode(up, share, covs[0]), Mode(~up, 1.0 - share, covs[2])]
+    broadcast = [Mode(up[:, :1], share, covs[0]), Mode((2 * up).astype(int), share, covs[0])]
+    for kernel in ("gaussian", "epanechnikov"):
+        both(lambda k=kernel: particle_moves.kernel_draws(k, x.shape, block_stream(1, 2)))
+        for cov in covs:
+            both(lambda k=kernel, c=cov: particle_moves.jitter(x, c, k, block_stream(1, 2)))
+        for part in (modes, broadcast):
+            both(lambda k=kernel, m=part: jitter_modes(x, m, k, block_stream(1, 2)))
+        both(lambda k=kernel: jitter_modes(x[::2], [Mode(None, None, a[:2, :2])], k, _runs(3)))
+    # Positions in the frame of a line of sight.
+    for px, py in ((x[0], x[2]), (x[0, :, ::-1], x[2]), (singles[0], x[2])):
+        both(lambda px=px, py=py: along_line_of_sight(azimuth, px, py))
+    both(lambda: along_line_of_sight(azimuth, x[0, :1], x[2, :1]))
+    both(lambda: along_line_of_sight(azimuth[:1], x[0], x[2]))
+    # A step of the marginalized filters, also from an array that is not in order.
+    motion = ConstantVelocity(q=0.3).sampled(0.7)
+    weighted = particles.Particles(x, particles.equal_weights(3, N))
+    for particle_states in (x, x[:, ::-1], singles):
+        cloud = weighted._replace(x=particle_states)
+        state = PFState(cloud, cloud, Gaussian(azimuth, azimuth), up[:, 0])
+        one, own = state._replace(P=np.array(0.4)), state._replace(P=a[:2, :2])
+        both(lambda s=one: mpf._propagate(motion, s, block_stream(1, 2)))
+        both(lambda s=own: los_rbpf._propagate(motion, s, block_stream(1, 2)))
+
+
+def _runs(count: int) -> SomeRuns:
+    return SomeRuns(block_stream(1, 2), 5, range(count))
 
 
 @pytest.mark.parametrize("batch", [(1,), (5,), (50,), (700,), (3, 401)])

@@ -211,6 +211,23 @@ KERNEL(c_arctan2) {
   DONE;
 }
 
+/* line_of_sight(c, s, px, py, r, across, along): `along_line_of_sight` of positions (M, N) about c, s (M). */
+KERNEL(c_line_of_sight) {
+  OPEN(7, 4);
+  Size M = LENGTH(0), N = M ? LENGTH(2) / M : 0;
+  const double *px = DOUBLES(2), *py = DOUBLES(3);
+  double *restrict r = DOUBLES(4), *restrict across = DOUBLES(5), *restrict along = DOUBLES(6);
+  for (Size m = 0; m < M; m++) {
+    double c = DOUBLES(0)[m], s = DOUBLES(1)[m];
+    for (Size i = m * N; i < (m + 1) * N; i++) {
+      along[i] = c * px[i] + s * py[i];
+      across[i] = c * py[i] - s * px[i];
+      r[i] = sqrt(along[i] * along[i] + across[i] * across[i]);
+    }
+  }
+  DONE;
+}
+
 /* ---- variates: random_streams.py ---- */
 
 /* normals(table, words, out): a Hadamard matrix times four table entries, in pieces of QUADS words. */
@@ -230,6 +247,25 @@ KERNEL(c_normals) {
       o[n + k] = (double)(sum - more);
       o[2 * n + k] = (double)(difference + less);
       o[3 * n + k] = (double)(difference - less);
+    }
+  }
+  DONE;
+}
+
+/* erlang(table, words, out, shape): sums of so many entries, in pieces of 4 QUADS sums; `standard_gamma`. */
+KERNEL(c_erlang) {
+  OPEN(3, 2);
+  const float *table = b.views[0].buf;
+  const uint16_t *index = b.views[1].buf;
+  double *out = DOUBLES(2);
+  Size shape = WHOLE(3), count = LENGTH(2);
+  for (Size done = 0; done < count; done += 4 * QUADS) {
+    Size n = count - done < 4 * QUADS ? count - done : 4 * QUADS;
+    const uint16_t *i = index + shape * done;
+    for (Size k = 0; k < n; k++) {
+      float sum = table[i[k]];
+      for (Size j = 1; j < shape; j++) sum += table[i[j * n + k]];
+      out[done + k] = (double)sum;
     }
   }
   DONE;
@@ -316,19 +352,20 @@ KERNEL(c_window_sums) {
 /* ---- particles.py and resampling.py ---- */
 
 /* normalize(powers, constants, log_w, w, top, scale, collapsed, N): constants of exp, then the clip and its weight. */
-KERNEL(c_normalize) {
+WIDE KERNEL(c_normalize) {
   OPEN(7, 3);
   const double *powers = DOUBLES(0), *c = DOUBLES(1);
   Size N = WHOLE(7);
   for (Size m = 0; m < LENGTH(4); m++) {
     const double *log_w = DOUBLES(2) + m * N;
-    double *w = DOUBLES(3) + m * N, top = log_w[0];
-    int nan = 0;
-    for (Size i = 0; i < N; i++) {
-      top = log_w[i] > top ? log_w[i] : top;
-      nan |= log_w[i] != log_w[i];
-    }
-    if (nan) top = NAN;
+    double *w = DOUBLES(3) + m * N, top = log_w[0], tops[8];
+    /* The largest of each eighth of the log-weights, since each comparison waits for the one before. */
+    for (int k = 0; k < 8; k++) tops[k] = top;
+    for (Size i = 0; i + 8 <= N; i += 8)
+      for (int k = 0; k < 8; k++) tops[k] = log_w[i + k] > tops[k] ? log_w[i + k] : tops[k];
+    for (int k = 0; k < 8; k++) top = tops[k] > top ? tops[k] : top;
+    for (Size i = N - N % 8; i < N; i++) top = log_w[i] > top ? log_w[i] : top;
+    if (any_nan(log_w, N)) top = NAN;
     DOUBLES(4)[m] = top;
     ((char *)b.views[6].buf)[m] = top == -INFINITY;
     for (Size i = 0; i < N; i++) {
@@ -344,7 +381,7 @@ KERNEL(c_normalize) {
 }
 
 /* moments(x, w, mean, cov, n): mean and covariance about it, a run at a time in the cache. */
-KERNEL(c_moments) {
+WIDE KERNEL(c_moments) {
   OPEN(4, 2);
   Size n = WHOLE(4), M = n > 0 ? LENGTH(2) / n : 0, N = M ? LENGTH(1) / M : 0;
   double *e = malloc(sizeof(double) * (n + 1) * (N + 1)), *weighted = e + n * N;
@@ -364,6 +401,39 @@ KERNEL(c_moments) {
     }
   }
   free(e);
+  DONE;
+}
+
+/* across(x, w, out, T): particles x (4, M, N) one step on with noise w (2, M, N) of position and velocity across the
+   line of sight; `_propagate` of los_rbpf.py. */
+KERNEL(c_across) {
+  OPEN(3, 2);
+  Size n = LENGTH(1) / 2;
+  const double *px = DOUBLES(0), *vx = px + n, *py = vx + n, *vy = py + n, *w = DOUBLES(1);
+  double *restrict out = DOUBLES(2), T = PyFloat_AsDouble(args[3]);
+  for (Size i = 0; i < n; i++) {
+    double inverse_r = 1.0 / sqrt(px[i] * px[i] + py[i] * py[i]), w_p = w[i] * inverse_r, w_v = w[n + i] * inverse_r;
+    /* p' = p + T v + w_p t,  v' = v + w_v t,  t = (-py, px) */
+    out[i] = vx[i] * T + px[i] - py[i] * w_p;
+    out[n + i] = vx[i] - py[i] * w_v;
+    out[2 * n + i] = vy[i] * T + py[i] + px[i] * w_p;
+    out[3 * n + i] = vy[i] + px[i] * w_v;
+  }
+  DONE;
+}
+
+/* displace(x, nu, out, T, K): positions and velocity means x (4, M, N) one step on, given nu = dp - T v (2, M, N);
+   `_propagate` of mpf.py. */
+KERNEL(c_displace) {
+  OPEN(3, 2);
+  Size n = LENGTH(1) / 2;
+  double T = PyFloat_AsDouble(args[3]), K = PyFloat_AsDouble(args[4]);
+  for (int axis = 0; axis < 2; axis++) {
+    const double *p = DOUBLES(0) + 2 * axis * n, *v = p + n, *nu = DOUBLES(1) + axis * n;
+    double *restrict p_out = DOUBLES(2) + 2 * axis * n, *restrict v_out = p_out + n;
+    /* p' = p + T v + nu,  v' = v + K nu */
+    for (Size i = 0; i < n; i++) p_out[i] = v[i] * T + p[i] + nu[i], v_out[i] = nu[i] * K + v[i];
+  }
   DONE;
 }
 
@@ -900,19 +970,50 @@ static PyObject *any(PyObject *const *args, Size given, int infinite) {
 KERNEL(c_any_nan) { return any(args, given, 0); }
 KERNEL(c_any_not_finite) { return any(args, given, 1); }
 
-/* lower_product(L, x, out): L x for a triangle per run and particles (n, M, N). */
-KERNEL(c_lower_product) {
-  OPEN(3, 2);
-  Size n = WHOLE(3), M = n > 0 ? LENGTH(0) / (n * n) : 0, N = M ? LENGTH(1) / (n * M) : 0;
-  for (Size i = 0; i < n; i++)
-    for (Size m = 0; m < M; m++)
-      for (Size j = 0; j <= i; j++) {
-        double factor = DOUBLES(0)[(i * n + j) * M + m];
-        const double *x = DOUBLES(1) + (j * M + m) * N;
-        double *restrict out = DOUBLES(2) + (i * M + m) * N;
-        if (j) for (Size k = 0; k < N; k++) out[k] += factor * x[k];
-        else for (Size k = 0; k < N; k++) out[k] = factor * x[k];
+/* epanechnikov(square, e): e / sqrt(2 square + e'e) in place, `kernel_draws`. */
+KERNEL(c_epanechnikov) {
+  OPEN(2, 1);
+  Size count = LENGTH(0);
+  double *e = DOUBLES(1), root[CHUNK];
+  for (Size from = 0; from < count; from += CHUNK) {
+    Size n = count - from < CHUNK ? count - from : CHUNK;
+    /* Step 1: the norm in n + 4 dimensions. */
+    for (Size k = 0; k < n; k++) root[k] = DOUBLES(0)[from + k] * 2.0;
+    for (Size i = from; i < LENGTH(1); i += count)
+      for (Size k = 0; k < n; k++) root[k] += e[i + k] * e[i + k];
+    for (Size k = 0; k < n; k++) root[k] = sqrt(root[k]);
+    /* Step 2: divide each coordinate by it. */
+    for (Size i = from; i < LENGTH(1); i += count)
+      for (Size k = 0; k < n; k++) e[i + k] /= root[k];
+  }
+  DONE;
+}
+
+/* move(L, e, members, x, out, n): x + L e for a triangle per run and particles (n, M, N), of the members (M, N) of a
+   mode or of all; `jitter_modes`. */
+WIDE KERNEL(c_move) {
+  OPEN(5, 4);
+  Size n = WHOLE(5), M = n > 0 ? LENGTH(0) / (n * n) : 0, N = M ? LENGTH(1) / (n * M) : 0;
+  for (Size m = 0; m < M; m++)
+    for (Size from = 0; from < N; from += CHUNK) {
+      Size size = N - from < CHUNK ? N - from : CHUNK;
+      const char *member = b.views[2].len ? (const char *)b.views[2].buf + m * N + from : NULL;
+      for (Size i = 0; i < n; i++) {
+        Size at = (i * M + m) * N + from;
+        const double *x = DOUBLES(3) + at;
+        double *restrict out = DOUBLES(4) + at;
+        /* Step 1: L e */
+        for (Size j = 0; j <= i; j++) {
+          double factor = DOUBLES(0)[(i * n + j) * M + m];
+          const double *e = DOUBLES(1) + (j * M + m) * N + from;
+          if (j) for (Size k = 0; k < size; k++) out[k] += factor * e[k];
+          else for (Size k = 0; k < size; k++) out[k] = factor * e[k];
+        }
+        /* Step 2: x + L e, or x + 0.0 of a particle that is no member. */
+        if (member) for (Size k = 0; k < size; k++) out[k] = of_bits(bits_of(out[k]) & -(int64_t)member[k]) + x[k];
+        else for (Size k = 0; k < size; k++) out[k] += x[k];
       }
+    }
   DONE;
 }
 
@@ -1150,11 +1251,12 @@ KERNEL(c_condition) {
 #define METHOD(name) {#name, (PyCFunction)(void (*)(void))c_##name, METH_FASTCALL, NULL}
 static PyMethodDef methods[] = {
   METHOD(exp), METHOD(log), METHOD(gamma_log_density), METHOD(log_prob),
-  METHOD(cos_sin), METHOD(arctan2), METHOD(normals), METHOD(total), METHOD(dot), METHOD(window_sums),
-  METHOD(normalize), METHOD(moments), METHOD(ancestors), METHOD(select), METHOD(choose), METHOD(pairs),
+  METHOD(cos_sin), METHOD(arctan2), METHOD(line_of_sight), METHOD(normals), METHOD(erlang), METHOD(total),
+  METHOD(dot), METHOD(window_sums), METHOD(normalize), METHOD(moments), METHOD(across), METHOD(displace),
+  METHOD(ancestors), METHOD(select), METHOD(choose), METHOD(pairs),
   METHOD(product), METHOD(sandwich), METHOD(gain), METHOD(joseph), METHOD(factor), METHOD(eigen), METHOD(whiten),
   METHOD(mahalanobis), METHOD(track), METHOD(mix), METHOD(any_nan), METHOD(any_not_finite),
-  METHOD(lower_product), METHOD(weighted), METHOD(cross), METHOD(sigma_points),
+  METHOD(epanechnikov), METHOD(move), METHOD(weighted), METHOD(cross), METHOD(sigma_points),
   METHOD(scalar_points), METHOD(scalar_noise), METHOD(scalar_update), METHOD(condition), {NULL}};
 static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, "_compiled", "Kernels of core/ in C.", -1, methods};
 PyMODINIT_FUNC PyInit__compiled(void) {

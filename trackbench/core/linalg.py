@@ -31,11 +31,6 @@ def matvec(A: Array, x: Array) -> Array:
 
 def lower_product(L: Array, x: Array) -> Array:
     """Return ``L x`` for a lower triangle per run L (n, n, M) and particles x (n, M, N)."""
-    if compiled.kernels and L.dtype == x.dtype == np.float64:
-        out = np.empty(x.shape)
-        L, x = np.ascontiguousarray(L), np.ascontiguousarray(x)
-        compiled.kernels.lower_product(L, x, out, len(x))
-        return out
     out = np.empty_like(x)
     for i, row in enumerate(out):
         np.multiply(L[i, 0][:, None], x[0], out=row)

@@ -15,7 +15,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from trackbench.core import compiled, elementary, linalg
-from trackbench.core.arrays import Array, Index, Mask, choose
+from trackbench.core.arrays import Array, Index, Mask, all_finite, choose
 from trackbench.core.random_streams import Streams
 from trackbench.core.resampling import select
 
@@ -181,6 +181,9 @@ def kernel_draws(kernel: Kernel, shape: tuple[int, ...], rng: Streams) -> Array:
         return e
     # The squared norm of the four dropped coordinates is chi-square: twice a Gamma(2) variate.
     square: Array = rng.standard_gamma(2, shape[1:])
+    if compiled.kernels and e.flags.c_contiguous and square.flags.c_contiguous:
+        compiled.kernels.epanechnikov(square, e)
+        return e
     square *= 2.0
     for row in e:
         square += row * row
@@ -209,11 +212,23 @@ def jitter_modes(
         else:
             h = bandwidth(n, np.maximum(mode.share * N, 1.0), kernel)
         # Step 2: move the mode's particles by scale h A e.
-        move = linalg.lower_product(scale * h * _spread(mode.cov), e)
-        moved = move if mode.members is None else np.where(mode.members, move, 0.0)
-        moved += x
-        x = moved
+        x = _moved(x, scale * h * _spread(mode.cov), e, mode.members)
     return x
+
+
+def _moved(x: Array, A: Array, e: Array, members: Mask | None) -> Array:
+    """Return ``x + A e`` for a lower triangle per run A (n, n, M), where the members (M, N) are set."""
+    mask = np.zeros(0, np.bool_) if members is None else members  # empty: all are members
+    fits = A.shape[2:] == x.shape[1:2] and mask.shape in ((0,), x.shape[1:])
+    alike = x.dtype == A.dtype == e.dtype == np.float64 and mask.dtype == np.bool_
+    if compiled.kernels and fits and alike:
+        out = np.empty(x.shape)
+        compiled.kernels.move(*map(np.ascontiguousarray, (A, e, mask, x)), out, len(x))
+        return out
+    move = linalg.lower_product(A, e)
+    moved = move if members is None else np.where(members, move, 0.0)
+    moved += x
+    return moved
 
 
 @lru_cache
@@ -224,4 +239,6 @@ def _bandwidth_of_all(n: int, N: int, kernel: Kernel) -> Array:
 def _spread(cov: Array) -> Array:
     """Return the Cholesky factor (n, n, M), zero for a singular covariance."""
     A = linalg.cholesky(cov)
+    if all_finite(A):
+        return A
     return np.where(np.isfinite(A).all(axis=(0, 1)) | ~np.isfinite(cov).all(axis=(0, 1)), A, 0.0)

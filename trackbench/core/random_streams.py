@@ -255,6 +255,10 @@ class NoiseGenerator(Generator):
             return super().standard_gamma(shape, size, *args, **kwargs)
         whole, count = int(shape), prod(_shape(size))
         out, step = np.empty(count), 4 * _QUADS
+        if compiled.kernels:
+            words = self.bit_generator.random_raw(-(-whole * count // 4))
+            compiled.kernels.erlang(exponentials(), words, out, whole)
+            return out.reshape(_shape(size))[()]
         for start in range(0, count, step):
             # Sum ``whole`` exponentials for each of the next ``length`` variates.
             length = min(step, count - start)

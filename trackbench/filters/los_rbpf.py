@@ -12,7 +12,7 @@ from typing import ClassVar, NamedTuple, cast
 import numpy as np
 from numpy.random import Generator
 
-from trackbench.core import linalg, particles
+from trackbench.core import compiled, linalg, particles
 from trackbench.core.arrays import Array, Mask, note
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.elementary import arctan2, cos_sin, log
@@ -153,8 +153,11 @@ class LineOfSight(ParticleFilter):
         K, S, P = _kalman_gain(P, sensor.R[0, 0], missing)
         # Step 2: log w = log w - nu^2 / (2 S) - (a - theta)^2 / (2 sigma_a^2), nu = z_r - r.
         nu = z[0][:, None] - r
-        half_distance = np.square(nu) * (0.5 / S)[:, None]
-        half_distance += np.square(arctan2(across, along)) * (0.5 / sensor.R[1, 1])
+        half_distance, angle = np.square(nu), arctan2(across, along)
+        half_distance *= (0.5 / S)[:, None]
+        angle *= angle
+        angle *= 0.5 / sensor.R[1, 1]
+        half_distance += angle
         if missing.any():
             nu[missing], half_distance[missing] = 0.0, 0.0
         note("likelihoods", half_distance, components=0)
@@ -172,7 +175,7 @@ class LineOfSight(ParticleFilter):
             collapsed=collapsed,
             age=state.age + 1,
             P=P,
-            log_w=np.where(collapsed[:, None], 0.0, log_w),
+            log_w=np.where(collapsed[:, None], 0.0, log_w) if collapsed.any() else log_w,
             evidence=(evidence,),
         )
         # Step 4: resample and regularize the runs with few effective particles.
@@ -229,12 +232,16 @@ def _propagate(motion: Linear, state: PFState, rng: Generator) -> tuple[Array, A
     assert P is not None
     T, F, Q = motion.F[0, 1], motion.F[:2, :2], motion.Q[:2, :2]
     # (w_p, w_v) ~ N(0, Q), divided by r: the noise across is w t = (w / r) (-py, px)
-    w_p, w_v = linalg.matvec(linalg.root(Q), rng.standard_normal((2, *x.shape[1:])))
-    px, vx, py, vy = x
+    noise = linalg.matvec(linalg.root(Q), rng.standard_normal((2, *x.shape[1:])))
+    # P' = F P F' + Q
+    P, out = linalg.sandwich(F, P) + Q[..., None], np.empty_like(x)
+    if compiled.kernels and x.flags.c_contiguous and x.dtype == np.float64:
+        compiled.kernels.across(x, noise, out, T)
+        return out, P
+    (w_p, w_v), (px, vx, py, vy) = noise, x
     inverse_r = 1.0 / np.sqrt(px * px + py * py)
     w_p *= inverse_r
     w_v *= inverse_r
-    out = np.empty_like(x)
     # p' = p + T v + w_p t
     np.multiply(vx, T, out=out[0])
     np.multiply(vy, T, out=out[2])
@@ -245,8 +252,7 @@ def _propagate(motion: Linear, state: PFState, rng: Generator) -> tuple[Array, A
     # v' = v + w_v t
     np.subtract(vx, py * w_v, out=out[1])
     np.add(vy, px * w_v, out=out[3])
-    # P' = F P F' + Q
-    return out, linalg.sandwich(F, P) + Q[..., None]
+    return out, P
 
 
 def _apply_gain(x: Array, K: Array, relative_innovation: Array) -> Array:

@@ -8,6 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from trackbench.core import compiled
 from trackbench.core.arrays import Array, fixed, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import arctan2, cos_sin
@@ -101,7 +102,14 @@ class AngularSensor(SensorBase):
 def along_line_of_sight(azimuth: Array, px: Array, py: Array) -> tuple[Array, Array, Array]:
     """Return range, cross and along coordinates of positions (M, N) about an azimuth (M,)."""
     # along = c px + s py, across = c py - s px, range = sqrt(along^2 + across^2), in place.
-    c, s = (wave[:, None] for wave in cos_sin(azimuth))
+    c, s = cos_sin(azimuth)
+    alike = px.dtype == py.dtype == np.float64 and px.shape == py.shape
+    if compiled.kernels and alike and px.shape[:-1] == c.shape:
+        r, across, along = np.empty((3, *px.shape))
+        px, py = np.ascontiguousarray(px), np.ascontiguousarray(py)
+        compiled.kernels.line_of_sight(c, s, px, py, r, across, along)
+        return r, across, along
+    c, s = c[:, None], s[:, None]
     along, across = c * px, c * py
     along += s * py
     across -= s * px
