@@ -27,13 +27,11 @@ from trackbench.core import (
 )
 from trackbench.core.build_compiled import BUILT
 from trackbench.core.distributions import Gamma, Gaussian, zero_mean_log_prob
-from trackbench.core.particle_moves import Mode, jitter_modes
+from trackbench.core.particle_moves import Mode, displaced, jitter_modes
 from trackbench.core.random_streams import NoiseGenerator, SomeRuns, block_stream
 from trackbench.core.sums import WindowSums
-from trackbench.filters import los_rbpf, mpf
 from trackbench.filters.base import Steps
 from trackbench.filters.kf import KF
-from trackbench.filters.particle_base import PFState
 from trackbench.models.base import Model
 from trackbench.models.gaussian_steps import AssumedNoise, additive_step, augmented_step
 from trackbench.models.motions.kinematic import ConstantVelocity
@@ -287,15 +285,8 @@ def test_moves_of_particles(N: int, special: bool, both: Callable[..., None]) ->
         both(lambda px=px, py=py: along_line_of_sight(azimuth, px, py))
     both(lambda: along_line_of_sight(azimuth, x[0, :1], x[2, :1]))
     both(lambda: along_line_of_sight(azimuth[:1], x[0], x[2]))
-    # A step of the marginalized filters, also from an array that is not in order.
-    motion = ConstantVelocity(q=0.3).sampled(0.7)
-    weighted = particles.Particles(x, particles.equal_weights(3, N))
     for particle_states in (x, x[:, ::-1], singles):
-        cloud = weighted._replace(x=particle_states)
-        state = PFState(cloud, cloud, Gaussian(azimuth, azimuth), up[:, 0])
-        one, own = state._replace(P=np.array(0.4)), state._replace(P=a[:2, :2])
-        both(lambda s=one: mpf._propagate(motion, s, block_stream(1, 2)))
-        both(lambda s=own: los_rbpf._propagate(motion, s, block_stream(1, 2)))
+        both(lambda px=particle_states: displaced(px, 0.7, px[:2], 0.3))
 
 
 def _runs(count: int) -> SomeRuns:

@@ -404,39 +404,6 @@ WIDE KERNEL(c_moments) {
   DONE;
 }
 
-/* across(x, w, out, T): particles x (4, M, N) one step on with noise w (2, M, N) of position and velocity across the
-   line of sight; `_propagate` of los_rbpf.py. */
-KERNEL(c_across) {
-  OPEN(3, 2);
-  Size n = LENGTH(1) / 2;
-  const double *px = DOUBLES(0), *vx = px + n, *py = vx + n, *vy = py + n, *w = DOUBLES(1);
-  double *restrict out = DOUBLES(2), T = PyFloat_AsDouble(args[3]);
-  for (Size i = 0; i < n; i++) {
-    double inverse_r = 1.0 / sqrt(px[i] * px[i] + py[i] * py[i]), w_p = w[i] * inverse_r, w_v = w[n + i] * inverse_r;
-    /* p' = p + T v + w_p t,  v' = v + w_v t,  t = (-py, px) */
-    out[i] = vx[i] * T + px[i] - py[i] * w_p;
-    out[n + i] = vx[i] - py[i] * w_v;
-    out[2 * n + i] = vy[i] * T + py[i] + px[i] * w_p;
-    out[3 * n + i] = vy[i] + px[i] * w_v;
-  }
-  DONE;
-}
-
-/* displace(x, nu, out, T, K): positions and velocity means x (4, M, N) one step on, given nu = dp - T v (2, M, N);
-   `_propagate` of mpf.py. */
-KERNEL(c_displace) {
-  OPEN(3, 2);
-  Size n = LENGTH(1) / 2;
-  double T = PyFloat_AsDouble(args[3]), K = PyFloat_AsDouble(args[4]);
-  for (int axis = 0; axis < 2; axis++) {
-    const double *p = DOUBLES(0) + 2 * axis * n, *v = p + n, *nu = DOUBLES(1) + axis * n;
-    double *restrict p_out = DOUBLES(2) + 2 * axis * n, *restrict v_out = p_out + n;
-    /* p' = p + T v + nu,  v' = v + K nu */
-    for (Size i = 0; i < n; i++) p_out[i] = v[i] * T + p[i] + nu[i], v_out[i] = nu[i] * K + v[i];
-  }
-  DONE;
-}
-
 /* ancestors(w, u, index, size, bits): systematic resampling in fixed-point numbers, `_systematic_edges`. */
 KERNEL(c_ancestors) {
   OPEN(3, 2);
@@ -970,6 +937,19 @@ static PyObject *any(PyObject *const *args, Size given, int infinite) {
 KERNEL(c_any_nan) { return any(args, given, 0); }
 KERNEL(c_any_not_finite) { return any(args, given, 1); }
 
+/* displaced(x, nu, out, T, K): positions and velocities x (4, M, N) one step on, given nu (2, M, N); `displaced`. */
+KERNEL(c_displaced) {
+  OPEN(3, 2);
+  Size n = LENGTH(1) / 2;
+  double T = PyFloat_AsDouble(args[3]), K = PyFloat_AsDouble(args[4]);
+  for (int axis = 0; axis < 2; axis++) {
+    const double *p = DOUBLES(0) + 2 * axis * n, *v = p + n, *nu = DOUBLES(1) + axis * n;
+    double *restrict p_out = DOUBLES(2) + 2 * axis * n, *restrict v_out = p_out + n;
+    for (Size i = 0; i < n; i++) p_out[i] = v[i] * T + p[i] + nu[i], v_out[i] = nu[i] * K + v[i];
+  }
+  DONE;
+}
+
 /* epanechnikov(square, e): e / sqrt(2 square + e'e) in place, `kernel_draws`. */
 KERNEL(c_epanechnikov) {
   OPEN(2, 1);
@@ -1252,11 +1232,11 @@ KERNEL(c_condition) {
 static PyMethodDef methods[] = {
   METHOD(exp), METHOD(log), METHOD(gamma_log_density), METHOD(log_prob),
   METHOD(cos_sin), METHOD(arctan2), METHOD(line_of_sight), METHOD(normals), METHOD(erlang), METHOD(total),
-  METHOD(dot), METHOD(window_sums), METHOD(normalize), METHOD(moments), METHOD(across), METHOD(displace),
+  METHOD(dot), METHOD(window_sums), METHOD(normalize), METHOD(moments),
   METHOD(ancestors), METHOD(select), METHOD(choose), METHOD(pairs),
   METHOD(product), METHOD(sandwich), METHOD(gain), METHOD(joseph), METHOD(factor), METHOD(eigen), METHOD(whiten),
   METHOD(mahalanobis), METHOD(track), METHOD(mix), METHOD(any_nan), METHOD(any_not_finite),
-  METHOD(epanechnikov), METHOD(move), METHOD(weighted), METHOD(cross), METHOD(sigma_points),
+  METHOD(displaced), METHOD(epanechnikov), METHOD(move), METHOD(weighted), METHOD(cross), METHOD(sigma_points),
   METHOD(scalar_points), METHOD(scalar_noise), METHOD(scalar_update), METHOD(condition), {NULL}};
 static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, "_compiled", "Kernels of core/ in C.", -1, methods};
 PyMODINIT_FUNC PyInit__compiled(void) {

@@ -149,6 +149,21 @@ class Mode(NamedTuple):
     cov: Array
 
 
+def displaced(x: Array, T: float, nu: Array, K: float) -> Array:
+    """Return particles (4, M, N) of (px, vx, py, vy) one step on, given displacements nu (2, M, N).
+
+    ``p' = p + T v + nu`` and ``v' = v + K nu`` along each axis.
+    """
+    out = np.empty_like(x)
+    alike = x.dtype == nu.dtype == np.float64 and nu.shape == (2, *x.shape[1:])
+    if compiled.kernels and alike and x.flags.c_contiguous:
+        compiled.kernels.displaced(x, np.ascontiguousarray(nu), out, T, K)
+        return out
+    out[0::2] = T * x[1::2] + x[0::2] + nu
+    out[1::2] = K * nu + x[1::2]
+    return out
+
+
 def bandwidth(n: int, N: Array | int, kernel: Kernel) -> Array:
     """Return the optimal bandwidth for N particles, () or (M,), in n dimensions.
 

@@ -12,7 +12,7 @@ from typing import ClassVar, NamedTuple, cast
 import numpy as np
 from numpy.random import Generator
 
-from trackbench.core import compiled, linalg, particles
+from trackbench.core import linalg, particles
 from trackbench.core.arrays import Array, Mask, note
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.elementary import arctan2, cos_sin, log
@@ -232,16 +232,12 @@ def _propagate(motion: Linear, state: PFState, rng: Generator) -> tuple[Array, A
     assert P is not None
     T, F, Q = motion.F[0, 1], motion.F[:2, :2], motion.Q[:2, :2]
     # (w_p, w_v) ~ N(0, Q), divided by r: the noise across is w t = (w / r) (-py, px)
-    noise = linalg.matvec(linalg.root(Q), rng.standard_normal((2, *x.shape[1:])))
-    # P' = F P F' + Q
-    P, out = linalg.sandwich(F, P) + Q[..., None], np.empty_like(x)
-    if compiled.kernels and x.flags.c_contiguous and x.dtype == np.float64:
-        compiled.kernels.across(x, noise, out, T)
-        return out, P
-    (w_p, w_v), (px, vx, py, vy) = noise, x
+    w_p, w_v = linalg.matvec(linalg.root(Q), rng.standard_normal((2, *x.shape[1:])))
+    px, vx, py, vy = x
     inverse_r = 1.0 / np.sqrt(px * px + py * py)
     w_p *= inverse_r
     w_v *= inverse_r
+    out = np.empty_like(x)
     # p' = p + T v + w_p t
     np.multiply(vx, T, out=out[0])
     np.multiply(vy, T, out=out[2])
@@ -252,7 +248,8 @@ def _propagate(motion: Linear, state: PFState, rng: Generator) -> tuple[Array, A
     # v' = v + w_v t
     np.subtract(vx, py * w_v, out=out[1])
     np.add(vy, px * w_v, out=out[3])
-    return out, P
+    # P' = F P F' + Q
+    return out, linalg.sandwich(F, P) + Q[..., None]
 
 
 def _apply_gain(x: Array, K: Array, relative_innovation: Array) -> Array:

@@ -19,10 +19,10 @@ from typing import ClassVar, Literal, cast
 import numpy as np
 from numpy.random import Generator
 
-from trackbench.core import compiled, particles
+from trackbench.core import particles
 from trackbench.core.arrays import Array, note
 from trackbench.core.distributions import Distribution, Gaussian
-from trackbench.core.particle_moves import Kernel, jitter
+from trackbench.core.particle_moves import Kernel, displaced, jitter
 from trackbench.core.particles import Particles
 from trackbench.field_types import NonNegative
 from trackbench.filters.particle_base import ParticleFilter, PFState
@@ -114,15 +114,10 @@ def _propagate(motion: Linear, state: PFState, rng: Generator) -> tuple[Array, A
     # dp - T v ~ N(0, N), of both axes
     position_innovation = rng.standard_normal((2, *x.shape[1:]))
     position_innovation *= np.sqrt(N)
-    # C' = C + Q22 - K^2 N
-    out, C = np.empty_like(x), C + Q[1, 1] - K * K * N
-    if compiled.kernels and x.flags.c_contiguous and x.dtype == np.float64:
-        compiled.kernels.displace(x, position_innovation, out, T, K)
-        return out, C
     # p' = p + T v + (dp - T v),  v' = v + K (dp - T v)
-    out[0::2] = x[0::2] + T * x[1::2] + position_innovation
-    out[1::2] = x[1::2] + K * position_innovation
-    return out, C
+    out = displaced(x, T, position_innovation, K)
+    # C' = C + Q22 - K^2 N
+    return out, C + Q[1, 1] - K * K * N
 
 
 def _add_velocity_variance(moments: Gaussian, C: Array) -> Gaussian:
