@@ -64,7 +64,6 @@ SAME_OF_REFERENCE = {
     **{name: why for name, why in SAME_ESTIMATES.items() if name != "reference"},
     "filter": "the reference is another filter",
     "assume": "the reference is exact: it assumes the scenario's own model",
-    "predictive_metrics": "only scores are compared with the reference's (the next test)",
 }
 NOT_OF_TRAINING = {
     "runs_with_tracks": "no tracks of training runs are kept",
@@ -148,11 +147,10 @@ def test_a_field_that_changes_the_estimates_has_estimates_of_its_own(name: str) 
     assert (other.reference_task == TASK.reference_task) == (name in SAME_OF_REFERENCE)
 
 
-def test_the_references_score_is_asked_where_scores_are_compared() -> None:
-    assert replace(
-        TASK, predictive_metrics=("likelihood_ratio",)
-    ).reference_task.predictive_metrics == ("score",)
-    assert replace(TASK, predictive_metrics=("score",)).reference_task.predictive_metrics == ()
+def test_the_reference_has_the_task_that_it_has_among_the_filters() -> None:
+    asked = replace(TASK, predictive_metrics=("score", "likelihood_ratio"))
+    own = replace(asked, filter=TASK.reference, reference=None)
+    assert asked.reference_task == own.filtering_key
 
 
 @pytest.mark.parametrize("group", MODELS)
