@@ -149,7 +149,7 @@ def test_a_field_that_changes_the_estimates_has_estimates_of_its_own(name: str) 
 
 def test_the_reference_has_the_task_that_it_has_among_the_filters() -> None:
     asked = replace(TASK, predictive_metrics=("score", "likelihood_ratio"))
-    own = replace(asked, filter=TASK.reference, reference=None)
+    own = replace(asked, filter=KF(), reference=None)
     assert asked.reference_task == own.filtering_key
 
 
