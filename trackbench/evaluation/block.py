@@ -84,10 +84,8 @@ class BlockTask:
     @property
     def data(self) -> Simulation:
         """Return the data of the whole block, or stack of blocks."""
-        width = self.stacked * self.width
-        return simulate(
-            self.scenario.without_scoring, self.seed, self.first_run, width, self.copies
-        )
+        width, copies = self.stacked * self.width, (self.copies,) if self.copies > 1 else ()
+        return simulate(self.scenario.without_scoring, self.seed, self.first_run, width, *copies)
 
     @property
     def filtering_key(self) -> "BlockTask":
