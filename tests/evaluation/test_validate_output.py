@@ -307,6 +307,18 @@ def noting(**values: Any) -> Any:
     return Noting()
 
 
+def test_a_diagnostic_that_a_later_step_lacks_is_an_error() -> None:
+    calls = []
+
+    class Once(UKF):
+        def diagnostics(self, state: Any) -> dict[str, Any]:
+            calls.append(1)
+            return {"mine": state.nis} if len(calls) == 1 else {}
+
+    with pytest.raises(KeyError, match="mine"):
+        block(Once(), MANEUVER)
+
+
 @pytest.mark.parametrize(
     "name",
     ["rmse", "bias", "std", "lost", "nees", "anees", "outside_region", "rmsd", "squared", "error"],

@@ -35,15 +35,15 @@ static const double ROUND = 1.5 * 4503599627370496.0;
 static inline int64_t bits_of(double x) { int64_t n; memcpy(&n, &x, 8); return n; }
 static inline double of_bits(int64_t n) { double x; memcpy(&x, &n, 8); return x; }
 
-/* ---- arguments ---- */
-
-typedef struct { Py_buffer views[10]; int count; } Buffers;
-
 static int any_nan(const double *a, Size n) {
   int found = 0;
   for (Size i = 0; i < n; i++) found |= a[i] != a[i];
   return found;
 }
+
+/* ---- arguments ---- */
+
+typedef struct { Py_buffer views[10]; int count; } Buffers;
 
 static void release(Buffers *b) { while (b->count) PyBuffer_Release(&b->views[--b->count]); }
 
@@ -473,10 +473,11 @@ KERNEL(c_pairs) {
 
 /* ---- small matrices over trailing batch axes: linalg.py and unscented.py ---- */
 
-enum { CHUNK = 512, MOST = 36, SHARED = 2 }; /* batch members at a time; components whose intermediate products fit the stack */
+enum { CHUNK = 512, MOST = 36 }; /* batch members at a time; components whose intermediate products fit the stack */
+enum { SHARED = 2 }; /* constant in a part of a batch whose other parts have constants of their own */
 
 /* A matrix (rows, columns, *batch), or a vector (rows, *batch) as one column; strides count doubles. It is constant
-   without a batch; SHARED stands for one of several that serve a part of another's batch each. */
+   without a batch. */
 typedef struct { double *at; Size rows, columns, row, column, batch; int constant; } Matrix;
 
 static int as_matrix(const Py_buffer *v, int vector, Matrix *M) {

@@ -42,8 +42,8 @@ def with_axes_of(like: Array, a: Array) -> Array:
 def as_slice(rows: Sequence[int]) -> slice | Sequence[int]:
     """Return regularly increasing row numbers as a slice, whose rows need no copy."""
     step = rows[1] - rows[0] if len(rows) > 1 else 1
-    part = slice(rows[0], rows[-1] + 1, step) if rows and step > 0 else slice(0)
-    return part if [*range(rows[-1] + 1)][part] == [*rows] else [*rows]
+    regular = len(rows) > 0 and step > 0 and [*rows] == [*range(rows[0], rows[-1] + 1, step)]
+    return slice(rows[0], rows[-1] + 1, step) if regular else [*rows]
 
 
 def any_nan(a: Array) -> bool:

@@ -81,7 +81,7 @@ class Hypotheses(NamedTuple):
         information, score = weight * psi, weight * nu[:, None]
         information += self.information
         score += self.score
-        response = np.subtract(response, gain[:, :, None] * psi, out=response)
+        response -= gain[:, :, None] * psi
         return Hypotheses(response, information, score, self.with_start(k).since)
 
     def with_start(self, k: int) -> "Hypotheses":

@@ -247,16 +247,16 @@ def weights_up_to(t: Array, n: int) -> Array:
     The interpolating polynomial has Legendre coefficients ``(2 m + 1) / 2 sum_i w_i P_m(x_i) g_i``
     and ``(2 m + 1) int_-1^t P_m = P_{m+1}(t) - P_{m-1}(t)``; at t = 1 these are Gauss's weights.
     """
-    of_all = (t == 1.0).reshape(len(t), -1).all(axis=1)
-    if of_all.all():
+    whole = (t == 1.0).all(axis=tuple(range(1, t.ndim)))
+    if whole.all():
         return np.broadcast_to(_rule(n).weights, (*t.shape, n))
-    # Rows of ones alone, most of them as a rule, have the same weights: compute one.
-    rows = np.concatenate([t[~of_all], np.ones((1, *t.shape[1:]))])
+    # Most rows of t are ones alone: compute the weights of one such row for all of them.
+    rows = np.concatenate([t[~whole], np.ones((1, *t.shape[1:]))])
     P = legendre.legvander(rows, n)
     integrals = np.concatenate([rows[..., None] + 1.0, P[..., 2:] - P[..., :-2]], axis=-1)
     found = product(integrals, _rule(n).basis)
     out = np.empty((*t.shape, n))
-    out[~of_all], out[of_all] = found[:-1], found[-1]
+    out[~whole], out[whole] = found[:-1], found[-1]
     return out
 
 

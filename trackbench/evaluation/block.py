@@ -84,8 +84,10 @@ class BlockTask:
     @property
     def data(self) -> Simulation:
         """Return the data of the whole block, or stack of blocks."""
-        width, copies = self.stacked * self.width, (self.copies,) if self.copies > 1 else ()
-        return simulate(self.scenario.without_scoring, self.seed, self.first_run, width, *copies)
+        scenario, width = self.scenario.without_scoring, self.stacked * self.width
+        if self.copies == 1:
+            return simulate(scenario, self.seed, self.first_run, width)
+        return simulate_copies(scenario, self.seed, self.first_run, width, self.copies)
 
     @property
     def filtering_key(self) -> "BlockTask":
@@ -133,27 +135,30 @@ class BlockResult(NamedTuple):
     width: int
 
 
-def _simulate(
-    scenario: Scenario, seed: int, first_run: int, width: int, copies: int = 1
-) -> Simulation:
-    if copies > 1:
-        return freeze(_repeated(simulate(scenario, seed, first_run, width), copies))
+def _simulate(scenario: Scenario, seed: int, first_run: int, width: int) -> Simulation:
     # Training runs count down: -1, -2, ...
     step = 1 if first_run >= 0 else -1
     rng = RunStreams(seed, range(first_run, first_run + step * width, step))
     return freeze(scenario.simulate(rng, width))
 
 
-def _repeated(data: Simulation, copies: int) -> Simulation:
+simulate = LatestResults(_simulate, size=2)
+"""The block's data, read-only; cached, because every filter of a block gets the same data."""
+
+
+def _simulate_copies(
+    scenario: Scenario, seed: int, first_run: int, width: int, copies: int
+) -> Simulation:
     """Return the same runs several times, with the prior's moments."""
+    data = simulate(scenario, seed, first_run, width)
 
     def repeated(rows: Array) -> Array:
         return np.concatenate([rows] * copies, axis=-1)
 
     mean, cov = data.prior.mean, data.prior.cov
     prior = Gaussian(repeated(mean), repeated(cov) if cov.ndim > 2 else cov)
-    return Simulation(repeated(data.truth), repeated(data.measurements), prior)
+    return freeze(Simulation(repeated(data.truth), repeated(data.measurements), prior))
 
 
-simulate = LatestResults(_simulate, size=2)
-"""The block's data, read-only; cached, because every filter of a block gets the same data."""
+simulate_copies = LatestResults(_simulate_copies, size=1)
+"""The data of a block that several filters filter side by side, read-only."""

@@ -41,9 +41,10 @@ class StepSums(NamedTuple):
 def series(
     scenario: Scenario, truth: Array, mean: Array, nees: Array, exact: Array | None
 ) -> dict[str, Array]:
-    """Return every series of a block; truth, mean and the reference's mean are (n_x, T + 1, M).
+    """Return every series of a block, or of some of its steps.
 
-    Recorded data without a truth have no errors; where the truth has a gap, so have they.
+    Truth, mean and the reference's mean are (n_x, T + 1, M). Recorded data without a truth have no
+    errors; where the truth has a gap, so have they.
     """
     out: dict[str, Array] = {}
     if scenario.has_truth:

@@ -56,9 +56,9 @@ def run_stack(blocks: Sequence[BlockTask]) -> list[dict[int, BlockResult]]:
         for block in blocks:
             if block.reference is not None:
                 run_reference(block.reference_task)
-        # A filter that was the others' reference has been run.
-        found = [run_reference.cached(block.filtering_key) for block in blocks]
-        known = [output for output in found if output is not None]
+        # A filter that is the others' reference may have been run.
+        cached = [run_reference.cached(block.filtering_key) for block in blocks]
+        known = [output for output in cached if output is not None]
         if len(known) == len(blocks) and not covariances:
             return [_reduce(b, b.data, output) for b, output in zip(blocks, known, strict=True)]
         data, output = stack.data, run_filter_cached(stack.filtering_key, covariances)

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -34,6 +34,10 @@ from trackbench.scenarios.base import Simulation
 _AT_ONCE = (
     32_768  # runs times steps that a filter may take in one call: the arrays stay in the cache
 )
+
+
+Series: TypeAlias = dict[str, Array] | None
+"""Arrays (T + 1, M) by name; None before the first step."""
 
 
 class FilterOutput(NamedTuple):
@@ -170,8 +174,8 @@ class _Recorder:
         self._sizes = len(data.truth), len(model.motion.components)
         self._mean = np.empty(data.truth.shape)
         self._covs: list[Array] = []
-        self._noted: dict[str, Array] = {}
-        self._observed: dict[str, Array] = {}
+        self._noted: Series = None
+        self._observed: Series = None
         self._next_note, self._next = 1, 0  # the first state has no diagnostics
         scenario, tracker = task.scenario, task.filter
         self._consistency = ConsistencySeries(scenario, self._mean, data.truth)
@@ -183,9 +187,9 @@ class _Recorder:
     def note(self, diagnostics: dict[str, Array]) -> None:
         """Record the diagnostics of a step."""
         check_numbers("diagnostic", diagnostics, self._task.runs)
-        if not diagnostics.keys() <= self._noted.keys():
+        if self._noted is None:
             check_names(diagnostics)
-        self._fill(self._noted, self._next_note, diagnostics)
+        self._noted = self._filled(self._noted, self._next_note, diagnostics)
         self._next_note += 1
 
     def add(self, state: Any, found: Gaussian) -> None:
@@ -201,7 +205,7 @@ class _Recorder:
             truth = self._data.truth[:, k]
             self._judged.add(state, found, truth)
             seen = observed(self._task.scenario, self._task.filter, state, truth)
-            self._fill(self._observed, k, seen)
+            self._observed = self._filled(self._observed, k, seen)
         if self._covariances:
             self._covs.append(per_run_moments(found).cov[..., : self._covariances].copy())
         self._next += 1
@@ -213,7 +217,7 @@ class _Recorder:
         n, count, runs = mean.shape
         check_numbers("diagnostic", steps.diagnostics, count, runs)
         part = slice(self._next, self._next + count)
-        self._fill(self._noted, part, steps.diagnostics)
+        self._noted = self._filled(self._noted, part, steps.diagnostics)
         self._mean[:, part] = mean
         self._consistency.add_steps(cov[:, :n])
         if self._covariances:
@@ -231,15 +235,16 @@ class _Recorder:
         nees = errors.pop("nees")
         # Covariances of the shown runs (n, n, T + 1, r).
         cov = np.stack(self._covs, axis=2) if self._covs else None
-        series = self._noted | errors | self._observed | told
+        series = (self._noted or {}) | errors | (self._observed or {}) | told
         return FilterOutput(self._mean, nees, cov, series, cpu_s)
 
-    def _fill(self, series: dict[str, Array], steps: int | slice, rows: dict[str, Array]) -> None:
-        """Enter the rows of some steps; NaN where a series has none."""
-        for name, row in rows.items():
-            if name not in series:
-                series[name] = np.full(self._data.truth.shape[1:], np.nan)
-            series[name][steps] = row
+    def _filled(self, series: Series, steps: int | slice, rows: dict[str, Array]) -> Series:
+        """Enter the rows of some steps; all steps have the names of the first."""
+        if series is None:
+            series = {name: np.full(self._data.truth.shape[1:], np.nan) for name in rows}
+        for name, values in series.items():
+            values[steps] = rows[name]
+        return series
 
 
 class _Clock:

@@ -105,10 +105,6 @@ class StepRecord(NamedTuple):
     mf: Innovation | None = None
     reports_mf: Mask | None = None
     """the MF was the reported filter when the measurement came"""
-    nmf_nis: Array | None = None
-    """NIS of the NMF, zero without a measurement"""
-    missing: Mask | None = None
-    """there is no measurement"""
 
 
 class AdaptiveState(NamedTuple):
@@ -174,8 +170,8 @@ class VariableDimension(Filter[AdaptiveState]):
         """Run the filters, then decide: maneuver, confirmation, end of the maneuver (Figure 1)."""
         p, sampling = self.parameters, sampling_of(model)
         # The NMF, and the MF if any run has it on, take the measurement; the statistics follow.
-        state = _run_filters(p, state, z, sampling)
-        state = _update_statistics(p, state, z, k, sampling)
+        state, nmf_nis = _run_filters(p, state, z, sampling)
+        state = _update_statistics(p, state, nmf_nis, z, k, sampling)
         # First decision: is the target maneuvering, and since when? Then the MF starts.
         state, alarm, slot = _first_decision(p, state, k, sampling)
         if alarm.any():
@@ -201,15 +197,15 @@ class VariableDimension(Filter[AdaptiveState]):
 
     def log_likelihood(self, state: AdaptiveState) -> Array:
         """Return log N(innovation; 0, S) (M,) of the filter that was reported before the step."""
-        nmf, mf, missing = state.record.nmf, state.record.mf, state.record.missing
-        if nmf is None or missing is None:
+        nmf, mf = state.record.nmf, state.record.mf
+        if nmf is None:
             return np.full(state.record.nis.shape, np.nan)
         # The axes are independent: their log-likelihoods add up.
         value = sum_over_axes(nmf.log_likelihood)
         if mf is not None and state.record.reports_mf is not None:
             value = np.where(state.record.reports_mf, sum_over_axes(mf.log_likelihood), value)
         # A step without a measurement has no predictive likelihood.
-        return np.where(missing, np.nan, value)
+        return np.where(is_missing(nmf), np.nan, value)
 
     @property
     def diagnostic_names(self) -> frozenset[str]:
@@ -241,14 +237,17 @@ class VariableDimension(Filter[AdaptiveState]):
 
 def _run_filters(
     p: Parameters, state: AdaptiveState, z: Array, sampling: Sampling
-) -> AdaptiveState:
-    """Predict and update both filters (section 3.2), and compare them while both are on."""
-    (T, R), (on, since, evidence) = sampling, state.mode
+) -> tuple[AdaptiveState, Array]:
+    """Predict and update both filters (section 3.2), and compare them while both are on.
+
+    Returns also the NIS (M,) of the NMF, zero without a measurement.
+    """
+    (T, R), on = sampling, state.mode.on
     # Eqs. 8-12: the NMF in every run, the MF if any run has it on.
     nmf, of_nmf = axis_step(state.nmf, p.nmf.axis(T), z, R)
     mf, of_mf = state.mf, None
     nis = nmf_nis = sum_over_axes(of_nmf.nis)
-    ratio = None
+    evidence = np.zeros_like(state.mode.evidence)
     if (on != NMF).any():
         mf, of_mf = axis_step(state.mf, p.mf.axis(T), z, R)
         # The NIS of the MF is reported where it is on alone.
@@ -256,35 +255,22 @@ def _run_filters(
         # Evidence of the second decision: sum of log p(z | MF) - log p(z | NMF) while both are on.
         if (on == BOTH).any():
             ratio = sum_over_axes(of_mf.log_likelihood) - sum_over_axes(of_nmf.log_likelihood)
-    evidence = (
-        np.where(on == BOTH, evidence + ratio, 0.0) if ratio is not None else np.zeros(len(on))
-    )
-    missing = is_missing(of_nmf)
-    record = StepRecord(
-        nis=np.where(missing, np.nan, nis),
-        alarm=state.record.alarm,
-        age=state.record.age,
-        zeta=state.record.zeta,
-        nmf=of_nmf,
-        mf=of_mf,
-        reports_mf=on == MF,
-        nmf_nis=nmf_nis,
-        missing=missing,
-    )
-    return AdaptiveState(nmf, mf, Mode(on, since, evidence), state.detector, record)
+            evidence = np.where(on == BOTH, state.mode.evidence + ratio, 0.0)
+    nis = np.where(is_missing(of_nmf), np.nan, nis)
+    record = state.record._replace(nis=nis, nmf=of_nmf, mf=of_mf, reports_mf=on == MF)
+    mode = state.mode._replace(evidence=evidence)
+    return state._replace(nmf=nmf, mf=mf, mode=mode, record=record), nmf_nis
 
 
 def _update_statistics(
-    p: Parameters, state: AdaptiveState, z: Array, k: int, sampling: Sampling
+    p: Parameters, state: AdaptiveState, nis: Array, z: Array, k: int, sampling: Sampling
 ) -> AdaptiveState:
-    """Update the statistics of the first decision and of the exit test."""
+    """Update the statistics of the first decision and of the exit test; ``nis`` is the NMF's."""
     (T, R), (rho, inputs, past, significance) = sampling, state.detector
-    innovation, nis, missing = state.record.nmf, state.record.nmf_nis, state.record.missing
+    innovation = state.record.nmf
     assert innovation is not None
-    assert nis is not None
-    assert missing is not None
     # rho(k) = gamma rho(k-1) + NIS(k)
-    rho = np.where(missing, rho, p.detector.gamma * rho + nis)
+    rho = np.where(is_missing(innovation), rho, p.detector.gamma * rho + nis)
     # Input and zeta of every onset in the window: an acceleration adds [T^2/2, T]' a to the state.
     if p.estimates_inputs:
         g = np.array([T * T / 2, T])
