@@ -40,7 +40,7 @@ def with_axes_of(like: Array, a: Array) -> Array:
 
 
 def as_slice(rows: Sequence[int]) -> slice | Sequence[int]:
-    """Return regularly increasing row numbers as a slice, whose rows need no copy."""
+    """Return evenly spaced row numbers as a slice, which needs no copy, and others as a list."""
     step = rows[1] - rows[0] if len(rows) > 1 else 1
     regular = len(rows) > 0 and step > 0 and [*rows] == [*range(rows[0], rows[-1] + 1, step)]
     return slice(rows[0], rows[-1] + 1, step) if regular else [*rows]

@@ -150,9 +150,9 @@ class Mode(NamedTuple):
 
 
 def displaced(x: Array, T: float, nu: Array, K: float) -> Array:
-    """Return particles (4, M, N) of (px, vx, py, vy) one step on, given displacements nu (2, M, N).
+    """Return particles x (4, M, N) of (px, vx, py, vy) after a time T, as a new array.
 
-    ``p' = p + T v + nu`` and ``v' = v + K nu`` along each axis.
+    ``p' = p + T v + nu`` and ``v' = v + K nu`` along each axis, with displacements nu (2, M, N).
     """
     out = np.empty_like(x)
     alike = x.dtype == nu.dtype == np.float64 and nu.shape == (2, *x.shape[1:])

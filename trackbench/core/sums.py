@@ -36,9 +36,10 @@ def total(a: Array, axis: Literal[0, -1] = -1) -> Array:
 
 
 class WindowSums:
-    """Sums ``total`` (W, M) over the rows of W windows (W, T); rows come in pieces.
+    """Sums over the steps of W windows for each of M runs, of values that come in pieces of steps.
 
-    A NaN counts as nothing: ``number`` (W, M) says how many values each sum has.
+    The mask ``windows`` (W, T) says which steps are in a window. ``total`` (W, M) leaves out NaN, and
+    ``number`` (W, M) counts the other values.
     """
 
     def __init__(self, windows: Mask, M: int) -> None:
@@ -46,7 +47,7 @@ class WindowSums:
         self.total, self._gaps = np.zeros((2, len(windows), M))
 
     def add(self, rows: Array, first: int) -> None:
-        """Add rows (S, M) from the one of this number on."""
+        """Add the values (S, M) of the steps from ``first`` on."""
         here = np.ascontiguousarray(self._windows[:, first : first + len(rows)])
         if compiled.kernels and rows.dtype == np.float64:
             rows = np.ascontiguousarray(rows)
@@ -60,7 +61,7 @@ class WindowSums:
 
     @property
     def number(self) -> Array:
-        """Return how many values each sum has."""
+        """Return how many values each sum has: NaN are none."""
         return self._windows.sum(axis=1)[:, None] - self._gaps
 
 

@@ -58,7 +58,7 @@ class BlockTask:
     stacked: int = 1
     """blocks from this one outwards that are filtered side by side, each with its own random numbers"""
     copies: int = 1
-    """filters that filter the block side by side: ``filter`` joins them"""
+    """number of filters that filter the same runs side by side; ``filter`` is the joined one"""
 
     @property
     def assumed_scenario(self) -> Scenario:

@@ -103,10 +103,10 @@ def over_windows(
 
 
 class SeriesSums:
-    """Sums of series over the steps of each window, and over the runs at each step.
+    """Sums of series: over the steps of each window for each run, over the runs at each step.
 
-    Steps are added in pieces, which are read once for all sums while they are in the cache. ``counts``
-    names the series that are summed over the steps.
+    A series is added in pieces of consecutive steps. ``counts`` names the diagnostics whose metric is
+    the sum over the steps, not the mean.
     """
 
     def __init__(self, windows: Mapping[str, Mask], counts: Collection[str]) -> None:
@@ -144,7 +144,7 @@ class SeriesSums:
         self._of_steps[series].append(step_sums(rows, np.full(rows.shape[1], FOUND)))
 
     def over_runs(self) -> dict[str, StepSums]:
-        """Return the sums over all runs at each step, lost ones too; no zero is negative."""
+        """Return the sums over all runs at each step, lost runs too; -0.0 becomes 0.0."""
         return {
             name: StepSums(*(np.concatenate(part) + 0.0 for part in zip(*pieces, strict=True)))
             for name, pieces in self._of_steps.items()

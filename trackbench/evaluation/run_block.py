@@ -40,10 +40,10 @@ def run_whole_block(task: BlockTask) -> dict[int, BlockResult]:
 
 
 def run_stack(blocks: Sequence[BlockTask]) -> list[dict[int, BlockResult]]:
-    """Return the results of blocks that are filtered together: each the same as alone.
+    """Return each block's results, with the same bytes as alone, by the number of runs used.
 
-    A call of numpy then serves the runs of all blocks. They are adjacent blocks of one filter, or one
-    block of several filters of the same structure. They differ in the runs used, too.
+    The blocks are filtered side by side, to save calls of numpy. They are adjacent blocks of one filter,
+    or have the same runs and filters of one structure (`JoinableFilter`).
     """
     keep_freed_memory()
     stack = _stack_of(blocks)

@@ -51,9 +51,10 @@ class Plan:
 
     @cached_property
     def unique(self) -> list[BlockTask]:
-        """Return every distinct task; filters of one block stand together and share its data.
+        """Return the distinct tasks in the order of computation.
 
-        So do tasks that score the same estimates in different ways: the filter runs once for them.
+        Tasks of the same runs are neighbors and share the simulated data. Among these, tasks that score
+        the same estimates in different ways are neighbors, so that the filter runs once for them.
         """
         ranks: dict[BlockTask, int] = {}
         places: dict[BlockTask, tuple[int, int]] = {}

@@ -77,10 +77,10 @@ class Filter(Part, Generic[State]):
         """
 
     def all_steps(self, model: Model, state: State, z: Array, k: int) -> "Steps | None":
-        """Return what `step` would make of z (n_z, T, M), the measurements of steps k to k + T - 1.
+        """Return what `step` makes of z (n_z, T, M), the measurements of steps k to k + T - 1.
 
-        Override it for speed in a filter that draws no random numbers. If it returns None, as by
-        default, the runner calls `step` for each measurement.
+        ``state`` is that of step k - 1. Override it for speed in a filter that draws no random numbers.
+        If it returns None, as by default, the runner calls `step` for each measurement.
         """
         return None
 
@@ -186,14 +186,14 @@ AnyFilter = Filter[Any]
 
 
 class Steps(NamedTuple):
-    """T steps of a filter in one call: what its hooks give of each step, side by side."""
+    """Estimates, diagnostics and states of T steps, from one call of `Filter.all_steps`."""
 
     estimate: Gaussian
-    """mean (n_x, T, M); covariance (n_x, n_x, T, M), or (n_x, n_x, T, 1) if the runs share it"""
+    """after each: mean (n_x, T, M); covariance (n_x, n_x, T, M), or (n_x, n_x, T, 1) for all runs"""
     diagnostics: dict[str, Array]
     """arrays (T, M) by name"""
     state: Callable[[int], Any]
-    """state after the measurement of this index; -1 is the last"""
+    """returns the state after the measurement of this index: 0 is the first of the T, -1 the last"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -231,18 +231,18 @@ class SmoothingFilter(Filter[State]):
 
 
 class JoinableFilter(Filter[State]):
-    """Base of the filters that run side by side with others of their `structure`, for the same bytes.
+    """Base of the filters that can be joined to one filter, with the same bytes as each alone.
 
-    Such a filter draws no random numbers and takes the prior's moments only.
+    Such a filter draws no random numbers and uses the prior's mean and covariance only.
     """
 
     @abstractmethod
     def structure(self, scenario: Scene) -> Hashable:
-        """Return a value that is equal for filters which differ in numbers only."""
+        """Return a value that is equal for filters which differ in parameter values only."""
 
     @abstractmethod
     def joined(self, filters: Sequence[Filter[State]], width: int) -> Filter[State]:
-        """Return a filter that runs each filter, all of one structure, for ``width`` runs."""
+        """Return one filter, whose first ``width`` runs are the first filter's, and so on."""
 
 
 class HasInnovation(Protocol):
