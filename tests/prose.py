@@ -25,7 +25,7 @@ from trackbench.config.published import split
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
 from trackbench.report.results import Results
-from trackbench.report.verdicts.rules import NUMBER_WORDS
+from trackbench.statistics.rules import NUMBER_WORDS
 from trackbench.yaml_source import scalar
 
 HERE = Path(__file__).resolve().parent.parent

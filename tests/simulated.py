@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.inference import spread
 from trackbench.evaluation.precision_check import checkpoints, exact_after
-from trackbench.evaluation.statistics import OVER_RUNS, influence, interval, mean
-from trackbench.report.estimates import RunEstimate
-from trackbench.report.verdicts.rules import DECIDED, SURE, Verdict, claim_verdict
+from trackbench.statistics.estimates import RunEstimate
+from trackbench.statistics.intervals import spread
+from trackbench.statistics.over_runs import OVER_RUNS, influence, interval, mean
+from trackbench.statistics.rules import DECIDED, SURE, Verdict, claim_verdict
 
 TRUE_Z = (0, 4, 5, 6, 8, 10)
 Rng = np.random.Generator

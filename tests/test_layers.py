@@ -18,7 +18,7 @@ PACKAGE = Path(trackbench.__file__).parent
 LAYERS = (
     ("core", "metrics", "extension_points", "field_types", "errors"),
     ("atomic_files", "yaml_source", "registry"),
-    ("models",),
+    ("models", "statistics"),
     ("scenarios", "filters"),
     ("adapters", "evaluation"),
     ("plugins",),

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests.prose import FINDINGS, HERE, LINK, TEXTS, count, like, tied, untied
-from trackbench.report.verdicts.rules import CLAIM_WORDS, NUMBER_WORDS
+from trackbench.statistics.rules import CLAIM_WORDS, NUMBER_WORDS
 
 
 @pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.stem)

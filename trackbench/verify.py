@@ -32,10 +32,8 @@ from trackbench import api
 from trackbench.config.experiment import Experiment
 from trackbench.config.tuning import tuned_label
 from trackbench.core.arrays import Array
-from trackbench.evaluation.inference import holm
 from trackbench.evaluation.metric_expression import TIME_MEAN, measured
 from trackbench.evaluation.run_block import run_whole_block
-from trackbench.evaluation.statistics import mean
 from trackbench.evaluation.summary import merge
 from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.engines import cpu_count, engine
@@ -50,6 +48,8 @@ from trackbench.report.open import (
 from trackbench.report.results import Results
 from trackbench.results.point_facts import POINTS_FILE, points_in, points_text, same_points
 from trackbench.results.write import write_results
+from trackbench.statistics.intervals import holm
+from trackbench.statistics.over_runs import mean
 from trackbench.tuning.search import Rank, Record, Search, Trial, Values
 from trackbench.tuning.tuner import Training, given_values, tune
 from trackbench.verify_differences import (

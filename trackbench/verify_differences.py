@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.inference import p_value
-from trackbench.evaluation.statistics import mean, z_score
 from trackbench.report.render import write_tables
 from trackbench.report.results import Results
 from trackbench.report.sweep import write_sweep
 from trackbench.report.verdicts.files import FILES, write_comparison, write_paired
 from trackbench.report.verdicts.numbers import compare
 from trackbench.results.folder_contents import DATA_FILES, TIME_VERDICTS, check_digests
+from trackbench.statistics.intervals import p_value
+from trackbench.statistics.over_runs import mean, z_score
 
 if TYPE_CHECKING:
     pass

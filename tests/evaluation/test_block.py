@@ -9,7 +9,7 @@ from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.error_series import FOUND
 from trackbench.evaluation.run_block import run_block
-from trackbench.evaluation.statistics import median
+from trackbench.statistics.over_runs import median
 
 
 @pytest.mark.parametrize(

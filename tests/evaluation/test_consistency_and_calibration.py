@@ -20,12 +20,12 @@ from trackbench.evaluation.consistency_and_calibration import (
     noncredibility,
 )
 from trackbench.evaluation.run_block import run_block
-from trackbench.evaluation.statistics import mean
 from trackbench.evaluation.uniformity_tests import at_step, over_steps
 from trackbench.filters.base import AnyFilter
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.sensors.base import Assume
 from trackbench.scenarios.tracking import Tracking
+from trackbench.statistics.over_runs import mean
 
 ALL: tuple[Kind, ...] = ("calibration", "ranks", "crps")
 RUNS = 2000

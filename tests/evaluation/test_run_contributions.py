@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from trackbench.evaluation import statistics as st
 from trackbench.evaluation.error_series import FOUND, TOO_FAR, step_sums
 from trackbench.evaluation.metric_expression import measure
 from trackbench.evaluation.summary import (
@@ -14,6 +13,7 @@ from trackbench.evaluation.summary import (
     time_mean_shares,
     with_shares,
 )
+from trackbench.statistics import over_runs as st
 
 STEPS, RUNS = 30, 200
 

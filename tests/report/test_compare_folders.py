@@ -11,9 +11,9 @@ from tests.commands import trackbench
 from tests.conftest import PLANE
 from trackbench import api
 from trackbench.commands.gate import Limit, judge
-from trackbench.evaluation.statistics import mean
 from trackbench.report.compare_folders import Row, Sample, compare_folders, rows_of
 from trackbench.report.results import Results
+from trackbench.statistics.over_runs import mean
 
 CONFIG = f"""
 name: plane

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from trackbench.evaluation.inference import anees_band
 from trackbench.report.tables.consistency import anis_band, components
+from trackbench.statistics.intervals import anees_band
 
 DRAWN = 4000
 TOLERANCE = 3.0 * np.sqrt(0.95 * 0.05 / DRAWN)

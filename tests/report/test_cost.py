@@ -12,12 +12,12 @@ from tests.papers import merwe_text
 from trackbench import api
 from trackbench.errors import UserError
 from trackbench.evaluation.metric_expression import measure
-from trackbench.evaluation.statistics import influence, mean
 from trackbench.report.costs import Curve, Spot, beside, curves, front
-from trackbench.report.estimates import RunEstimate
 from trackbench.report.expressions import Evaluator
 from trackbench.report.results import Results, own_values
 from trackbench.report.tables.efficiency import EqualCost
+from trackbench.statistics.estimates import RunEstimate
+from trackbench.statistics.over_runs import influence, mean
 from trackbench.verify import verify
 
 NOBODY = np.zeros(0)

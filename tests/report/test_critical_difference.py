@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from tests.conftest import ROOT
-from trackbench.evaluation.statistics import interval
 from trackbench.report.figures.critical_difference import mean_ranks, range_quantile
 from trackbench.report.verdicts.numbers import kendall
+from trackbench.statistics.over_runs import interval
 
 FEW = st.lists(st.tuples(st.integers(0, 4), st.integers(0, 4)), min_size=2, max_size=12)
 

@@ -8,12 +8,12 @@ from tests.papers import merwe_text
 from trackbench import api
 from trackbench.config.published import Claim
 from trackbench.errors import UserError
-from trackbench.evaluation import inference
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
 from trackbench.report.results import Results
 from trackbench.report.verdicts.claims import judge
-from trackbench.report.verdicts.rules import claim_verdict, weakest
+from trackbench.statistics import intervals as inference
+from trackbench.statistics.rules import claim_verdict, weakest
 from trackbench.verify import verify
 
 CONFIG = """

@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 
 from trackbench.config.published import Claim
-from trackbench.evaluation import inference
-from trackbench.evaluation import statistics as st
-from trackbench.evaluation.inference import (
-    interval_of_difference,
-    of_variances,
-    studentized,
-    studentized_difference,
-)
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
 from trackbench.report.result_files import Columns
 from trackbench.report.verdicts.claims import judge
 from trackbench.results.point_facts import PointFacts
+from trackbench.statistics import intervals as inference
+from trackbench.statistics import over_runs as st
+from trackbench.statistics.intervals import (
+    interval_of_difference,
+    of_variances,
+    studentized,
+    studentized_difference,
+)
 
 RUNS = 120
 

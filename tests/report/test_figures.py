@@ -9,7 +9,6 @@ from tests.report.forging import edit
 from trackbench import api
 from trackbench.errors import UserError
 from trackbench.evaluation.metric_expression import measure
-from trackbench.report.estimates import RunEstimate
 from trackbench.report.expressions import Evaluator
 from trackbench.report.figures.bars import Bars
 from trackbench.report.figures.critical_difference import cliques, critical_difference, mean_ranks
@@ -19,6 +18,7 @@ from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import ranking
 from trackbench.report.plotting import style
 from trackbench.report.results import Results
+from trackbench.statistics.estimates import RunEstimate
 from trackbench.verify import verify
 
 GRID = """

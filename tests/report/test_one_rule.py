@@ -16,8 +16,8 @@ from trackbench.report.findings.ranking import rankings
 from trackbench.report.paired import pairs_of
 from trackbench.report.results import Results
 from trackbench.report.tables.differences import ClaimRow, Claims
-from trackbench.report.verdicts import rules
 from trackbench.report.verdicts.claims import judge
+from trackbench.statistics import rules
 
 
 @pytest.mark.parametrize("statistic", ["mean", "rms"])

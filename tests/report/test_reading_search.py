@@ -9,9 +9,9 @@ from tests.papers import merwe_text
 from trackbench import api
 from trackbench.config.published import PublishedNumber
 from trackbench.evaluation.metric_expression import measure
-from trackbench.report.estimates import RunEstimate
 from trackbench.report.results import Results
 from trackbench.report.tables.reading_search import Number, distance, ways_to_measure
+from trackbench.statistics.estimates import RunEstimate
 
 CONFIG = """
 name: search

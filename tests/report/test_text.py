@@ -7,13 +7,13 @@ import pytest
 
 from trackbench import api
 from trackbench.evaluation.metric_expression import measure
-from trackbench.evaluation.statistics import Estimate
-from trackbench.report.estimates import RunEstimate, Share
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings.ranking import rankings
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table, Text, TextTable, in_tex, rounded
 from trackbench.report.tables.metrics import Metrics, _lost_notes, best_labels
+from trackbench.statistics.estimates import RunEstimate, Share
+from trackbench.statistics.over_runs import Estimate
 
 
 def table():

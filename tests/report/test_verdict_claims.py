@@ -9,17 +9,18 @@ import pytest
 
 from tests.report.test_expressions import RUNS, Folder, table
 from trackbench.config.published import Claim
-from trackbench.evaluation import inference
-from trackbench.evaluation import statistics as st
-from trackbench.evaluation.inference import studentized
 from trackbench.evaluation.metric_expression import measure
-from trackbench.report.estimates import RunEstimate, Share
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings.ranking import Candidate, ranking_of
 from trackbench.report.result_files import Columns
-from trackbench.report.verdicts import files, rules
+from trackbench.report.verdicts import files
 from trackbench.report.verdicts.claims import judge
-from trackbench.report.verdicts.rules import Verdict
+from trackbench.statistics import intervals as inference
+from trackbench.statistics import over_runs as st
+from trackbench.statistics import rules
+from trackbench.statistics.estimates import RunEstimate, Share
+from trackbench.statistics.intervals import studentized
+from trackbench.statistics.rules import Verdict
 
 NONE = table("filter metric value stderr runs lost", [("-", "-", 0.0, 0.0, 1, 0)])
 NO_TIMES = table("filter runs cpu_s_per_run stderr blocks", [("-", 1, 0.0, 0.0, "")])

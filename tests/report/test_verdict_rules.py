@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from tests.report.test_verdicts import number
-from trackbench.evaluation.inference import interval_of, loses_more
-from trackbench.report.estimates import RunEstimate
-from trackbench.report.verdicts import rules
 from trackbench.report.verdicts.numbers import _is_near
-from trackbench.report.verdicts.rules import claim_verdict, combine_batches, number_verdict, weakest
+from trackbench.statistics import rules
+from trackbench.statistics.estimates import RunEstimate
+from trackbench.statistics.intervals import interval_of, loses_more
+from trackbench.statistics.rules import claim_verdict, combine_batches, number_verdict, weakest
 
 
 def word(published, value, stderr, *parts, runs=400):

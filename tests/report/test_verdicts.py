@@ -13,14 +13,14 @@ from trackbench.config.published import Claim, PublishedNumber
 from trackbench.errors import UserError
 from trackbench.evaluation import block, run_filter
 from trackbench.evaluation.metric_expression import measure
-from trackbench.report.estimates import MISSING, RunEstimate
 from trackbench.report.expressions import Evaluator
 from trackbench.report.paired import pairs_of
 from trackbench.report.results import Results
 from trackbench.report.verdicts.claims import evidence_at, judge
 from trackbench.report.verdicts.files import bars
 from trackbench.report.verdicts.numbers import Compared, Comparison, Reproduced, compare
-from trackbench.report.verdicts.rules import Verdict, claim_verdict, combine_batches, number_verdict
+from trackbench.statistics.estimates import MISSING, RunEstimate
+from trackbench.statistics.rules import Verdict, claim_verdict, combine_batches, number_verdict
 
 
 def number(value, digits=4, runs=100, **keys):

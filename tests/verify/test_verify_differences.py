@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from trackbench.evaluation.inference import holm
+from trackbench.statistics.intervals import holm
 from trackbench.verify_differences import FALSE_ALARM, differences, p_of_chance, relative, usual
 
 RUNS, COLUMNS, FOLDERS = 20, 60, 200

@@ -16,7 +16,6 @@ import numpy as np
 from trackbench.commands.prepare import Options, file_of, prepare
 from trackbench.commands.run_experiment import run_all
 from trackbench.errors import Mark, Problem, UserError
-from trackbench.evaluation.inference import holm
 from trackbench.report.compare_folders import (
     ALIKE,
     BETTER,
@@ -30,6 +29,7 @@ from trackbench.report.compare_folders import (
 from trackbench.report.open import open_results
 from trackbench.report.results import Results
 from trackbench.results.folder_contents import TIMING
+from trackbench.statistics.intervals import holm
 
 _LIMIT = re.compile(r"(\d+(?:\.\d+)?)sigma(?:,(\d+(?:\.\d+)?)%)?")
 

@@ -14,7 +14,6 @@ from trackbench.evaluation.consistency_and_calibration import calibration_series
 from trackbench.evaluation.metric_expression import TIME_MEAN, measured
 from trackbench.evaluation.predictive_scores import predictive_series
 from trackbench.evaluation.run_filter import prior_of
-from trackbench.evaluation.statistics import STATISTICS
 from trackbench.extension_points import field_values, is_foreign
 from trackbench.filters.base import (
     AnyFilter,
@@ -26,6 +25,7 @@ from trackbench.metrics import METRICS, in_window, is_reserved, joined, metric_o
 from trackbench.plugins.errors import guarded
 from trackbench.registry import of_kind
 from trackbench.scenarios.base import Scenario
+from trackbench.statistics.over_runs import STATISTICS
 
 Made: TypeAlias = AnyFilter | None
 """A filter, or None for one whose keys are mistaken."""

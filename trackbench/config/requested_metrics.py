@@ -15,12 +15,12 @@ from trackbench.config.tuning import as_expression, bad_terms
 from trackbench.evaluation.block import Kind
 from trackbench.evaluation.consistency_and_calibration import bars
 from trackbench.evaluation.metric_expression import Measure, measured, role_of
-from trackbench.evaluation.statistics import STATISTICS
 from trackbench.evaluation.summary import series_of
 from trackbench.extension_points import field_values
 from trackbench.filters.base import AnyFilter
 from trackbench.metrics import new_name
 from trackbench.registry import Group
+from trackbench.statistics.over_runs import STATISTICS
 from trackbench.yaml_source import Keys, Source
 
 if TYPE_CHECKING:

@@ -11,10 +11,10 @@ from annotated_types import Interval
 from trackbench.core import elementary
 from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import Measure, measured
-from trackbench.evaluation.statistics import STATISTICS, influence, mean
 from trackbench.field_types import Count, Finite, is_number
 from trackbench.metrics import in_window, joined
 from trackbench.scenarios.base import Scenario
+from trackbench.statistics.over_runs import STATISTICS, influence, mean
 
 SUFFIX = " (tuned)"
 """What the label of a tuned filter ends with."""

@@ -18,9 +18,9 @@ from functools import cache
 from itertools import chain
 from typing import Annotated, Any, Literal, NamedTuple, get_args
 
-from trackbench.evaluation.statistics import STATISTICS
 from trackbench.field_types import annotations_of
 from trackbench.metrics import Metric, in_window, joined, metric_of
+from trackbench.statistics.over_runs import STATISTICS
 
 TIME_MEAN = "time-mean"
 """Statistic: the mean over a window's steps of the RMSE over runs."""

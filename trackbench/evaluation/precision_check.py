@@ -10,9 +10,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from trackbench.core.arrays import Array, Mask
-from trackbench.evaluation import inference
 from trackbench.evaluation.metric_expression import measured
 from trackbench.evaluation.summary import FilterResult, SummaryRow, summary_rows
+from trackbench.statistics import intervals as inference
 
 _GROWTH = 1.5  # from one number of runs at which the errors are tried to the next
 

@@ -12,7 +12,9 @@ from trackbench.evaluation.block import BlockResult, Tracks
 from trackbench.evaluation.error_series import FOUND, StepSums, over_windows
 from trackbench.evaluation.exact_errors import QUADRATIC
 from trackbench.evaluation.metric_expression import TIME_MEAN, Measure, measured
-from trackbench.evaluation.statistics import (
+from trackbench.evaluation.timing import Measured
+from trackbench.metrics import in_window, joined, metric_of, metrics_of
+from trackbench.statistics.over_runs import (
     STATISTICS,
     Estimates,
     mean,
@@ -20,8 +22,6 @@ from trackbench.evaluation.statistics import (
     median,
     rooted,
 )
-from trackbench.evaluation.timing import Measured
-from trackbench.metrics import in_window, joined, metric_of, metrics_of
 
 
 class Timing(NamedTuple):

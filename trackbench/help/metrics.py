@@ -134,7 +134,7 @@ def rows_of_config(path: Path, allow_plugins: bool = False) -> Iterator[JsonRow]
 def statistics_known() -> dict[str, str]:
     """Return every statistic with its text."""
     from trackbench.evaluation.metric_expression import TIME_MEAN
-    from trackbench.evaluation.statistics import STATISTICS
+    from trackbench.statistics.over_runs import STATISTICS
 
     over_time = "mean over a window's steps of the RMSE over runs"
     return {name: s.help for name, s in STATISTICS.items()} | {TIME_MEAN: over_time}

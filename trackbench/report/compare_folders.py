@@ -18,7 +18,16 @@ from trackbench.atomic_files import write_bytes
 from trackbench.core.arrays import Array
 from trackbench.core.elementary import log
 from trackbench.errors import Mark, Problem, UserError, counted
-from trackbench.evaluation.inference import (
+from trackbench.evaluation.metric_expression import measured
+from trackbench.evaluation.summary import per_component
+from trackbench.metrics import unit_of
+from trackbench.report.findings import phrases
+from trackbench.report.paired import primary_metrics
+from trackbench.report.plotting import style
+from trackbench.report.results import Results
+from trackbench.report.table import Text, TextTable, rounded
+from trackbench.results.point_facts import GridPoint
+from trackbench.statistics.intervals import (
     Events,
     Sides,
     holm,
@@ -28,16 +37,7 @@ from trackbench.evaluation.inference import (
     studentized_difference,
     two_sided,
 )
-from trackbench.evaluation.metric_expression import measured
-from trackbench.evaluation.statistics import Estimate, influence, mean
-from trackbench.evaluation.summary import per_component
-from trackbench.metrics import unit_of
-from trackbench.report.findings import phrases
-from trackbench.report.paired import primary_metrics
-from trackbench.report.plotting import style
-from trackbench.report.results import Results
-from trackbench.report.table import Text, TextTable, rounded
-from trackbench.results.point_facts import GridPoint
+from trackbench.statistics.over_runs import Estimate, influence, mean
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -20,10 +20,10 @@ from trackbench.core.arrays import Array
 from trackbench.core.elementary import exp, log
 from trackbench.evaluation.metric_expression import Measure, measure
 from trackbench.field_types import is_number
-from trackbench.report.estimates import RunEstimate, ignore_float_errors, linear_combination
 from trackbench.report.expressions import Evaluator
 from trackbench.report.results import Results, named_form, points_of
 from trackbench.results.point_facts import GridPoint
+from trackbench.statistics.estimates import RunEstimate, ignore_float_errors, linear_combination
 
 _TIME = measure("cpu_s_per_run")
 COST, MICRO = "CPU time per step (µs)", 1e6

@@ -12,13 +12,15 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.sums import total
-from trackbench.evaluation import inference
 from trackbench.evaluation.metric_expression import Measure, exact_label, measured
-from trackbench.evaluation.statistics import OVER_RUNS, efficiency, influence, median
 from trackbench.evaluation.summary import statistic_of
 from trackbench.field_types import is_number
 from trackbench.metrics import in_window
-from trackbench.report.estimates import (
+from trackbench.report.results import Results
+from trackbench.results.point_facts import GridPoint
+from trackbench.statistics import intervals as inference
+from trackbench.statistics.efficiency import efficiency
+from trackbench.statistics.estimates import (
     MISSING,
     OfSteps,
     RunEstimate,
@@ -31,8 +33,7 @@ from trackbench.report.estimates import (
     linear_combination,
     quotient,
 )
-from trackbench.report.results import Results
-from trackbench.results.point_facts import GridPoint
+from trackbench.statistics.over_runs import OVER_RUNS, influence, median
 
 
 class _OverRuns(NamedTuple):

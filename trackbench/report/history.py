@@ -8,12 +8,12 @@ import numpy as np
 from trackbench.config.build import unknown
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.evaluation.metric_expression import measured
-from trackbench.evaluation.statistics import Estimate
 from trackbench.metrics import unit_of
 from trackbench.report.findings import phrases
 from trackbench.report.plotting import style
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
+from trackbench.statistics.over_runs import Estimate
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -10,15 +10,10 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import measured
-from trackbench.evaluation.statistics import (
-    STATISTICS,
-    influence,
-    mean,
-    series_mean,
-    without_rounding,
-)
-from trackbench.report.estimates import OfSteps, RunEstimate
-from trackbench.report.verdicts.rules import difference_sign
+from trackbench.statistics.estimates import OfSteps, RunEstimate
+from trackbench.statistics.over_runs import STATISTICS, influence, mean, without_rounding
+from trackbench.statistics.rules import difference_sign
+from trackbench.statistics.series import series_mean
 
 
 class Pair(NamedTuple):

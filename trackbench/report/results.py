@@ -21,7 +21,6 @@ from trackbench.config.tuning import tuned_label
 from trackbench.core.arrays import Array
 from trackbench.errors import Mark, Problem, RunError, UserError, counted
 from trackbench.evaluation.metric_expression import measure, measured
-from trackbench.evaluation.statistics import LEAST_STEPS
 from trackbench.extension_points import is_foreign
 from trackbench.metrics import unit_of
 from trackbench.plugins.errors import PluginError, message_of, plugin_code
@@ -33,6 +32,7 @@ from trackbench.report.result_files import ResultFiles
 from trackbench.report.table import Table, results_html
 from trackbench.results.folder_contents import DEFAULT, TRACK
 from trackbench.results.point_facts import GridPoint
+from trackbench.statistics.series import LEAST_STEPS
 from trackbench.tuning.search import Record, read_tuning
 
 if TYPE_CHECKING:

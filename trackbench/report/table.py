@@ -13,8 +13,8 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.errors import counted
-from trackbench.evaluation.statistics import Estimate, paired_difference
-from trackbench.report.estimates import COLLAPSED_NOTE, RunEstimate, Share, in_words
+from trackbench.statistics.estimates import COLLAPSED_NOTE, RunEstimate, Share, in_words
+from trackbench.statistics.over_runs import Estimate, paired_difference
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -38,7 +38,6 @@ from trackbench.evaluation.consistency_and_calibration import sizes
 from trackbench.evaluation.error_series import LOST_BECAUSE, NOT_FINITE
 from trackbench.evaluation.exact_errors import exact_series
 from trackbench.evaluation.metric_expression import exact_label, measured
-from trackbench.evaluation.statistics import Estimate, median
 from trackbench.evaluation.summary import (
     FilterResult,
     StepRow,
@@ -58,6 +57,7 @@ from trackbench.results.folder_contents import COLUMNS, DIGITS, TIMING, remove_o
 from trackbench.results.point_facts import POINTS_FILE, points_text
 from trackbench.results.tracks import FigureTracks, TrackFile
 from trackbench.scenarios.base import Scenario
+from trackbench.statistics.over_runs import Estimate, median
 
 
 class TimedRow(NamedTuple):

@@ -7,7 +7,6 @@ from typing import ClassVar
 import numpy as np
 
 from trackbench.evaluation.metric_expression import Expression, measure
-from trackbench.evaluation.statistics import interval
 from trackbench.field_types import OpenShare
 from trackbench.registry import register
 from trackbench.report.expressions import Evaluator
@@ -19,6 +18,7 @@ from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.results import Results
 from trackbench.report.verdicts.claims import point_of
 from trackbench.results.point_facts import GridPoint
+from trackbench.statistics.over_runs import interval
 
 
 @register("figures", "bars")

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trackbench.evaluation.inference import anees_band
 from trackbench.evaluation.metric_expression import OfStep, OfSummary, measure
 from trackbench.field_types import Count, OpenShare, Positive
 from trackbench.registry import register
@@ -15,6 +14,7 @@ from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
 from trackbench.report.plotting.style import Figure
 from trackbench.report.results import Results
+from trackbench.statistics.intervals import anees_band
 
 
 @register("figures", "anees")

@@ -19,8 +19,8 @@ from trackbench.report.plotting import style
 from trackbench.report.plotting.page_formats import sheet
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.results import Results, missing_paths, points_of
-from trackbench.report.verdicts import rules
 from trackbench.results.point_facts import GridPoint
+from trackbench.statistics import rules
 
 _LETTER_IN, _DIGIT_IN = 0.075, 0.05  # widths of the ticks' and of the cells' letters
 

@@ -6,7 +6,6 @@ from typing import ClassVar
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.inference import anees_band
 from trackbench.evaluation.metric_expression import measured
 from trackbench.evaluation.predictive_scores import LAGS
 from trackbench.field_types import Count
@@ -16,6 +15,7 @@ from trackbench.report.plotting import style
 from trackbench.report.plotting.style import Figure
 from trackbench.report.results import Results
 from trackbench.report.tables.consistency import autocorrelation_band
+from trackbench.statistics.intervals import anees_band
 
 _ENOUGH = 60  # measured components whose average is worth a point
 

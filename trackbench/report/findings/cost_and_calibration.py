@@ -8,14 +8,14 @@ from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
-from trackbench.evaluation.statistics import Estimate, interval, mean
-from trackbench.report.estimates import collapsed_in_words
 from trackbench.report.findings.phrases import listed, named, two_digits, verb
 from trackbench.report.findings.ranking import Candidate, Ranking
 from trackbench.report.results import Results
 from trackbench.report.table import rounded
 from trackbench.report.verdicts.cpu_times import SCATTER
-from trackbench.report.verdicts.rules import NEAR
+from trackbench.statistics.estimates import collapsed_in_words
+from trackbench.statistics.over_runs import Estimate, interval, mean
+from trackbench.statistics.rules import NEAR
 
 Credibility: TypeAlias = Literal["calibrated", "overconfident", "underconfident"]
 _SECONDS = ((1.0, "s"), (1e3, "ms"), (1e6, "µs"))

@@ -14,17 +14,17 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.inference import loses_more
 from trackbench.evaluation.metric_expression import Measure, measured
-from trackbench.evaluation.statistics import STATISTICS, Estimate
-from trackbench.report.estimates import MISSING, OfSteps, RunEstimate
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import named
 from trackbench.report.paired import difference_of, primary_metrics
 from trackbench.report.results import Results, own_values, points_of, scenes
-from trackbench.report.verdicts.rules import difference_sign
 from trackbench.results.folder_contents import TRACK
 from trackbench.results.point_facts import GridPoint
+from trackbench.statistics.estimates import MISSING, OfSteps, RunEstimate
+from trackbench.statistics.intervals import loses_more
+from trackbench.statistics.over_runs import STATISTICS, Estimate
+from trackbench.statistics.rules import difference_sign
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,9 +13,7 @@ import numpy as np
 from trackbench.config.tuning import tuned_label
 from trackbench.errors import counted
 from trackbench.evaluation.metric_expression import measured
-from trackbench.evaluation.statistics import STATISTICS
 from trackbench.registry import is_builtin
-from trackbench.report.estimates import RunEstimate, in_words
 from trackbench.report.findings import phrases
 from trackbench.report.findings.cost_and_calibration import calibration, cost, over_points
 from trackbench.report.findings.phrases import (
@@ -33,7 +31,9 @@ from trackbench.report.findings.phrases import (
 from trackbench.report.findings.ranking import Candidate, Ranking, ranking_metrics, rankings
 from trackbench.report.results import Results
 from trackbench.report.table import rounded
-from trackbench.report.verdicts import rules
+from trackbench.statistics import rules
+from trackbench.statistics.estimates import RunEstimate, in_words
+from trackbench.statistics.over_runs import STATISTICS
 
 HOW_DECIDED = (
     f"Filters differ significantly if this number does on common runs: {rules.HOW_DECIDED}. One that "

@@ -19,10 +19,10 @@ from trackbench.report.kinds import FigureKind, figure_folder
 from trackbench.report.render import draw_figure
 from trackbench.report.results import Results, catch_plugin_errors
 from trackbench.report.table import Text, TextTable, rounded
-from trackbench.report.verdicts import rules
 from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts
 from trackbench.report.verdicts.files import bars, summary_lines, verdict_tables
 from trackbench.report.verdicts.numbers import Comparison, compare
+from trackbench.statistics import rules
 
 if TYPE_CHECKING:
     from jinja2 import Environment

@@ -9,9 +9,7 @@ import numpy as np
 from trackbench.config.experiment import Point
 from trackbench.core.arrays import Array
 from trackbench.evaluation.consistency_and_calibration import bars
-from trackbench.evaluation.inference import holm
 from trackbench.evaluation.metric_expression import Measure, OfRank
-from trackbench.evaluation.statistics import Estimate
 from trackbench.evaluation.uniformity_tests import Histogram, at_step, over_steps
 from trackbench.field_types import Digits, InvalidKeyError, OpenShare
 from trackbench.registry import register
@@ -20,6 +18,8 @@ from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
 from trackbench.results.point_facts import GridPoint
+from trackbench.statistics.intervals import holm
+from trackbench.statistics.over_runs import Estimate
 
 
 def check_rank(m: Measure, *path: str) -> None:

@@ -8,17 +8,17 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.core.sums import total
 from trackbench.errors import counted
-from trackbench.evaluation.inference import anees_band
 from trackbench.evaluation.metric_expression import measured
-from trackbench.evaluation.statistics import Estimate
 from trackbench.field_types import Digits
 from trackbench.registry import register
-from trackbench.report.estimates import MISSING
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
+from trackbench.statistics.estimates import MISSING
+from trackbench.statistics.intervals import anees_band
+from trackbench.statistics.over_runs import Estimate
 
 
 @register("tables", "consistency")

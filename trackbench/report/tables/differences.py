@@ -7,14 +7,14 @@ from trackbench.config.experiment import Labeled
 from trackbench.evaluation.metric_expression import OfRun
 from trackbench.field_types import Digits
 from trackbench.registry import register
-from trackbench.report.estimates import RunEstimate
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
-from trackbench.report.verdicts import rules
-from trackbench.report.verdicts.rules import UNDECIDED
+from trackbench.statistics import rules
+from trackbench.statistics.estimates import RunEstimate
+from trackbench.statistics.rules import UNDECIDED
 
 
 @register("tables", "differences")

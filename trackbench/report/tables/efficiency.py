@@ -8,16 +8,7 @@ import numpy as np
 
 from trackbench.config.experiment import Point
 from trackbench.core.elementary import exp
-from trackbench.evaluation.inference import loses_more, normal_of_t
 from trackbench.evaluation.metric_expression import Expression, measure
-from trackbench.evaluation.statistics import (
-    Estimate,
-    cross_share,
-    efficiency,
-    plain_efficiency,
-    runs_saved,
-    z_score,
-)
 from trackbench.field_types import Digits
 from trackbench.registry import register
 from trackbench.report.costs import (
@@ -38,6 +29,9 @@ from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results, named_form, points_of, scenes
 from trackbench.report.table import Cell, Table
 from trackbench.results.point_facts import GridPoint
+from trackbench.statistics.efficiency import cross_share, efficiency, plain_efficiency, runs_saved
+from trackbench.statistics.intervals import loses_more, normal_of_t
+from trackbench.statistics.over_runs import Estimate, z_score
 
 _NOT_ZERO = 4.0
 """Standard errors from which a cross term is not chance among some dozens."""

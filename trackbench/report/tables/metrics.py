@@ -11,7 +11,6 @@ from trackbench.config.experiment import Labeled
 from trackbench.errors import counted
 from trackbench.evaluation.error_series import LOST_BECAUSE
 from trackbench.evaluation.metric_expression import Expression, Measure
-from trackbench.evaluation.statistics import STATISTICS
 from trackbench.field_types import Digits
 from trackbench.registry import register
 from trackbench.report.expressions import Evaluator
@@ -20,6 +19,7 @@ from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
 from trackbench.results.point_facts import GridPoint
+from trackbench.statistics.over_runs import STATISTICS
 
 
 @dataclass(frozen=True, kw_only=True)

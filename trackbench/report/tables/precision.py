@@ -10,7 +10,6 @@ from trackbench.evaluation.precision_check import (
     checkpoints,
     exact_after,
 )
-from trackbench.evaluation.statistics import Estimate
 from trackbench.evaluation.summary import FilterResult
 from trackbench.field_types import Digits
 from trackbench.registry import register
@@ -18,6 +17,7 @@ from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
 from trackbench.results.point_facts import GridPoint
+from trackbench.statistics.over_runs import Estimate
 
 
 @register("tables", "precision")

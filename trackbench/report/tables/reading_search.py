@@ -16,18 +16,18 @@ from trackbench.config.includes import split_path
 from trackbench.config.published import Claim, PublishedNumber, read_published
 from trackbench.core import elementary
 from trackbench.evaluation.metric_expression import TIME_MEAN, Measure
-from trackbench.evaluation.statistics import STATISTICS, Estimate, mean
 from trackbench.field_types import Count, Digits
 from trackbench.registry import register
-from trackbench.report.estimates import RunEstimate
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table, rounded
 from trackbench.report.verdicts.claims import judge
-from trackbench.report.verdicts.rules import CLAIM_WORDS, NEAR
 from trackbench.results.point_facts import GridPoint
+from trackbench.statistics.estimates import RunEstimate
+from trackbench.statistics.over_runs import STATISTICS, Estimate, mean
+from trackbench.statistics.rules import CLAIM_WORDS, NEAR
 
 
 class Number(NamedTuple):

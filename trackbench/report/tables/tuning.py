@@ -8,13 +8,13 @@ import numpy as np
 
 from trackbench.config.tuning import Objective, Score, objective_label, tuned_label
 from trackbench.errors import counted
-from trackbench.evaluation.statistics import Estimate, mean
 from trackbench.field_types import Digits
 from trackbench.registry import register
 from trackbench.report.findings import phrases
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
+from trackbench.statistics.over_runs import Estimate, mean
 from trackbench.tuning.search import Record
 
 _HEADS = ["Training", "Results", "Gap", "Untuned", "Gained"]

@@ -6,14 +6,14 @@ from typing import NamedTuple
 
 from trackbench.config.published import Claim, PublishedNumber, picks
 from trackbench.errors import counted
-from trackbench.evaluation.inference import loses_more
-from trackbench.evaluation.statistics import Estimate, z_score
-from trackbench.report.estimates import OfSteps, RunEstimate
 from trackbench.report.expressions import Evaluator
 from trackbench.report.results import Results
-from trackbench.report.verdicts import rules
-from trackbench.report.verdicts.rules import UNDECIDED, Verdict
 from trackbench.results.point_facts import GridPoint
+from trackbench.statistics import rules
+from trackbench.statistics.estimates import OfSteps, RunEstimate
+from trackbench.statistics.intervals import loses_more
+from trackbench.statistics.over_runs import Estimate, z_score
+from trackbench.statistics.rules import UNDECIDED, Verdict
 
 NOT_MEASURED = "not measured"
 

@@ -15,13 +15,13 @@ from typing import NamedTuple
 from trackbench.atomic_files import ensure_folder, remove, within, write_csv
 from trackbench.config.published import Claim, Published, PublishedNumber
 from trackbench.core.arrays import Array
-from trackbench.evaluation.statistics import interval, median
 from trackbench.report.expressions import repeats_of
 from trackbench.report.results import Results
 from trackbench.report.table import Text, TextTable
 from trackbench.report.verdicts.claims import point_of
-from trackbench.report.verdicts.rules import UNDECIDED
 from trackbench.results.folder_contents import TIME_VERDICTS
+from trackbench.statistics.over_runs import interval, median
+from trackbench.statistics.rules import UNDECIDED
 
 SCATTER = 2.0
 """Factor by which a ratio of two filters' times may differ on another machine or at another time."""

@@ -18,7 +18,8 @@ from trackbench.report.table import Text, TextTable, rounded
 from trackbench.report.verdicts.claims import ClaimVerdict, noted
 from trackbench.report.verdicts.cpu_times import time_verdicts, write_time_verdicts
 from trackbench.report.verdicts.numbers import Compared, Comparison, Ranked, Reproduced
-from trackbench.report.verdicts.rules import (
+from trackbench.results.folder_contents import DIGITS, TIME_VERDICTS
+from trackbench.statistics.rules import (
     DECIDED,
     HOW_DECIDED,
     MEANINGS,
@@ -27,7 +28,6 @@ from trackbench.report.verdicts.rules import (
     Verdict,
     runs_needed,
 )
-from trackbench.results.folder_contents import DIGITS, TIME_VERDICTS
 
 _VERBS = ("agrees", "differs", "holds", "fails")
 

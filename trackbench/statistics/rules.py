@@ -7,11 +7,9 @@ it beyond `SURE`, and no part contradicts it. docs/statistics.md has the error r
 
 from collections.abc import Iterator, Sequence
 from math import copysign, inf, isfinite, isnan, log, nan, sqrt
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
-from trackbench.config.published import PublishedNumber
-from trackbench.report.estimates import RunEstimate
-from trackbench.results.folder_contents import DIGITS
+from trackbench.statistics.estimates import RunEstimate
 
 DECIDED = 5.0
 """Standard errors of all runs from which a difference is decided."""
@@ -80,18 +78,40 @@ def runs_needed(runs: int, z: float, parts: Sequence[float] = (), exact: bool = 
     return max(needed, runs + 1.0) if runs > 1 else needed
 
 
+class Printed(Protocol):
+    """A published number, or a word on a bias, as the verdict needs it."""
+
+    @property
+    def value(self) -> float | str:
+        """Return the printed number, or `biased` or `unbiased`."""
+
+    @property
+    def digits(self) -> int:
+        """Return the decimals it is printed with."""
+
+    @property
+    def runs(self) -> int | None:
+        """Return the paper's number of runs, if it prints one."""
+
+    @property
+    def variance(self) -> float | None:
+        """Return the variance over the paper's runs, if it prints one."""
+
+    @property
+    def margin(self) -> float:
+        """Return the largest bias that is called unbiased."""
+
+    @property
+    def chosen(self) -> str:
+        """Return which value was chosen for this number, if any was."""
+
+
 def number_verdict(
-    number: PublishedNumber,
+    number: Printed,
     whole: RunEstimate,
     parts: Sequence[RunEstimate],
-    deterministic: bool = False,
 ) -> Verdict:
-    """Return the verdict on a published number from all runs and from the parts of them.
-
-    A ``deterministic`` measurement is equal to the printed number in its digits, or differs.
-    """
-    if deterministic and not isinstance(number.value, str) and isfinite(whole.value):
-        return Verdict("equal" if _has_digits_of(number, whole.value) else "differs", nan)
+    """Return the verdict on a published number from all runs and from the parts of them."""
     judge = _bias if isinstance(number.value, str) else _difference
     word, z = judge(number, whole, DECIDED)
     found = [judge(number, part, SURE) for part in parts]
@@ -163,7 +183,7 @@ def combine_batches(word: str, parts: Sequence[str]) -> str:
 _OPPOSITE = {"agrees": "differs", "compatible": "differs", "unbiased": "biased"}
 
 
-def _difference(number: PublishedNumber, measured: RunEstimate, least: float) -> tuple[str, float]:
+def _difference(number: Printed, measured: RunEstimate, least: float) -> tuple[str, float]:
     """Compare a number with the printed one, whose error is the paper's own where it prints a spread."""
     value, printed = measured.value, number.value
     if measured.lost > measured.runs > 0:
@@ -184,7 +204,7 @@ def _difference(number: PublishedNumber, measured: RunEstimate, least: float) ->
     return ("differs" if abs(z) >= least else UNDECIDED), z
 
 
-def difference(number: PublishedNumber, value: float) -> float:
+def difference(number: Printed, value: float) -> float:
     """Return the difference of a value to the nearest number that rounds to the printed one.
 
     A printed 0.12 stands for 0.115 to 0.125, within which the difference is zero.
@@ -192,25 +212,19 @@ def difference(number: PublishedNumber, value: float) -> float:
     return value - _nearest(number, value)
 
 
-def _nearest(number: PublishedNumber, value: float) -> float:
+def _nearest(number: Printed, value: float) -> float:
     """Return the number nearest to a value that rounds to the printed one."""
     assert not isinstance(number.value, str)
     half = _rounding(number)
     return min(max(value, number.value - half), number.value + half)
 
 
-def _rounding(number: PublishedNumber) -> float:
+def _rounding(number: Printed) -> float:
     """Return the largest rounding error of the printed number: half a unit of its last digit."""
     return 0.5 * 10.0**-number.digits
 
 
-def _has_digits_of(number: PublishedNumber, value: float) -> bool:
-    """Return whether a value rounds to the printed number, as far as per_run.csv stores its digits."""
-    stored = 0.5 * abs(value) * 10.0 ** (1 - DIGITS["per_run.csv"])
-    return abs(difference(number, value)) <= stored
-
-
-def _of_the_paper(number: PublishedNumber, measured: RunEstimate) -> float:
+def _of_the_paper(number: Printed, measured: RunEstimate) -> float:
     """Return the standard error of the printed number: from its own spread, else from ours."""
     if not number.runs:
         return 0.0
@@ -220,7 +234,7 @@ def _of_the_paper(number: PublishedNumber, measured: RunEstimate) -> float:
     return measured.stderr * sqrt(measured.runs / number.runs)
 
 
-def _bias(number: PublishedNumber, measured: RunEstimate, least: float) -> tuple[str, float]:
+def _bias(number: Printed, measured: RunEstimate, least: float) -> tuple[str, float]:
     """Compare a bias with its margin: biased if beyond it for certain, unbiased if within it."""
     value, stderr = measured.estimate
     if not isfinite(value):

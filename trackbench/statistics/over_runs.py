@@ -7,16 +7,13 @@ fewer than two runs the standard error is NaN.
 """
 
 from collections.abc import Callable
-from math import pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
 
-from trackbench.core import sums
 from trackbench.core.arrays import Array
-from trackbench.core.elementary import cos_sin
-from trackbench.core.sums import dot, total
-from trackbench.evaluation.inference import interval_of, normal_of_t
+from trackbench.core.sums import total
+from trackbench.statistics.intervals import interval_of
 
 # A collapsed cloud has an infinite NEES: its mean says so, its standard error is NaN.
 _quietly = np.errstate(all="ignore")
@@ -246,127 +243,3 @@ def _mean(x: Array) -> float:
 
 def _sd(x: Array) -> float:
     return float(np.sqrt(total(np.square(x - _mean(x))) / (len(x) - 1))) if len(x) > 1 else np.nan
-
-
-# Mean of a series whose steps are correlated, as one recording gives it.
-#
-# Two filters on one recording are compared by the differences of a number step by step (Diebold and
-# Mariano 1995, J. Business Econ. Stat. 13, 253). Neighboring differences are alike, so that their spread
-# over the square root of their number is too small an error. Here the long-run variance is the mean of
-# the first ``nu`` squared cosine weights of the differences, which are nearly independent and equally
-# large (Lazarus, Lewis, Stock and Watson 2018, J. Business Econ. Stat. 36, 541), after an autoregression
-# of first order (Andrews and Monahan 1992, Econometrica 60, 953); the mean over its error then has
-# Student's t with nu degrees of freedom. ``docs/statistics.md`` has the levels that simulations gave.
-
-LEAST_STEPS = 50
-"""Steps from which on the test was simulated to hold its level."""
-_LARGEST_AUTOREGRESSION = 0.97
-"""Largest one that differs visibly from a random walk in a recording of a few hundred steps."""
-
-
-class SeriesMean(NamedTuple):
-    """Mean of a series, its standard error, the z with Student's tail probability, and its freedom."""
-
-    value: float
-    stderr: float
-    z: float
-    freedom: float = np.nan
-
-
-def series_mean(series: Array) -> SeriesMean:
-    """Return the mean of a series (T,), without its NaN; no error for fewer than `LEAST_STEPS`."""
-    x = series[~np.isnan(series)]
-    T = len(x)
-    if T < LEAST_STEPS:
-        return SeriesMean(float(total(x) / max(T, 1)), np.nan, np.nan)
-    mean = float(total(x)) / T
-    d = x - mean
-    if not d.any():
-        return SeriesMean(mean, 0.0, 0.0 if mean == 0.0 else float(np.copysign(np.inf, mean)))
-    # Step 1: autoregression d_k = r d_{k-1} + u_k; r is too small by (1 + 3 r) / T.
-    r = float(dot(d[1:], d[:-1])) / float(total(d * d))
-    r = min(max(r + (1.0 + 3.0 * r) / T, -_LARGEST_AUTOREGRESSION), _LARGEST_AUTOREGRESSION)
-    u = d[1:] - r * d[:-1]
-    # Step 2: long-run variance of u by cosines, and of d by 1 / (1 - r)^2.
-    nu = max(4, int(0.2 * T ** (2.0 / 3.0)))
-    n = len(u)
-    phase = pi * np.outer(np.arange(1, nu + 1), np.arange(n) + 0.5) / n
-    weights = sqrt(2.0 / n) * dot(cos_sin(phase)[0], u)
-    variance = float(total(weights * weights)) / nu / (1.0 - r) ** 2
-    # Step 3: t = mean / sqrt(variance / T) has Student's distribution of nu degrees of freedom.
-    stderr = sqrt(variance / T)
-    return SeriesMean(mean, stderr, normal_of_t(mean / stderr, nu), nu)
-
-
-# Efficiency: the distance of a filter from the exact posterior mean, with the cross term as a control
-# variate.
-#
-# The error of the exact mean ``m`` is orthogonal to all that is made of the measurements and of
-# independent noise: with the estimate ``e`` of a truth ``x``, ``E|e - x|^2 = E|m - x|^2 + E|e - m|^2``
-# (Anderson and Moore 1979, Optimal Filtering, section 2.3). The mean product of the two parts,
-# ``2 (m - x).(e - m)``, is zero, so that its sample is a control variate with the known mean 0 and the
-# coefficient 1 (Hammersley and Handscomb 1964, Monte Carlo Methods, section 5.5). Without its noise,
-# only the distance to the exact mean varies, on the same measurements.
-
-_FEWEST_RUNS = 6
-"""Runs from which a ratio of variances has a standard error."""
-
-
-class Jackknifed(NamedTuple):
-    """A number over the runs, and each run's influence (M,) on it."""
-
-    value: float
-    influences: Array
-
-    @property
-    def estimate(self) -> Estimate:
-        """Return the value and standard error."""
-        return Estimate(self.value, mean(self.influences).stderr)
-
-
-@np.errstate(all="ignore")
-def efficiency(floor: Array, distance: Array) -> Jackknifed:
-    """Return ``F / sqrt(F^2 + D^2)`` of the exact mean's RMSE and the distance to it in each run (M,).
-
-    F and D are root mean squares over the runs. The ratio of squares leaves each run out in turn, the
-    root is by the delta method.
-    """
-    return _root_share(np.square(floor), np.square(floor) + np.square(distance))
-
-
-@np.errstate(all="ignore")
-def plain_efficiency(floor: Array, error: Array) -> Jackknifed:
-    """Return ``F / E``, the RMSE of the exact mean over the filter's (M,), uncontrolled."""
-    return _root_share(np.square(floor), np.square(error))
-
-
-def cross_share(floor: Array, error: Array, distance: Array) -> Jackknifed:
-    """Return the cross term over the mean square error: zero but for noise if the reference is exact."""
-    # E^2 = F^2 + D^2 + cross term
-    squares = np.square(error)
-    return _share(squares - np.square(floor) - np.square(distance), squares)
-
-
-def runs_saved(plain: Jackknifed, controlled: Jackknifed) -> Jackknifed:
-    """Return how many times as many runs the plain ratio needs for the same standard error.
-
-    Missing for fewer than six runs: a ratio of variances of M normal values is Fisher's F of M - 1 and
-    M - 1 degrees of freedom, which has a standard error only if M - 1 is more than four.
-    """
-    if len(plain.influences) < _FEWEST_RUNS:
-        return Jackknifed(np.nan, np.full(len(plain.influences), np.nan))
-    return _share(np.square(plain.influences), np.square(controlled.influences))
-
-
-def _root_share(part: Array, whole: Array) -> Jackknifed:
-    share, influences = _share(part, whole)
-    # d sqrt(s) = ds / (2 sqrt(s))
-    root = float(np.sqrt(share))
-    return Jackknifed(root, influences / (2.0 * root))
-
-
-@np.errstate(all="ignore")
-def _share(part: Array, whole: Array) -> Jackknifed:
-    a, b = float(sums.mean(part)), float(sums.mean(whole))
-    of_a, of_b = influence("mean", part), influence("mean", whole)
-    return Jackknifed(float(np.divide(a, b)), influence_of_ratio(a, b, of_a, of_b))

@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array, Mask
-from trackbench.evaluation import inference
-from trackbench.evaluation.inference import (
+from trackbench.statistics import intervals as inference
+from trackbench.statistics.intervals import (
     Events,
     Sides,
     correlation,
@@ -18,13 +18,8 @@ from trackbench.evaluation.inference import (
     studentized,
     studentized_difference,
 )
-from trackbench.evaluation.statistics import (
-    Estimate,
-    influence_of_ratio,
-    mean,
-    series_mean,
-    z_score,
-)
+from trackbench.statistics.over_runs import Estimate, influence_of_ratio, mean, z_score
+from trackbench.statistics.series import series_mean
 
 """Probability that chance alone makes any filter of an experiment lose more runs than another."""
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from trackbench.evaluation import statistics as st
-from trackbench.evaluation.inference import (
+from trackbench.statistics import over_runs as st
+from trackbench.statistics.intervals import (
     anees_band,
     holm,
     interval_of,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.statistics import series_mean
+from trackbench.statistics.series import series_mean
 
 REPEATS = 600
 

@@ -3,12 +3,7 @@
 import numpy as np
 import pytest
 
-from trackbench.evaluation.statistics import (
-    cross_share,
-    efficiency,
-    plain_efficiency,
-    runs_saved,
-)
+from trackbench.statistics.efficiency import cross_share, efficiency, plain_efficiency, runs_saved
 
 REPEATED, RUNS = 600, 150
 EXTRA = 0.3

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from tests.simulated import tail_index
-from trackbench.evaluation import statistics as st
-from trackbench.evaluation.inference import (
+from trackbench.evaluation.summary import time_mean_shares
+from trackbench.statistics import over_runs as st
+from trackbench.statistics.intervals import (
     Sides,
     interval_of,
     interval_of_difference,
@@ -15,7 +16,6 @@ from trackbench.evaluation.inference import (
     studentized_difference,
     t_of_normal,
 )
-from trackbench.evaluation.summary import time_mean_shares
 
 RUNS, REPETITIONS, STEPS = 200, 800, 20
 LEAST, MOST = 0.93, 0.97

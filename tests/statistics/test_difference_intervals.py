@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from trackbench.evaluation.inference import (
+from trackbench.statistics.intervals import (
     Events,
     Sides,
     correlation,

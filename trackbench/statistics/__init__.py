@@ -1,0 +1,1 @@
+"""Numbers with their errors, intervals, comparisons and the rules of significance."""
