@@ -13,7 +13,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.evaluation.precision_check import checkpoints, exact_after
 from trackbench.statistics.estimates import RunEstimate
-from trackbench.statistics.intervals import spread
+from trackbench.statistics.intervals import spread, tail_index
 from trackbench.statistics.over_runs import OVER_RUNS, influence, interval, mean
 from trackbench.statistics.rules import DECIDED, SURE, Verdict, claim_verdict
 
@@ -107,18 +107,6 @@ def repeated(
             )
     marked, same, heavy = np.array(found).T
     return float(marked.mean()), float(same[~marked].mean()), float(heavy.mean())
-
-
-def tail_index(influences: Array) -> float:
-    """Return the index of the tail: Hill (1975, Ann. Statist. 3, 1163), from the largest sqrt(M) / 2.
-
-    Moments below it exist. Infinite for fewer than some hundred runs, which show no tail.
-    """
-    x = np.sort(np.abs(influences))[::-1]
-    k = round(float(np.sqrt(len(x))) / 2.0)
-    if k < 5 or not x[0] > x[k] > 0.0:
-        return float("inf")
-    return float(1.0 / np.log(x[:k] / x[k]).mean())
 
 
 def false_of_variances(law: str, M: int, repetitions: int, rng: Rng) -> tuple[float, float]:

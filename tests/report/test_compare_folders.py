@@ -5,13 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.stats import binom, binomtest, norm, sem, ttest_ind, ttest_rel
+from scipy.stats import binom, binomtest, norm, t, ttest_rel
 
 from tests.commands import trackbench
 from tests.conftest import PLANE
 from trackbench import api
 from trackbench.commands.gate import Limit, judge
-from trackbench.report.compare_folders import Row, Sample, compare_folders, rows_of
+from trackbench.report.compare_folders import Row, Stored, compare_folders, rows_of
 from trackbench.report.results import Results
 from trackbench.statistics.over_runs import mean
 
@@ -52,6 +52,16 @@ def row(rows: list[Row], label: str, metric: str) -> Row:
     return found
 
 
+def rms(x: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(x**2)))
+
+
+def rms_error(x: np.ndarray) -> float:
+    """Delete each run in turn: the jackknife's standard error of the root mean square."""
+    left_out = np.array([rms(np.delete(x, i)) for i in range(len(x))])
+    return float(np.sqrt((len(x) - 1) * left_out.var()))
+
+
 def values(folder: Path, label: str, metric: str) -> np.ndarray:
     return Results(folder).runs({})[label, metric]
 
@@ -60,11 +70,12 @@ def test_common_runs_are_paired(folders: dict[str, Path]) -> None:
     rows, why = compare_folders(Results(folders["first"]), Results(folders["tight"]))
     assert why == ""
     assert {r.how for r in rows if r.filter != "Loose"} == {"equal"}
-    found = row(rows, "Loose", "rmse_position")
+    found = row(rows, "Loose", "rms(rmse_position)")  # the statistic of the default table
     a, b = (values(folders[name], "Loose", "rmse_position") for name in ("first", "tight"))
-    assert found.difference == pytest.approx((b - a).mean())
-    assert found.stderr == pytest.approx((b - a).std(ddof=1) / np.sqrt(30))
-    p = ttest_rel(a, b).pvalue  # without the corrections for skewness and heavy tails
+    assert found.difference == pytest.approx(rms(b) - rms(a))
+    left_out = np.array([rms(np.delete(b, i)) - rms(np.delete(a, i)) for i in range(30)])
+    assert found.stderr == pytest.approx(np.sqrt(29 * left_out.var()))
+    p = ttest_rel(a, b).pvalue  # of the means, without the corrections for skewness and heavy tails
     assert np.log(2 * norm.sf(abs(found.z))) == pytest.approx(np.log(p), rel=0.3)
     assert (found.verdict, found.runs) == ("better", 30)
     size = 4  # of the state
@@ -79,11 +90,12 @@ def test_another_seed_or_scenario_has_independent_errors(folders: dict[str, Path
     ):
         rows, why = compare_folders(Results(folders["first"]), Results(folders[name]))
         assert why == reason
-        found = row(rows, "KF", "rmse_position")
+        found = row(rows, "KF", "rms(rmse_position)")
         a, b = (values(folders[f], "KF", "rmse_position") for f in ("first", name))
-        assert found.stderr == pytest.approx(np.hypot(sem(a), sem(b)))
-        p = ttest_ind(b, a, equal_var=False).pvalue  # of at most twice the degrees of freedom
-        assert abs(found.z) == pytest.approx(norm.isf(p / 2), rel=0.1)
+        assert found.stderr == pytest.approx(np.hypot(rms_error(a), rms_error(b)), rel=0.05)
+        # Welch's test has at most twice the degrees of freedom.
+        T = (rms(b) - rms(a)) / np.hypot(rms_error(a), rms_error(b))
+        assert found.z == pytest.approx(norm.isf(t.sf(T, 29)), rel=0.1)
 
 
 def test_a_clone_is_compared_by_its_summary(folders: dict[str, Path], tmp_path: Path) -> None:
@@ -96,7 +108,7 @@ def test_a_clone_is_compared_by_its_summary(folders: dict[str, Path], tmp_path: 
     assert "clone has no per_run.csv: the errors of summary.csv are used" in done.stdout
     rows, _ = compare_folders(Results(folders["first"]), Results(clone))
     paired, _ = compare_folders(Results(folders["first"]), Results(folders["tight"]))
-    a, b = row(rows, "Loose", "rmse_position"), row(paired, "Loose", "rmse_position")
+    a, b = (row(of, "Loose", "rms(rmse_position)") for of in (rows, paired))
     assert a.difference == pytest.approx(b.difference, rel=1e-5)
     assert a.stderr > b.stderr
     assert row(rows, "KF", "anees").how == "equal"
@@ -104,8 +116,8 @@ def test_a_clone_is_compared_by_its_summary(folders: dict[str, Path], tmp_path: 
 
 def test_more_runs_are_compared_on_the_common_ones(folders: dict[str, Path]) -> None:
     rows, _ = compare_folders(Results(folders["first"]), Results(folders["fewer"]))
-    assert row(rows, "KF", "rmse_position")[5:7] == (20, "equal")
-    assert row(rows, "PF", "rmse_position").how == "paired"  # its noise depends on the block
+    assert row(rows, "KF", "rms(rmse_position)")[5:7] == (20, "equal")
+    assert row(rows, "PF", "rms(rmse_position)").how == "paired"  # its noise depends on the block
 
 
 def test_what_the_command_prints_and_draws(folders: dict[str, Path], tmp_path: Path) -> None:
@@ -114,7 +126,7 @@ def test_what_the_command_prints_and_draws(folders: dict[str, Path], tmp_path: P
     assert "tight against first, paired on 30 common runs" in done.stdout
     assert "KF, PF: unchanged, byte for byte." in done.stdout
     assert "Better in tight: " in done.stdout
-    assert "rmse_position (m)" in picture.read_text()
+    assert "rms(rmse_position) (m)" in picture.read_text()
     heads, rule, first = done.stdout.splitlines()[1:4]
     ends = [i for i, c in enumerate(rule + " ") if c == " " and rule[i - 1] == "-"]
     assert all(line[i : i + 2].strip() == "" for line in (heads, first) for i in ends[:-1])
@@ -148,8 +160,8 @@ def test_history_over_folders(folders: dict[str, Path], tmp_path: Path) -> None:
     assert trackbench("history", tmp_path / "nothing").returncode == 2
 
 
-def samples(values: np.ndarray) -> Sample:
-    return Sample(mean(values), len(values), values)
+def samples(values: np.ndarray) -> Stored:
+    return Stored(mean(values), len(values), values)
 
 
 def test_shares_and_infinities() -> None:

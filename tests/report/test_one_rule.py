@@ -1,10 +1,15 @@
-"""One rule: rankings, claims and tables of claims decide the same differences, of runs and of steps."""
+"""Two rules: filters differ at 1 % over all pairs, claims of papers beyond five standard errors.
+
+Rankings, marks, lists of pairs, captions and `compare` give one answer on the same two filters.
+"""
 
 import csv
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from tests.report.test_findings import M, folder
 from trackbench import api
@@ -13,43 +18,55 @@ from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
 from trackbench.report.figures.heat_map import HeatMap
 from trackbench.report.findings.ranking import rankings
+from trackbench.report.findings.sentences import answer
 from trackbench.report.paired import pairs_of
 from trackbench.report.results import Results
 from trackbench.report.tables.differences import ClaimRow, Claims
 from trackbench.report.verdicts.claims import judge
-from trackbench.statistics import rules
+from trackbench.statistics.comparison import Sample, compare_all
 
 
 @pytest.mark.parametrize("statistic", ["mean", "rms"])
-def test_a_claim_holds_where_the_ranking_says_so(tmp_path: Path, rng, statistic: str) -> None:
+def test_two_filters_have_one_answer_on_every_screen(tmp_path: Path, rng, statistic: str) -> None:
     columns = {"Error": f"{statistic}(rmse_position)"}
     tables = {"t": {"kind": "metrics", "columns": columns}}
-    decided = set()
-    for z in (1.0, 4.0, 4.9, 5.3, 8.0):
+    expression = measure(f"{statistic}(rmse_position)")
+    verdicts = {}
+    for z in (1.0, 2.3, 3.0, 4.9, 5.3, 8.0):
         apart = rng.standard_normal(M)
         apart = (apart - apart.mean()) / apart.std(ddof=1) + z / M**0.5
         A = 50.0 + rng.random(M)
-        errors = {"A": A, "B": A + apart}
-        results = folder(tmp_path, errors, tables=tables, verdict_seeds=4)
+        results = folder(tmp_path, {"A": A, "B": A + apart}, tables=tables, verdict_seeds=4)
         (found,) = rankings(results)
-        expression = measure(f"{statistic}(rmse_position)")
+        significant = bool(found.worse)
+        # The first sentence, the marks, the list of pairs and the caption of a heat-map.
+        (line,) = answer(results)
+        assert ("significantly larger: B" in line) == significant
+        assert results.tables["t"].best == {(0, 0), *([] if significant else [(1, 0)])}
+        ((_, (pair,)),) = results.pairs
+        assert pair.word == ("better" if significant else "no significant difference")
+        caption = HeatMap(metric=expression).default_caption(results)
+        alike = (
+            f"{int(not significant)} of 1 pair do not differ significantly (at 1 % over all pairs)."
+        )
+        assert caption.endswith(alike)
+        # A claim needs more, and tells that the filters differ.
         claim = Claim(paper="p", claim="c", left="A", expression=expression, right="B")
-        word = judge(claim, Evaluator(results, {})).verdict.word
-        assert (word == "holds") == bool(found.worse)
-        decided.add(word)
+        judged = judge(claim, Evaluator(results, {}))
+        noted = "significant at 1 %, z +" in judged.note
+        assert noted == (significant and judged.verdict.word == "inconclusive")
+        verdicts[z] = significant, judged.verdict.word
         if statistic == "mean":
-            ((_, (pair,)),) = results.pairs
-            assert pair.verdict == ("better" if found.worse else "no significant difference")
-            assert pair.interval == pytest.approx(measured_interval(results))
+            (pair,) = (pair.comparison for pair in (pair,))
+            p = stats.ttest_1samp(apart, 0.0).pvalue
+            assert np.log(pair.p) == pytest.approx(np.log(p), rel=0.1)
+            assert pair.difference.interval() == pytest.approx(measured_interval(results))
             row = ClaimRow(less="A", than="B", metric=measure("rmse_position"))
             (note,) = Claims(claims={"c": row}).table(results).notes
-            assert f"{word} at" in note
-            caption = HeatMap(metric=expression).default_caption(results)
-            assert caption.endswith(
-                f"{int(not found.worse)} of 1 pair do not differ significantly (by "
-                f"{rules.DECIDED:g} standard errors, and {rules.SURE:g} without any one batch of runs)."
-            )
-    assert decided == {"holds", "inconclusive"}
+            assert f"{judged.verdict.word} at" in note
+    assert verdicts[1.0] == verdicts[2.3] == (False, "inconclusive")
+    assert verdicts[3.0] == (True, "inconclusive")
+    assert verdicts[8.0] == (True, "holds")
 
 
 def measured_interval(results: Results) -> tuple[float, float]:
@@ -57,13 +74,55 @@ def measured_interval(results: Results) -> tuple[float, float]:
     return Evaluator(results, {}).difference(mean.of("A"), mean.of("B")).interval()
 
 
+def test_the_family_is_all_pairs_by_holm(rng) -> None:
+    """By hand: p of each pair, sorted, times 6, 5, 4, ..., never decreasing."""
+    x = {
+        label: rng.standard_normal(40) + off for label, off in (("A", 0.0), ("B", 0.6), ("C", 1.0))
+    }
+    x["D"] = rng.standard_normal(40)
+    found = compare_all({label: Sample(values) for label, values in x.items()})
+    p = {(a, b): 2.0 * stats.norm.sf(abs(found[a, b].z)) for a, b in combinations("ABCD", 2)}
+    least = 0.0
+    for left, pair in zip(range(6, 0, -1), sorted(p, key=p.__getitem__), strict=True):
+        least = max(least, min(1.0, left * p[pair]))
+        assert found[pair].p == pytest.approx(least, rel=1e-9)
+        assert found[pair].tests == 6
+
+
+def test_fewer_than_five_runs_do_not_decide(tmp_path: Path) -> None:
+    A = np.array([1.0, 1.1, 0.9, 1.05, 0.95])
+    errors = {"A": A, "B": A + 10.0 + 0.01 * A**2}
+    for runs, decided in ((5, True), (4, False), (2, False)):
+        results = folder(tmp_path, {label: x[:runs] for label, x in errors.items()})
+        (line,) = answer(results)
+        assert ("significantly larger: B" in line) == decided
+        few = f"{runs} runs do not decide which filter has the smallest mean position RMSE per run"
+        assert decided or line == f"{few}; 5 are needed."
+        assert results.tables["t"].best == ({(0, 0)} if decided else set())
+
+
+def test_no_value_is_marked_that_is_larger_than_an_unmarked_one(tmp_path: Path, rng) -> None:
+    """C is further from A than B is, but its runs vary so much that nothing shows it."""
+    A = 10.0 + rng.standard_normal(M)
+    errors = {"A": A, "B": A + 1.0 + 0.1 * rng.standard_normal(M)}
+    errors["C"] = A + 2.0 + 60.0 * (rng.random(M) - 0.5)
+    errors["C"] += 12.5 - errors["C"].mean()
+    results = folder(tmp_path, errors)
+    assert results.tables["t"].best == {(0, 0)}
+    (line,) = answer(results)
+    assert "significantly larger: B 1.1" in line
+    assert line.endswith("C is larger, which 200 runs do not decide.")
+
+
 @pytest.mark.parametrize(("metric", "word"), [("rmse", "worse"), ("log_score", "better")])
 def test_the_word_of_a_pair_knows_which_side_is_better(rng, metric: str, word: str) -> None:
     B = rng.random(M)
-    (pair,) = pairs_of(metric, ["A", "B"], {"A": B + 1.0 + 0.1 * rng.random(M), "B": B}, batches=4)
-    assert pair.verdict == word
-    (pair,) = pairs_of(metric, ["A", "B"], {"A": B[:1] + 1.0, "B": B[:1]})
-    assert pair.verdict == "untested"
+    (pair,) = pairs_of(metric, {"A": B + 1.0 + 0.1 * rng.random(M), "B": B})
+    assert pair.word == word
+    (pair,) = pairs_of(metric, {"A": B[:1] + 1.0, "B": B[:1]})
+    assert pair.word == "untested"
+    (pair,) = pairs_of(metric, {"A": B, "B": B.copy()})
+    assert pair.word == "equal"
 
 
 CLAIMS = """paper,claim,experiment,left,expression,relation,factor,right,tolerance
@@ -87,7 +146,7 @@ def test_claims_on_a_recording_are_decided_by_its_steps(tmp_path: Path) -> None:
         *("holds", "fails", "inconclusive", "holds", "inconclusive"),
     ]
     ((_, two),) = report.results.pairs
-    assert {pair.metric: pair.verdict for pair in two}["rmse_position"] == "worse"
+    assert {pair.metric: pair.word for pair in two}["rmse_position"] == "worse"
     page = (report.folder / "report.html").read_text()
     assert "95 % interval" in page
     assert ">worse</td>" in page
@@ -97,12 +156,10 @@ def test_claims_on_a_recording_are_decided_by_its_steps(tmp_path: Path) -> None:
     assert found["velocity"].z == pytest.approx(pairs["rmse_velocity"], rel=1e-9)
     assert any("2.51 standard errors, and 3 decide" in note for note in report.notes)
     caption = HeatMap(metric=measure("mean(rmse_position)")).default_caption(report.results)
-    assert caption.endswith(
-        f"0 of 1 pair do not differ significantly (by {rules.SURE:g} standard errors)."
-    )
+    assert caption.endswith("0 of 1 pair do not differ significantly (at 1 % over all pairs).")
     (ranking,) = rankings(report.results)
-    assert [c.label for c, _ in ranking.worse] == ["KF"]
-    (difference,) = (d for _, d in ranking.worse)
+    assert [rival.filter.label for rival in ranking.worse] == ["KF"]
+    (difference,) = (rival.difference for rival in ranking.worse)
     low, high = difference.interval()
     assert 0.0 < low < difference.value < high
     assert high - low > 2 * 1.96 * difference.stderr  # Student's t of few degrees of freedom

@@ -1,12 +1,13 @@
 """Constants of the verdicts' rules, each from both of its sides."""
 
 from math import inf, nan, sqrt
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from tests.report.test_verdicts import number
-from trackbench.report.verdicts.numbers import _is_near
+from trackbench.report.verdicts.numbers import _is_near, _verdict
 from trackbench.statistics import rules
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.intervals import interval_of, loses_more
@@ -117,7 +118,7 @@ def test_the_rounding_of_the_printed_number_turns_no_verdict():
 def test_a_deterministic_number_is_equal_if_it_rounds_to_the_printed_one(value, expected):
     """0.12500001: per_run.csv has seven digits."""
     measured = RunEstimate(value, nan, None, 1)
-    found = number_verdict(number(0.12, digits=2), measured, [], deterministic=True)
+    found = _verdict(number(0.12, digits=2), measured, "KF", SimpleNamespace(deterministic=["KF"]))
     assert found.word == expected
 
 

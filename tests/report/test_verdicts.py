@@ -362,9 +362,10 @@ def test_pairs_need_common_runs():
     nan_first, nan_last = np.array([nan, 1.0, nan]), np.array([1.0, nan, nan])
     ones = np.ones(3)
     values = {"a": nan_first, "b": nan_last, "c": ones}
-    found = pairs_of("rmse", ["a", "b", "c"], values)
-    assert [(p.filter_a, p.filter_b, p.runs) for p in found] == [("a", "c", 1), ("b", "c", 1)]
-    assert pairs_of("rmse", ["a", "b"], values) == []
+    found = pairs_of("rmse", values)
+    runs = [(p.filter_a, p.filter_b, p.comparison.difference.runs) for p in found]
+    assert runs == [("a", "c", 1), ("b", "c", 1)]
+    assert [*pairs_of("rmse", {"a": nan_first, "b": nan_last})] == []
 
 
 def test_a_bad_published_file_is_said_with_its_line(folder):

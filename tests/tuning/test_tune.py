@@ -206,7 +206,7 @@ def test_what_should_be_known_is_said(config: Path, tmp_path: Path) -> None:
     assert "of 80 training runs are lost with the best values." in notes
     changes = ["tune.Kind={assume.motion.q: [0.4, 50]}", "only=[Kind]"]
     report = trackbench.run(config, out=tmp_path / "out", set=changes, workers=1, quiet=True)
-    said = "Kind: tuned, it is no better on the runs of the results than as it was."
+    said = "Kind: tuned, it is not significantly better on the runs of the results than as it was."
     assert said in report.tables["tuning"].notes
 
 

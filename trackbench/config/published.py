@@ -136,6 +136,8 @@ class Claim:
     """what is taken of the right side; default: the same expression"""
     tolerance: NonNegative = 0.0
     """share of the right side that `~` allows"""
+    printed: Finite | None = None
+    """percent by which the left side is below the right one, as printed"""
     point: str = ""
     """point of the experiment's grid"""
     source: str = ""

@@ -8,6 +8,7 @@ another seed or scenario, the numbers of both folders are independent, and their
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from math import copysign, hypot, inf, isfinite, isnan, nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -22,41 +23,40 @@ from trackbench.evaluation.metric_expression import measured
 from trackbench.evaluation.summary import per_component
 from trackbench.metrics import unit_of
 from trackbench.report.findings import phrases
-from trackbench.report.paired import primary_metrics
+from trackbench.report.paired import compared_statistic, primary_metrics
 from trackbench.report.plotting import style
 from trackbench.report.results import Results
 from trackbench.report.table import Text, TextTable, rounded
 from trackbench.results.point_facts import GridPoint
+from trackbench.statistics import rules
+from trackbench.statistics.comparison import difference_of
 from trackbench.statistics.intervals import (
     Events,
     Sides,
-    holm,
     normal_of_t,
     share_z,
     studentized,
     studentized_difference,
-    two_sided,
 )
-from trackbench.statistics.over_runs import Estimate, influence, mean
+from trackbench.statistics.over_runs import STATISTICS, Estimate, influence, mean
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-ALPHA = 0.01
-"""Level of a significant difference, after Holm's correction over all numbers of the comparison."""
 EQUAL, WORSE, BETTER, DIFFERS = "equal", "worse", "better", "differs"
 ALIKE, UNTESTED, NEGLIGIBLE = "no significant difference", "untested", "negligible"
 INFINITE = " infinite"
 """End of the name of a row: share of the runs in which the metric is infinite."""
 
 
-class Sample(NamedTuple):
-    """Mean of a metric over runs, and its values per run (M,) if they are stored."""
+class Stored(NamedTuple):
+    """Statistic of a metric over runs, and its values per run (M,) if they are stored."""
 
     estimate: Estimate
     runs: int
     values: Array | None = None
+    statistic: str = "mean"
 
 
 class Row(NamedTuple):
@@ -87,32 +87,44 @@ class Row(NamedTuple):
     @property
     def is_primary(self) -> bool:
         """Return whether the metric is an error, a score, a share of runs or the ANEES of whole runs."""
-        if measured(self.metric).window:
+        of = measured(self.metric)
+        if of.window:
             return False
-        return self.is_event or self.metric == "anees" or bool(primary_metrics([self.metric]))
+        return self.is_event or self.metric == "anees" or bool(primary_metrics([of.metric]))
 
 
 def compare_folders(a: Results, b: Results) -> tuple[list[Row], str]:
     """Return a row for every filter and metric of both, and why the runs are not paired, if so."""
     points = [point for point in a.points() if point in b.points()]
+    statistics = partial(compared_statistic, a.config)
     why, rows = _why_unpaired(a, b, points), list[Row]()
     stored = all((results.folder / "per_run.csv").is_file() for results in (a, b))
     exact = set(a.deterministic) & set(b.deterministic)
     for point in points:
         sizes = [len(x) for r in (a, b) if not why for x in r.runs(point).values()]
         runs = min(sizes, default=None)
-        first, second = (_samples(results, point, stored, runs) for results in (a, b))
+        first, second = (_samples(results, point, stored, runs, statistics) for results in (a, b))
         for (label, metric), sample in first.items():
             if other := second.get((label, metric)):
                 rows += rows_of((point, label, metric), sample, other, not why, label in exact)
-    adjusted = holm(np.array([two_sided(row.z) for row in rows])).tolist()
+    return _judged(rows), why
+
+
+def _judged(rows: Sequence[Row]) -> list[Row]:
+    """Return the rows with verdicts by the rule for filters; the rows of a metric are a family."""
+    z = np.array([row.z if row.runs >= rules.FEWEST_RUNS else nan for row in rows])
+    p = np.full(len(rows), nan)
+    for metric in dict.fromkeys(row.metric for row in rows):
+        of = np.array([row.metric == metric for row in rows])
+        p[of] = rules.adjusted(z[of].tolist())
     return [
-        row._replace(p_holm=p, verdict=_verdict(row, p)) for row, p in zip(rows, adjusted, strict=True)
-    ], why  # fmt: skip
+        row._replace(p_holm=value, verdict=_verdict(row, value))
+        for row, value in zip(rows, p.tolist(), strict=True)
+    ]
 
 
 def _verdict(row: Row, p: float) -> str:
-    if row.how == EQUAL or isnan(p) or p >= ALPHA:
+    if row.how == EQUAL or isnan(p) or p >= rules.LEVEL:
         return EQUAL if row.how == EQUAL else UNTESTED if isnan(p) else ALIKE
     if not abs(row.z_worse) > 2.0:  # neither direction is better, or both are as far from one
         return DIFFERS
@@ -146,52 +158,64 @@ def _agree(a: Any, b: Any, home_a: Path, home_b: Path) -> bool:
 
 
 def _samples(
-    results: Results, point: GridPoint, stored: bool, most: int | None
-) -> dict[tuple[str, str], Sample]:
-    """Return the metrics of each filter over the first runs, ``anees`` in place of ``nees``."""
+    results: Results,
+    point: GridPoint,
+    stored: bool,
+    most: int | None,
+    statistics: Callable[[str], str],
+) -> dict[tuple[str, str], Stored]:
+    """Return the metrics of each filter over the first runs, ``anees`` in place of ``nees``.
+
+    ``statistics`` returns the one by which a metric is compared.
+    """
     samples, sizes = {}, results.facts(point).sizes
     for (label, metric), x in results.runs(point).items() if stored else ():
         values = ((x != 0.0) * 1.0 if metric == "lost" else x)[:most]
         columns = {row: values / n for row, n in per_component(measured(metric), sizes)}
         for name, column in (columns or {metric: values}).items():
-            finite = column[np.isfinite(column)]
-            samples[label, name] = Sample(mean(finite), len(finite), column)
+            finite, statistic = column[np.isfinite(column)], statistics(name)
+            estimate = STATISTICS[statistic](finite)
+            samples[label, name] = Stored(estimate, len(finite), column, statistic)
     for row in results.columns("summary", point).records() if not stored else ():
         of, label, runs = measured(row["metric"]), row["filter"], row["runs"]
-        if label in results.filters and (of.statistic == "mean" or of.is_row):
-            samples[label, of.name] = Sample(Estimate(row["value"], row["stderr"]), runs)
+        if label in results.filters and (of.is_row or of.statistic == statistics(of.metric)):
+            estimate = Estimate(row["value"], row["stderr"])
+            samples[label, of.name] = Stored(estimate, runs, None, of.statistic or "mean")
             every = runs + row["lost"]
-            samples[label, "lost"] = Sample(Estimate(row["lost"] / every, nan), every)
+            samples[label, "lost"] = Stored(Estimate(row["lost"] / every, nan), every)
     return samples
 
 
 @np.errstate(all="ignore")
 def rows_of(
-    key: tuple[GridPoint, str, str], a: Sample, b: Sample, paired: bool, is_exact: bool
+    key: tuple[GridPoint, str, str], a: Stored, b: Stored, paired: bool, is_exact: bool
 ) -> Iterator[Row]:
     """Yield the metric's row, before it one of the share of infinite values if these differ."""
-    row = Row(*key, a.estimate.value, b.estimate.value, min(a.runs, b.runs))
+    point, label, metric = key
+    name = metric if a.statistic == "mean" else f"{a.statistic}({metric})"
+    row = Row(point, label, name, a.estimate.value, b.estimate.value, min(a.runs, b.runs))
     if a.values is None or b.values is None:
         equal = a.runs == b.runs and np.array_equal(a.estimate, b.estimate, equal_nan=True)
     else:
         equal = np.array_equal(a.values, b.values, equal_nan=True)
         x, y = (np.isinf(values) * 1.0 for values in (a.values, b.values))
         if (x.any() or y.any()) and not np.array_equal(x, y) and not row.is_event:
-            shares = Sample(mean(x), len(x), x), Sample(mean(y), len(y), y)
+            shares = Stored(mean(x), len(x), x), Stored(mean(y), len(y), y)
             yield from rows_of((*key[:2], key[2] + INFINITE), *shares, paired, is_exact)
     if equal:
         yield row
     elif paired and a.values is not None and b.values is not None:
         both = np.isfinite(a.values) & np.isfinite(b.values)
         if both.any():
-            yield _paired(row, a.values[both], b.values[both], is_exact)
+            yield _paired(row, a.values[both], b.values[both], is_exact, a.statistic)
     else:
         yield _independent(row, a, b)
 
 
-def _paired(row: Row, x: Array, y: Array, is_exact: bool) -> Row:
+def _paired(row: Row, x: Array, y: Array, is_exact: bool, statistic: str) -> Row:
     """Return the row with its tests from values of common runs (M,)."""
-    of_x, of_y, difference = influence("mean", x), influence("mean", y), mean(y - x)
+    of_x, of_y = (influence(statistic, values) for values in (x, y))
+    difference = difference_of(statistic, y, x)
 
     def z_of(value: float, of_a: float, of_b: float) -> float:
         if is_exact:  # a difference of numbers without randomness is real
@@ -201,11 +225,12 @@ def _paired(row: Row, x: Array, y: Array, is_exact: bool) -> Row:
             return share_z(up, up + down, 0.5) if up + down else 0.0
         return studentized(value, of_b * of_y - of_a * of_x)
 
-    row = row._replace(a=mean(x).value, b=mean(y).value, runs=len(x), how="paired")
+    over = STATISTICS[statistic]
+    row = row._replace(a=over(x).value, b=over(y).value, runs=len(x), how="paired")
     return _with_tests(row, difference.stderr, z_of)
 
 
-def _independent(row: Row, a: Sample, b: Sample) -> Row:
+def _independent(row: Row, a: Stored, b: Stored) -> Row:
     """Return the row with its tests from two independent estimates."""
     errors = a.estimate.stderr, b.estimate.stderr
 
@@ -255,7 +280,7 @@ def table_of(title: str, rows: Sequence[Row], names: tuple[str, str]) -> TextTab
 
 
 def _with_unit(metric: str) -> str:
-    unit = unit_of(metric.partition("[")[0])
+    unit = "" if metric.endswith(INFINITE) else unit_of(measured(metric).metric)
     return f"{metric} ({unit})" if unit not in ("", "1") else metric
 
 
@@ -286,9 +311,11 @@ def conclusion(rows: Sequence[Row], names: tuple[str, str]) -> str:
     same = sum(row.how == EQUAL for row in rows)
     if same == len(rows):
         return f"All {counted(same, 'number')} are equal, byte for byte."
-    apart = sum(row.p_holm < ALPHA for row in rows)
+    apart = sum(row.p_holm < rules.LEVEL for row in rows)
     text = f"Of {counted(len(rows), 'number')} {same} are equal, byte for byte, and {apart} of the "
-    text += f"others differ significantly (Holm's p < {ALPHA:g})."
+    text += (
+        f"others differ significantly (at {100 * rules.LEVEL:g} % over the numbers of a metric)."
+    )
     primary = [row for row in rows if row.is_primary and row.how != EQUAL] or rows
     for verdict in (WORSE, BETTER):
         if lines := changes(primary, verdict):

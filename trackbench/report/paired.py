@@ -1,39 +1,38 @@
-"""Differences of every two filters on common runs, with the word of the verdicts' rule; paired.csv."""
+"""Differences of every two filters on common runs, with the word of the rule for filters; paired.csv."""
 
-from collections.abc import Mapping, Sequence
-from itertools import combinations
-from math import isnan
+from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
-from typing import NamedTuple
-
-import numpy as np
+from typing import Any, NamedTuple
 
 from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import measured
-from trackbench.statistics.estimates import OfSteps, RunEstimate
-from trackbench.statistics.over_runs import STATISTICS, influence, mean, without_rounding
-from trackbench.statistics.rules import difference_sign
-from trackbench.statistics.series import series_mean
+from trackbench.results.folder_contents import TRACK
+from trackbench.statistics.comparison import Comparison, Sample, compare_all
+from trackbench.statistics.estimates import OfSteps
 
 
 class Pair(NamedTuple):
-    """Mean over runs of the difference ``a - b`` of a metric, its test, and the verdict on filter a."""
+    """Two filters with the comparison of a metric, and the word on filter a."""
 
     filter_a: str
     filter_b: str
     metric: str
-    difference: float
-    stderr: float
-    z: float
-    runs: int
-    interval: tuple[float, float]
-    """95 % confidence interval of the mean difference"""
-    verdict: str
-    """better, worse, no significant difference, or untested if there is no standard error"""
+    """`rmse` of the mean over the runs, `rms(rmse)` of another statistic"""
+    comparison: Comparison
+    word: str
+    """better, worse, no significant difference, equal, or untested if there is no standard error"""
+
+    @property
+    def cells(self) -> list[Any]:
+        """Return the columns of paired.csv after those of the grid."""
+        of = self.comparison.difference
+        names = self.filter_a, self.filter_b, self.metric
+        return [*names, of.value, of.stderr, self.comparison.z, of.runs]
 
 
-COLUMNS = Pair._fields[:7]
+COLUMNS = ("filter_a", "filter_b", "metric", "difference", "stderr", "z", "runs")
 """Columns of paired.csv after those of the grid."""
+ALIKE = "no significant difference"
 
 
 def primary_metrics(metrics: list[str]) -> list[str]:
@@ -46,16 +45,36 @@ def primary_metrics(metrics: list[str]) -> list[str]:
     return [name for name, metric in rows if metric.name in ("rmse", "crps") or metric.is_score]
 
 
+def compared_statistics(config: Mapping[str, Any]) -> dict[str, str]:
+    """Return the statistic by which filters are compared, by metric: that of its first column."""
+    tables = config.get("tables") or {}
+    specs = [spec for spec in tables.values() if spec.get("kind") == "metrics"]
+    found: dict[str, str] = {}
+    for m in (measured(text) for spec in specs for text in spec["columns"].values()):
+        if not (m.window or m.steps or m.relation) and m.statistic in ("mean", "rms"):
+            found.setdefault(m.metric, m.statistic)
+    return found
+
+
+def compared_statistic(config: Mapping[str, Any], metric: str) -> str:
+    """Return the statistic of a metric by which filters are compared.
+
+    Without tables, and without figures but the default track, there is a default table of rms errors.
+    """
+    by_default = not config.get("tables") and {*(config.get("figures") or ())} <= {TRACK}
+    default = "rms" if by_default and measured(metric).is_error else "mean"
+    return compared_statistics(config).get(metric, default)
+
+
 def pairs_at(
     runs: Mapping[tuple[str, str], Array],
     labels: Sequence[str],
     steps: Mapping[tuple[str, str], Array],
-    batches: int,
+    config: Mapping[str, Any],
 ) -> list[Pair]:
     """Return pairs at one point of the grid, metric after metric, from values by (filter, metric).
 
-    ``steps`` are those of the only run, if it is a recording. The rule of the verdicts leaves out each
-    of so many ``batches`` of runs.
+    ``steps`` are those of the only run, if it is a recording.
     """
     found: list[Pair] = []
     for metric in primary_metrics(list(dict.fromkeys(m for _, m in runs))):
@@ -64,45 +83,36 @@ def pairs_at(
             {label: of[label, metric] for label in there if (label, metric) in of}
             for of in (runs, steps)
         )
-        found += pairs_of(metric, there, values, series, batches)
+        statistic = compared_statistic(config, metric)
+        found += pairs_of(metric, values, series, statistic)
     return found
 
 
-def difference_of(statistic: str, a: Array, b: Array) -> RunEstimate:
-    """Return the difference of a statistic over common runs (M,), with the runs' influences on it."""
-    if statistic == "mean":
-        differences = without_rounding(a, b)
-        return RunEstimate(*mean(differences), influence("mean", differences), len(a))
-    b = np.where(without_rounding(a, b) == 0.0, a, b)
-    of = influence(statistic, a) - influence(statistic, b)
-    over = STATISTICS[statistic]
-    return RunEstimate(over(a).value - over(b).value, mean(of).stderr, of, len(a))
-
-
-@np.errstate(all="ignore")
 def pairs_of(
     metric: str,
-    labels: list[str],
-    values: dict[str, Array],
+    values: Mapping[str, Array],
     steps: Mapping[str, Array] = MappingProxyType({}),
-    batches: int = 1,
-) -> list[Pair]:
-    """Return every two of the labels whose values per run (M,) have runs in common.
+    statistic: str = "mean",
+) -> Iterator[Pair]:
+    """Yield every two filters with common runs, from a metric's values per run (M,) by label.
 
     One run alone is judged by its ``steps`` (T,), whose mean is the value.
     """
-    found, better = [], 1 if measured(metric).family[0].more_is_better else -1
-    for a, b in combinations(labels, 2):
-        both = np.isfinite(values[a]) & np.isfinite(values[b])
-        if not both.any():
-            continue
-        term = difference_of("mean", values[a][both], values[b][both])
-        z = term.z()
-        if term.runs == 1 and a in steps and b in steps:
-            of_steps = steps[a] - steps[b]
-            term, z = OfSteps.of(term.value, of_steps), series_mean(of_steps).z
-        sign = better * difference_sign(term, batches)
-        word = "untested" if isnan(z) else ("no significant difference", "better", "worse")[sign]
-        of_runs = term.value, term.stderr, z, term.runs, term.interval(), word
-        found.append(Pair(a, b, metric, *of_runs))
-    return found
+    samples = {
+        label: Sample(
+            x, statistic, OfSteps.of(float(x[0]), steps[label]) if label in steps else None
+        )
+        for label, x in values.items()
+    }
+    better = 1 if measured(metric).family[0].more_is_better else -1
+    name = metric if statistic == "mean" else f"{statistic}({metric})"
+    for (a, b), comparison in compare_all(samples).items():
+        yield Pair(a, b, name, comparison, _word(comparison, better))
+
+
+def _word(comparison: Comparison, better: int) -> str:
+    if comparison.is_equal:
+        return "equal"
+    if not comparison.is_tested:
+        return "untested"
+    return (ALIKE, "better", "worse")[better * comparison.sign]

@@ -184,7 +184,7 @@ class Results(ResultFiles):
     def pairs(self) -> list[tuple[GridPoint, list[Pair]]]:
         """Return every pair of filters on common runs, by point of the grid."""
         return [
-            (p, pairs_at(self.runs(p), self.labels, self.judged_steps(p), self.batches))
+            (p, pairs_at(self.runs(p), self.labels, self.judged_steps(p), self.config))
             for p in self.points()
         ]
 

@@ -106,10 +106,12 @@ def _best(standing: Ranking, best: Candidate) -> Best:
     text += f"mean {metric_words(metric)} {with_unit(rounded(*best.overall, 4), metric)}"
     # The settings without a significant difference, and how far off the nearest other one is.
     if standing.ties:
-        text += f"; no significant difference: {listed([c.setting for c, _ in standing.ties])}"
-    nearest, apart = standing.nearest or (None, None)
-    if nearest is not None and apart is not None:
-        off, side = abs(apart.value), "smaller" if standing.more_is_better else "larger"
+        settings = listed([rival.filter.setting for rival in standing.ties])
+        text += f"; no significant difference: {settings}"
+    nearest, apart = None, nan
+    if standing.nearest is not None:
+        nearest, apart = standing.nearest.filter, standing.nearest.difference.value
+        off, side = abs(apart), "smaller" if standing.more_is_better else "larger"
         score = metric.family[0].is_score
         by = with_unit(two_digits(off), metric) if score else percent(off / best.overall.value)
         text += f"; {by} {side} at {nearest.setting}"
@@ -119,10 +121,10 @@ def _best(standing: Ranking, best: Candidate) -> Best:
         metric=f"mean({metric})",
         value=best.overall.value,
         stderr=best.overall.stderr,
-        ties=[c.own for c, _ in standing.ties],
+        ties=[rival.filter.own for rival in standing.ties],
         next={} if nearest is None else nearest.own,
-        difference=nan if apart is None else apart.value,
-        difference_stderr=nan if apart is None else apart.stderr,
+        difference=apart,
+        difference_stderr=nan if standing.nearest is None else standing.nearest.difference.stderr,
         text=text,
     )
 

@@ -85,6 +85,11 @@ class RunEstimate(NamedTuple):
         return False
 
     @property
+    def why(self) -> str:
+        """Return why there is no standard error; empty if there is one."""
+        return "no standard error" if np.isnan(self.stderr) else ""
+
+    @property
     def losses(self) -> str:
         """Return the number of lost runs in words; empty for none."""
         return in_words(self.lost, self.runs + self.lost) if self.lost else ""
@@ -218,6 +223,17 @@ class OfSteps(RunEstimate):
         return OfSteps.of(value, of_steps + value)
 
     @property
+    def why(self) -> str:
+        """Return why the steps have no standard error; empty if they have one."""
+        assert self.influences is not None
+        return series_mean(self.influences).why
+
+    def over(self, value: float, divisor: float) -> "OfSteps":
+        """Return an estimate of another value that changes by this one's changes over a number."""
+        assert self.influences is not None
+        return OfSteps.of(value, self.influences / divisor + value)
+
+    @property
     def is_exact(self) -> bool:
         """Return True: there is no other seed."""
         return True
@@ -249,11 +265,10 @@ MISSING = RunEstimate(np.nan, np.nan, None, 0)
 def quotient(a: RunEstimate, b: RunEstimate) -> RunEstimate:
     """Return ``a / b``, paired where it can be; else by the delta method."""
     ratio, scale = (float(np.divide(x, b.value)) for x in (a.value, 1.0))
-    term, of_a, of_b = (
-        linear_combination(ratio, a, b, scale, -scale * ratio),
-        a.influences,
-        b.influences,
-    )
+    if isinstance(a, OfSteps) and isinstance(b, OfSteps):
+        return a.minus(b, ratio).over(ratio, b.value)
+    of_a, of_b = a.influences, b.influences
+    term = linear_combination(ratio, a, b, scale, -scale * ratio)
     if of_a is None or of_b is None or not term.splits:
         return term
     influences = influence_of_ratio(a.value, b.value, of_a, of_b)

@@ -307,6 +307,20 @@ def spread(influences: Array, other: float = 0.0) -> Spread:
     return Spread(whole, float(a), freedom / share**4)
 
 
+def tail_index(influences: Array) -> float:
+    """Return the index of the tail of runs' influences (M,), below which their moments exist.
+
+    By the largest sqrt(M) / 2 of them (Hill 1975, Ann. Statist. 3, 1163). Below 2 they have no variance:
+    a few runs decide the number, and its interval may miss what rarer ones would add. Infinite for fewer
+    than a hundred runs, which show no tail.
+    """
+    x = np.sort(np.abs(influences[~np.isnan(influences)]))[::-1]
+    k = round(sqrt(len(x)) / 2.0)
+    if k < 5 or not inf > x[0] > x[k] > 0.0:
+        return inf
+    return float(k / total(log(x[:k] / x[k])))
+
+
 def _inverse(y: float, a: float) -> float:
     """Return the T of which Hall's g is y: ``(1 + a T / 3)^3 = 1 + a (y - a / 6)``."""
     if abs(a) < 1e-6:

@@ -1,16 +1,29 @@
-"""Rules of the verdicts: the words for a number and for a claim, from all runs and from parts of them.
+"""Rules of significance: one for filters, one for what papers print.
 
-`decided` is the one rule for a significant difference, of rankings, tables' marks and claims; a number
-differs from the printed one by the same standard errors. An agreement is an equivalence: all runs show
-it beyond `SURE`, and no part contradicts it. docs/statistics.md has the error rates and the power.
+**Filters** (`adjusted`): two differ significantly if the studentized test of their difference on common
+runs rejects at `LEVEL`, after Holm's correction over all comparisons shown. At least `FEWEST_RUNS` runs.
+
+**Papers** (`decided`): a printed number differs, or a claim holds or fails, if all runs show it beyond
+`DECIDED` standard errors, and the runs without any one batch beyond `SURE`. An agreement is an
+equivalence: all runs show it beyond `SURE`, and no part contradicts it.
+
+docs/statistics.md has error rates and power of both.
 """
 
 from collections.abc import Iterator, Sequence
 from math import copysign, inf, isfinite, isnan, log, nan, sqrt
 from typing import NamedTuple, Protocol
 
-from trackbench.statistics.estimates import RunEstimate
+import numpy as np
 
+from trackbench.core.arrays import Array
+from trackbench.statistics.estimates import OfSteps, RunEstimate
+from trackbench.statistics.intervals import deviations, holm, two_sided
+
+LEVEL = 0.01
+"""Probability that any of the filters of a family without a difference are called different."""
+FEWEST_RUNS = 5
+"""Runs from which on a difference of filters is tested."""
 DECIDED = 5.0
 """Standard errors of all runs from which a difference is decided."""
 SURE = 3.0
@@ -23,6 +36,10 @@ UNDECIDED = "inconclusive"
 HOW_DECIDED = (
     "beyond five standard errors of all runs, and three without any one batch of them; an equality, a "
     "share of runs or one recording beyond three"
+)
+HOW_FILTERS_DIFFER = (
+    f"at {100 * LEVEL:g} % over all pairs of filters (Holm), by the paired differences on common runs; "
+    f"at least {FEWEST_RUNS} runs"
 )
 MEANINGS = {
     "equal": "the printed digits, by a filter without random numbers on recorded data",
@@ -47,6 +64,28 @@ class Verdict(NamedTuple):
     parts: tuple[float, ...] = ()
     fragile: bool = False
     """whether another seed, a run that was drawn or three that were not could well turn the word"""
+
+
+def adjusted(zs: Sequence[float]) -> Array:
+    """Return two-sided p-values (n,) of a family of tests by Holm; a NaN is no test."""
+    return holm(np.array([two_sided(z) for z in zs], dtype=float))
+
+
+def is_tested(difference: RunEstimate) -> bool:
+    """Return whether a difference of filters has runs enough, or is of a recording's steps."""
+    return isinstance(difference, OfSteps) or difference.runs >= FEWEST_RUNS
+
+
+def is_significant(difference: RunEstimate) -> bool:
+    """Return whether a difference that is the only one of its family is significant."""
+    return is_tested(difference) and two_sided(difference.z()) < LEVEL
+
+
+def runs_that_decide(runs: int, z: float, tests: int) -> float:
+    """Return the runs at which a difference as large as measured is significant in such a family."""
+    # To first order z grows with the root of the runs; Holm's first step is Bonferroni's.
+    needed = runs * (deviations(1.0 - LEVEL / tests) / z) ** 2
+    return max(needed, runs + 1.0) if runs > 1 else needed
 
 
 def decided(z: float, parts: Sequence[float] = (), exact: bool = False) -> int:

@@ -21,8 +21,8 @@ from trackbench.statistics.intervals import normal_of_t
 
 LEAST_STEPS = 50
 """Steps from which on the test was simulated to hold its level."""
-_LARGEST_AUTOREGRESSION = 0.97
-"""Largest one that differs visibly from a random walk in a recording of a few hundred steps."""
+MOST_CORRELATED = 0.97
+"""Autocorrelation from which on no series was simulated to hold the level, however long."""
 
 
 class SeriesMean(NamedTuple):
@@ -32,21 +32,32 @@ class SeriesMean(NamedTuple):
     stderr: float
     z: float
     freedom: float = np.nan
+    why: str = ""
+    """it has no standard error"""
 
 
 def series_mean(series: Array) -> SeriesMean:
-    """Return the mean of a series (T,), without its NaN; no error for fewer than `LEAST_STEPS`."""
+    """Return the mean of a series (T,), without its NaN.
+
+    It has no error for less than `LEAST_STEPS`, nor if its autocorrelation may be `MOST_CORRELATED`.
+    """
     x = series[~np.isnan(series)]
     T = len(x)
     if T < LEAST_STEPS:
-        return SeriesMean(float(total(x) / max(T, 1)), np.nan, np.nan)
+        why = f"{T} steps, and {LEAST_STEPS} are needed"
+        return SeriesMean(float(total(x) / max(T, 1)), np.nan, np.nan, why=why)
     mean = float(total(x)) / T
     d = x - mean
     if not d.any():
         return SeriesMean(mean, 0.0, 0.0 if mean == 0.0 else float(np.copysign(np.inf, mean)))
     # Step 1: autoregression d_k = r d_{k-1} + u_k; r is too small by (1 + 3 r) / T.
     r = float(dot(d[1:], d[:-1])) / float(total(d * d))
-    r = min(max(r + (1.0 + 3.0 * r) / T, -_LARGEST_AUTOREGRESSION), _LARGEST_AUTOREGRESSION)
+    r = max(r + (1.0 + 3.0 * r) / T, -MOST_CORRELATED)
+    # Two standard errors of r: a short series of nearly a random walk shows a smaller r by chance.
+    most = min(r + 2.0 * sqrt(max(1.0 - r * r, 0.0) / T), 1.0)
+    if most >= MOST_CORRELATED:
+        why = f"autocorrelation of the steps up to {most:.3f}, and below {MOST_CORRELATED:g} is needed"
+        return SeriesMean(mean, np.nan, np.nan, why=why)
     u = d[1:] - r * d[:-1]
     # Step 2: long-run variance of u by cosines, and of d by 1 / (1 - r)^2.
     nu = max(4, int(0.2 * T ** (2.0 / 3.0)))

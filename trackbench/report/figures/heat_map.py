@@ -9,7 +9,7 @@ import numpy as np
 from trackbench.config.experiment import Point
 from trackbench.core.arrays import Array
 from trackbench.errors import counted
-from trackbench.evaluation.metric_expression import Comparison, measure
+from trackbench.evaluation.metric_expression import Comparison, measure, measured
 from trackbench.registry import register
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
@@ -52,17 +52,19 @@ class HeatMap(FigureKind):
         if results.grid:
             return ""
         pairs = self._shown_pairs(results)
-        alike = sum(p.verdict not in ("better", "worse") for p in pairs)
-        rule = f"{rules.SURE:g} standard errors"
-        if results.config["runs"] > 1:
-            rule = f"{rules.DECIDED:g} standard errors, and {rules.SURE:g} without any one batch of runs"
+        alike = sum(p.word not in ("better", "worse") for p in pairs)
         words = "Blue: the filter on the left has the smaller one, in standard errors of the difference."
         count = f"{alike} of {counted(len(pairs), 'pair')} do not differ significantly"
-        return f"{words} {count} (by {rule})."
+        return f"{words} {count} (at {100 * rules.LEVEL:g} % over all pairs)."
 
     def _shown_pairs(self, results: Results) -> list[Pair]:
         labels = results.chosen(self.filters)
-        found = [p for _, pairs in results.pairs for p in pairs if p.metric == self.metric.name]
+        found = [
+            p
+            for _, pairs in results.pairs
+            for p in pairs
+            if measured(p.metric).metric == self.metric.name
+        ]
         return [p for p in found if {p.filter_a, p.filter_b} <= {*labels}]
 
     def draw(self, results: Results) -> Figure:
@@ -119,7 +121,7 @@ class HeatMap(FigureKind):
         z = np.full((len(labels), len(labels)), np.nan)
         for pair in self._shown_pairs(results):
             i, j = labels.index(pair.filter_a), labels.index(pair.filter_b)
-            z[i, j], z[j, i] = pair.z, -pair.z
+            z[i, j], z[j, i] = pair.comparison.z, -pair.comparison.z
         figure, ax = style.subplots(height_in=2.0 + 0.32 * len(labels))
         image = ax.imshow(z, aspect="auto", cmap="RdBu_r", vmin=-10, vmax=10)
         names = [style.wrap_label(b) for b in labels]

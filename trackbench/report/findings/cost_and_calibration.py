@@ -62,7 +62,7 @@ def cost(results: Results, standing: Ranking) -> str:
 
 def _beside_worse(results: Results, cheapest: Time, standing: Ranking) -> str:
     """Return whether one that is worse is faster; nothing where that is inconclusive."""
-    worse = _times(results, [c for c, _ in standing.worse])
+    worse = _times(results, [rival.filter for rival in standing.worse])
     faster = [time for time in worse if cheapest.above(time)]
     if faster:
         ratio = two_digits(cheapest.value / faster[0].value)

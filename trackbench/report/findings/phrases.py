@@ -1,7 +1,7 @@
 """Numbers and names as they stand in a sentence."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from math import isfinite, log
+from math import ceil, inf, isfinite, log, log10
 from typing import Any
 
 from trackbench.config.grid import single_paths
@@ -101,6 +101,13 @@ def percent(share: float) -> str:
 def two_digits(x: float) -> str:
     """Return a number with two digits: ``1.6``, ``13``, ``5800``."""
     return f"{float(f'{x:.2g}'):g}"
+
+
+def multiple(ratio: float, width: float) -> str:
+    """Return a ratio with the digits that its interval allows: ``1.018``, ``3.2``, ``250``."""
+    if not 0.0 < width < inf:
+        return three_digits(ratio)
+    return f"{ratio:.{max(0, ceil(log10(3.0 / width)))}f}"
 
 
 def run_count(runs: float) -> str:

@@ -1,8 +1,8 @@
 """Rankings: the best filter, those without a significant difference from it, those that lose more runs.
 
 Decided by the statistic of the first table's column, such as rms(rmse_position): its differences on
-common runs, by the rule of the verdicts. A filter that loses significantly more runs than another is
-never the best.
+common runs, by the rule for filters. A filter that loses significantly more runs than another is never
+the best.
 """
 
 from collections.abc import Collection, Iterator, Sequence
@@ -17,14 +17,14 @@ from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import Measure, measured
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import named
-from trackbench.report.paired import difference_of, primary_metrics
+from trackbench.report.paired import compared_statistic, compared_statistics, primary_metrics
 from trackbench.report.results import Results, own_values, points_of, scenes
-from trackbench.results.folder_contents import TRACK
 from trackbench.results.point_facts import GridPoint
-from trackbench.statistics.estimates import MISSING, OfSteps, RunEstimate
+from trackbench.statistics.comparison import Comparison, Sample, compare_all
+from trackbench.statistics.estimates import OfSteps, RunEstimate
 from trackbench.statistics.intervals import loses_more
 from trackbench.statistics.over_runs import STATISTICS, Estimate
-from trackbench.statistics.rules import difference_sign
+from trackbench.statistics.rules import FEWEST_RUNS
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,12 +60,15 @@ class Candidate:
         """Return the statistic over the runs that are not lost."""
         return STATISTICS[self.statistic](self.values[np.isfinite(self.values)])
 
-    def minus(self, other: "Candidate") -> RunEstimate:
-        """Return the difference of the statistic over common runs, or steps of a recording."""
-        if self.steps is not None and other.steps is not None:
-            return self.steps.minus(other.steps)
-        a, b = self.common_runs(other)
-        return difference_of(self.statistic, a, b) if len(a) else MISSING
+    @property
+    def sample(self) -> Sample:
+        """Return what is compared with other filters."""
+        return Sample(self.values, self.statistic, self.steps)
+
+    def has_error(self, alone: bool) -> bool:
+        """Return whether its number has an error that differences can be tested by, or it is alone."""
+        enough = 2 if alone else FEWEST_RUNS
+        return self.steps is not None or np.isfinite(self.values).sum() >= enough
 
     @cached_property
     def losses(self) -> int:
@@ -78,6 +81,19 @@ class Candidate:
         return self.values[both], other.values[both]
 
 
+class Rival(NamedTuple):
+    """A filter beside the best one."""
+
+    filter: Candidate
+    comparison: Comparison
+    """of this filter with the best"""
+
+    @property
+    def difference(self) -> RunEstimate:
+        """Return how far its number is above that of the best."""
+        return self.comparison.difference
+
+
 class Ranking(NamedTuple):
     """Ranking of one scenario's filters by one metric: the best, and what differs from it."""
 
@@ -86,9 +102,12 @@ class Ranking(NamedTuple):
     metric: Measure
     best: Candidate | None
     """nothing where none can be said: without two runs, or where common runs contradict it"""
-    ties: list[tuple[Candidate, RunEstimate]]
-    """filters without a significant difference from the best; each with its difference"""
-    worse: list[tuple[Candidate, RunEstimate]]
+    ties: "list[Rival]"
+    """filters without a significant difference from the best, up to the first with one"""
+    worse: "list[Rival]"
+    """filters that are significantly worse"""
+    undecided: "list[Rival]"
+    """filters of too few common runs, or further off than one that is worse without being so"""
     losing: list[Candidate]
     """filters that lose more runs than another does"""
     reference: Candidate | None
@@ -97,20 +116,23 @@ class Ranking(NamedTuple):
     chosen: bool
     """whether a filter is there with the best of several values that the grid gives it"""
     runs: int
-    batches: int = 1
-    """of runs, each of which the rule leaves out"""
     conflict: tuple[Candidate, Candidate] | None = None
     """the filter that leads over its runs, and the one whose common runs with it contradict that"""
 
     @property
     def among_the_best(self) -> list[Candidate]:
         """Return the best, and those without a significant difference from it."""
-        return [self.best, *(c for c, _ in self.ties)] if self.best is not None else []
+        return [self.best, *(rival.filter for rival in self.ties)] if self.best is not None else []
 
     @property
-    def nearest(self) -> tuple[Candidate, RunEstimate] | None:
+    def rivals(self) -> "list[Rival]":
+        """Return every filter that is compared with the best."""
+        return [*self.ties, *self.worse, *self.undecided]
+
+    @property
+    def nearest(self) -> "Rival | None":
         """Return the filter nearest to the best among those that are worse."""
-        return min(self.worse, key=lambda item: abs(item[1].value), default=None)
+        return min(self.worse, key=lambda rival: abs(rival.difference.value), default=None)
 
     @property
     def more_is_better(self) -> bool:
@@ -125,29 +147,22 @@ def rankings(
 
     ``labels`` are those of the ranked filters; by default all.
     """
-    metric, statistic = _ranked_by(results, metric)
+    metric = metric or _ranked_by(results)
     found, labels = [], results.filters if labels is None else labels
     for where in scenes(results) if metric else []:
+        statistic = compared_statistic(results.config, metric)
         every = _settings(results, points_of(results, where), metric, statistic)
         settings = [candidate for candidate in every if candidate.label in labels]
-        reference, batches = results.config.get("reference"), results.batches
-        found.append(ranking_of(settings, metric, reference, batches)._replace(scene=where))
+        reference = results.config.get("reference")
+        found.append(ranking_of(settings, metric, reference)._replace(scene=where))
     return found
 
 
-def _ranked_by(results: Results, metric: str) -> tuple[str, str]:
-    """Return the metric that decides, and its statistic: those of the first column that shows it."""
+def _ranked_by(results: Results) -> str:
+    """Return the metric that decides: that of the first column that shows one over the whole run."""
     known = ranking_metrics(results)
-    tables = results.config.get("tables") or {}
-    specs = [spec for spec in tables.values() if spec.get("kind") == "metrics"]
-    for m in (measured(text) for spec in specs for text in spec["columns"].values()):
-        whole = not (m.window or m.steps or m.relation) and m.statistic in ("mean", "rms")
-        if whole and m.metric in known and metric in ("", m.metric):
-            return m.metric, m.statistic
-    # A config without tables, and figures but the default track, has a default table of rms errors.
-    name = metric or next(iter(known), "")
-    by_default = not tables and {*(results.config.get("figures") or ())} <= {TRACK}
-    return name, "rms" if by_default and name and measured(name).is_error else "mean"
+    shown = (metric for metric in compared_statistics(results.config) if metric in known)
+    return next(shown, next(iter(known), ""))
 
 
 def best_settings(results: Results) -> list[Ranking]:
@@ -160,7 +175,7 @@ def best_settings(results: Results) -> list[Ranking]:
             # One ranking for each filter with several values.
             mine = [c for c in settings if c.label == label]
             if len(mine) > 1:
-                ranking = ranking_of(mine, metric, batches=results.batches, apart=True)
+                ranking = ranking_of(mine, metric, apart=True)
                 found.append(ranking._replace(scene=where))
     return found
 
@@ -179,15 +194,15 @@ def ranking_of(
     settings: Sequence[Candidate],
     metric: str,
     reference: str | None = None,
-    batches: int = 1,
     apart: bool = False,
+    unranked: Sequence[Candidate] = (),
 ) -> Ranking:
     """Return the ranking of filters, each with its best values, in one scenario.
 
-    ``apart``: of the values themselves.
+    ``apart``: of the values themselves. ``unranked`` filters belong to the family of tests alone.
     """
     measure = measured(metric)
-    sign = -1.0 if measure.family[0].more_is_better else 1.0
+    sign = -1 if measure.family[0].more_is_better else 1
     # Step 1: set the reference apart; sort the filters, each at its best values.
     floor = next((c for c in settings if c.label == reference), None)
     tried = [c for c in settings if c.label != reference]
@@ -197,21 +212,23 @@ def ranking_of(
     rivals = [c for c in ranked if c not in losing and isfinite(c.overall.value)]
     losing += [c for c in ranked if c not in rivals and c not in losing and c.losses]
     chosen, runs = len(tried) > len(ranked), max((len(c.lost) for c in ranked), default=0)
-    # Step 3: compare the first of the others with all the rest on common runs.
-    found = Ranking({}, measure, None, [], [], losing, floor, rivals, chosen, runs, batches)
-    if not rivals or not (isfinite(rivals[0].overall.stderr) or rivals[0].steps is not None):
+    found = Ranking({}, measure, None, [], [], [], losing, floor, rivals, chosen, runs)
+    if not rivals or not rivals[0].has_error(alone=not rivals[1:]):
         return found
-    best = rivals[0]
-    ties: list[tuple[Candidate, RunEstimate]] = []
-    worse: list[tuple[Candidate, RunEstimate]] = []
+    # Step 3: compare the first of the others with all the rest on common runs.
+    best, beside = rivals[0], [floor] if floor is not None else []
+    family = compare_all({c.name: c.sample for c in (*ranked, *beside, *unranked)})
+    ties, worse, undecided = list[Rival](), list[Rival](), list[Rival]()
     for rival in rivals[1:]:
-        difference = rival.minus(best)
-        side = sign * difference_sign(difference, batches)
-        if not difference.runs or side < 0.0:
+        comparison = family.between(rival.name, best.name)
+        if comparison is None or sign * comparison.sign < 0:
             # No runs in common; or on these the other is the better one.
             return found._replace(conflict=(best, rival))
-        (worse if side > 0.0 else ties).append((rival, difference))
-    return found._replace(best=best, ties=ties, worse=worse)
+        tested = comparison.is_tested or comparison.is_equal
+        # A filter further off than one that is no tie is no tie either.
+        tie = ties if tested and not (worse or undecided) else undecided
+        (worse if comparison.sign else tie).append(Rival(rival, comparison))
+    return found._replace(best=best, ties=ties, worse=worse, undecided=undecided)
 
 
 def _settings(

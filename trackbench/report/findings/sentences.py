@@ -20,6 +20,7 @@ from trackbench.report.findings.phrases import (
     heading,
     listed,
     metric_words,
+    multiple,
     named,
     percent,
     run_count,
@@ -28,16 +29,16 @@ from trackbench.report.findings.phrases import (
     verb,
     with_unit,
 )
-from trackbench.report.findings.ranking import Candidate, Ranking, ranking_metrics, rankings
+from trackbench.report.findings.ranking import Candidate, Ranking, Rival, ranking_metrics, rankings
 from trackbench.report.results import Results
 from trackbench.report.table import rounded
 from trackbench.statistics import rules
-from trackbench.statistics.estimates import RunEstimate, in_words
-from trackbench.statistics.over_runs import STATISTICS
+from trackbench.statistics.comparison import compare
+from trackbench.statistics.estimates import in_words
 
 HOW_DECIDED = (
-    f"Filters differ significantly if this number does on common runs: {rules.HOW_DECIDED}. One that "
-    "loses significantly more runs than another is unranked."
+    f"Filters differ significantly {rules.HOW_FILTERS_DIFFER}. A ratio has its 95 % interval. A filter "
+    "that loses significantly more runs than another is unranked."
 )
 
 
@@ -67,11 +68,12 @@ def answer(results: Results) -> list[str]:
             *_leader_sentence(results, found),
         ]
     if found and max(standing.runs for standing in found) == 1:
-        lines.append(_ONE_RUN if any(s.ties or s.worse for s in found) else _NO_ERROR)
+        decided = any(s.ties or s.worse or s.undecided for s in found)
+        lines.append(_ONE_RUN if decided else _NO_ERROR)
     return [line for line in lines if line]
 
 
-_NO_ERROR = "One run has no standard error: which filter is best is inconclusive."
+_NO_ERROR = "One run has no standard error: it does not decide which filter is best."
 _ONE_RUN = (
     "One recording: its steps decide, by an error of their mean difference that allows for "
     "autocorrelation."
@@ -94,25 +96,69 @@ def _best_sentence(standing: Ranking, matters: float) -> str:
     if best is None:
         return _undecided(standing)
     statistic = statistic_words(best.statistic, standing.metric)
-    if not standing.ties and not standing.worse:
+    if not standing.rivals:
         return f"The {statistic} of {best.name} is {_value(standing)}."
     text = f"{best.name} has the {_extreme(standing)} {statistic}, {_value(standing)}"
     if standing.chosen:
         text = f"With each filter at the best of the grid's values, {text}"
+    side = "smaller" if standing.more_is_better else "larger"
+    parts = [text]
+    if standing.worse:
+        parts.append(f"significantly {side}: {_beside(standing, standing.worse, matters)}")
     if standing.ties:
-        names = [c.name for c, _ in standing.ties]
-        show = "shows" if len(names) == 1 else "show"
-        text += f"; {listed(names)} {show} no significant difference ({_tie_margin(standing)})"
-    return f"{text}; {_worse_clause(standing, matters)}." if standing.worse else f"{text}."
+        beside = _beside(standing, standing.ties) + _runs_needed(standing)
+        parts.append(f"without a significant difference: {beside}")
+    if standing.undecided:
+        names = [rival.filter.name for rival in standing.undecided]
+        undecided = (
+            f"{listed(names)} {verb(names)} {side}, which {_runs_of(standing)} do not decide"
+        )
+        reasons = dict.fromkeys(rival.difference.why for rival in standing.undecided)
+        parts.append(" ".join([undecided, *(f"({why})" for why in reasons if why)]))
+    return "; ".join(parts) + "."
+
+
+def _runs_of(standing: Ranking) -> str:
+    """Return ``20 runs``, or the steps of a recording."""
+    return counted(standing.runs, "run") if standing.runs > 1 else "the steps of one recording"
+
+
+def _beside(standing: Ranking, rivals: Sequence[Rival], matters: float = 0.0) -> str:
+    """Return each rival with its ratio to the best: ``UKF 1.52 times (1.3 to 1.8)``."""
+    shown = [f"{r.filter.name} {_ratio(standing, r, matters)}".rstrip() for r in rivals]
+    return listed(shown)
+
+
+def _ratio(standing: Ranking, rival: Rival, matters: float) -> str:
+    """Return the ratio to the best with its 95 % interval; of scores the difference."""
+    comparison = rival.comparison
+    if comparison.is_equal:
+        return "(equal in every run)"
+    if standing.metric.family[0].is_score:
+        nats = abs(comparison.difference.value)
+        ends = sorted(map(abs, comparison.difference.interval()))
+        return f"by {nats:.2g} nats ({' to '.join(f'{end:.2g}' for end in ends)})"
+    if not comparison.b.value > 0.0:
+        return ""  # nothing is a multiple of no error
+    ratio, (low, high) = comparison.ratio.value, comparison.ratio.interval()
+    value, *limits = (multiple(x, high - low) for x in (ratio, max(low, 0.0), high))
+    tiny = f", below {percent(matters)}" if abs(ratio - 1.0) < matters else ""
+    return f"{value} times ({' to '.join(limits)}{tiny})"
 
 
 def _undecided(standing: Ranking) -> str:
-    """Return why no filter is named best, if runs were lost differently."""
-    if standing.conflict is None:
+    """Return why no filter is named best."""
+    if not standing.order:
         return ""
-    first, other = standing.conflict
+    first = standing.order[0]
     statistic = statistic_words(first.statistic, standing.metric)
-    text = f"Which filter has the {_extreme(standing)} {statistic} is inconclusive"
+    text = f"which filter has the {_extreme(standing)} {statistic}"
+    if standing.conflict is None:
+        few = 1 < standing.runs < rules.FEWEST_RUNS and standing.order[1:]
+        needed = f"; {rules.FEWEST_RUNS} are needed"
+        return f"{counted(standing.runs, 'run')} do not decide {text}{needed}." if few else ""
+    first, other = standing.conflict
+    text = f"W{text[1:]} is inconclusive"
     common = len(first.common_runs(other)[0])
     if not common:
         return f"{text}: {first.name} and {other.name} keep no run in common."
@@ -128,7 +174,7 @@ def _tuned(results: Results, standing: Ranking) -> str:
     best = standing.best
     if best is None or best.label not in tuned:
         return ""
-    compared = [c for c, _ in (*standing.ties, *standing.worse)]
+    compared = [rival.filter for rival in standing.rivals]
     others = [c.name for c in compared if c.label not in tuned and c.label not in tuned.values()]
     if not others:
         return ""
@@ -152,79 +198,28 @@ def _value(standing: Ranking) -> str:
     if reference is None or standing.metric.family[0].is_score:
         return text
     # The reference is named only if the best is significantly above it on common runs.
-    if rules.difference_sign(best.minus(reference), standing.batches) <= 0:
+    found = compare(best.sample, reference.sample)
+    if found is None or not (
+        found.difference.value > 0.0 and rules.is_significant(found.difference)
+    ):
         return text
-    own, least = (STATISTICS[best.statistic](x).value for x in best.common_runs(reference))
-    above = percent(own / least - 1.0)
+    above = percent(found.ratio.value - 1.0)
     return f"{text}, {above} above the reference {reference.name}"
-
-
-def _tie_margin(standing: Ranking) -> str:
-    """Return how much worse filters may be, upper 95 % limit, and how many runs would decide."""
-    assert standing.best is not None
-    if standing.runs == 1:
-        return _runs_needed(standing)
-    apart = [of for _, of in standing.ties if np.any(of.influences) or of.value]
-    if not apart:
-        return "equal in every run"
-    # The largest limit of the differences, on the side where the other filter is worse.
-    worst = 0 if standing.more_is_better else 1
-    most = max(abs(of.interval()[worst]) for of in apart)
-    if standing.metric.family[0].is_score:
-        text = f"at most {most:.2g} nats smaller, 95 %"
-    else:
-        text = f"at most {percent(most / standing.best.overall.value)} larger, 95 %"
-    return f"{text}; {_runs_needed(standing)}"
 
 
 def _runs_needed(standing: Ranking) -> str:
     """Return how many runs would decide the ties if the differences are as large as measured."""
     needed = [
-        rules.runs_needed(
-            of.runs, z, [part.z() for part in of.parts(standing.batches)], of.is_exact
-        )
-        for _, of in standing.ties
-        if isfinite(z := of.z()) and z
+        rules.runs_that_decide(rival.difference.runs, rival.comparison.z, rival.comparison.tests)
+        for rival in standing.ties
+        if isfinite(rival.comparison.z) and rival.comparison.z
     ]
     if not needed:
-        return "equal at every step"
-    words = map(run_count, (min(needed), max(needed)))
-    what = "a difference" if len(needed) == 1 else "differences"
-    verb = "needs" if len(needed) == 1 else "need"
-    long = " to ".join(dict.fromkeys(words))
-    amount = f"a recording {long} times as long" if standing.runs == 1 else f"{long} runs"
-    return f"{what} as large as measured {verb} {amount}"
-
-
-def _worse_clause(standing: Ranking, matters: float) -> str:
-    """Return how much worse the other filters are, the nearest first."""
-    assert standing.nearest is not None
-    nearest, difference = standing.nearest
-    side = "smaller" if standing.more_is_better else "larger"
-    by = f"by {_difference(standing, difference)}{_tiny(standing, matters)}"
-    n = len(standing.worse)
-    if n == 1:
-        return f"that of {nearest.name} is {side} {by}"
-    other = "remaining" if standing.ties else "other"
-    return f"those of the {other} {n} are {side}, the nearest ({nearest.name}) {by}"
-
-
-def _tiny(standing: Ranking, matters: float) -> str:
-    """Return words on a significant difference that is too small to matter."""
-    assert standing.nearest is not None
-    assert standing.best is not None
-    share = abs(standing.nearest[1].value) / abs(standing.best.overall.value)
-    if standing.metric.family[0].is_score or not share < matters:
         return ""
-    return f", significant but tiny (below {percent(matters)})"
-
-
-def _difference(standing: Ranking, apart: RunEstimate) -> str:
-    """Return ``0.97 ± 0.08 m (2.2 %)``; of scores no share."""
-    text = with_unit(rounded(abs(apart.value), apart.stderr, 3), standing.metric)
-    if standing.best is None or standing.metric.family[0].is_score:
-        return text
-    return f"{text} ({percent(abs(apart.value) / standing.best.overall.value)})"
+    long = " to ".join(dict.fromkeys(map(run_count, (min(needed), max(needed)))))
+    amount = f"a recording {long} times as long" if standing.runs == 1 else f"{long} runs"
+    size = "a difference" if len(needed) == 1 else "differences"
+    return f" ({amount} would decide {size} of this size)"
 
 
 def _other_metrics(results: Results, standing: Ranking) -> str:
@@ -234,7 +229,7 @@ def _other_metrics(results: Results, standing: Ranking) -> str:
     for metric in names if standing.best is not None else []:
         for other in rankings(results, metric):
             # Another filter leads by this metric, and the best by the first metric is worse.
-            worse = [c.name for c, _ in other.worse]
+            worse = [rival.filter.name for rival in other.worse]
             if other.best and standing.best and standing.best.name in worse:
                 better.setdefault(other.best.name, []).append(metric_words(other.metric))
     parts = [f"by {listed(words)} {name} is" for name, words in better.items()]
@@ -331,14 +326,13 @@ def _sentence(results: Results, mine: Candidate, found: Ranking) -> str:
         f"{statistic_words(mine.statistic, found.metric)}: "
         f"{with_unit(rounded(*mine.overall, 4), found.metric)}"
     )
-    differences = {other.name: difference for other, difference in (*found.ties, *found.worse)}
-    if found.best is not None and mine.name in differences and differences[mine.name].stderr:
-        difference, best = differences[mine.name].estimate, found.best
-        apart = with_unit(rounded(*difference, 3), found.metric)
-        if not found.metric.family[0].is_score:
-            apart += f", {percent(difference.value / best.overall.value)}"
-        text += f"; its difference from {best.name}, the best, is {apart}"
-        text += ", which is not significant" if mine in found.among_the_best else ""
+    beside = {rival.filter.name: rival for rival in found.rivals}
+    if found.best is not None and (rival := beside.get(mine.name)) and rival.difference.stderr:
+        apart = with_unit(rounded(*rival.difference.estimate, 3), found.metric)
+        if not found.metric.family[0].is_score and found.best.overall.value:
+            apart += f", {percent(rival.difference.value / found.best.overall.value)}"
+        text += f"; its difference from {found.best.name}, the best, is {apart}"
+        text += "" if rival in found.worse else ", which is not significant"
     return f"{text}{''.join(_ratios(results, mine, found))}."
 
 

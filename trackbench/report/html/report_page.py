@@ -95,20 +95,20 @@ def _facts(results: Results) -> list[tuple[str, object]]:
 
 def _pairs(results: Results) -> TextTable:
     """Return all pairs."""
-    heads = [*results.grid_heads, "a", "b", "Metric", "Mean of a - b", "95 % interval", "a is"]
-    rule = f"Significant: {rules.HOW_DECIDED}. The rule is stricter than the 95 % interval of one pair."
-    table = TextTable("Mean differences on common runs", heads, notes=[rule])
+    heads = [*results.grid_heads, "a", "b", "Metric", "a - b", "95 % interval", "a is"]
+    rule = f"Significant: {rules.HOW_FILTERS_DIFFER}. The interval is of one pair alone."
+    table = TextTable("Differences on common runs", heads, notes=[rule])
     for point, pairs in results.pairs:
         for pair in pairs:
-            numbers = pair.difference, *pair.interval
-            difference, *ends = (rounded(x, pair.stderr, 4) for x in numbers)
+            of = pair.comparison.difference
+            difference, *ends = (rounded(x, of.stderr, 4) for x in (of.value, *of.interval()))
             table.rows.append(
                 [
                     *(_point_cell(v) for v in point.values()),
                     *(Text(x) for x in (pair.filter_a, pair.filter_b, pair.metric)),
-                    Text(difference, pair.difference),
+                    Text(difference, of.value),
                     Text(" to ".join(end.partition(" ")[0] for end in ends)),
-                    Text(pair.verdict),
+                    Text(pair.word),
                 ]
             )
     return table

@@ -20,7 +20,7 @@ class BestSettings(TableKind):
     """A row per filter that the grid varies: its best values, and those not significantly different.
 
     By the first error's mean per run, or the log score: paired differences on common runs, by the rule
-    of the verdicts. Values with which more runs are lost are not among the best. `Next` is how far off
+    for filters. Values with which more runs are lost are not among the best. `Next` is how far off
     the nearest of the others is.
     """
 
@@ -46,7 +46,7 @@ class BestSettings(TableKind):
 
 def _keys(standing: Ranking) -> list[str]:
     assert standing.best is not None
-    ties = [c.setting for c, _ in standing.ties]
+    ties = [rival.filter.setting for rival in standing.ties]
     more = len(ties) - _MOST
     shown = ", ".join(ties[:_MOST]) + (f", {more} more" if more > 0 else "")
     return [standing.best.label, standing.best.setting, shown or "none"]
@@ -58,5 +58,5 @@ def _cells(standing: Ranking) -> list[Cell]:
     cell = Cell(best.overall, len(best.lost) - best.losses, best.losses)
     if standing.nearest is None:
         return [cell, Cell.missing()]
-    _, difference = standing.nearest
+    difference = standing.nearest.difference
     return [cell, Cell(difference.estimate, difference.runs, 0)]

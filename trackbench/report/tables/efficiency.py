@@ -2,6 +2,8 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import combinations
+from math import nan
 from typing import Any, ClassVar
 
 import numpy as np
@@ -29,6 +31,7 @@ from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results, named_form, points_of, scenes
 from trackbench.report.table import Cell, Table
 from trackbench.results.point_facts import GridPoint
+from trackbench.statistics import rules
 from trackbench.statistics.efficiency import cross_share, efficiency, plain_efficiency, runs_saved
 from trackbench.statistics.intervals import loses_more, normal_of_t
 from trackbench.statistics.over_runs import Estimate, z_score
@@ -110,10 +113,6 @@ def _is_not_zero(cross: Cell) -> bool:
     return abs(z) > _NOT_ZERO
 
 
-_CLEAR = 3.0
-"""Standard errors from which a difference counts, as everywhere."""
-
-
 @register("tables", "equal-cost")
 @dataclass(frozen=True, kw_only=True)
 class EqualCost(TableKind):
@@ -121,8 +120,8 @@ class EqualCost(TableKind):
 
     Between two of its own numbers of particles a filter's logarithmic error is taken as linear in its
     logarithmic time. The standard error is that of the runs and of the times; beside it stands how much
-    the next term of the interpolation would change. Best, and what is inconclusive beside it (three
-    standard errors, paired by runs, and what is left out by the interpolation), is said below.
+    the next term of the interpolation would change. The notes name the best filter and those without a
+    significant difference from it, by the rule for filters and the interpolation's own error.
     """
 
     label_keys: ClassVar[tuple[str, ...]] = ("of",)
@@ -180,7 +179,7 @@ class EqualCost(TableKind):
             where = ", ".join([*map(" = ".join, zip(table.key_headers[:-2], keys, strict=False))])
             heading = f"{table.key_headers[-2]} = {keys[-1]}" + (f", {where}" if where else "")
             parts = [f"best {best[0]}"]
-            parts += [f"inconclusive beside it: {', '.join(open_)}"] if open_ else []
+            parts += [f"no significant difference: {', '.join(open_)}"] if open_ else []
             parts += [f"losing fewer runs: {', '.join(fewer)}"] if fewer else []
             table.notes.append(f"{heading} ({text}): {'; '.join(parts)}.")
 
@@ -204,15 +203,16 @@ def _cells(at: AtCost, own: AtCost) -> list[Cell]:
 def _compared(found: dict[str, AtCost], higher: bool) -> tuple[list[str], list[str], list[str]]:
     """Return the best filter, those that may be as good, and worse ones that lose fewer runs."""
     sign = -1.0 if higher else 1.0
-    best = sorted(found, key=lambda name: sign * found[name].error.value)[:1]
-    open_, fewer = [], []
-    for name, at in found.items():
-        if name in best:
-            continue
-        # Inconclusive within _CLEAR standard errors; a worse filter may still lose fewer runs.
-        difference, other = beside(at, found[best[0]])
-        if not abs(difference.z(0.0, other)) > _CLEAR:
+    order = sorted(found, key=lambda name: sign * found[name].error.value)
+    pairs = list(combinations(order, 2))
+    apart = [beside(found[b], found[a]) for a, b in pairs]
+    p = rules.adjusted([d.z(0.0, other) if rules.is_tested(d) else nan for d, other in apart])
+    worse = {pair for pair, chance in zip(pairs, p, strict=True) if chance < rules.LEVEL}
+    best, open_, fewer = order[:1], list[str](), list[str]()
+    for name in order[1:]:
+        # Those behind a worse one are no ties. A worse filter may still lose fewer runs.
+        if (best[0], name) not in worse and len(open_) == order.index(name) - 1:
             open_.append(name)
-        elif loses_more(found[best[0]].lost, at.lost, len(found)):
+        elif loses_more(found[best[0]].lost, found[name].lost, len(found)):
             fewer.append(name)
     return best, open_, fewer

@@ -1,6 +1,6 @@
 """Table kind `metrics`: filters down, metrics across, each number with its standard error."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import isfinite
 from typing import ClassVar
@@ -14,12 +14,14 @@ from trackbench.evaluation.metric_expression import Expression, Measure
 from trackbench.field_types import Digits
 from trackbench.registry import register
 from trackbench.report.expressions import Evaluator
+from trackbench.report.findings.phrases import listed, named
 from trackbench.report.findings.ranking import Candidate, ranking_of
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
 from trackbench.results.point_facts import GridPoint
-from trackbench.statistics.over_runs import STATISTICS
+from trackbench.statistics.intervals import tail_index
+from trackbench.statistics.over_runs import STATISTICS, influence, interval
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,6 +81,7 @@ class Metrics(TableKind):
                 gains = [expressions.term(m.of(self.gain.of)) for m in beside]
                 table.add([*keys, head], [Cell.of(term) for term in gains])
             table.notes += _lost_notes(results, point, labels)
+            table.notes += _tail_notes(expressions, labels, self.columns.values())
         # Notes on filters that loop over runs, and on filters that failed.
         slow = [label for label in labels if label in results.loops_over_runs]
         if slow and any("cpu_s" in str(m) for m in self.columns.values()):
@@ -94,17 +97,20 @@ class Metrics(TableKind):
 def best_labels(expressions: Evaluator, labels: Sequence[str], m: Measure) -> list[str]:
     """Return the filters with the best value, and those without a significant difference from it.
 
-    They are those of the ranking at this point. Of a time or a step, of which runs have no values, only
-    the least value is the best.
+    They are those of the ranking at this point; the other filters of the experiment belong to its
+    family of tests. Of a time or a step, of which runs have no values, only the least value is the best.
     """
     smaller = m.is_cpu_time or m.family[0].better == "lower"
     if not (smaller or m.family[0].is_score) or m.relation in ("gain", "win_rate"):
         return []
-    rivals = [c for label in labels for c in _candidate(expressions, m.plain.of(label))]
+    every = [*labels, *(b for b in expressions.results.filters if b not in labels)]
+    found = {b: c for b in every for c in _candidate(expressions, m.plain.of(b))}
+    rivals = [found[label] for label in labels if label in found]
     if len(rivals) > 1:
         if len({c.overall.value for c in rivals}) == 1:
             return []
-        ranking = ranking_of(rivals, m.metric, batches=expressions.results.batches)
+        others = [c for label, c in found.items() if label not in labels]
+        ranking = ranking_of(rivals, m.metric, unranked=others)
         return [c.label for c in ranking.among_the_best]
     values = {label: _cell(expressions, m.of(label)).estimate.value for label in labels}
     values = {label: value for label, value in values.items() if isfinite(value)}
@@ -142,3 +148,29 @@ def _lost_notes(results: Results, point: GridPoint, labels: list[str]) -> Iterat
                 where = ", ".join(f"{k} = {v}" for k, v in point.items())
                 at = f" at {where}" if where else ""
                 yield f"{label}{at}: {counted(number, 'run')} lost because {reason}."
+
+
+_LIGHT = 2.0
+"""Tail index from which on the runs' influences have a variance."""
+
+
+def _tail_notes(
+    expressions: Evaluator, labels: Sequence[str], columns: Collection[Expression]
+) -> Iterator[str]:
+    """Yield for each error the filters of which a few runs decide a number, with their medians."""
+    medians: dict[tuple[str, str], str] = {}
+    for m in (m.of(label) for m in columns if m.is_error and not m.relation for label in labels):
+        name = f"{m.metric}[{m.window}]" if m.window else m.metric
+        found = expressions.per_run(m)
+        if found is not None and found[0] in ("mean", "rms", "variance"):
+            x = found[1][np.isfinite(found[1])]
+            if tail_index(influence(found[0], x)) < _LIGHT:
+                middle, (low, high) = STATISTICS["median"](x).value, interval("median", x)
+                medians[name, m.filter] = (
+                    f"{named(m.filter)} {middle:.3g} ({low:.3g} to {high:.3g})"
+                )
+    where = "".join(f" at {k} = {v}" for k, v in expressions.point.items())
+    for name in dict.fromkeys(name for name, _ in medians):
+        texts = [text for (of, _), text in medians.items() if of == name]
+        what = f"A few runs decide the {name}{where}, so its ± may be too small"
+        yield f"{what}; medians: {listed(texts)}."

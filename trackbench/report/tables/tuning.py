@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from math import isfinite
+from math import isfinite, nan
 
 import numpy as np
 
@@ -14,11 +14,12 @@ from trackbench.report.findings import phrases
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
+from trackbench.statistics import rules
+from trackbench.statistics.estimates import MISSING, RunEstimate
 from trackbench.statistics.over_runs import Estimate, mean
 from trackbench.tuning.search import Record
 
 _HEADS = ["Training", "Results", "Gap", "Untuned", "Gained"]
-_SEEN = 2.0  # standard errors
 _BESIDE = {
     "noise": " on the path of the results, with other noise",
     "noise and path": " on other paths than those of the results",
@@ -46,13 +47,21 @@ class TuningTable(TableKind):
         objective = Objective.of(tuning["metric"], results.facts({}).sizes)
         by = f"Tuned by {words_of(tuning['metric'])}, {_trained_on(results)}"
         table = Table(self.title or by, ["Filter", "Values found", "Trials"], _HEADS, self.digits)
-        for label, record in results.tuning.items():
-            # The tuned filter and the one as configured, on the runs of the results.
-            found, given = (_score(objective, runs, of) for of in (tuned_label(label), label))
+        # Each tuned filter and the one as configured, on the runs of the results.
+        scores = {
+            label: tuple(_score(objective, runs, of) for of in (tuned_label(label), label))
+            for label in results.tuning
+        }
+        gains = {label: _gained(*of) for label, of in scores.items()}
+        family = rules.adjusted([g.z() if rules.is_tested(g) else nan for g in gains.values()])
+        for (label, record), p in zip(results.tuning.items(), family, strict=True):
+            found, given = scores[label]
             keys = [label, _found(record), str(len(record.trials))]
-            table.add(keys, _cells(record, found, given))
-            said = _said(record, found, given, tuning["runs"])
-            table.notes += (f"{label}: {text}." for text in said)
+            table.add(keys, [*_cells(record, found, given), Cell.of(gains[label])])
+            notes = [*record.remarks(tuning["runs"])]
+            if found is not None and given is not None:
+                notes += _on_results(found, given, gains[label], p < rules.LEVEL)
+            table.notes += (f"{label}: {text}." for text in notes)
         return table
 
 
@@ -104,7 +113,7 @@ def _cells(record: Record, found: Score | None, given: Score | None) -> list[Cel
     # Gap = results - training; the standard errors add in squares.
     gap, stderr = result.estimate.value - best.objective, result.estimate.stderr
     difference = Cell(Estimate(gap, float(np.hypot(stderr, best.stderr))), result.runs, 0)
-    return [training, result, difference, untuned, _gained(found, given)]
+    return [training, result, difference, untuned]
 
 
 def _cell(score: Score | None) -> Cell:
@@ -114,26 +123,25 @@ def _cell(score: Score | None) -> Cell:
     return Cell(Estimate(score.value, score.stderr), runs, score.lost)
 
 
-def _gained(found: Score | None, given: Score | None) -> Cell:
+def _gained(found: Score | None, given: Score | None) -> RunEstimate:
     """Return the untuned less tuned, on common runs."""
     if found is None or given is None:
-        return Cell.missing()
+        return MISSING
     # Each run's influence on untuned - tuned.
     moved = given.influences - found.influences
     both = ~np.isnan(moved)
-    difference = Estimate(given.value - found.value, mean(moved[both]).stderr)
-    return Cell(difference, int(both.sum()), 0)
+    stderr = mean(moved[both]).stderr
+    return RunEstimate(given.value - found.value, stderr, moved, int(both.sum()))
 
 
-def _said(record: Record, found: Score | None, given: Score | None, runs: int) -> Iterator[str]:
-    yield from record.remarks(runs)
-    if found is None or given is None:
-        return
+def _on_results(
+    found: Score, given: Score, gained: RunEstimate, significant: bool
+) -> Iterator[str]:
+    """Yield what tuning lost on the runs of the results, or that it gained nothing."""
     if found.lost > given.lost:
         lost = counted(found.lost, "run")
         yield f"tuned, it loses {lost} of the results, and {given.lost} as it was"
-    # A gain of less than _SEEN standard errors is none, unless fewer runs are lost.
-    gained, stderr = _gained(found, given).estimate
-    if given.lost <= found.lost and not gained > _SEEN * stderr:
-        worse = "worse" if gained < -_SEEN * stderr else "no better"
+    # An insignificant gain is none, unless fewer runs are lost.
+    if given.lost <= found.lost and not (significant and gained.value > 0.0):
+        worse = "worse" if significant else "not significantly better"
         yield f"tuned, it is {worse} on the runs of the results than as it was"

@@ -10,8 +10,8 @@ from trackbench.report.expressions import Evaluator
 from trackbench.report.results import Results
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import rules
-from trackbench.statistics.estimates import OfSteps, RunEstimate
-from trackbench.statistics.intervals import loses_more
+from trackbench.statistics.estimates import OfSteps, RunEstimate, gain, quotient
+from trackbench.statistics.intervals import loses_more, two_sided
 from trackbench.statistics.over_runs import Estimate, z_score
 from trackbench.statistics.rules import UNDECIDED, Verdict
 
@@ -54,7 +54,9 @@ def judge(claim: Claim, evidence: Evaluator | None) -> ClaimVerdict:
     steps = _of_steps(weakest, found) if len(single) > 1 else ""
     measured = not isnan(weakest.off.term.value)
     why = "" if measured else NOT_MEASURED
-    note = noted(*losing, why, _why(evidence, weakest), steps, claim.note)
+    least = rules.SURE if exact or (claim.relation == "~" and z > 0.0) else rules.DECIDED
+    reasons = _size(evidence, weakest), _significance(verdict, least)
+    note = noted(*losing, why, _why(evidence, weakest), *reasons, steps, claim.note)
     return ClaimVerdict(claim, verdict, weakest.off.term.splits, note, measured, exact)
 
 
@@ -136,7 +138,29 @@ def _why(whole: Evaluator, score: _Score) -> str:
     claim, right = score.claim, score.right
     why = [_in_words(side.filter, whole.term(side)) for side in claim.sides(right)]
     why += [] if right else [f"{score.off.target:g}"]
-    return ", ".join(why) + ("; no standard error" if isnan(score.off.term.stderr) else "")
+    return noted(", ".join(why), score.off.term.why)
+
+
+def _significance(verdict: Verdict, needed: float) -> str:
+    """Return that an inconclusive claim is significant by the rule for filters, if it is."""
+    z = verdict.z
+    if verdict.word != UNDECIDED or not two_sided(z) < rules.LEVEL or abs(z) >= needed:
+        return ""
+    way = "" if z > 0.0 else "against it "
+    return f"{way}significant at {100 * rules.LEVEL:g} %, z {z:+.1f}; a verdict takes {needed:g}"
+
+
+def _size(evidence: Evaluator, score: _Score) -> str:
+    """Return that the printed size of a difference lies outside its 95 % interval, if it does."""
+    claim = score.claim
+    if claim.printed is None or not score.right or claim.expression is None:
+        return ""
+    ratio = quotient(*(evidence.term(side) for side in claim.sides(score.right)))
+    low, high = gain(ratio).interval()
+    if low <= claim.printed <= high or isnan(low + high):
+        return ""
+    limit = f"at most {high:.2g}" if claim.printed > high else f"at least {low:.2g}"
+    return f"{limit} % (95 %), printed {claim.printed:g}"
 
 
 def _of_steps(weakest: _Score, found: list[_Score]) -> str:

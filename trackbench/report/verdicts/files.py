@@ -114,9 +114,7 @@ def write_comparison(results: Results, comparison: Comparison) -> None:
 
 def write_paired(results: Results) -> None:
     """Write paired.csv."""
-    rows = [
-        [*point.values(), *pair[: len(COLUMNS)]] for point, pairs in results.pairs for pair in pairs
-    ]
+    rows = [[*point.values(), *pair.cells] for point, pairs in results.pairs for pair in pairs]
     write_csv(results.target / "paired.csv", [*results.grid, *COLUMNS], rows)
 
 
