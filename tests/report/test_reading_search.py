@@ -10,7 +10,13 @@ from trackbench import api
 from trackbench.config.published import PublishedNumber
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.results import Results
-from trackbench.report.tables.reading_search import Number, distance, ways_to_measure
+from trackbench.report.tables.reading_search import (
+    Distance,
+    Number,
+    _notes,
+    distance,
+    ways_to_measure,
+)
 from trackbench.statistics.estimates import RunEstimate
 
 CONFIG = """
@@ -218,3 +224,13 @@ def test_a_gain_is_that_of_its_column(results: Results) -> None:
     mean, rms = (cell.estimate.value for cell in table.cells[1])
     assert mean == pytest.approx(100 * (1 - apf.mean() / pf.mean()))
     assert rms == pytest.approx(100 * (1 - np.sqrt((apf**2).mean() / (pf**2).mean())))
+
+
+def test_the_reading_that_meets_most_numbers_is_named_beside_the_nearest() -> None:
+    """One number far off makes a reading with all others at the printed ones the farther one."""
+    found = [
+        (["100"], Distance(0.2, np.full(4, 0.2), 1, 0)),
+        (["200"], Distance(0.3, np.full(4, 0.3), 3, 0)),
+    ]
+    assert _notes(["scans"], found, 4)[-1] == "Most numbers within 10 %: scans 200; 3 of 4."
+    assert len(_notes(["scans"], found[:1], 4)) == 2

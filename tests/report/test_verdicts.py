@@ -17,7 +17,7 @@ from trackbench.report.expressions import Evaluator
 from trackbench.report.paired import pairs_of
 from trackbench.report.results import Results
 from trackbench.report.verdicts.claims import evidence_at, judge
-from trackbench.report.verdicts.files import bars
+from trackbench.report.verdicts.files import bars, summary_lines, verdict_tables
 from trackbench.report.verdicts.numbers import Compared, Comparison, Reproduced, compare
 from trackbench.statistics.estimates import MISSING, RunEstimate
 from trackbench.statistics.rules import Verdict, claim_verdict, combine_batches, number_verdict
@@ -214,7 +214,6 @@ def test_every_number_has_a_verdict_and_a_wrong_one_differs(made):
         ("Table 1", "PF", "Particles"): "agrees",
         ("Table 2", "PF", "Gain, %"): "agrees",
         ("Table 2", "PF", "Step 5"): found["Table 2", "PF", "Step 5"],
-        ("Table 2", "MCMC", "Mean"): "inconclusive",
     }
 
 
@@ -403,6 +402,23 @@ def test_a_filter_that_was_left_out_is_not_measured(folder, tmp_path):
     assert left_out["No data"]
     assert not left_out["PF"]
     assert found.claims[0].note.startswith("not measured")
+
+
+def test_a_printed_number_without_a_filter_is_listed_and_has_no_verdict(folder):
+    """It is neither inconclusive nor counted among the numbers that were tried."""
+    path, before = folder / "published" / "numbers.csv", compare(Results(folder))
+    head = path.read_text().splitlines()[0].split(",")
+    row = {"paper": "p", "table": "t", "filter": "iEnKS", "metric": "Mean", "value": "0.31"}
+    row["note"] = "there is no such filter"
+    with path.open("a") as file:
+        file.write(",".join(row.get(key, "") for key in head) + "\n")
+    found = compare(Results(folder))
+    assert [n.filter for n in found.left_out] == ["MCMC", "iEnKS"]
+    assert len(found.numbers) == len(before.numbers)
+    assert summary_lines(before)[-1] == "1 printed number left out"
+    assert summary_lines(found) == [*summary_lines(before)[:-1], "2 printed numbers left out"]
+    last = verdict_tables(found)[-1].markdown()
+    assert "| p, t | iEnKS | Mean | 0.31 | there is no such filter |" in last
 
 
 def test_a_point_that_the_grid_does_not_have_is_not_measured(folder):

@@ -214,6 +214,7 @@ def _together(comparisons: list[Comparison]) -> Comparison:
         [row for c in comparisons for row in c.rows],
         [row for c in comparisons for row in c.claims],
         [row for c in comparisons for row in c.ranks],
+        [row for c in comparisons for row in c.left_out],
     )
 
 

@@ -224,7 +224,6 @@ def _concerns(results: Results, path: str, labels: list[str]) -> bool:
 
 def _notes(heads: list[str], found: list[tuple[list[str], Distance]], numbers: int) -> list[str]:
     shown, nearest = found[0]
-    words = ", ".join(f"{head} {value}" for head, value in zip(heads, shown, strict=True))
     lost = sum(not isfinite(d.value) for _, d in found)
     notes = [
         f"{len(found)} readings, {lost} of which lose most runs of a filter; {numbers} printed numbers."
@@ -232,10 +231,19 @@ def _notes(heads: list[str], found: list[tuple[list[str], Distance]], numbers: i
     if isfinite(nearest.value):
         alike = sum(_not_farther(d, nearest) for _, d in found)
         notes.append(
-            f"Nearest: {words}; distance {rounded(*nearest.cell.estimate, 3)}, {nearest.near} of "
-            f"{numbers} numbers within 10 %. Within two paired standard errors of it: {alike}."
+            f"Nearest: {_named(heads, shown)}; distance {rounded(*nearest.cell.estimate, 3)}, "
+            f"{nearest.near} of {numbers} numbers within 10 %. Within two paired standard errors of "
+            f"it: {alike}."
         )
+        shown, most = max(found, key=lambda reading: reading[1].near)
+        if most.near > nearest.near:
+            where = _named(heads, shown)
+            notes.append(f"Most numbers within 10 %: {where}; {most.near} of {numbers}.")
     return notes
+
+
+def _named(heads: list[str], shown: list[str]) -> str:
+    return ", ".join(f"{head} {value}" for head, value in zip(heads, shown, strict=True))
 
 
 def _not_farther(d: Distance, nearest: Distance) -> bool:
@@ -321,10 +329,9 @@ def _judged(
 def _claim_notes(heads: list[str], claims: list[Claim], found: list[_Reading]) -> list[str]:
     first, most = found[0], found[0].count("holds")
     alike = sum(reading.count("holds") == most for reading in found)
-    words = ", ".join(f"{head} {value}" for head, value in zip(heads, first.shown, strict=True))
     notes = [
-        f"{len(found)} readings, {len(claims)} claims. Most hold at {words}: {most}; as many at "
-        f"{alike} of the readings."
+        f"{len(found)} readings, {len(claims)} claims. Most hold at {_named(heads, first.shown)}: "
+        f"{most}; as many at {alike} of the readings."
     ]
     for claim, there in zip(claims, zip(*(r.verdicts for r in found), strict=True), strict=True):
         holds, fails = there.count("holds"), there.count("fails")

@@ -102,7 +102,7 @@ def write_comparison(results: Results, comparison: Comparison) -> None:
     """Write the verdicts, or take away old ones if nothing is published about the experiment."""
     folder = results.target
     write_time_verdicts(results)
-    if not comparison.rows and not comparison.claims:
+    if not (comparison.rows or comparison.claims or comparison.left_out):
         for name in FILES:
             remove(folder / name)
         return
@@ -151,7 +151,7 @@ def _yes(flag: bool) -> str:
 
 
 def summary_lines(comparison: Comparison) -> list[str]:
-    """Return a line on the numbers, each counted once, one on words on a bias, one on the claims."""
+    """Return a line each on numbers, counted once, words on a bias, claims, and numbers left out."""
     lines = [bar.words for bar in bars(comparison)]
     tried = [number for number in comparison.numbers if number.readings > 1]
     if tried:
@@ -159,6 +159,8 @@ def summary_lines(comparison: Comparison) -> list[str]:
         lines[0] += (
             f"; {len(tried)} were tried under several readings, of which {agree} agree in one"
         )
+    if comparison.left_out:
+        lines.append(f"{counted(len(comparison.left_out), 'printed number')} left out")
     return lines
 
 
@@ -186,10 +188,11 @@ def _explained(table: TextTable, verdicts: Sequence[Verdict]) -> TextTable:
 
 
 def verdict_tables(comparison: Comparison) -> list[TextTable]:
-    """Return numbers per published table, agreement of orders, claims."""
+    """Return numbers per published table, agreement of orders, claims, numbers left out."""
     tables = _number_tables(comparison)
     tables += [_rank_table(comparison.ranks)] if comparison.ranks else []
-    return [*tables, _claim_table(comparison.claims)] if comparison.claims else tables
+    tables += [_claim_table(comparison.claims)] if comparison.claims else []
+    return [*tables, _left_out_table(comparison)] if comparison.left_out else tables
 
 
 def _number_tables(comparison: Comparison) -> list[TextTable]:
@@ -219,7 +222,7 @@ def _row(row: Compared, readings: int = 1) -> list[Text]:
     tried = f" (best of {readings})" if readings > 1 else ""
     return [
         Text((name if row.label else p.filter) + tried),
-        Text(f"{p.metric}, {p.row}" if p.row else p.metric),
+        Text(_place(p)),
         Text(verdict.word),
         Text(printed(p), None if isinstance(p.value, str) else p.value),
         Text(_measured(row), row.measured.value),
@@ -267,6 +270,25 @@ def _rank_table(ranks: list[Ranked]) -> TextTable:
         cells = [Text(f"{r.paper}, {r.table}"), Text(r.metric), Text(str(r.filters), r.filters)]
         table.rows.append([*cells, Text(f"{r.tau:+.2f}", r.tau)])
     return table
+
+
+def _left_out_table(comparison: Comparison) -> TextTable:
+    """Return the printed numbers that nothing here measures, with the reason."""
+    rows = [
+        [
+            Text(f"{p.paper}, {p.table}"),
+            Text(p.filter),
+            Text(_place(p)),
+            Text(printed(p)),
+            Text(p.note),
+        ]
+        for p in comparison.left_out
+    ]
+    return TextTable("Left out", ["Table", "Filter", "Metric", "Published", "Why"], rows)
+
+
+def _place(number: PublishedNumber) -> str:
+    return f"{number.metric}, {number.row}" if number.row else number.metric
 
 
 def printed(number: PublishedNumber) -> str:

@@ -5,7 +5,7 @@ The rules are in `agreement`: all runs together, and without each of the experim
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
 from math import inf, isfinite, isnan, nan
 from typing import Any, NamedTuple
@@ -74,6 +74,8 @@ class Comparison:
     rows: list[Compared]
     claims: list[ClaimVerdict]
     ranks: list[Ranked]
+    left_out: list[PublishedNumber] = field(default_factory=list)
+    """printed numbers that no filter here measures: without a verdict"""
 
     def __repr__(self) -> str:
         numbers, claims = counted(len(self.numbers), "number"), counted(len(self.claims), "claim")
@@ -99,9 +101,11 @@ def _rank(row: Compared) -> tuple[int, float]:
 def compare(results: Results) -> Comparison:
     """Hold the results against what is published about the experiment."""
     published, at = without_times(results.published), cache(partial(evidence_at, results))
-    rows = [row for number in published.numbers for row in _readings(number, at(number.point))]
+    left_out = [number for number in published.numbers if not number.labels]
+    measured = [number for number in published.numbers if number.labels]
+    rows = [row for number in measured for row in _readings(number, at(number.point))]
     claims = [judge(claim, at(claim.point)) for claim in published.claims]
-    return Comparison(rows, claims, list(rank_agreement(rows)))
+    return Comparison(rows, claims, list(rank_agreement(rows)), left_out)
 
 
 def rank_agreement(rows: list[Compared]) -> Iterator[Ranked]:
@@ -133,7 +137,7 @@ def kendall(a: Sequence[Any], b: Sequence[Any]) -> float:
 
 
 def _readings(number: PublishedNumber, evidence: Evaluator | None) -> Iterator[Compared]:
-    if evidence is None or not number.labels or not number.expression:
+    if evidence is None or not number.expression:
         why = no_results(number, evidence) or NOT_MEASURED
         note = noted(why, number.reading, number.note)
         yield Compared(number, "", MISSING, Verdict(UNDECIDED, nan), note)
