@@ -6,12 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.conftest import ROOT
+from tests.conftest import ROOT, make_filter
+from tests.unequal_steps import INTERVALS, least_squares, smoothed_moments
 from trackbench import api
 from trackbench.config.load import load
 from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.run_filter import run_filter
+from trackbench.filters.base import FixedLag
 from trackbench.report.results import Results
 
 PENDULUM = ROOT / "experiments" / "data"
@@ -96,6 +98,16 @@ def test_a_linear_model_has_one_smoother(kind: str, tmp_path: Path) -> None:
     assert runs["RTS", "rmse_position"].mean() < 0.8 * runs["KF", "rmse_position"].mean()
     nees = runs["RTS", "nees"]
     assert abs(nees.mean() - 4.0) < 4.0 * nees.std() / np.sqrt(len(nees))
+
+
+@pytest.mark.parametrize("lag", [None, 2])
+@pytest.mark.parametrize("kind", ["kf", "ekf", "ukf", "ckf", "ghkf", "iekf", "iplf"])
+def test_unequal_steps_against_least_squares(kind: str, lag: int | None) -> None:
+    """Each step back takes the motion over its own interval; two measurements have gaps."""
+    smooth: Any = True if lag is None else FixedLag(lag=lag)
+    found = smoothed_moments(make_filter(kind, smooth=smooth))
+    for a, b in zip(found, least_squares([1.0] * len(INTERVALS), lag), strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-6, atol=1e-7)
 
 
 def test_the_last_steps_of_a_lag_are_those_of_all_measurements(tmp_path: Path) -> None:
