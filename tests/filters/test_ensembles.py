@@ -11,15 +11,17 @@ from tests.conftest import make_filter
 from tests.papers import merwe, seen_as
 from trackbench import api
 from trackbench.core.distributions import Gaussian
-from trackbench.core.random_streams import RunStreams
+from trackbench.core.random_streams import RunStreams, block_stream
 from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.run_filter import run_filter
-from trackbench.filters.ensemble import _step_lengths
+from trackbench.filters.ensemble import Ensemble, _step_lengths
 from trackbench.filters.kf import KF
 from trackbench.filters.ukf import CKF
 from trackbench.models.base import Model
 from trackbench.models.motions.kinematic import WhiteAcceleration
+from trackbench.models.motions.nonlinear import MapMotion
 from trackbench.models.motions.turn import UnknownTurn
+from trackbench.models.sensors.function import FunctionSensor
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.report.results import Results
@@ -231,3 +233,37 @@ def test_centered_errors_help_a_small_ensemble(tmp_path: Path) -> None:
 def test_inflation_makes_an_ensemble_less_sure(tmp_path: Path) -> None:
     plain, inflated = (_rmse(tmp_path, inflation=value) for value in (1.0, 1.1))
     assert inflated["nees"] < 0.8 * plain["nees"]
+
+
+def stepped(x: np.ndarray, z: float, R: float, **keys: Any) -> np.ndarray:
+    """Members (M, N) of a scalar that stays, after one measurement of it."""
+    still = MapMotion(components=("x",), next={"x": "x"}, Q=0.0).sampled(1.0)
+    model = Model(still, FunctionSensor(h={"z": "x"}, R=R, state=("x",)))
+    runs, N = x.shape
+    tracker = make_filter("enkf", N=N, **keys)
+    state = Ensemble(x[None], np.full(runs, np.nan))
+    return np.asarray(tracker.step(model, state, np.full((1, runs), z), 1, block_stream(1, 0)).x[0])
+
+
+@pytest.mark.parametrize("N", [2, 5])
+@pytest.mark.parametrize("centered", [False, True])
+def test_drawn_errors_have_the_variance_of_the_measurement(centered: bool, N: int) -> None:
+    """Found again from x + K (z + e - x), K = P / (P + R), P with divisor N - 1."""
+    runs, z, R = 20_000, 1.5, 4.0
+    x = np.random.default_rng(3).standard_normal((runs, N))
+    K = 1.0 / (1.0 + R / x.var(axis=1, ddof=1))[:, None]
+    e = (stepped(x, z, R, centered=centered) - x) / K - z + x
+    of_runs = np.square(e).mean(axis=1)
+    assert abs(of_runs.mean() - R) < 4.5 * of_runs.std() / np.sqrt(runs)
+    of_means = np.square(e.mean(axis=1))
+    assert (
+        abs(of_means.mean() - R / N * (not centered)) < 4.5 * of_means.std() / np.sqrt(runs) + 1e-9
+    )
+
+
+@pytest.mark.parametrize("keys", [{}, {"centered": True}, {"form": "etkf"}])
+def test_inflation_is_a_factor_on_the_deviations_after_the_update(keys: dict[str, Any]) -> None:
+    x = np.random.default_rng(4).standard_normal((3, 6))
+    plain, wide = (stepped(x, 1.0, 2.0, inflation=a, **keys) for a in (1.0, 1.3))
+    mean = plain.mean(axis=1, keepdims=True)
+    np.testing.assert_allclose(wide, mean + 1.3 * (plain - mean), rtol=1e-12)
