@@ -67,7 +67,7 @@ def test_models_that_take_turns_at_unequal_steps_against_least_squares(lag: int 
     smooth = True if lag is None else FixedLag(lag=lag)
     found = smoothed_moments(make_imm((SLOW, QUICK), ((0, 1), (1, 0)), (1, 0), smooth))
     noise = [(QUICK.q, SLOW.q)[i % 2] for i in range(len(INTERVALS))]
-    for a, b in zip(found, least_squares(noise, lag), strict=True):
+    for a, b in zip(found[:2], least_squares(noise, lag), strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-6, atol=1e-6)
 
 

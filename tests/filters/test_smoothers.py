@@ -101,13 +101,15 @@ def test_a_linear_model_has_one_smoother(kind: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("lag", [None, 2])
+@pytest.mark.parametrize("fading", [1.0, 1.2])
 @pytest.mark.parametrize("kind", ["kf", "ekf", "ukf", "ckf", "ghkf", "iekf", "iplf"])
-def test_unequal_steps_against_least_squares(kind: str, lag: int | None) -> None:
+def test_unequal_steps_against_least_squares(kind: str, fading: float, lag: int | None) -> None:
     """Each step back takes the motion over its own interval; two measurements have gaps."""
     smooth: Any = True if lag is None else FixedLag(lag=lag)
-    found = smoothed_moments(make_filter(kind, smooth=smooth))
-    for a, b in zip(found, least_squares([1.0] * len(INTERVALS), lag), strict=True):
-        np.testing.assert_allclose(a, b, rtol=1e-6, atol=1e-7)
+    *found, _, P = smoothed_moments(make_filter(kind, smooth=smooth, fading=fading))
+    exact = least_squares([1.0] * len(INTERVALS), lag, fading, P)
+    for a, b in zip(found, exact, strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-6, atol=1e-6)
 
 
 def test_the_last_steps_of_a_lag_are_those_of_all_measurements(tmp_path: Path) -> None:
