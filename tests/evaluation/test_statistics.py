@@ -94,9 +94,9 @@ def test_estimates_of_five_values_by_hand() -> None:
     assert st.deviation(X) == pytest.approx((np.sqrt(13.2), np.sqrt(np.square(ds).sum() / 4 / 5)))
     sums = (np.array([a]) for a in (X.sum(), squares.sum(), 5.0))
     found = st.mean_from_sums(*sums)
-    assert (found.value[0], found.stderr[0]) == pytest.approx(st.mean(X))
+    assert (found.value[0], found.stderr[0]) == pytest.approx(tuple(st.mean(X)))
     of_root = st.rooted(st.Estimates(np.array([38.2]), np.array([of_squares])))
-    assert (of_root.value[0], of_root.stderr[0]) == pytest.approx(st.rms(X))
+    assert (of_root.value[0], of_root.stderr[0]) == pytest.approx(tuple(st.rms(X)))
 
 
 def test_influences_of_five_values_leave_one_out() -> None:
