@@ -230,11 +230,6 @@ def test_centered_errors_help_a_small_ensemble(tmp_path: Path) -> None:
     assert centered["rmse_position"] < 0.97 * plain["rmse_position"]
 
 
-def test_inflation_makes_an_ensemble_less_sure(tmp_path: Path) -> None:
-    plain, inflated = (_rmse(tmp_path, inflation=value) for value in (1.0, 1.1))
-    assert inflated["nees"] < 0.8 * plain["nees"]
-
-
 def stepped(x: np.ndarray, z: float, R: float, **keys: Any) -> np.ndarray:
     """Members (M, N) of a scalar that stays, after one measurement of it."""
     still = MapMotion(components=("x",), next={"x": "x"}, Q=0.0).sampled(1.0)
