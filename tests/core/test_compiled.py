@@ -628,6 +628,7 @@ REFUSED: list[tuple[str, dict[int, tuple[int, ...]]]] = [
     ("product", {0: (2, 4)}),
     ("product", {0: (2, 3, M - 1)}),
     ("product", {0: (2, 3, 2, 4)}),
+    ("product", {0: (2, 3, M), 1: (3, 2, M, 1), 2: (2, 2, M, 1)}),
     ("product", {0: (8, 8), 1: (8, 8), 2: (8, 8)}),
     ("sandwich", {0: (2, 3)}),
     ("sandwich", {1: (4, 3, M)}),
