@@ -227,7 +227,7 @@ def test_moments_of_influences_are_scipys():
 
 
 def test_a_difference_has_the_variance_of_correlated_numbers():
-    three, four = (Events(1, 1, factor) for factor in (3.0, 4.0))
+    three, four = (Events(4, 10, factor) for factor in (3.0, 4.0))
     a, b = three.below(1.0), four.above(1.0)
     for rho in (-0.5, 0.0, 1.0):
         expected = np.sqrt(a**2 + b**2 - 2 * rho * a * b + 0.3**2)
