@@ -77,13 +77,3 @@ def test_a_run_that_diverged_has_no_missing_measurement(rng: np.random.Generator
     updated, _ = kalman.update(Gaussian(m, P), 1.0 - m[:1], H, R)
     assert np.isnan(updated.mean[:, 1]).all()
     np.testing.assert_allclose(updated.cov, P - np.outer(P[0], P[0]) / (P[0, 0] + 1.0))
-
-
-def test_a_fixed_gain_takes_whole_measurements_only(rng: np.random.Generator) -> None:
-    P, K = random_covariance(rng, 2), np.array([[0.5, 0.1], [0.0, 0.25]])
-    nu = np.array([[1.0, np.nan, 1.0], [2.0, 2.0, np.nan]])
-    updated = kalman.update_with_gain(Gaussian(np.zeros((2, 3)), P), nu, K, np.eye(2), np.eye(2))
-    np.testing.assert_allclose(updated.mean, [[0.7, 0.0, 0.0], [0.5, 0.0, 0.0]])
-    left = np.eye(2) - K
-    np.testing.assert_allclose(updated.cov[..., 0], left @ P @ left.T + K @ K.T)
-    np.testing.assert_allclose(updated.cov[..., 1:], np.repeat(P[..., None], 2, axis=2))
