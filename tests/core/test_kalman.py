@@ -67,13 +67,3 @@ def test_a_missing_measurement_leaves_its_run_at_the_prediction(rng: np.random.G
     np.testing.assert_allclose(updated.cov[..., 1], P)
     alone, _ = kalman.update(Gaussian(m[:, :1], P), nu[:, :1], H, R)
     np.testing.assert_allclose(updated.mean[:, 0], alone.mean[:, 0])
-
-
-def test_a_run_that_diverged_has_no_missing_measurement(rng: np.random.Generator) -> None:
-    """It stays NaN, and the other runs keep the one covariance that all share."""
-    P, H, R = random_covariance(rng, 2), np.array([[1.0, 0.0]]), np.eye(1)
-    m = rng.standard_normal((2, 3))
-    m[:, 1] = np.nan
-    updated, _ = kalman.update(Gaussian(m, P), 1.0 - m[:1], H, R)
-    assert np.isnan(updated.mean[:, 1]).all()
-    np.testing.assert_allclose(updated.cov, P - np.outer(P[0], P[0]) / (P[0, 0] + 1.0))

@@ -405,8 +405,8 @@ def test_a_symmetric_start_may_be_exchanged() -> None:
     check_axes(Gaussian(start, np.eye(2)), start)
 
 
-@pytest.mark.parametrize("name", ["a b", "delay[]", "delay[leg 1]s", "delay[a[b]]", "", "[x]"])
-def test_a_metric_is_a_word_and_what_it_is_of(name: str) -> None:
+def test_a_metric_is_a_word_and_what_it_is_of() -> None:
     assert set(checked_metrics({"delay_s[leg 1]": np.zeros(3)}, 3)) == {"delay_s[leg 1]"}
-    with pytest.raises(ValueError, match="a metric cannot be named"):
-        checked_metrics({name: np.zeros(3)}, 3)
+    for name in ("a b", "delay[]", "delay[leg 1]s", "delay[a[b]]", "", "[x]"):
+        with pytest.raises(ValueError, match="a metric cannot be named"):
+            checked_metrics({name: np.zeros(3)}, 3)

@@ -45,14 +45,6 @@ def test_outliers_are_refused(kind: Any) -> None:
     assert share == pytest.approx(0.05, abs=0.01)
 
 
-def test_a_clean_problem_loses_what_the_gate_says() -> None:
-    gated = track(CLEAN, KF(gate=0.99), RUNS).diagnostics["gated"][1:]
-    steps = gated.size
-    # refusals of one run hang together a little: six standard errors of independent ones
-    assert abs(gated.mean() - 0.01) < 6.0 * np.sqrt(0.01 / steps)
-    assert rms(CLEAN, KF(gate=0.999)) < 1.02 * rms(CLEAN, KF())
-
-
 def imm(gate: float | None) -> IMM:
     motions = (WhiteAcceleration(q=0.1), WhiteAcceleration(q=10.0))
     stay = ((0.95, 0.05), (0.05, 0.95))

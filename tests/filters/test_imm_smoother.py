@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from tests.conftest import make_filter, per_run, track
+from tests.filters.test_unequal_steps import INTERVALS, least_squares, smoothed_moments
 from tests.papers import maneuver, seen_as
-from tests.unequal_steps import INTERVALS, least_squares, smoothed_moments
 from trackbench.core.distributions import Gaussian
 from trackbench.core.mixtures import combine, given_later
 from trackbench.evaluation.block import simulate

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.conftest import ROOT, make_filter
-from tests.unequal_steps import INTERVALS, least_squares, smoothed_moments
+from tests.filters.test_unequal_steps import INTERVALS, least_squares, smoothed_moments
 from trackbench import api
 from trackbench.config.load import load
 from trackbench.errors import UserError
