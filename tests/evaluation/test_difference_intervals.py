@@ -11,7 +11,6 @@ from trackbench.evaluation.inference import (
     Sides,
     correlation,
     interval_of_difference,
-    share_interval,
     studentized_difference,
 )
 
@@ -60,15 +59,6 @@ def test_intervals_miss_as_rarely_as_they_say(runs: int, p: tuple[float, float, 
                 missed += [chance * (truth < low - 1e-12), chance * (truth > high + 1e-12)]
     assert every == pytest.approx(1.0)
     assert missed.max() <= 0.032  # of 0.025; without the correlation up to 0.058
-
-
-def test_the_limits_are_those_of_clopper_and_pearson() -> None:
-    events = Events(3, 20)
-    z = 1.959963984540054
-    low, high = share_interval(3, 20)
-    assert (0.15 - events.below(z), 0.15 + events.above(z)) == pytest.approx((low, high))
-    # Table 1 of Newcombe 1998, Statist. Med. 17, 857: 81 of 263.
-    assert share_interval(81, 263) == pytest.approx((0.2527, 0.3676), abs=5e-5)
 
 
 @pytest.mark.parametrize("runs", [3, 6, 20, 3000])

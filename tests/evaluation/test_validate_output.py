@@ -391,15 +391,6 @@ def test_an_estimate_has_the_components_of_the_truth_or_of_what_is_assumed(
             check_estimate(Gaussian(np.zeros((mean, 3)), np.zeros((cov, cov))), sizes, 3)
 
 
-def test_covariances_that_runs_share_have_one_for_each_step() -> None:
-    mean = np.zeros((4, 5, 3))
-    for cov in (np.zeros((4, 4, 5, 3)), np.zeros((4, 4, 5, 1))):
-        check_estimate(Gaussian(mean, cov), (4, 4), 5, 3)
-    for cov in (np.zeros((4, 4, 1, 3)), np.zeros((4, 4)), np.zeros((4, 4, 5))):
-        with pytest.raises(ValueError, match="the covariance of the estimate"):
-            check_estimate(Gaussian(mean, cov), (4, 4), 5, 3)
-
-
 def test_a_symmetric_start_may_be_exchanged() -> None:
     start = np.array([[1.0, 2.0], [2.0, 5.0]])
     check_axes(Gaussian(start, np.eye(2)), start)

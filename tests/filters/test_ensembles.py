@@ -13,6 +13,7 @@ from trackbench.core.random_streams import RunStreams, block_stream
 from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.run_filter import run_filter
 from trackbench.filters.ensemble import Ensemble, _step_lengths
+from trackbench.filters.jump_markov import _spreads
 from trackbench.filters.kf import KF
 from trackbench.filters.ukf import CKF
 from trackbench.models.base import Model
@@ -189,6 +190,18 @@ def test_a_particle_enters_a_motion_with_what_is_unknown_there() -> None:
     np.testing.assert_allclose(rates.std(axis=1), 2.0, rtol=5.0 / np.sqrt(2 * 5000))
     later = np.rad2deg(tracker.step(LINEAR.model, turned, unseen, 2, rng).particles.x[4])
     np.testing.assert_allclose(np.sort(later), np.sort(rates), atol=1e-4)
+
+
+def test_each_motion_has_the_weight_and_covariance_of_its_particles(
+    rng: np.random.Generator,
+) -> None:
+    x, w, mode = rng.standard_normal((4, 1, 9)), np.arange(9.0)[None] / 36.0, np.arange(9)[None] % 2
+    models = [Model(m.sampled(1.0), SENSOR) for m in (SLOW, QUICK)]
+    for j, found in enumerate(_spreads(models, x, mode, w)):
+        weights = w[0, mode[0] == j]
+        np.testing.assert_allclose(found.share, weights.sum())
+        expected = np.cov(x[:, 0, mode[0] == j], aweights=weights, ddof=0)
+        np.testing.assert_allclose(found.cov[..., 0], expected)
 
 
 def test_a_split_start_may_have_more_components_than_the_target() -> None:
