@@ -84,6 +84,13 @@ def test_a_factor_stretches_the_second() -> None:
     assert twice.above(1.0) > plain.above(1.0)
 
 
+def test_a_difference_has_the_variance_of_correlated_numbers() -> None:
+    first, second = Events(4, 10), Events(7, 10)
+    a, b = first.below(1.0), second.above(1.0)
+    expected = sqrt(a * a + b * b - 2 * 0.6 * a * b + 0.3**2)
+    assert Sides(first, second, 0.6).below(1.0, other=0.3) == pytest.approx(expected)
+
+
 def test_a_correlation_has_no_unit(rng):
     a = rng.standard_normal(50)
     b = a + rng.standard_normal(50)
