@@ -623,6 +623,7 @@ TAKEN: dict[str, list[tuple[int, ...]]] = {
     "gain": [(4, 4, M), (2, 4), (2, 2), (2, 2, M), (4, 2, M)],
     "mahalanobis": [(2, 2, M), (2, M), (M,)],
     "mix": [(M,), (2, M), (2, 2, M), (2, M), (2, 2, M)],
+    "condition": [(4, M), (4, 4, M), (2, M), (4, 2, M), (2, 2, M), (4, M), (4, 4, M)],
 }
 REFUSED: dict[str, list[dict[int, tuple[int, ...]]]] = {
     "product": [
@@ -636,6 +637,10 @@ REFUSED: dict[str, list[dict[int, tuple[int, ...]]]] = {
         *({1: (2, 3)}, {2: (2, 2, M - 1)}, {1: (3, 4), 2: (3, 3), 3: (3, 3, M), 4: (4, 3, M)}),
     ],
     "mahalanobis": [{0: (2, 3, M)}, {0: (2, 2, M - 1)}, {0: (37, 37, M), 1: (37, M)}],
+    "condition": [
+        *({1: (3, 4, M)}, {1: (4, 3, M)}, {2: (3, M)}, {3: (3, 2, M)}, {3: (4, 3, M)}),
+        *({4: (2, 3, M)}, {4: (2, 2, M - 1)}, {2: (3, M), 3: (4, 3, M), 4: (3, 3, M)}),
+    ],
     "mix": [{0: (M - 1,)}, {2: (3, 2, M)}, {2: (2, 3, M)}, {2: (2, 2, M - 1)}],
 }
 """Shapes by number of the argument, which differ from those that are taken."""
