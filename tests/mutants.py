@@ -276,8 +276,9 @@ def calls_of(tests: Sequence[str]) -> dict[str, tuple[float, list[str]]]:
 def copied(folder: str) -> Path:
     """The repository without results, with bytecode that knows its source by digest."""
     copy = Path(folder) / "copy"
-    out = shutil.ignore_patterns(".*", "results", "build", "__pycache__", "*.egg-info")
-    shutil.copytree(HERE, copy, ignore=out)
+    out = shutil.ignore_patterns(".*", "build", "__pycache__", "*.egg-info")
+    at_the_top = {str(HERE): {"results"}}  # trackbench/results is a package
+    shutil.copytree(HERE, copy, ignore=lambda at, names: out(at, names) | at_the_top.get(at, set()))
     (copy / "results").symlink_to(HERE / "results")
     mode = PycInvalidationMode.CHECKED_HASH
     compileall.compile_dir(copy / "trackbench", quiet=1, invalidation_mode=mode)

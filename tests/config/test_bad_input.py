@@ -1,10 +1,13 @@
 """Every mistake is one line with file, line and column; all of them at once; nothing is written."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
+from pydantic import TypeAdapter, ValidationError
 
 from tests.papers import banana_text
+from trackbench import field_types
 from trackbench.config.load import load
 from trackbench.errors import UserError
 from trackbench.models.motions.scalar import MerweMotion
@@ -306,3 +309,30 @@ def test_files_that_are_no_config(tmp_path: Path, content: bytes, expected: str)
 def test_missing_file(tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"none\.yaml:1:1: no such file"):
         load(tmp_path / "none.yaml")
+
+
+TINY, HUGE = 5e-324, 1.7976931348623157e308
+INF, NAN = float("inf"), float("nan")
+
+
+@pytest.mark.parametrize(
+    ("kind", "taken", "refused"),
+    [
+        ("Positive", (TINY, HUGE), (0.0, -TINY, INF, NAN)),
+        ("NonNegative", (0.0, HUGE), (-TINY, INF, NAN)),
+        ("Finite", (-HUGE, HUGE), (-INF, INF, NAN)),
+        ("Share", (0.0, 1.0), (-TINY, 1.0 + 2**-52, NAN)),
+        ("OpenShare", (TINY, 1.0 - 2**-53), (0.0, 1.0, NAN)),
+        ("Count", (1, 10**15), (0, 10**15 + 1, 1.5)),
+        ("Steps", (1, 100_000), (0, 100_001)),
+        ("Natural", (0,), (-1,)),
+        ("Digits", (1, 15), (0, 16)),
+    ],
+)
+def test_numbers_of_a_key_end_where_their_type_does(kind: str, taken: Any, refused: Any) -> None:
+    validator = TypeAdapter(getattr(field_types, kind))
+    assert [validator.validate_python(x) for x in taken] == [*taken]
+    for x in refused:
+        with pytest.raises(ValidationError):
+            validator.validate_python(x)
+    assert [field_types.is_number(x) for x in (0, 0.5, True, "1")] == [True, True, False, False]

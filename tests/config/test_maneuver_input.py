@@ -103,6 +103,19 @@ CASES = [
     ("[0.1, 0.9]", "[0.1, 0.8]", "28:9: filters.I.transition.1: the row sums to 0.9, not to 1"),
     ("[0.1, 0.9]", "[0.1, 0.8, 0.1]", "28:9: filters.I.transition.1: 3 entries for 2 motions"),
     ("      - [0.1, 0.9]\n", "", "filters.I.transition: 1 rows for 2 motions"),
+    ("- [0.1, 0.9]", "- [0, 1]\n      - [1, 0]", "filters.I.transition: 3 rows for 2 motions"),
+    ("[0.1, 0.9]", "[0.2, 0.9]", "28:9: filters.I.transition.1: the row sums to 1.1, not to 1"),
+    ("[0.1, 0.9]", "[1]", "28:9: filters.I.transition.1: 1 entries for 2 motions"),
+    ("{kind: cv, q: 0}, ", "", "25:14: filters.I.motions: give at least two motions"),
+    *(
+        ("transition:", f"initial: {row}\n    transition:", f"26:14: filters.I.initial: {what}")
+        for row, what in (
+            ("[0.5, 0.4]", "sums to 0.9, not to 1"),
+            ("[0.5, 0.6]", "sums to 1.1, not to 1"),
+            ("[1]", "1 entries for 2 motions"),
+            ("[0.5, 0.5, 0]", "3 entries for 2 motions"),
+        )
+    ),
     ("[0.1, 0.9]", "[-0.1, 1.1]", "28:10: filters.I.transition.1.0: -0.1 is less than 0"),
     (
         "{kind: cv, q: 1}",

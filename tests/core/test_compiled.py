@@ -498,6 +498,8 @@ def test_nan_is_found(both: Callable[..., None]) -> None:
         SPECIAL,
         SPECIAL[:-15],
         SPECIAL[::2],
+        *np.array([[1.0, np.inf], [-np.inf, 2.0], [np.nan, 0.0], [1e308, -0.0]]),
+        np.array([1.0, np.nan], dtype=np.float32),
         np.zeros((0, 3)),
         np.arange(3),
         np.nan * SPECIAL,
@@ -600,12 +602,63 @@ def test_they_can_be_turned_off_and_a_stale_file_is_not_used() -> None:
 
 def test_wrong_arguments_are_errors() -> None:
     assert compiled.kernels is not None
-    with pytest.raises(TypeError):
-        compiled.kernels.exp(np.zeros(1))
-    with pytest.raises(IndexError):
-        compiled.kernels.select(np.zeros(3), np.array([3]), np.zeros(1))
-    with pytest.raises(ValueError, match="contiguous"):
-        compiled.kernels.total(np.zeros((4, 4)).T[:, ::2], np.zeros(4), 2)
+    locked = arrays.fixed(np.zeros((4, 4)))
+    for name, given, error in (
+        ("exp", [np.zeros(1)] * 3, TypeError),
+        ("sandwich", [np.eye(1)] * 2, TypeError),
+        ("select", [np.zeros(3), np.array([3]), np.zeros(1)], IndexError),
+        ("select", [np.zeros(3), np.array([-1]), np.zeros(1)], IndexError),
+        ("total", [np.zeros((4, 4)).T[:, ::2], np.zeros(4), 2], ValueError),
+        ("total", [np.zeros(4), locked[0], 1], (ValueError, BufferError)),
+        ("sandwich", [np.eye(4), np.ones((4, 4, 1)), locked[..., None]], (ValueError, BufferError)),
+    ):
+        with pytest.raises(error, match=r"few|range|contiguous|read-only|writable"):
+            getattr(compiled.kernels, name)(*given)
+
+
+M = 8
+TAKEN: dict[str, list[tuple[int, ...]]] = {
+    "product": [(2, 3), (3, 2, M), (2, 2, M)],
+    "sandwich": [(2, 4), (4, 4, M), (2, 2, M)],
+    "gain": [(4, 4, M), (2, 4), (2, 2), (2, 2, M), (4, 2, M)],
+    "mahalanobis": [(2, 2, M), (2, M), (M,)],
+    "mix": [(M,), (2, M), (2, 2, M), (2, M), (2, 2, M)],
+    "condition": [(4, M), (4, 4, M), (2, M), (4, 2, M), (2, 2, M), (4, M), (4, 4, M)],
+}
+REFUSED: dict[str, list[dict[int, tuple[int, ...]]]] = {
+    "product": [
+        *({0: (2, 4)}, {0: (2, 3, M - 1)}, {0: (2, 3, 2, 4)}, {0: (8, 8), 1: (8, 8), 2: (8, 8)}),
+        {0: (2, 3, M), 1: (3, 2, M, 1), 2: (2, 2, M, 1)},
+    ],
+    "sandwich": [
+        *({0: (2, 3)}, {1: (4, 3, M)}, {0: (2, 4, M - 1)}, {0: (10, 4), 2: (10, 10, M)}),
+    ],
+    "gain": [
+        *({1: (2, 3)}, {2: (2, 2, M - 1)}, {1: (3, 4), 2: (3, 3), 3: (3, 3, M), 4: (4, 3, M)}),
+    ],
+    "mahalanobis": [{0: (2, 3, M)}, {0: (2, 2, M - 1)}, {0: (37, 37, M), 1: (37, M)}],
+    "condition": [
+        *({1: (3, 4, M)}, {1: (4, 3, M)}, {2: (3, M)}, {3: (3, 2, M)}, {3: (4, 3, M)}),
+        *({4: (2, 3, M)}, {4: (2, 2, M - 1)}, {2: (3, M), 3: (4, 3, M), 4: (3, 3, M)}),
+    ],
+    "mix": [{0: (M - 1,)}, {2: (3, 2, M)}, {2: (2, 3, M)}, {2: (2, 2, M - 1)}],
+}
+"""Shapes by number of the argument, which differ from those that are taken."""
+
+
+@pytest.mark.parametrize("name", TAKEN)
+def test_a_kernel_refuses_other_shapes_numbers_and_memory(name: str) -> None:
+    """It would read or write beyond an array; numpy takes what is refused, or raises."""
+    rule, more = getattr(compiled.kernels, name), [0] * (name == "product")
+    for shapes in ({}, *REFUSED[name]):
+        given = [np.ones(shapes.get(i, shape)) for i, shape in enumerate(TAKEN[name])]
+        assert rule(*given, *more) == (not shapes), shapes
+    given = [np.ones(shape) for shape in TAKEN[name]]
+    for i, a in enumerate(given[:-1]):
+        others = [a.astype(np.float32), a.astype(">f8")]
+        others += [np.repeat(a, 2, axis=-1)[..., ::2]] * (a.shape[-1] == M)
+        for other in others:
+            assert not rule(*given[:i], other, *given[i + 1 :], *more), (i, other.strides)
 
 
 def test_nothing_is_built_twice() -> None:

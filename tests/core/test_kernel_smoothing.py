@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy import integrate, special, stats
 
-from trackbench.core.particle_moves import bandwidth, jitter, kernel_draws
+from trackbench.core.particle_moves import Mode, bandwidth, jitter, jitter_modes, kernel_draws
 
 
 @pytest.mark.parametrize("n", [1, 2, 4])
@@ -39,6 +39,15 @@ def test_jitter_adds_the_kernels_covariance_in_the_clouds_metric(rng: np.random.
     h2 = bandwidth(2, 100_000, "gaussian") ** 2
     spread = np.sqrt((np.outer(np.diag(P), np.diag(P)) + P**2) / 100_000)
     assert (np.abs(np.cov(moved) / h2 - P) < 4 * spread).all()
+
+
+def test_a_mode_has_the_bandwidth_of_its_share(rng: np.random.Generator) -> None:
+    members = np.arange(20_000)[None] < 5000
+    mode = Mode(members, np.array([0.25]), np.full((1, 1, 1), 4.0))
+    moved = jitter_modes(np.zeros((1, 1, 20_000)), [mode], "gaussian", rng)[0]
+    assert not moved[~members].any()
+    h = bandwidth(1, 5000, "gaussian")
+    assert moved[members].std() == pytest.approx(2.0 * h, rel=4.5 / np.sqrt(2 * 5000))
 
 
 def test_a_cloud_without_spread_stays(rng: np.random.Generator) -> None:

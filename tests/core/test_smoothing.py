@@ -49,16 +49,9 @@ def joint_posterior(measured: int) -> tuple[np.ndarray, np.ndarray]:
     return mean.reshape(T + 1, 2, 3), np.array(blocks)
 
 
-def test_all_measurements_against_the_joint_distribution() -> None:
-    mean, cov = joint_posterior(T)
-    for k, found in enumerate(smooth(*filtered(T))):
-        np.testing.assert_allclose(found.mean, mean[k], atol=1e-12)
-        np.testing.assert_allclose(found.cov, cov[k], atol=1e-12)
-
-
-@pytest.mark.parametrize("lag", [1, 4, T])
-def test_a_fixed_lag_against_the_joint_distribution(lag: int) -> None:
+@pytest.mark.parametrize("lag", [None, 1, 4, T])
+def test_a_fixed_lag_or_none_against_the_joint_distribution(lag: int | None) -> None:
     for k, found in enumerate(smooth(*filtered(T), lag)):
-        mean, cov = joint_posterior(min(k + lag, T))
+        mean, cov = joint_posterior(T if lag is None else min(k + lag, T))
         np.testing.assert_allclose(found.mean, mean[k], atol=1e-12)
         np.testing.assert_allclose(found.cov, cov[k], atol=1e-12)

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from tests.conftest import make_filter
+from tests.linear_problem import LINEAR
 from tests.papers import maneuver, merwe
 from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.error_series import FOUND
+from trackbench.evaluation.error_series import FOUND, series
 from trackbench.evaluation.run_block import run_block
 from trackbench.statistics.over_runs import median
 
@@ -24,6 +25,15 @@ def test_a_first_state_that_is_known_has_no_nees(kind: str, keys: dict[str, int]
     assert found.steps["outside_region"].number[0] == 0
     assert (found.steps["nees"].number[1:] == 40).all()
     assert found.steps["squared"].number[0] == 40  # the error is scored
+
+
+def test_an_error_outside_the_region_is_one_in_a_million() -> None:
+    """Chi-square of four degrees of freedom: P(X > x) = exp(-x / 2) (1 + x / 2)."""
+    low, high = 33.37, 33.38
+    assert np.exp(-low / 2) * (1 + low / 2) > 1e-6 > np.exp(-high / 2) * (1 + high / 2)
+    truth, nees = np.zeros((4, 2, 2)), np.array([[low, np.nan], [high, 0.0]])
+    found = series(LINEAR, truth, truth, nees, None)["outside_region"]
+    np.testing.assert_array_equal(found, [[0.0, np.nan], [1.0, 0.0]])
 
 
 def test_what_is_kept_for_medians_leaves_lost_runs_out() -> None:

@@ -28,8 +28,9 @@ def correlated(rng: np.random.Generator, steps: int, runs: int, spread: float = 
     return stats.norm.cdf(spread * z)
 
 
-def test_at_a_step_as_scipy_has_it() -> None:
-    u = np.random.default_rng(2).beta(1.1, 1.0, size=700)
+@pytest.mark.parametrize(("a", "b"), [(1.1, 1.0), (1.0, 1.1)])
+def test_at_a_step_as_scipy_has_it(a: float, b: float) -> None:
+    u = np.random.default_rng(2).beta(a, b, size=700)
     found = at_step(np.append(u, [np.nan, np.nan]))
     counts = np.histogram(u, TENTHS, (0.0, 1.0))[0]
     test = stats.kstest(u, "uniform")

@@ -16,7 +16,7 @@ from trackbench.evaluation import run_filter
 from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.run_block import run_block
 from trackbench.evaluation.run_filter import run_filter_cached
-from trackbench.evaluation.validate_output import check_estimate
+from trackbench.evaluation.validate_output import check_axes, check_estimate, checked_metrics
 from trackbench.filters.base import WrongReturnError
 from trackbench.filters.ukf import UKF
 from trackbench.scenarios.targets.legs import Leg
@@ -389,3 +389,15 @@ def test_an_estimate_has_the_components_of_the_truth_or_of_what_is_assumed(
     for mean, cov in ((5, 5), (n, 5)):
         with pytest.raises(ValueError, match="of the estimate"):
             check_estimate(Gaussian(np.zeros((mean, 3)), np.zeros((cov, cov))), sizes, 3)
+
+
+def test_a_symmetric_start_may_be_exchanged() -> None:
+    start = np.array([[1.0, 2.0], [2.0, 5.0]])
+    check_axes(Gaussian(start, np.eye(2)), start)
+
+
+def test_a_metric_is_a_word_and_what_it_is_of() -> None:
+    assert set(checked_metrics({"delay_s[leg 1]": np.zeros(3)}, 3)) == {"delay_s[leg 1]"}
+    for name in ("a b", "delay[]", "delay[leg 1]s", "delay[a[b]]", "", "[x]"):
+        with pytest.raises(ValueError, match="a metric cannot be named"):
+            checked_metrics({name: np.zeros(3)}, 3)

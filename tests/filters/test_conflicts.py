@@ -13,6 +13,7 @@ from trackbench.config.load import load
 from trackbench.errors import Problem, UserError
 from trackbench.models.base import Motion
 from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
+from trackbench.models.motions.nonlinear import MapMotion
 from trackbench.models.motions.scalar import Autoregressive
 from trackbench.models.sensors.base import Assume
 from trackbench.scenarios.score import Score
@@ -126,6 +127,10 @@ def test_motions_are_of_the_target(kind: str) -> None:
     mixed = make_filter(kind, motions=(good[0], Autoregressive(q=1.0)), transition=two)
     (refused,) = refusals(mixed, maneuver())
     assert (refused.path, refused.what) == ("f.motions.1", "a motion of x for px, vx, py, vy")
+    names = ("a", "b", "c", "d")
+    other = MapMotion(components=names, next={n: n for n in names}, Q=1.0)
+    (refused,) = refusals(make_filter(kind, motions=(good[0], other), transition=two), maneuver())
+    assert refused.what == "a motion of a, b, c, d for px, vx, py, vy"
     walk = Autoregressive(q=1.0)
     scalar = replace(merwe(), target=Driven(motion=walk), assume=Assume(motion=walk))
     (refused,) = refusals(mixed, scalar)

@@ -1,7 +1,6 @@
 """Filters by draws and by splits on a linear model, where the Kalman filter is exact."""
 
 from itertools import product
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,20 +8,21 @@ import pytest
 
 from tests.conftest import make_filter
 from tests.papers import merwe, seen_as
-from trackbench import api
 from trackbench.core.distributions import Gaussian
-from trackbench.core.random_streams import RunStreams
+from trackbench.core.random_streams import RunStreams, block_stream
 from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.run_filter import run_filter
-from trackbench.filters.ensemble import _step_lengths
+from trackbench.filters.ensemble import Ensemble, _step_lengths
+from trackbench.filters.jump_markov import _spreads
 from trackbench.filters.kf import KF
 from trackbench.filters.ukf import CKF
 from trackbench.models.base import Model
 from trackbench.models.motions.kinematic import WhiteAcceleration
+from trackbench.models.motions.nonlinear import MapMotion
 from trackbench.models.motions.turn import UnknownTurn
+from trackbench.models.sensors.function import FunctionSensor
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
-from trackbench.report.results import Results
 from trackbench.scenarios.starts.without_scans import GaussianStart
 from trackbench.scenarios.targets.base import Launch
 from trackbench.scenarios.targets.driven import Driven
@@ -192,6 +192,18 @@ def test_a_particle_enters_a_motion_with_what_is_unknown_there() -> None:
     np.testing.assert_allclose(np.sort(later), np.sort(rates), atol=1e-4)
 
 
+def test_each_motion_has_the_weight_and_covariance_of_its_particles(
+    rng: np.random.Generator,
+) -> None:
+    x, w, mode = rng.standard_normal((4, 1, 9)), np.arange(9.0)[None] / 36.0, np.arange(9)[None] % 2
+    models = [Model(m.sampled(1.0), SENSOR) for m in (SLOW, QUICK)]
+    for j, found in enumerate(_spreads(models, x, mode, w)):
+        weights = w[0, mode[0] == j]
+        np.testing.assert_allclose(found.share, weights.sum())
+        expected = np.cov(x[:, 0, mode[0] == j], aweights=weights, ddof=0)
+        np.testing.assert_allclose(found.cov[..., 0], expected)
+
+
 def test_a_split_start_may_have_more_components_than_the_target() -> None:
     scenario = Tracking(target=TARGET, sensor=RADAR, start=START, last=8)
     seen = seen_as(scenario, UnknownTurn(q=0.5, turn_walk_deg_s=0.1))
@@ -209,25 +221,38 @@ def test_the_steps_of_a_flow_grow_by_a_fifth_and_fill_its_time(steps: int) -> No
     np.testing.assert_allclose(lengths[1:] / lengths[:-1], 1.2)
 
 
-def _rmse(folder: Path, **keys: object) -> dict[str, float]:
-    """Return the position RMSE and ANEES of ensembles of ten on a linear model, 400 runs."""
-    (folder / "c.yaml").write_text(
-        "name: c\nruns: 400\nscenario:\n  kind: tracking\n  last: 30\n"
-        "  target: {kind: driven, motion: {kind: cwna, q: 1}, launch: {x: 10, vx: 1}}\n"
-        "  sensor: {kind: position, sigma: 5}\n  start: {kind: gaussian, sigma: [5, 1, 5, 1]}\n"
-        f"filters: {{EnKF: { {'kind': 'enkf', 'N': 10} | keys }}}\nmetrics: [rmse_position, nees]\n"
+def stepped(x: np.ndarray, z: float, R: float, **keys: Any) -> np.ndarray:
+    """Members (M, N) of a scalar that stays, after one measurement of it."""
+    still = MapMotion(components=("x",), next={"x": "x"}, Q=0.0).sampled(1.0)
+    model = Model(still, FunctionSensor(h={"z": "x"}, R=R, state=("x",)))
+    runs, N = x.shape
+    tracker = make_filter("enkf", N=N, **keys)
+    state = Ensemble(x[None], np.full(runs, np.nan))
+    return np.asarray(tracker.step(model, state, np.full((1, runs), z), 1, block_stream(1, 0)).x[0])
+
+
+@pytest.mark.parametrize("N", [2, 5])
+@pytest.mark.parametrize("centered", [False, True])
+def test_centered_errors_help_a_small_ensemble(centered: bool, N: int) -> None:
+    """Each drawn error has the variance R, and their mean, which adds R / N to the estimate's, none.
+
+    They are found again from x + K (z + e - x), K = P / (P + R), P with divisor N - 1.
+    """
+    runs, z, R = 20_000, 1.5, 4.0
+    x = np.random.default_rng(3).standard_normal((runs, N))
+    K = 1.0 / (1.0 + R / x.var(axis=1, ddof=1))[:, None]
+    e = (stepped(x, z, R, centered=centered) - x) / K - z + x
+    of_runs = np.square(e).mean(axis=1)
+    assert abs(of_runs.mean() - R) < 4.5 * of_runs.std() / np.sqrt(runs)
+    of_means = np.square(e.mean(axis=1))
+    assert (
+        abs(of_means.mean() - R / N * (not centered)) < 4.5 * of_means.std() / np.sqrt(runs) + 1e-9
     )
-    options = api.Options(engine="serial", quiet=True, out=folder / "out")
-    runs = Results(api.run(folder / "c.yaml", options).folder).runs({})
-    return {name: float(runs["EnKF", name].mean()) for name in ("rmse_position", "nees")}
 
 
-def test_centered_errors_help_a_small_ensemble(tmp_path: Path) -> None:
-    """Ten members: the mean of ten drawn errors no longer adds a tenth of R to each estimate."""
-    plain, centered = (_rmse(tmp_path, centered=value) for value in (False, True))
-    assert centered["rmse_position"] < 0.97 * plain["rmse_position"]
-
-
-def test_inflation_makes_an_ensemble_less_sure(tmp_path: Path) -> None:
-    plain, inflated = (_rmse(tmp_path, inflation=value) for value in (1.0, 1.1))
-    assert inflated["nees"] < 0.8 * plain["nees"]
+@pytest.mark.parametrize("keys", [{}, {"centered": True}, {"form": "etkf"}])
+def test_inflation_is_a_factor_on_the_deviations_after_the_update(keys: dict[str, Any]) -> None:
+    x = np.random.default_rng(4).standard_normal((3, 6))
+    plain, wide = (stepped(x, 1.0, 2.0, inflation=a, **keys) for a in (1.0, 1.3))
+    mean = plain.mean(axis=1, keepdims=True)
+    np.testing.assert_allclose(wide, mean + 1.3 * (plain - mean), rtol=1e-12)

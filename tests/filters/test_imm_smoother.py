@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tests.conftest import make_filter, per_run, track
+from tests.filters.test_unequal_steps import INTERVALS, least_squares, smoothed_moments
 from tests.papers import maneuver, seen_as
 from trackbench.core.distributions import Gaussian
 from trackbench.core.mixtures import combine, given_later
@@ -58,6 +59,16 @@ def assert_same(imm: IMM, motion: Motion) -> None:
 def test_one_model_of_two_is_a_kalman_smoother() -> None:
     assert_same(make_imm((SLOW, QUICK), np.eye(2), (1, 0)), SLOW)
     assert_same(make_imm((SLOW, QUICK), np.eye(2), (0, 1)), QUICK)
+
+
+@pytest.mark.parametrize("lag", [None, 2])
+def test_models_that_take_turns_at_unequal_steps_against_least_squares(lag: int | None) -> None:
+    """Of the first step on QUICK, SLOW, QUICK, ...: one sequence of models has all the weight."""
+    smooth = True if lag is None else FixedLag(lag=lag)
+    found = smoothed_moments(make_imm((SLOW, QUICK), ((0, 1), (1, 0)), (1, 0), smooth))
+    noise = [(QUICK.q, SLOW.q)[i % 2] for i in range(len(INTERVALS))]
+    for a, b in zip(found[:2], least_squares(noise, lag), strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-6, atol=1e-6)
 
 
 @pytest.mark.parametrize(("number", "other"), [(1, SLOW), (0, FADING)])

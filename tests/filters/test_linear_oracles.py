@@ -9,8 +9,6 @@ import pytest
 from tests.conftest import track
 from tests.papers import maneuver, seen_as
 from trackbench.core.random_streams import RunStreams
-from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.run_filter import run_filter
 from trackbench.filters.alpha_beta import AlphaBeta
 from trackbench.filters.imm import IMM
 from trackbench.filters.kf import KF
@@ -125,23 +123,6 @@ def test_imm_agrees_with_filterpy(motions: tuple[Any, ...]) -> None:
             modes.append(other.mu[1])
         close(ours.mean[:, 1:, run], np.array(means).T)
         close(ours.diagnostics["mode"][1:, run], np.array(modes))
-
-
-def test_an_imm_has_predicted_weights_at_a_missed_measurement() -> None:
-    """And mixes with them at the next: each step of a gap is a step of the Markov chain."""
-    transition = np.array([[0.95, 0.05], [0.10, 0.90]])
-    motions = (CV, CoordinatedTurn(turn_rate_deg_s=2.0, q=0.01))
-    tracker = IMM(motions=motions, transition=tuple(map(tuple, transition)), initial=(0.7, 0.3))
-    task, seen = BlockTask(SCENARIO, tracker, 1, index=0, width=RUNS, runs_used=RUNS), data()
-    z, gap = seen.measurements.copy(), slice(20, 24)
-    z[:, gap, 1] = np.nan
-    ours = run_filter(task, seen._replace(measurements=z)).diagnostics["mode"]
-    whole = run_filter(task, seen).diagnostics["mode"]
-    np.testing.assert_array_equal(ours[:, 0], whole[:, 0])
-    mode = whole[gap.start, 1]  # of the last measurement before the gap
-    for found in ours[gap.start + 1 : gap.stop + 1, 1]:
-        mode = (np.array([1.0 - mode, mode]) @ transition)[1]
-        assert found == pytest.approx(mode, rel=1e-12)
 
 
 def test_imm_of_equal_models_is_the_kalman_filter() -> None:

@@ -7,6 +7,7 @@ import pytest
 
 from trackbench.config.load import load
 from trackbench.core.distributions import Gaussian
+from trackbench.core.plane_quadrature import Box, Plane
 from trackbench.core.posterior_scores import NormalPosterior, PlanePosterior
 from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockTask
@@ -122,6 +123,14 @@ def test_scores_of_a_normal_density_are_those_in_closed_form(tmp_path: Path) -> 
     np.testing.assert_allclose(ours.below(x), exact.below(x), atol=2e-3)
     np.testing.assert_allclose(ours.within(x), exact.within(x), atol=5e-3)
     np.testing.assert_allclose(ours.crps(x), exact.crps(x), atol=2e-3)
+
+
+def test_the_mass_of_a_cell_lies_as_wide_as_a_uniform_one() -> None:
+    """A cell of 2 by 4 about (1, 2) has the deviations 2 and 4 over sqrt(12)."""
+    box = Box(np.eye(2), np.zeros(2), np.array([2.0, 4.0]), (1, 1))
+    x = box.nodes + np.array([[2.0], [-4.0]]) / np.sqrt(12.0)
+    found = PlanePosterior((Plane(box, np.zeros(1)),)).below(x)
+    np.testing.assert_allclose(found[:, 0], [0.841345, 0.158655], atol=1e-6)
 
 
 def test_a_known_first_state(tmp_path: Path) -> None:

@@ -114,6 +114,11 @@ def test_the_jacobian_of_a_runge_kutta_step() -> None:
     motion = lorenz(substeps=3).sampled(0.1)
     expected = slopes(lambda x: motion.transition(x, 1).mean, STATES)
     np.testing.assert_allclose(motion.jacobian(STATES, 1), expected, rtol=1e-6, atol=1e-7)
+    timed = OdeMotion(components=("x",), derivative={"x": "x*cos(t)"}, substeps=2, Q=1.0).sampled(
+        0.5
+    )
+    x = np.array([[1.0, -3.0]])  # linear in x: the derivative is the quotient
+    np.testing.assert_allclose(timed.jacobian(x, 4)[0], timed.transition(x, 4).mean / x, rtol=1e-14)
 
 
 def test_noise_may_depend_on_the_state() -> None:

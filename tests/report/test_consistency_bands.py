@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from trackbench.report.tables.consistency import anis_band, components
+from trackbench.report.tables.consistency import anis_band, autocorrelation_band, components
 from trackbench.statistics.intervals import anees_band
 
 DRAWN = 4000
@@ -16,6 +16,9 @@ def test_95_of_100_means_are_in_the_band(numbers: list[int]) -> None:
     means = (np.random.default_rng(5).chisquare(n, (DRAWN, len(n))) / n).mean(axis=1)
     low, high = anis_band(n)
     assert abs(((low <= means) & (means <= high)).mean() - 0.95) < TOLERANCE
+    # The autocorrelation of a run of n whitened innovations has the variance 1 / n.
+    means = (np.random.default_rng(6).normal(size=(DRAWN, len(n))) / np.sqrt(n)).mean(axis=1)
+    assert abs((np.abs(means) <= autocorrelation_band(n)).mean() - 0.95) < TOLERANCE
 
 
 def test_equal_runs_are_one_sum() -> None:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.stats import binomtest, norm
+from scipy.stats import norm
 
 from tests.papers import merwe_text
 from trackbench import api
@@ -33,25 +33,6 @@ p,lower at every step,every,Exact,rmse@3..last,<,1,None
 p,lower in every run,every,Exact,"win_rate(rmse, None)",>,0.97,
 p,lower at every step than itself,every,Exact,rmse@2..4,<,1,Exact
 """
-
-
-@pytest.mark.parametrize(("events", "runs"), [(0, 20), (3, 20), (795, 800), (800, 800)])
-@pytest.mark.parametrize("share", [0.001, 0.2, 0.97, 0.999])
-def test_z_of_a_share_is_the_exact_tail(events, runs, share):
-    side = "greater" if events > runs * share else "less"
-    tail = binomtest(events, runs, share, alternative=side).pvalue
-    expected = max(norm.isf(tail), 0.0) if side == "greater" else min(norm.ppf(tail), 0.0)
-    assert inference.share_z(events, runs, share) == pytest.approx(expected, rel=1e-6, abs=1e-9)
-    low, high = inference.share_interval(events, runs)
-    exact = binomtest(events, runs).proportion_ci(0.95, method="exact")
-    assert (low, high) == pytest.approx((exact.low, exact.high))
-
-
-def test_every_run_is_refuted_by_one_and_shown_by_none():
-    assert inference.share_z(799, 800, 1.0) == -np.inf
-    assert inference.share_z(800, 800, 1.0) == 0.0
-    assert inference.share_z(0, 800, 0.0) == 0.0
-    assert inference.share_z(1, 800, 0.0) == np.inf
 
 
 def test_an_exact_claim_is_shown_by_all_runs_and_contradicted_by_no_batch():

@@ -10,7 +10,7 @@ from tests.report.test_verdicts import number
 from trackbench.report.verdicts.numbers import _is_near, _verdict
 from trackbench.statistics import rules
 from trackbench.statistics.estimates import RunEstimate
-from trackbench.statistics.intervals import interval_of, loses_more
+from trackbench.statistics.intervals import interval_of
 from trackbench.statistics.rules import claim_verdict, combine_batches, number_verdict, weakest
 
 
@@ -181,13 +181,3 @@ def test_the_interval_of_the_rules_is_of_95_percent():
     x = rng.standard_normal(100)
     term = RunEstimate(1.0, 0.1, x - x.mean(), 100)
     assert term.interval() == interval_of(1.0, x - x.mean(), 0.95)
-
-
-@pytest.mark.parametrize(("more", "filters", "shown"), [
-    (6, 2, True), (5, 2, False), (9, 4, True), (7, 4, False),
-])  # fmt: skip
-def test_lost_runs_to_none_are_no_chance(more, filters, shown):
-    """2^-6 and 2^-5 times the pairs are 3.1 and 6.3 % of two filters; 2^-9, 2^-7 of four 2.3, 9.4 %."""
-    a, b = (np.arange(100) < n for n in (more, 0))
-    assert loses_more(a.astype(float), b.astype(float), filters) == shown
-    assert rules.SURE < rules.DECIDED

@@ -11,7 +11,6 @@ from trackbench.statistics.intervals import (
     Sides,
     correlation,
     interval_of_difference,
-    share_interval,
     studentized_difference,
 )
 
@@ -62,15 +61,6 @@ def test_intervals_miss_as_rarely_as_they_say(runs: int, p: tuple[float, float, 
     assert missed.max() <= 0.032  # of 0.025; without the correlation up to 0.058
 
 
-def test_the_limits_are_those_of_clopper_and_pearson() -> None:
-    events = Events(3, 20)
-    z = 1.959963984540054
-    low, high = share_interval(3, 20)
-    assert (0.15 - events.below(z), 0.15 + events.above(z)) == pytest.approx((low, high))
-    # Table 1 of Newcombe 1998, Statist. Med. 17, 857: 81 of 263.
-    assert share_interval(81, 263) == pytest.approx((0.2527, 0.3676), abs=5e-5)
-
-
 @pytest.mark.parametrize("runs", [3, 6, 20, 3000])
 def test_none_against_all_is_as_sure_as_there_are_runs(runs: int) -> None:
     """Both shares have to move by sqrt(1/2) for the limits of their difference to reach zero."""
@@ -92,6 +82,13 @@ def test_a_factor_stretches_the_second() -> None:
     plain, twice = Sides(Events(0, 9), Events(4, 9)), Sides(Events(0, 9), Events(4, 9, 2.0))
     assert twice.second.below(1.0) == 2.0 * plain.second.below(1.0)
     assert twice.above(1.0) > plain.above(1.0)
+
+
+def test_a_difference_has_the_variance_of_correlated_numbers() -> None:
+    first, second = Events(4, 10), Events(7, 10)
+    a, b = first.below(1.0), second.above(1.0)
+    expected = sqrt(a * a + b * b - 2 * 0.6 * a * b + 0.3**2)
+    assert Sides(first, second, 0.6).below(1.0, other=0.3) == pytest.approx(expected)
 
 
 def test_a_correlation_has_no_unit(rng):

@@ -2,15 +2,23 @@
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from trackbench.statistics import over_runs as st
 from trackbench.statistics.intervals import (
+    Events,
     anees_band,
+    deviations,
     holm,
     interval_of,
+    loses_more,
     p_value,
+    share_interval,
+    share_z,
     spread,
+    stderr_of,
     studentized,
+    two_sided,
 )
 
 REPETITIONS = 200
@@ -173,21 +181,6 @@ def test_an_error_beside_which_ones_own_is_nothing_is_normal():
     assert interval_of(0.0, influences, other=1e100)[1] == pytest.approx(1.959964e100)
 
 
-def test_the_median_takes_196_standard_errors_of_a_rank():
-    """Woodruff 1952: of evenly spaced values, so that its interval is as wide as its ranks are apart."""
-    for M in (25, 101, 10_001):
-        x = np.linspace(0.0, 1.0, M)
-        assert st.median(x).stderr == pytest.approx(0.5 / np.sqrt(M), rel=1e-9)
-    # Where the density falls outwards, the width counts: 0.5 +- 0.98 / sqrt(M) of the ranks.
-    from scipy.special import ndtri
-
-    x = ndtri((np.arange(100_001) + 0.5) / 100_001)[::1000]
-    M = len(x)
-    share = 0.98 / np.sqrt(M)
-    low, high = np.quantile(x, [0.5 - share, 0.5 + share])
-    assert st.median(x).stderr == pytest.approx((high - low) / 3.92, rel=1e-12)
-
-
 def test_an_error_that_is_none_of_the_runs_is_normal():
     """Of equal runs the other's is all there is: no skewness, and no degrees of freedom to lose."""
     assert spread(np.zeros(9), other=0.1) == (0.1, 0.0, np.inf)
@@ -196,3 +189,62 @@ def test_an_error_that_is_none_of_the_runs_is_normal():
     assert interval_of(1.0, np.zeros(9), other=0.1) == pytest.approx(
         (1 - 0.195996, 1 + 0.195996), abs=1e-6
     )
+
+
+@pytest.mark.parametrize("level", [0.8, 0.95])
+def test_quantiles_and_tails_are_scipys(level):
+    normal = stats.norm.ppf(0.5 + level / 2)
+    assert deviations(level) == pytest.approx(normal)
+    assert two_sided(-normal) == pytest.approx(1 - level)
+    assert stderr_of(1.0, 1.0 + 2 * stats.norm.ppf(0.975)) == pytest.approx(1.0)
+    band = stats.chi2.ppf([0.5 - level / 2, 0.5 + level / 2], 21) / 21
+    assert anees_band(3, 7, level) == pytest.approx(tuple(band))
+    for events in (0, 3, 20):
+        exact = stats.binomtest(events, 20).proportion_ci(level)
+        limits = Events(events, 20, factor=2.0)
+        assert limits.below(normal) == pytest.approx(2 * (events / 20 - exact.low))
+        assert limits.above(normal) == pytest.approx(2 * (exact.high - events / 20))
+
+
+def test_moments_of_influences_are_scipys():
+    x = np.array([-3.0, -1.0, 0.0, 0.5, 3.5])
+    skewness = stats.skew(x) / np.sqrt(5)
+    kurtosis = stats.kurtosis(x, fisher=False)
+    expected = x.std(ddof=1) / np.sqrt(5), skewness, min(4.0, 2 * 5 / (kurtosis - 1))
+    assert spread(x) == pytest.approx(expected)
+    # Half of the variance is the hypothesis' own, which is normal: cumulants add up.
+    expected = expected[0] * np.sqrt(2), skewness / 2**1.5, expected[2] * 4
+    assert spread(x, other=x.std(ddof=1) / np.sqrt(5)) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("filters", [2, 3, 10])
+def test_losses_are_compared_by_a_sign_test_of_all_pairs(filters):
+    """By scipy's binomial test: either of two filters in each of the pairs may lose more by chance."""
+    pairs = filters * (filters - 1)
+    for alone in range(16):
+        for other in range(4):
+            a, b = np.ones(40), np.ones(40)  # most runs are lost by both
+            b[:alone], a[alone : alone + other] = 0.0, 0.0
+            p = stats.binomtest(alone, alone + other, alternative="greater").pvalue if alone else 1
+            assert loses_more(a, b, filters) == (p * pairs < 0.05)
+
+
+@pytest.mark.parametrize(("events", "runs"), [(0, 20), (3, 20), (795, 800), (800, 800)])
+@pytest.mark.parametrize("p", [0.001, 0.2, 0.97, 0.999])
+def test_z_of_a_share_is_the_exact_tail(events, runs, p):
+    side = "greater" if events > runs * p else "less"
+    tail = stats.binomtest(events, runs, p, alternative=side).pvalue
+    expected = (
+        max(stats.norm.isf(tail), 0.0) if side == "greater" else min(stats.norm.ppf(tail), 0.0)
+    )
+    assert share_z(events, runs, p) == pytest.approx(expected, rel=1e-6, abs=1e-9)
+    low, high = share_interval(events, runs)
+    exact = stats.binomtest(events, runs).proportion_ci(0.95, method="exact")
+    assert (low, high) == pytest.approx((exact.low, exact.high))
+
+
+def test_every_run_is_refuted_by_one_and_shown_by_none():
+    assert share_z(799, 800, 1.0) == -np.inf
+    assert share_z(800, 800, 1.0) == 0.0
+    assert share_z(0, 800, 0.0) == 0.0
+    assert share_z(1, 800, 0.0) == np.inf

@@ -1,9 +1,12 @@
-"""The test of one recording's differences: its level on simulated series, and by hand."""
+"""Estimates and influences by hand, and the test of one recording's differences by simulated series."""
 
 import numpy as np
 import pytest
+import scipy.stats
 
 from trackbench.core.arrays import Array
+from trackbench.statistics import over_runs as st
+from trackbench.statistics.efficiency import plain_efficiency
 from trackbench.statistics.series import series_mean
 
 REPEATS = 600
@@ -45,3 +48,78 @@ def test_what_can_be_said_without_spread_or_steps() -> None:
     x = np.random.default_rng(203).standard_normal(200)
     gaps = np.insert(x, [3, 50, 200], np.nan)
     assert series_mean(gaps) == series_mean(x)
+
+
+@pytest.mark.parametrize(("kind", "T"), [("0.8", 60), ("-0.5", 200)])
+def test_the_mean_of_a_series_by_a_scalar_program(kind: str, T: int) -> None:
+    """Andrews & Monahan 1992 with r less its bias (Kendall 1954), then Lazarus et al. 2018."""
+    x = 0.5 + simulated(kind, T, np.random.default_rng(204))
+    d = x - x.mean()
+    r = sum(d[k] * d[k - 1] for k in range(1, T)) / sum(d * d)
+    r += (1 + 3 * r) / T
+    u = [d[k] - r * d[k - 1] for k in range(1, T)]
+    freedom, n, weights = max(4, int(0.2 * T ** (2 / 3))), T - 1, []
+    for j in range(1, freedom + 1):
+        weights.append(sum(u[k] * np.cos(np.pi * j * (k + 0.5) / n) for k in range(n)))
+    stderr = np.sqrt(2 / n * np.mean(np.square(weights)) / T) / (1 - r)
+    found = series_mean(x)
+    assert found[:2] == pytest.approx((x.mean(), stderr), rel=1e-9)
+    assert found.freedom == freedom
+    assert found.z == pytest.approx(
+        scipy.stats.norm.isf(scipy.stats.t.sf(x.mean() / stderr, freedom)), rel=0.01
+    )
+
+
+X = np.array([1.0, 2.0, 4.0, 7.0, 11.0])
+"""Five values: mean 5, squared deviations 16, 9, 1, 4, 36, which sum to 66."""
+
+
+def test_estimates_of_five_values_by_hand() -> None:
+    squares = np.square(X)
+    of_squares = np.sqrt(np.square(squares - 38.2).sum() / 4 / 5)
+    rms = np.sqrt(38.2)
+    assert st.rms(X) == pytest.approx((rms, of_squares / (2 * rms)))
+    ds = (np.square(X - 5.0) - 13.2) / (2 * np.sqrt(13.2))
+    assert st.deviation(X) == pytest.approx((np.sqrt(13.2), np.sqrt(np.square(ds).sum() / 4 / 5)))
+    sums = (np.array([a]) for a in (X.sum(), squares.sum(), 5.0))
+    found = st.mean_from_sums(*sums)
+    assert (found.value[0], found.stderr[0]) == pytest.approx(tuple(st.mean(X)))
+    of_root = st.rooted(st.Estimates(np.array([38.2]), np.array([of_squares])))
+    assert (of_root.value[0], of_root.stderr[0]) == pytest.approx(tuple(st.rms(X)))
+
+
+def test_a_ratio_leaves_one_run_out_of_both() -> None:
+    def left_out(a: Array, b: Array) -> Array:
+        ratios = [np.delete(a, i).mean() / np.delete(b, i).mean() for i in range(5)]
+        return 4.0 * (np.mean(ratios) - ratios)
+
+    Y = np.array([3.0, 1.0, 2.0, 5.0, 2.0])
+    of = st.influence("mean", X), st.influence("mean", Y)
+    np.testing.assert_allclose(st.influence_of_ratio(5.0, 2.6, *of), left_out(X, Y))
+    # The root of a ratio of squares: half the relative influence.
+    found = plain_efficiency(Y, X)
+    expected = left_out(np.square(Y), np.square(X)) / (2.0 * found.value)
+    np.testing.assert_allclose(found.influences, expected)
+
+
+def test_the_median_takes_196_standard_errors_of_a_rank():
+    """Woodruff 1952: of evenly spaced values, so that its interval is as wide as its ranks are apart."""
+    for M in (25, 101, 10_001):
+        x = np.linspace(0.0, 1.0, M)
+        assert st.median(x).stderr == pytest.approx(0.5 / np.sqrt(M), rel=1e-9)
+    # Where the density falls outwards, the width counts: 0.5 +- 0.98 / sqrt(M) of the ranks.
+    from scipy.special import ndtri
+
+    x = ndtri((np.arange(100_001) + 0.5) / 100_001)[::1000]
+    M = len(x)
+    share = 0.98 / np.sqrt(M)
+    low, high = np.quantile(x, [0.5 - share, 0.5 + share])
+    assert st.median(x).stderr == pytest.approx((high - low) / 3.92, rel=1e-12)
+
+
+@pytest.mark.parametrize("n", [*range(2, 30), 100, 200, 401, 800, 5000, 100_001])
+@pytest.mark.parametrize("level", [0.9, 0.95, 0.99, 0.999])
+def test_the_interval_of_a_median(n: int, level: float, rng: np.random.Generator) -> None:
+    x = rng.standard_normal(n)
+    found = scipy.stats.quantile_test(x, p=0.5).confidence_interval(level)
+    assert np.array_equal(st.interval("median", x, level), tuple(found), equal_nan=True)
