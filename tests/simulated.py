@@ -13,9 +13,9 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.evaluation.precision_check import checkpoints, exact_after
 from trackbench.statistics.estimates import RunEstimate
-from trackbench.statistics.intervals import spread, tail_index
+from trackbench.statistics.intervals import deviations, spread, tail_index
 from trackbench.statistics.over_runs import OVER_RUNS, influence, interval, mean
-from trackbench.statistics.rules import DECIDED, SURE, Verdict, claim_verdict
+from trackbench.statistics.rules import DECIDED, LEVEL, SURE, Verdict, claim_verdict
 
 TRUE_Z = (0, 4, 5, 6, 8, 10)
 Rng = np.random.Generator
@@ -30,11 +30,22 @@ LAWS: dict[str, Callable[[Rng, tuple[int, ...]], Array]] = {
     "lognormal": lambda rng, shape: rng.lognormal(size=shape) - np.exp(0.5),
     "UPF": lambda rng, shape: _resampled(rng, ERRORS["UPF"], shape),
     "HDEPF": lambda rng, shape: _resampled(rng, ERRORS["HDEPF"], shape),
+    "rare": lambda rng, shape: (
+        rng.normal(size=shape) + np.where(rng.random(shape) < 0.02, -9.8, 0.2)
+    ),
 }
 """Runs of mean zero; those of filters are drawn from the shipped ones."""
-DEVIATION = {"normal": 1.0, "lognormal": np.sqrt((np.e - 1.0) * np.e)} | {
-    name: errors.std() for name, errors in ERRORS.items()
+DIFFERENCES = LAWS | {
+    "rare": lambda rng, shape: (
+        rng.normal(size=shape) + np.where(rng.random(shape) < 0.02, -9.8, 0.2)
+    )
 }
+"""The same, and ``rare``: the better of two filters is far worse in one run of 50."""
+DEVIATION = {
+    "normal": 1.0,
+    "lognormal": np.sqrt((np.e - 1.0) * np.e),
+    "rare": np.sqrt(1.0 + 0.02 * 0.98 * 100.0),
+} | {name: errors.std() for name, errors in ERRORS.items()}
 
 
 def _resampled(rng: Rng, x: Array, shape: tuple[int, ...]) -> Array:
@@ -67,6 +78,30 @@ def _found(law: str, M: int, R: int, rng: Rng) -> list[tuple[Array, Array]]:
         rests = [z_of(sums.sum(axis=1) - sums[:, b], 3 * M // 4, target) for b in range(4)]
         words.append((_all_beyond([whole, *batches], SURE), _decided(whole, rests)))
     return words
+
+
+FILTER_RUNS = (5, 8, 20, 50, 200, 800, 3200)
+SHIFTS = (0.0, 0.5, 1.0, 2.0)
+"""Mean differences of two filters, in standard deviations of a run."""
+
+
+def filters_differ(
+    law: str, M: int, repetitions: int, rng: Rng, tests: int = 1
+) -> list[tuple[float, float]]:
+    """Return how often the rule for filters decides for and against each mean of `SHIFTS`.
+
+    ``tests``: comparisons of the family, of which this one is the first by Holm.
+    """
+    size = max(1, 1_000_000 // M)
+    zs: list[list[Array]] = [[] for _ in SHIFTS]
+    for done in range(0, repetitions, size):
+        x = DIFFERENCES[law](rng, (min(size, repetitions - done), M))
+        sums = np.stack([power.sum(axis=1) for power in (x, x * x, x * x * x, x * x * x * x)])
+        for found, shift in zip(zs, SHIFTS, strict=True):
+            found.append(z_of(sums, M, -shift * DEVIATION[law]))
+    least = deviations(1.0 - LEVEL / tests)
+    every = [np.concatenate(found) for found in zs]
+    return [(float(np.mean(z > least)), float(np.mean(z < -least))) for z in every]
 
 
 def _all_beyond(zs: list[Array], least: float) -> Array:
@@ -158,6 +193,17 @@ def _of_mean_one(law: str, M: int, rng: Rng) -> Array:
 def main() -> None:
     """Print the numbers of docs/statistics.md, with more sizes."""
     rng = np.random.default_rng(2026)
+    for law in LAWS:
+        for M in FILTER_RUNS:
+            (_, *many), (false, *power) = (
+                filters_differ(law, M, min(40_000, 20_000_000 // M), rng, tests)
+                for tests in (10, 1)
+            )
+            cells = [
+                f"{sum(false):.4f}",
+                *(f"{one[0]:.2f} {ten[0]:.2f}" for one, ten in zip(power, many, strict=True)),
+            ]
+            print("|", " | ".join([law, str(M), *cells]), "|", flush=True)
     for law in LAWS:
         for M in (200, 800, 3200):
             rows = list(decisions(law, M, 40_000_000 // M, rng))

@@ -12,6 +12,7 @@ import pytest
 from scipy import stats
 
 from tests.report.test_findings import M, folder
+from tests.simulated import filters_differ
 from trackbench import api
 from trackbench.config.published import Claim
 from trackbench.evaluation.metric_expression import measure
@@ -87,6 +88,24 @@ def test_the_family_is_all_pairs_by_holm(rng) -> None:
         least = max(least, min(1.0, left * p[pair]))
         assert found[pair].p == pytest.approx(least, rel=1e-9)
         assert found[pair].tests == 6
+
+
+@pytest.mark.parametrize(
+    ("law", "M", "most"),
+    [
+        *(("normal", 5, 0.013), ("normal", 50, 0.011), ("lognormal", 5, 0.06)),
+        *(("HDEPF", 200, 0.032), ("rare", 50, 0.045)),
+    ],
+)
+def test_filters_without_a_difference_are_called_different_about_once_in_a_hundred(
+    law: str, M: int, most: float
+) -> None:
+    """The levels that docs/statistics.md prints; 4 standard errors of 20 000 repetitions are added."""
+    repetitions, rng = 20_000, np.random.default_rng([22, M])
+    (false, *power) = filters_differ(law, M, repetitions, rng)
+    assert sum(false) < most + 4.0 * (most / repetitions) ** 0.5
+    assert power[-1][0] > 0.4  # of a mean of two standard deviations
+    assert [up for up, _ in power] == sorted(up for up, _ in power)
 
 
 def test_fewer_than_five_runs_do_not_decide(tmp_path: Path) -> None:
