@@ -72,8 +72,6 @@ def sandwich(F: Array, P: Array) -> Array:
 
 def symmetrize(P: Array) -> Array:
     """Return ``(P + P') / 2``."""
-    if len(P) == 1:
-        return P
     return 0.5 * (P + transpose(P))
 
 
@@ -97,7 +95,7 @@ def diagonal(A: Array) -> Array:
 
 def trace(A: Array) -> Array:
     """Return the sum of the diagonal (*batch)."""
-    return _sum_of([A[i, i] for i in range(A.shape[0])])
+    return _sum_of(list(diagonal(A)))
 
 
 @once
