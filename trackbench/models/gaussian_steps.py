@@ -19,8 +19,7 @@ from trackbench.models.base import (
     Model,
     NormalMotion,
     Scene,
-    TwiceDifferentiable,
-    hessian_by_differences,
+    jacobian_at,
 )
 from trackbench.models.sensors.base import SensorBase
 
@@ -73,11 +72,7 @@ def _with_curvature(
     They are ``tr(H_i P) / 2`` and ``tr(H_i P H_j P) / 2`` (Bar-Shalom, Li & Kirubarajan 2001, section
     10.3.2), with the Hessian H_i of component i.
     """
-    if isinstance(part, TwiceDifferentiable):
-        hessian = part.hessian(at.mean, k)
-    else:
-        hessian = hessian_by_differences(part.jacobian, at.mean, k)
-    HP = [linalg.matmul(H_i, at.cov) for H_i in hessian]
+    HP = [linalg.matmul(H_i, at.cov) for H_i in jacobian_at(part, at, k, order=2)]
     bias = 0.5 * np.stack([linalg.trace(A) for A in HP])
     cov = 0.5 * np.stack([np.stack([linalg.trace(linalg.matmul(A, B)) for B in HP]) for A in HP])
     cov = linalg.symmetrize(cov)
@@ -96,14 +91,14 @@ def extended_prediction(
     transition = assumed.transition(model, state.mean, k)
     if order == 2:
         transition = _with_curvature(transition, motion, state, k)
-    return kalman.predict(state, motion.jacobian(state.mean, k), transition.cov, transition.mean)
+    return kalman.predict(state, jacobian_at(motion, state, k), transition.cov, transition.mean)
 
 
 def extended_transition(
     model: Model, state: Gaussian, k: int, assumed: AssumedNoise, order: int = 1
 ) -> Transition:
     """Return the prediction of x_k and its covariance with x_{k-1}, P F', by derivatives at the mean."""
-    F = cast(DifferentiableMotion, model.motion).jacobian(state.mean, k)
+    F = jacobian_at(cast(DifferentiableMotion, model.motion), state, k)
     # cov(x_{k-1}, x_k) = P F'
     cross = linalg.matmul(state.cov, linalg.transpose(F))
     return Transition(extended_prediction(model, state, k, assumed, order), cross)
@@ -120,7 +115,7 @@ def extended_step(
         measurement = _with_curvature(measurement, sensor, predicted, k)
     # nu = z - h(m^-)
     nu = sensor.innovation(with_trailing(z, measurement.mean.ndim - 1), measurement.mean)
-    return kalman.update(predicted, nu, sensor.jacobian(predicted.mean, k), measurement.cov)
+    return kalman.update(predicted, nu, jacobian_at(sensor, predicted, k), measurement.cov)
 
 
 def augmented_size(model: Model) -> int:
@@ -267,7 +262,7 @@ def _condition(
 
     The measurement noise is either in the points, as ``noise``, or added as its covariance R.
     """
-    # Step 1: measurements of the points, relative to the first point, so that angles do not wrap.
+    # Step 1: measurements of the points, relative to that of the mean, so that angles do not wrap.
     z_pred = model.sensor.measurement(x, k).mean
     center = z_pred[:, :1]
     relative = model.sensor.innovation(z_pred, center)
