@@ -23,6 +23,7 @@ from trackbench.models.gaussian_steps import (
     extended_prediction,
     extended_step,
     extended_transition,
+    is_cancelled,
     point_prediction,
     point_transition,
 )
@@ -189,4 +190,9 @@ def _regression(
     R = with_trailing(assumed.measurement(model, over.mean, k).cov, 1, leading=2)
     spread = points.cross(offsets, mean, offsets, mean)
     unexplained = spread - linalg.sandwich(slope, over.cov)
+    if (cancelled := is_cancelled(unexplained, spread)).any():
+        # As of a linear sensor: sum the squares of z - slope x over the points.
+        moved = linalg.matvec(slope[:, :, None], points.x - over.mean[:, None])
+        rest, zero = offsets - mean[:, None] - moved, np.zeros_like(mean)
+        unexplained = np.where(cancelled, points.cross(rest, zero, rest, zero), unexplained)
     return center[:, 0] + mean, slope, R + linalg.symmetrize(unexplained)

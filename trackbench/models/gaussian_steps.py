@@ -8,7 +8,7 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from trackbench.core import kalman, linalg
-from trackbench.core.arrays import Array, any_nan, note, with_axes_of, with_trailing
+from trackbench.core.arrays import Array, Mask, any_nan, note, with_axes_of, with_trailing
 from trackbench.core.distributions import Factored, Gaussian, from_root, per_run_moments, root_of
 from trackbench.core.kalman import Innovation, Updated
 from trackbench.core.smoothing import Transition
@@ -56,6 +56,7 @@ def idle_noise_mean(scene: Scene) -> dict[str, str]:
     return {}
 
 
+_CANCELLED = 1e-10  # share of a variance that a difference leaves with fewer than six digits
 MODEL_NOISE = AssumedNoise()
 """The noise of the model."""
 
@@ -179,6 +180,8 @@ def _scalar_step(
     if step is None:
         return None
     mean, cov, nu, S = step
+    if (cov[0] < _CANCELLED * np.square(np.ptp(predicted, axis=1))).any():
+        return None
     note("covariances", S, components=2)
     return Gaussian(mean, cov), Innovation(nu, S)
 
@@ -292,7 +295,22 @@ def _condition(
         return posterior, Innovation(nu, S, root=root)
     # Step 4: K = C S^-1, m + K nu, P - K S K'.
     note("covariances", S, components=2)
-    return kalman.condition(predicted, known, C, S), Innovation(nu, S)
+    posterior = kalman.condition(predicted, known, C, S)
+    if (cancelled := is_cancelled(posterior.cov, predicted.cov)).any():
+        # The difference has lost its digits: sum the squares of x - K z over the points, plus K R K'.
+        K = linalg.matmul(C, linalg.inverse(S))
+        moved = linalg.matvec(K[:, :, None], relative - z_mean[:, None])
+        rest, zero = x - predicted.mean[:, None] - moved, np.zeros_like(predicted.mean)
+        cov = points.cross(rest, zero, rest, zero)
+        cov = cov if R is None else cov + linalg.sandwich(K, R)
+        posterior = Gaussian(posterior.mean, np.where(cancelled, cov, posterior.cov))
+    return posterior, Innovation(nu, S)
+
+
+def is_cancelled(difference: Array, of: Array) -> Mask:
+    """Return where (*batch) a difference of covariances ``of - ...`` has lost its digits."""
+    left = linalg.diagonal(difference) < _CANCELLED * linalg.diagonal(of)
+    return np.asarray(left.any(axis=0))
 
 
 def _augment(state: Gaussian, Q: Array, R: Array) -> Gaussian:
