@@ -330,7 +330,7 @@ class FunctionSensor(SensorBase):
             raise InvalidKeyError(f"step {k}: {error}", "h") from None
 
     def information(self, x: Array, k: int, certain: bool = False) -> Array:
-        """Return the Fisher information (n_x, n_x) of a measurement of the state x (n_x,)."""
+        """Return the Fisher information (n_x, n_x[, M]) of a measurement of the state x (n_x[, M])."""
         if self.noise is None or self._is_count:
             return super().information(x, k, certain)
         # That of normal noise of covariance R, times the information of a component of unit R.
