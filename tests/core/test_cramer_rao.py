@@ -1,8 +1,14 @@
+"""The posterior Cramer-Rao bound against least squares, the Kalman filter and scalar programs."""
+
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
 
 from tests.conftest import random_covariance
 from tests.papers import banana
+from trackbench.config.load import load
 from trackbench.core import kalman
 from trackbench.core.cramer_rao import largest_deviation, posterior_cramer_rao
 from trackbench.core.distributions import Gaussian
@@ -51,3 +57,45 @@ def test_no_direction_deviates_by_more(n: int, rng: np.random.Generator) -> None
         assert largest_deviation(cov) == pytest.approx(largest)
     else:
         assert largest <= largest_deviation(cov) <= np.sqrt(3.0) * largest
+
+
+CUBE = """scenario:
+  kind: tracking
+  last: 12
+  target: {kind: driven, motion: {kind: ar1, phi: %s, q: %s}}
+  sensor: {kind: function, h: {z: %s}, R: 0.5}
+  start: {kind: gaussian, sigma: [%s]}
+"""
+
+
+def scenario_of(text: str, tmp_path: Path) -> Any:
+    """The scenario of a config with a bound."""
+    path = tmp_path / "bound.yaml"
+    path.write_text(f"name: bound\n{text}bound: PCRLB\nfilters: {{PF: {{kind: pf}}}}\n")
+    return load(path).points[0].scenario
+
+
+def test_bound_of_a_driven_target_has_the_expected_information(tmp_path: Path) -> None:
+    """z = x^3 / 10 of a normal x: E[h'^2] / R = 0.09 E[x^4] / R = 0.27 V^2 / R (Tichavsky, eq. 34)."""
+    scenario = scenario_of(CUBE % (0.95, 1.0, "x**3/10", 1.0), tmp_path)
+    V, P, expected = 1.0, 1.0, [1.0]
+    for _ in range(12):
+        V, predicted = 0.95**2 * V + 1.0, 0.95**2 * P + 1.0
+        P = 1.0 / (1.0 / predicted + 0.27 * V * V / 0.5)
+        expected.append(np.sqrt(P))
+    (bound,) = scenario.bounds().values()
+    without = np.array([next(iter(b.values())) for b in scenario.bounds_without_batch()])
+    B = len(without)
+    stderr = np.sqrt((B - 1) / B * ((without - without.mean(axis=0)) ** 2).sum(axis=0))
+    assert bound[0] == 1.0
+    assert (stderr[1:] < 0.05 * bound[1:]).all()
+    # Ten batches leave the standard error a t distribution of nine degrees of freedom.
+    assert (np.abs(bound - expected)[1:] < 5.0 * stderr[1:]).all()
+
+
+def test_bound_of_one_information_is_not_simulated(tmp_path: Path) -> None:
+    """A linear sensor has it along all paths, and without noise there is one path."""
+    linear = scenario_of(CUBE % (0.95, 1.0, "2*x", 1.0), tmp_path)
+    for scenario in (linear, banana(q=0.0, scans=30, range_km=100.0)):
+        assert scenario.bounds()
+        assert scenario.bounds_without_batch() == ()

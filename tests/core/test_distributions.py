@@ -3,12 +3,14 @@ import pytest
 from scipy import special, stats
 
 from tests.conftest import random_covariance
+from trackbench.core import compiled
 from trackbench.core.distributions import (
     Gamma,
     Gaussian,
     PointMass,
     Shifted,
     heavy_tailed_normal,
+    zero_mean_log_prob,
 )
 
 RUNS, N = 40, 5000
@@ -85,3 +87,16 @@ def test_no_stratum_is_empty_and_no_weight_large(rng: np.random.Generator) -> No
     for edge in (3.0, 4.0, 5.0):  # of N(0, 1)'s own draws 7, 0.2 and 0.001 are beyond
         beyond = 2.0 * N / (1.0 + np.exp(edge * np.pi / (2.0 * np.sqrt(3.0))))
         assert (np.abs((np.abs(x) > edge).sum(axis=1) - beyond) <= 2).all()
+
+
+@pytest.mark.parametrize("kernels", [True, False])
+@pytest.mark.parametrize(("n", "sigma"), [(100, 1e-4), (100, 1e4), (6, 1e-60), (5, 1e70)])
+def test_a_density_has_a_determinant_beyond_the_range_of_floats(
+    n: int, sigma: float, kernels: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not kernels:
+        monkeypatch.setattr(compiled, "kernels", None)
+    e = np.full((n, 3), sigma)
+    expected = -0.5 * n - n * np.log(sigma) - 0.5 * n * np.log(2.0 * np.pi)
+    for cov in (np.eye(n) * sigma**2, np.stack([np.eye(n) * sigma**2] * 3, axis=-1)):
+        np.testing.assert_allclose(zero_mean_log_prob(e, cov), expected, rtol=1e-12)

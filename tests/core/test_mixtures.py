@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from trackbench.core.distributions import Gaussian
+from trackbench.core.kalman import Innovation
 from trackbench.core.mixtures import combine, pad, predict_weights, update_weights
 
 TRANSITION = np.array(
@@ -36,7 +37,7 @@ def test_an_unreachable_model_keeps_its_own_estimate() -> None:
 
 
 def test_weights_survive_a_huge_likelihood_ratio() -> None:
-    w = update_weights(np.full((2, 1), 0.5), np.array([[10_000.0], [2.0]]), np.ones((2, 1)))
+    w = update_weights(np.full((2, 1), 0.5), np.array([[10_000.0], [2.0]]))
     assert np.isfinite(w).all()
     assert w.sum() == pytest.approx(1.0)
     assert w[0, 0] < 1e-300
@@ -70,6 +71,22 @@ def test_padding_fills_with_the_longer_state_or_with_zeros(unbiased: bool) -> No
 def test_weights_stay_as_predicted_where_no_model_explains_the_data() -> None:
     predicted = np.array([[0.2, 0.5], [0.8, 0.5]])
     nis = np.array([[np.inf, 0.0], [np.inf, np.inf]])
-    found = update_weights(predicted, nis, np.ones((2, 2)))
+    found = update_weights(predicted, nis)
     np.testing.assert_array_equal(found[:, 0], predicted[:, 0])
     np.testing.assert_allclose(found[:, 1], [1.0, 0.0], atol=1e-300)
+
+
+def test_a_hundred_small_pivots_do_not_underflow(rng: np.random.Generator) -> None:
+    """The product of their roots is 1e-400; probabilities are those of sums of logarithms."""
+    factors = np.array([[1.0], [1.7]]) ** 0.1
+    S = [np.eye(100)[..., None] * np.square(1e-4 * f) for f in factors]
+    nu = 1e-4 * rng.standard_normal((100, 1))
+    judged = [Innovation(nu, cov).nis_and_scale() for cov in S]
+    nis, mantissa, exponent = (np.stack(rows) for rows in zip(*judged, strict=True))
+    w = update_weights(np.full((2, 1), 0.5), nis, mantissa, exponent)
+    logs = [
+        -0.5 * float((nu**2).sum() / v) - 50.0 * np.log(v) for v in np.square(1e-4 * factors[:, 0])
+    ]
+    expected = 1.0 / (1.0 + np.exp(logs[0] - logs[1]))
+    assert w[1, 0] == pytest.approx(expected, rel=1e-10)
+    assert 1e-6 < w[1, 0] < 1.0 - 1e-6

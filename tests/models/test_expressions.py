@@ -4,10 +4,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from trackbench.models.equations import Program
 from trackbench.models.expressions import (
     FUNCTIONS,
+    OPERATIONS,
     ExpressionError,
     Node,
     derivative,
@@ -170,3 +173,44 @@ def test_equal_parts_are_computed_once_and_memory_is_reused_without_harm() -> No
         np.testing.assert_allclose(value, expected, rtol=1e-12, atol=1e-14)
     np.testing.assert_array_equal(X, before)
     assert len(program._instructions) == 8  # * + cos-and-sin, its two members, +, * -
+
+
+EXPONENTS = ("0", "1", "1.0", "2", "3", "16", "-1", "-2", "0.5", "n", "k")
+"""Of powers: numbers, the parameter n, which is 1, and the number of the step."""
+TREES = st.recursive(
+    st.sampled_from(["x", "y", "z", "0.5", "k", "n"]),
+    lambda inner: st.one_of(
+        st.tuples(st.sampled_from(["({} + {})", "({} - {})", "({}*{})", "({}/{})"]), inner, inner),
+        st.tuples(st.sampled_from([f"({{}})**{e}" for e in EXPONENTS]), inner),
+        st.tuples(st.sampled_from(["min({}, {})", "max({}, {})", "atan2({}, {})"]), inner, inner),
+        st.tuples(st.sampled_from(["sin({})", "abs({})", "sqrt({})", "exp({})", "-({})"]), inner),
+    ).map(lambda tree: tree[0].format(*tree[1:])),
+    max_leaves=8,
+)
+
+
+def plain(node: Node, variables: dict[str, Any]) -> Any:
+    """Return a node's value without shared parts and reused memory."""
+    if not node.arguments:
+        return variables[node.name] if node.name else node.value
+    parts = [plain(a, variables) for a in node.arguments]
+    return OPERATIONS[node.operation](*(np.copy(a) if np.ndim(a) else a for a in parts))
+
+
+@settings(max_examples=400, deadline=None)
+@given(st.lists(TREES, min_size=1, max_size=3), st.sampled_from([1, 2, 3]))
+def test_no_expression_changes_its_inputs(texts: list[str], k: int) -> None:
+    """Random trees of read-only inputs have the values of a tree without reuse, bit for bit."""
+    names = NAMES | {"n": number(1.0)}
+    try:
+        nodes = [parse(text, names) for text in texts]
+    except ExpressionError:
+        return  # a part without a finite value
+    x = X.copy()
+    x.flags.writeable = False
+    with np.errstate(all="ignore"):
+        got = Program(nodes, ("x", "y", "z"), ("k",))(*x, k)
+        expected = [plain(node, dict(zip("xyz", x, strict=True)) | {"k": k}) for node in nodes]
+    np.testing.assert_array_equal(x, X)
+    for value, plainly in zip(got, expected, strict=True):
+        np.testing.assert_array_equal(value, plainly)

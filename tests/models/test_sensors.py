@@ -7,9 +7,11 @@ import pytest
 
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import RunStreams
+from trackbench.field_types import InvalidKeyError
 from trackbench.models.base import log_likelihood
 from trackbench.models.sensors.angular import Bearing, Platform
 from trackbench.models.sensors.base import Outliers, SensorBase, StackedSensor
+from trackbench.models.sensors.function import FunctionSensor
 from trackbench.models.sensors.position import (
     PositionInSpace,
     PositionSensor,
@@ -185,3 +187,38 @@ def test_every_kind_is_tried_here() -> None:
 def test_mistakes(keys: dict[str, Any], what: str) -> None:
     with pytest.raises(ValueError, match=what):
         RangeAzimuth(sigma_range=1.0, sigma_azimuth_mrad=1.0, **keys)
+
+
+@pytest.mark.parametrize(
+    ("h", "angles"),
+    [
+        ("atan2(py, px)", ("a",)),
+        ("-atan2(py, px)", ("a",)),
+        ("pi/2 - atan2(py, px)", ("a",)),
+        ("atan2(py - 3, px) - vx/9", ("a",)),
+        ("atan2(py, sqrt(px**2 + vx**2))", ()),
+        ("180/pi*atan2(py, sqrt(px**2 + vx**2))", ()),
+        ("3*atan2(px, 2)", ()),
+        ("sin(atan2(py, px))", ()),
+        ("px + py", ()),
+    ],
+)
+def test_an_outermost_atan2_is_an_angle(h: str, angles: tuple[str, ...]) -> None:
+    """The innovation across the cut is that of the wrapped difference, unless `angles` is empty."""
+    names = ("px", "vx", "py", "vy")
+    sensor = FunctionSensor(h={"a": h}, R=1e-4).for_state(names)
+    assert sensor.angles == angles
+    z, z_pred = np.array([[3.1, 0.2]]), np.array([[-3.1, 0.1]])
+    wrapped = 6.2 - 2.0 * np.pi if angles else 6.2
+    np.testing.assert_allclose(sensor.innovation(z, z_pred), [[wrapped, 0.1]], atol=1e-14)
+    plain = FunctionSensor(h={"a": h}, R=1e-4, angles=()).for_state(names)
+    np.testing.assert_array_equal(plain.innovation(z, z_pred), z - z_pred)
+
+
+@pytest.mark.parametrize("h", ["atan2(py, px)*180/pi", "1e3*atan2(py, px)", "5 - atan2(py, px)/pi"])
+def test_an_angle_in_another_unit_is_rejected_with_the_key_to_write(h: str) -> None:
+    names = ("px", "vx", "py", "vy")
+    with pytest.raises(InvalidKeyError, match=r"only angles in rad wrap.*`angles: \[\]`") as raised:
+        FunctionSensor(h={"a": h}, R=1e-4).for_state(names)
+    assert raised.value.path == ("h", "a")
+    assert FunctionSensor(h={"a": h}, R=1e-4, angles=()).for_state(names).angles == ()

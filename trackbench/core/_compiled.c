@@ -888,7 +888,10 @@ KERNEL(c_log_prob) {
     double *restrict out = DOUBLES(3) + from, scale[CHUNK];
     for (Size i = 0; i < L.rows; i++) {
       const double *at = L.at + i * (L.row + L.column) + (L.constant ? 0 : from);
-      for (Size l = 0; l < count; l++) scale[l] = i ? scale[l] * at[l] : at[l];
+      for (Size l = 0; l < count; l++) {
+        scale[l] = i ? scale[l] * at[l] : at[l];
+        if (scale[l] < 0x1p-1000 || scale[l] > 0x1p1000) ANSWER(0); /* numpy keeps the exponent */
+      }
     }
     for (Size l = 0; l < count; l++) scale[l] = -(log_of(scale[l], logs) + log_norm);
     if (L.constant) for (Size l = 0; l < n; l++) out[l] = scale[0] - rows[l];

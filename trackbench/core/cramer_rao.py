@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from trackbench.core import linalg
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, with_axes_of
 
 
 def posterior_cramer_rao(initial: Array, F: Array, Q: Array, information: Iterable[Array]) -> Array:
@@ -16,21 +16,22 @@ def posterior_cramer_rao(initial: Array, F: Array, Q: Array, information: Iterab
 
     Parameters
     ----------
-    initial : (n, n)
-        Bound before the first step, J_0^-1.
+    initial : (n, n[, B])
+        Bound before the first step, J_0^-1; of B problems side by side.
     F, Q : (n, n)
         Transition matrix and noise covariance.
-    information : iterable of (n, n)
-        E[H' R^-1 H] of each of the T steps.
+    information : iterable of (n, n[, B])
+        E[H' R^-1 H] of each of the T steps, over the states of that step.
 
     Returns
     -------
-    (n, n, T + 1)
+    (n, n[, B], T + 1)
         Bounds J_k^-1, the initial one first.
     """
     bounds = [initial]
     for gained in information:
-        predicted = linalg.sandwich(F, bounds[-1]) + Q
+        predicted = linalg.sandwich(F, bounds[-1])
+        predicted = predicted + with_axes_of(predicted, Q)
         bounds.append(_inverse(_inverse(predicted) + gained))
     return np.stack(bounds, axis=-1)
 
@@ -47,6 +48,6 @@ def largest_deviation(cov: Array) -> float:
 
 def _inverse(P: Array) -> Array:
     """Invert through a unit diagonal, because meters and meters per second differ by many decades."""
-    scale = 1.0 / np.sqrt(np.diagonal(P))
-    both = np.outer(scale, scale)
+    scale = 1.0 / np.sqrt(linalg.diagonal(P))
+    both = linalg.outer(scale, scale)
     return both * linalg.inverse(both * P)

@@ -20,6 +20,8 @@ from trackbench.core.random_streams import Streams
 _SMALLEST = float(np.finfo(float).tiny)
 LOG_2PI = 1.8378770664093453
 _SQRT_2 = 1.4142135623730951
+_LOG_2 = 0.6931471805599453
+_MOST_TWOS = 1000  # exponent of two of a normal number
 
 
 class Distribution(Protocol):
@@ -145,11 +147,11 @@ def zero_mean_log_prob(e: Array, cov: Array, root: Array | None = None) -> Array
     for row in rows[1:]:
         row *= row
         exponent += row
-    # Step 2: sqrt(det P) is the product of the diagonal of L.
-    scale = L[0, 0]
-    for i in range(1, len(e)):
-        scale = scale * L[i, i]
-    log_scale = elementary.log(scale) + log_norm
+    # Step 2: sqrt(det P) = m 2^e is the product of the diagonal of L.
+    mantissa, exponent_of_two = linalg.root_determinant(L)
+    within = np.clip(exponent_of_two, -_MOST_TWOS, _MOST_TWOS)
+    log_scale = elementary.log(np.ldexp(mantissa, within))
+    log_scale = log_scale + (exponent_of_two - within) * _LOG_2 + log_norm
     return np.subtract(-log_scale, exponent, out=exponent)
 
 

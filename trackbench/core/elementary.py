@@ -96,7 +96,7 @@ def power(x: ArrayLike, y: float) -> Array:
     x = np.asarray(x, dtype=float)
     # x^y = x x ... x
     if y == int(y) and 0 <= y <= 16:
-        product = x if y else np.ones_like(x)
+        product = x.copy() if y else np.ones_like(x)
         for _ in range(int(y) - 1):
             product = product * x
         return product[()]

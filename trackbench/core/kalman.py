@@ -36,15 +36,11 @@ class Innovation(NamedTuple):
         nis = linalg.mahalanobis(np.where(missing, 0.0, self.nu), self.S, self.root)
         return np.where(missing.all(axis=0), np.nan, nis)
 
-    def nis_and_scale(self) -> tuple[Array, Array]:
-        """Return NIS (*batch) and the square root of det S, from one Cholesky factor."""
+    def nis_and_scale(self) -> tuple[Array, Array, Array]:
+        """Return NIS (*batch), and mantissa and exponent of sqrt(det S), from one Cholesky factor."""
         L = linalg.cholesky(self.S) if self.root is None else self.root
         known = np.where(np.isnan(self.nu), 0.0, self.nu) if any_nan(self.nu) else self.nu
-        # sqrt(det S) is the product of the diagonal of L.
-        scale = L[0, 0]
-        for i in range(1, len(L)):
-            scale = scale * L[i, i]
-        return linalg.mahalanobis(known, self.S, L), scale
+        return linalg.mahalanobis(known, self.S, L), *linalg.root_determinant(L)
 
     @property
     def log_likelihood(self) -> Array:

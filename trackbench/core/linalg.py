@@ -73,7 +73,7 @@ def sandwich(F: Array, P: Array) -> Array:
 def symmetrize(P: Array) -> Array:
     """Return ``(P + P') / 2``."""
     if len(P) == 1:
-        return P
+        return P.copy()
     return 0.5 * (P + transpose(P))
 
 
@@ -97,7 +97,7 @@ def diagonal(A: Array) -> Array:
 
 def trace(A: Array) -> Array:
     """Return the sum of the diagonal (*batch)."""
-    return _sum_of([A[i, i] for i in range(A.shape[0])])
+    return _sum_of(list(diagonal(A)))
 
 
 @once
@@ -182,6 +182,18 @@ def _minus_products(value: float, a: list[float], b: list[float], n: int) -> flo
     for i in range(n):
         value -= a[i] * b[i]
     return value
+
+
+def root_determinant(L: Array) -> tuple[Array, Array]:
+    """Return the product (*batch) of a triangle's diagonal as ``m 2^e``: mantissa m and exponent e.
+
+    The product of many small pivots is below the range of floats; its exponent is not.
+    """
+    m, e = np.frexp(L[0, 0])
+    for i in range(1, len(L)):
+        m, more = np.frexp(m * L[i, i])
+        e = e + more
+    return m, e
 
 
 def is_singular(P: Array) -> bool:

@@ -46,13 +46,17 @@ def predict_weights(weights: Array, transition: Array) -> tuple[Array, Array]:
     return after, np.where(reachable, mixing, stay)
 
 
-def update_weights(predicted: Array, nis: Array, scale: Array) -> Array:
-    """Return model probabilities after Gaussian likelihoods ``exp(-nis / 2) / scale``.
+def update_weights(
+    predicted: Array, nis: Array, mantissa: Array | float = 1.0, exponent: Array | int = 0
+) -> Array:
+    """Return model probabilities after Gaussian likelihoods ``exp(-nis / 2) / sqrt(det S)``.
 
     Parameters
     ----------
-    predicted, nis, scale : (r, M)
-        Predicted probabilities, NIS, and the square root of det S, of each model.
+    predicted, nis : (r, M)
+        Predicted probabilities, and NIS, of each model.
+    mantissa, exponent : (r, M)
+        ``sqrt(det S) = mantissa 2^exponent`` of each model; default: 1 of all.
 
     Returns
     -------
@@ -61,6 +65,8 @@ def update_weights(predicted: Array, nis: Array, scale: Array) -> Array:
     """
     # Subtract the least NIS of the possible models, so that one likelihood does not underflow.
     least = np.where(predicted > 0.0, nis, np.inf).min(axis=0)
+    # Likewise divide by the least power of two, which changes no ratio.
+    scale = np.ldexp(mantissa, exponent - np.min(exponent, axis=0))
     with np.errstate(divide="ignore", invalid="ignore"):
         w = predicted / scale * elementary.exp(-0.5 * (nis - least))
         return np.where(least == np.inf, predicted, w / total(w, axis=0))

@@ -14,7 +14,7 @@ from trackbench.core.distributions import Gaussian, from_root, root_of
 
 
 class PointRule(Protocol):
-    """Rule for the points and weights of a Gaussian."""
+    """Rule for the points and weights of a Gaussian; its first point is the mean."""
 
     def points(self, of: Gaussian) -> "SigmaPoints":
         """Return points of N(mean, cov): mean (n, *batch), cov (n, n, *batch)."""
@@ -110,9 +110,14 @@ class GaussHermite:
         return [(x, norm / _hermite(n - 1, x) ** 2) for x in _hermite_roots(n)]
 
     def points(self, of: Gaussian) -> "SigmaPoints":
-        """Return order^n points of N(mean, cov): mean (n, *batch), cov (n, n, *batch)."""
+        """Return order^n points of N(mean, cov): mean (n, *batch), cov (n, n, *batch).
+
+        The mean is the first point, for an even order as one more of weight zero.
+        """
         mean, root = of.mean, root_of(of)
-        grid = list(product(self.nodes, repeat=len(mean)))
+        middle = [((0.0, 0.0),) * len(mean)] * (1 - self.order % 2)
+        every = product(self.nodes, repeat=len(mean))
+        grid = middle + sorted(every, key=lambda point: any(x for x, _ in point))
         unit = np.array([[x for x, _ in point] for point in grid])
         # x_i = m + L e_i, and a weight is the product of the axes' weights.
         steps = [linalg.matvec(root, with_axes_of(mean, e)) for e in unit]

@@ -1,7 +1,7 @@
 """One filter over all runs: merged blocks, rows of summary.csv, contributions of runs to a number."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -197,6 +197,25 @@ def bound_steps(bounds: Mapping[str, Array]) -> Iterator[StepRow]:
     for quantity, bound in bounds.items():
         for i, value in enumerate(bound.tolist()):
             yield StepRow(i, joined("rmse", quantity), value, float("nan"), 0)
+
+
+R = TypeVar("R", SummaryRow, StepRow)
+
+
+def with_jackknife(rows: Sequence[Sequence[R]]) -> list[R]:
+    """Return the first list of rows with the standard error by the others, each without a batch.
+
+    ``sqrt((B - 1) / B sum (b_i - mean b)^2)`` of B lists (Efron & Stein 1981); NaN without any.
+    """
+    whole, *without = rows
+    B, out = len(without), []
+    for row, *others in zip(whole, *without, strict=True):
+        b = np.array([other.value for other in others])
+        stderr = (
+            float(np.sqrt((B - 1) / B * total(np.square(b - average(b))))) if B else float("nan")
+        )
+        out.append(row._replace(stderr=stderr))
+    return out
 
 
 def exact_rows(

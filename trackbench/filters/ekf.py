@@ -17,12 +17,13 @@ from trackbench.core.unscented import PointRule, Unscented, gauss_hermite
 from trackbench.field_types import Count, NonNegative, Positive
 from trackbench.filters.cmkf import polar_moments
 from trackbench.filters.kf import MAX_ORDER, MERWE_DEMO, NonlinearFilter
-from trackbench.models.base import Differentiable, DifferentiableSensor, Model, Scene
+from trackbench.models.base import Differentiable, DifferentiableSensor, Model, Scene, jacobian_at
 from trackbench.models.gaussian_steps import (
     AssumedNoise,
     extended_prediction,
     extended_step,
     extended_transition,
+    is_cancelled,
     point_prediction,
     point_transition,
 )
@@ -83,7 +84,7 @@ class IEKF(NonlinearFilter):
         sensor = cast(DifferentiableSensor, model.sensor)
         for _ in range(self.iterations):
             # nu = z - h(x_i) - H_i (m - x_i), about the estimate x_i of the iteration before
-            H = sensor.jacobian(posterior.mean, k)
+            H = jacobian_at(sensor, posterior, k)
             expected = self.assumed.measurement(model, posterior.mean, k)
             nu = sensor.innovation(z, expected.mean)
             nu = nu - linalg.matvec(H, predicted.mean - posterior.mean)
@@ -119,7 +120,7 @@ class MCAEKF(NonlinearFilter):
         D = self._sagitta(polar_moments(sensor, predicted, k), nu[1], expected.cov[1, 1])
         R = np.broadcast_to(expected.cov[..., None], (2, 2, len(D))).copy()
         R[0, 0] += np.where(np.isnan(D), 0.0, np.square(D / self.kappa))
-        H = sensor.jacobian(predicted.mean, k)
+        H = jacobian_at(sensor, predicted, k)
         return kalman.update(predicted, nu, H, R)
 
     def _sagitta(self, predicted: Polar, nu: Array, variance: float) -> Array:
@@ -177,7 +178,7 @@ def _regression(
     Returns ``at`` (n_z, M), ``slope`` (n_z, n, M) and ``cov`` (n_z, n_z, M) of the line
     ``z = at + slope (x - m) + N(0, cov)``.
     """
-    # Measured points, as innovations about one of them: angles are averaged away from their cut.
+    # Measured points, as innovations about the mean's: angles are averaged away from their cut.
     points = rule.points(over)
     z = model.sensor.measurement(points.x, k).mean
     center = z[:, :1]
@@ -189,4 +190,9 @@ def _regression(
     R = with_trailing(assumed.measurement(model, over.mean, k).cov, 1, leading=2)
     spread = points.cross(offsets, mean, offsets, mean)
     unexplained = spread - linalg.sandwich(slope, over.cov)
+    if (cancelled := is_cancelled(unexplained, spread)).any():
+        # As of a linear sensor: sum the squares of z - slope x over the points.
+        moved = linalg.matvec(slope[:, :, None], points.x - over.mean[:, None])
+        rest, zero = offsets - mean[:, None] - moved, np.zeros_like(mean)
+        unexplained = np.where(cancelled, points.cross(rest, zero, rest, zero), unexplained)
     return center[:, 0] + mean, slope, R + linalg.symmetrize(unexplained)

@@ -17,7 +17,7 @@ from trackbench.core.smoothing import Transition, backwards
 from trackbench.core.sums import dot, mean
 from trackbench.filters.base import FixedLag, InnovationFilter, SmoothingFilter
 from trackbench.filters.particle_base import PFState, WeightedParticlesFilter
-from trackbench.models.base import DifferentiableSensor, Model, Scene, log_likelihood
+from trackbench.models.base import DifferentiableSensor, Model, Scene, jacobian_at, log_likelihood
 from trackbench.registry import register
 
 
@@ -282,7 +282,8 @@ def _flow(
     expected = sensor.measurement(at, k)
     nu = sensor.innovation(z, expected.mean)
     missing = np.isnan(nu)
-    H, R = kalman.drop_missing(sensor.jacobian(at, k), expected.cov, missing)
+    H = jacobian_at(sensor, Gaussian(at, prior.cov), k)
+    H, R = kalman.drop_missing(H, expected.cov, missing)
     H, R = (with_trailing(matrix, 1, leading=2) for matrix in (H, R))
     PH = linalg.matmul(prior.cov, linalg.transpose(H))
     HPH = linalg.symmetrize(linalg.matmul(H, PH))

@@ -21,6 +21,10 @@ from trackbench.models.priors import TwoPoint, two_point_difference
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.registry import register
 
+_AT_ONCE = (
+    2**16
+)  # entries of the innovation covariances of a run's components that are updated at once
+_MATRICES = 8  # such arrays that an update has at once
 _NEGLIGIBLE = 1e-9  # weight below which a few azimuths do not bring a component back
 
 
@@ -76,6 +80,16 @@ class GaussianSum(Filter[Mixture]):
         """Return the initial number of components."""
         return self.split**2
 
+    def _components_at_once(self, model: Model) -> int:
+        n_z = len(model.sensor.components)
+        return max(1, min(self.particle_count, _AT_ONCE // (n_z * n_z)))
+
+    def extra_memory(self, model: Model) -> int:
+        """Return the numbers of the components' covariances, of the state and of the innovations."""
+        n, n_z = len(model.motion.components), len(model.sensor.components)
+        of_innovations = self._components_at_once(model) * n_z * (n_z + n)
+        return 4 * self.particle_count * n * n + _MATRICES * of_innovations
+
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Mixture:
         """Split the prior: a component per pair of nodes, together with the prior's moments."""
         width = self._width
@@ -94,11 +108,16 @@ class GaussianSum(Filter[Mixture]):
 
     def step(self, model: Model, state: Mixture, z: Array, k: int, rng: Generator) -> Mixture:
         """Update an EKF per component, weigh by the innovations, prune and merge."""
-        # Step 1: update an EKF per component.
-        bank = Gaussian(state.mean, state.cov)
-        bank, innovation = extended_step(model, bank, z, k, MODEL_NOISE)
+        # Step 1: update an EKF per component, as many at a time as bound the memory of many sensors.
+        size, updated = self._components_at_once(model), []
+        for first in range(0, state.w.shape[-1], size):
+            piece = Gaussian(*(a[..., first : first + size] for a in (state.mean, state.cov)))
+            after, innovation = extended_step(model, piece, z, k, MODEL_NOISE)
+            updated.append((after.mean, after.cov, innovation.log_likelihood))
+        mean, cov, log_p = (np.concatenate(parts, axis=-1) for parts in zip(*updated, strict=True))
+        bank = Gaussian(mean, cov)
         # Step 2: multiply each weight by the likelihood of the component's innovation.
-        log_w = elementary.log(state.w) + np.nan_to_num(innovation.log_likelihood, neginf=-np.inf)
+        log_w = elementary.log(state.w) + np.nan_to_num(log_p, neginf=-np.inf)
         weights = particles.normalize(log_w)
         # Step 3: prune, compact and merge; keep the mass from before the pruning.
         w = _prune(bank.mean, weights.w, self.kept)

@@ -129,14 +129,14 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         states, innovations = zip(*updated, strict=True)
         # Step 4: weights mu_j ~ c_j N(nu_j; 0, S_j).
         judged = [innovation.nis_and_scale() for innovation in innovations]
-        nis, scale = (np.stack(rows) for rows in zip(*judged, strict=True))
+        nis, mantissa, exponent = (np.stack(rows) for rows in zip(*judged, strict=True))
         if self.filter.gate is not None:
             # Where every model's gate refuses the measurement, predict only.
             measured_components = (~np.isnan(innovations[0].nu)).sum(axis=0)
             refused = (nis > gate_limits(self.filter.gate, len(z))[measured_components]).all(axis=0)
             z = np.where(refused, np.nan, z)
             states = tuple(self.filter.update(of, mixed, z, k)[0] for of, mixed in pairs)
-        weights = update_weights(predicted, nis, scale)
+        weights = update_weights(predicted, nis, mantissa, exponent)
         mean_nis = total(predicted * nis, axis=0)
         missing = np.isnan(z).all(axis=0)
         if missing.any():
@@ -161,7 +161,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
                 # Step 2: x_{k+1} given i, j and all z; Pr(i, j | all z) = mu_j|T p_ij mu_i c_ij / c_j.
                 predicted = [move.predicted for move in moves]
                 ends, log_c = given_later(predicted, mixing[:, j], later.states[j])
-                share = update_weights(mixing[:, j], -2.0 * log_c, np.ones_like(log_c))
+                share = update_weights(mixing[:, j], -2.0 * log_c)
                 rows.append(later.weights[j] * share)
                 # Step 3: smooth each state i.
                 smoothed.append(list(map(smooth_step, priors, moves, ends)))

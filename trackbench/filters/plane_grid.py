@@ -13,6 +13,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.plane_quadrature import Map, Plane, UnresolvedError
 from trackbench.core.posterior_scores import PlanePosterior, Posterior
+from trackbench.core.sums import mean
 from trackbench.filters.base import Filter, WrongReturnError
 from trackbench.models.base import Model, SampledMotion, Scene, central_differences, log_likelihood
 from trackbench.registry import register
@@ -88,7 +89,7 @@ class PlaneGrid(Filter[Planes]):
 
         Raises WrongReturnError if half as many nodes give other moments.
         """
-        motion = _map(model.motion, k)
+        motion = _map(model.motion, self.estimate(state), k)
         both: tuple[list[State], list[State]] = ([], [])
         for run, pair in enumerate(zip(*state, strict=True)):
 
@@ -131,14 +132,18 @@ def _moments(states: Iterable[State]) -> Gaussian:
     )
 
 
-def _map(motion: SampledMotion, k: int) -> Map:
-    """Return the motion to step k as a map with additive noise."""
+def _map(motion: SampledMotion, state: Gaussian, k: int) -> Map:
+    """Return the motion to step k as a map with additive noise.
+
+    The steps of its derivatives are relative to the spread of the state and of the noise.
+    """
 
     def f(x: Array) -> Array:
         return motion.transition(x[:, None], k).mean[:, 0]
 
-    Q = motion.transition(np.zeros((2, 1)), k).cov
-    return Map(f, lambda x: central_differences(f, x), Q.reshape(2, 2))
+    Q = motion.transition(np.zeros((2, 1)), k).cov.reshape(2, 2)
+    spread = np.sqrt(mean(linalg.diagonal(state.cov)) + np.diagonal(Q))
+    return Map(f, lambda x: central_differences(f, x, spread=spread), Q)
 
 
 def _of_run(cov: Array, run: int) -> Array:

@@ -7,13 +7,14 @@ find positions at the even and velocities at the odd indices that all motions of
 
 from abc import abstractmethod
 from collections.abc import Callable
+from contextvars import ContextVar
 from functools import cache
 from typing import ClassVar, NamedTuple, Protocol, TypeAlias, TypeGuard, cast, runtime_checkable
 
 import numpy as np
 
-from trackbench.core import kalman
-from trackbench.core.arrays import Array, Index, any_nan, note, with_trailing
+from trackbench.core import kalman, linalg
+from trackbench.core.arrays import Array, Index, any_nan, note, with_axes_of, with_trailing
 from trackbench.core.distributions import Distribution, Gamma, Gaussian, zero_mean_log_prob
 from trackbench.core.random_streams import Streams
 from trackbench.extension_points import Part
@@ -29,8 +30,9 @@ UNSUPPORTED_KEYS = (
     | dict.fromkeys(("correlation", "correlated", "cross_covariance", "S"), _CORRELATION)
 )
 """Keys of models that do not exist, with the reason."""
-_STEP = 1e-6  # of central differences, relative to a component or to its unit if that is larger
+_STEP = 1e-6  # of central differences, relative to a component
 _SECOND_STEP = 1e-4  # of differences of Jacobians, which may have errors of 1e-10 by differences
+_OF_SPREAD = 1e-4  # least step, in standard deviations of the component
 
 
 def position_velocity_names(axes: int) -> tuple[str, ...]:
@@ -61,20 +63,49 @@ def central_differences(
     x: Array,
     difference: Callable[[Array, Array], Array] = np.subtract,
     step: float = _STEP,
+    spread: Array | None = None,
 ) -> Array:
     """Return the derivatives (m, n, *batch) of a function of states x (n, *batch), values (m, *batch).
 
-    ``difference`` subtracts two values, for angles with a wrap.
+    ``difference`` subtracts two values, for angles with a wrap. A step is relative to the size of a
+    component or to its ``spread`` (n[, *batch]), by default that of the state in `jacobian_at`;
+    without a spread, to one unit.
     """
-    columns = []
+    columns, at = [], _AT.get()
+    if spread is None and at is not None and at.mean.shape == x.shape:
+        with np.errstate(invalid="ignore"):  # of a run that has diverged
+            spread = np.sqrt(linalg.diagonal(at.cov))
+    least = np.full(len(x), step) if spread is None else _OF_SPREAD * spread
     for i, value in enumerate(x):
         # df/dx_i = (f(x + h e_i) - f(x - h e_i)) / (2 h)
-        h = step * np.maximum(np.abs(value), 1.0)
+        h = np.maximum(step * np.abs(value), with_axes_of(value, least[i]))
+        h = np.where(h > 0.0, h, step)
         ahead, behind = x.copy(), x.copy()
         ahead[i] += h
         behind[i] -= h
         columns.append(difference(function(ahead), function(behind)) / (2.0 * h))
     return np.stack(columns, axis=1)
+
+
+_AT: ContextVar[Gaussian | None] = ContextVar("state at which derivatives are taken", default=None)
+
+
+def jacobian_at(
+    part: "DifferentiableMotion | DifferentiableSensor", at: Gaussian, k: int, order: int = 1
+) -> Array:
+    """Return the first or second derivatives at a mean (n, *batch), to step k.
+
+    Differences have steps relative to the standard deviations, so that they do not depend on the units.
+    """
+    token = _AT.set(at)
+    try:
+        if order == 1:
+            return part.jacobian(at.mean, k)
+        if hasattr(part, "hessian"):
+            return cast(TwiceDifferentiable, part).hessian(at.mean, k)
+        return hessian_by_differences(part.jacobian, at.mean, k)
+    finally:
+        _AT.reset(token)
 
 
 def hessian_by_differences(jacobian: Callable[[Array, int], Array], x: Array, k: int) -> Array:
@@ -197,7 +228,6 @@ class DifferentiableSensor(Sensor, Protocol):
         """Return d E[z_k] / d x_k at x (n_x, *batch); (n_z, n_x[, *batch])."""
 
 
-@runtime_checkable
 class TwiceDifferentiable(Protocol):
     """A motion or sensor with second derivatives in closed form."""
 

@@ -205,8 +205,8 @@ class Equations:
                     raise InvalidKeyError(what, *path)
         program = ArrayProgram(self, nodes, (n, n))
         if program.constant is not None:
-            least, *_, largest = (*np.linalg.eigvalsh(program.constant), 0.0, 0.0)
-            if least < -_ROUNDING * max(largest, 1.0) or np.isnan(least):
+            least, largest = np.linalg.eigvalsh(program.constant)[[0, -1]]
+            if least < -_ROUNDING * largest or np.isnan(least):
                 raise InvalidKeyError("a covariance has no negative eigenvalue", *path)
         return program
 

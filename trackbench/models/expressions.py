@@ -237,6 +237,32 @@ def operate(operation: str, *arguments: Node) -> Node:
     return Node(operation, arguments)
 
 
+def turns_at_cut(node: Node) -> float:
+    """Return the turns by which an expression jumps where an `atan2` in it crosses its cut.
+
+    It is 1 for an angle in rad: an `atan2`, and a sum with one. It is 0 for one without a cut, such as
+    the elevation ``atan2(z, sqrt(x**2 + y**2))``, and for any other expression.
+    """
+    if node.operation == "atan2":
+        return 0.0 if _is_never_negative(node.arguments[1]) else 1.0
+    inner = [turns_at_cut(a) for a in node.arguments]
+    if node.operation in ("+", "-", "negative"):
+        return max(inner)
+    # A factor in front of an angle, such as 180/pi.
+    for angle, factor in zip(inner, reversed(node.arguments), strict=False):
+        if angle and node.operation in ("*", "/") and is_constant(factor):
+            turns = angle * factor.value if node.operation == "*" else angle / factor.value
+            return abs(turns)
+    return 0.0
+
+
+def _is_never_negative(node: Node) -> bool:
+    if node.operation in ("+", "*", "/"):
+        return all(map(_is_never_negative, node.arguments))
+    even = node.operation == "**" and node.arguments[1].value in (2.0, 4.0, 6.0)
+    return even or node.operation in ("sqrt", "abs", "exp") or node.value > 0.0
+
+
 # Sums and products of derivatives, without the terms that are zero.
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from trackbench.core import kalman, linalg
-from trackbench.core.arrays import Array, any_nan, note, with_axes_of, with_trailing
+from trackbench.core.arrays import Array, Mask, any_nan, note, with_axes_of, with_trailing
 from trackbench.core.distributions import Factored, Gaussian, from_root, per_run_moments, root_of
 from trackbench.core.kalman import Innovation, Updated
 from trackbench.core.smoothing import Transition
@@ -19,8 +19,7 @@ from trackbench.models.base import (
     Model,
     NormalMotion,
     Scene,
-    TwiceDifferentiable,
-    hessian_by_differences,
+    jacobian_at,
 )
 from trackbench.models.sensors.base import SensorBase
 
@@ -57,6 +56,7 @@ def idle_noise_mean(scene: Scene) -> dict[str, str]:
     return {}
 
 
+_CANCELLED = 1e-10  # share of a variance that a difference leaves with fewer than six digits
 MODEL_NOISE = AssumedNoise()
 """The noise of the model."""
 
@@ -73,11 +73,7 @@ def _with_curvature(
     They are ``tr(H_i P) / 2`` and ``tr(H_i P H_j P) / 2`` (Bar-Shalom, Li & Kirubarajan 2001, section
     10.3.2), with the Hessian H_i of component i.
     """
-    if isinstance(part, TwiceDifferentiable):
-        hessian = part.hessian(at.mean, k)
-    else:
-        hessian = hessian_by_differences(part.jacobian, at.mean, k)
-    HP = [linalg.matmul(H_i, at.cov) for H_i in hessian]
+    HP = [linalg.matmul(H_i, at.cov) for H_i in jacobian_at(part, at, k, order=2)]
     bias = 0.5 * np.stack([linalg.trace(A) for A in HP])
     cov = 0.5 * np.stack([np.stack([linalg.trace(linalg.matmul(A, B)) for B in HP]) for A in HP])
     cov = linalg.symmetrize(cov)
@@ -96,14 +92,14 @@ def extended_prediction(
     transition = assumed.transition(model, state.mean, k)
     if order == 2:
         transition = _with_curvature(transition, motion, state, k)
-    return kalman.predict(state, motion.jacobian(state.mean, k), transition.cov, transition.mean)
+    return kalman.predict(state, jacobian_at(motion, state, k), transition.cov, transition.mean)
 
 
 def extended_transition(
     model: Model, state: Gaussian, k: int, assumed: AssumedNoise, order: int = 1
 ) -> Transition:
     """Return the prediction of x_k and its covariance with x_{k-1}, P F', by derivatives at the mean."""
-    F = cast(DifferentiableMotion, model.motion).jacobian(state.mean, k)
+    F = jacobian_at(cast(DifferentiableMotion, model.motion), state, k)
     # cov(x_{k-1}, x_k) = P F'
     cross = linalg.matmul(state.cov, linalg.transpose(F))
     return Transition(extended_prediction(model, state, k, assumed, order), cross)
@@ -120,7 +116,7 @@ def extended_step(
         measurement = _with_curvature(measurement, sensor, predicted, k)
     # nu = z - h(m^-)
     nu = sensor.innovation(with_trailing(z, measurement.mean.ndim - 1), measurement.mean)
-    return kalman.update(predicted, nu, sensor.jacobian(predicted.mean, k), measurement.cov)
+    return kalman.update(predicted, nu, jacobian_at(sensor, predicted, k), measurement.cov)
 
 
 def augmented_size(model: Model) -> int:
@@ -184,6 +180,8 @@ def _scalar_step(
     if step is None:
         return None
     mean, cov, nu, S = step
+    if (cov[0] < _CANCELLED * np.square(np.ptp(predicted, axis=1))).any():
+        return None
     note("covariances", S, components=2)
     return Gaussian(mean, cov), Innovation(nu, S)
 
@@ -267,7 +265,7 @@ def _condition(
 
     The measurement noise is either in the points, as ``noise``, or added as its covariance R.
     """
-    # Step 1: measurements of the points, relative to the first point, so that angles do not wrap.
+    # Step 1: measurements of the points, relative to that of the mean, so that angles do not wrap.
     z_pred = model.sensor.measurement(x, k).mean
     center = z_pred[:, :1]
     relative = model.sensor.innovation(z_pred, center)
@@ -297,7 +295,22 @@ def _condition(
         return posterior, Innovation(nu, S, root=root)
     # Step 4: K = C S^-1, m + K nu, P - K S K'.
     note("covariances", S, components=2)
-    return kalman.condition(predicted, known, C, S), Innovation(nu, S)
+    posterior = kalman.condition(predicted, known, C, S)
+    if (cancelled := is_cancelled(posterior.cov, predicted.cov)).any():
+        # The difference has lost its digits: sum the squares of x - K z over the points, plus K R K'.
+        K = linalg.matmul(C, linalg.inverse(S))
+        moved = linalg.matvec(K[:, :, None], relative - z_mean[:, None])
+        rest, zero = x - predicted.mean[:, None] - moved, np.zeros_like(predicted.mean)
+        cov = points.cross(rest, zero, rest, zero)
+        cov = cov if R is None else cov + linalg.sandwich(K, R)
+        posterior = Gaussian(posterior.mean, np.where(cancelled, cov, posterior.cov))
+    return posterior, Innovation(nu, S)
+
+
+def is_cancelled(difference: Array, of: Array) -> Mask:
+    """Return where (*batch) a difference of covariances ``of - ...`` has lost its digits."""
+    left = linalg.diagonal(difference) < _CANCELLED * linalg.diagonal(of)
+    return np.asarray(left.any(axis=0))
 
 
 def _augment(state: Gaussian, Q: Array, R: Array) -> Gaussian:

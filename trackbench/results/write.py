@@ -46,6 +46,7 @@ from trackbench.evaluation.summary import (
     exact_rows,
     step_rows,
     summary_rows,
+    with_jackknife,
     with_shares,
 )
 from trackbench.evaluation.timing import Measured
@@ -210,7 +211,11 @@ def _rows_without_runs(experiment: Experiment) -> Iterator[tuple[str, Row]]:
         scenario, rows = point.scenario, dict[str, tuple[Iterable[Any], Iterable[Any]]]()
         if settings.bound:
             bounds = scenario.bounds()
-            rows[settings.bound] = bound_summary(bounds, scenario.windows), bound_steps(bounds)
+            without = scenario.bounds_without_batch()
+            rows[settings.bound] = (
+                with_jackknife([[*bound_summary(b, scenario.windows)] for b in (bounds, *without)]),
+                with_jackknife([[*bound_steps(b)] for b in (bounds, *without)]),
+            )
         for label in settings.exact:
             tracker, assume = point.filters[label], point.assumed.get(label)
             task = BlockTask(
@@ -223,7 +228,8 @@ def _rows_without_runs(experiment: Experiment) -> Iterator[tuple[str, Row]]:
                 metrics = stored_metrics(settings, name)
                 for row in of_file if name == "summary.csv" else _timed(of_file, scenario):
                     if is_stored(metrics, measured(row.metric).base):
-                        plain = _plain(row._replace(stderr=np.nan, runs=0), DIGITS[name])
+                        stderr = row.stderr if label == settings.bound else np.nan
+                        plain = _plain(row._replace(stderr=stderr, runs=0), DIGITS[name])
                         yield name, [*point.values.values(), label, *plain]
 
 

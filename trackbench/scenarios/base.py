@@ -107,6 +107,10 @@ class Scenario(Scene):
         """Lower bounds of the errors (T + 1,) by quantity, for the key ``bound``."""
         return {}
 
+    def bounds_without_batch(self) -> tuple[dict[str, Array], ...]:
+        """Return the bounds without each batch of simulated paths, which give their standard error."""
+        return ()
+
     @property
     def why_no_bound(self) -> str | None:
         """Return the reason why `bounds` is invalid; None if it is valid."""

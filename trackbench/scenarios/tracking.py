@@ -2,14 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Annotated
 
 import numpy as np
 
 from trackbench.core import linalg
 from trackbench.core.arrays import Array, Index, Mask, fixed
-from trackbench.core.cramer_rao import largest_deviation, posterior_cramer_rao
+from trackbench.core.cramer_rao import largest_deviation
 from trackbench.core.distributions import Distribution, PointMass
 from trackbench.core.random_streams import Streams
 from trackbench.field_types import Finite, InvalidKeyError, Natural, Positive, Registered
@@ -19,6 +19,7 @@ from trackbench.models.motions.kinematic import ConstantVelocity, Linear
 from trackbench.models.sensors.base import Assume, SensorBase, Sensors, sensors_of, stack
 from trackbench.registry import register
 from trackbench.scenarios.base import Scenario, Simulation
+from trackbench.scenarios.bound import Bound, Course, along, over_paths
 from trackbench.scenarios.score import Score, diverged
 from trackbench.scenarios.starts.base import FixedStart, InitialScans, Start, repeated
 from trackbench.scenarios.targets.base import Schedule, Scored, Target, Timeline, recorded_columns
@@ -331,30 +332,40 @@ class Tracking(Scenario):
             return f"the bound is of a normal first state, and the start is `{self._start.kind}`"
         return self.target.why_no_bound
 
-    def bounds(self) -> dict[str, Array]:
-        """Return the posterior Cramer-Rao bound on every RMSE (K,), without process noise.
-
-        It starts from the start's covariance at the truth. A measurement that may be missing counts by
-        its probability, which leaves a lower bound. Of a path that is flown in every run it bounds a
-        filter that knows all accelerations, and lies far below one that has to find them.
-        """
-        motion, path = self._motion, self.target.path(self._timeline)
+    @cached_property
+    def _bound(self) -> Bound:
+        """Return the posterior Cramer-Rao bound, over the paths of a driven target."""
+        motion, line, path = self._motion, self._timeline, self.target.path(self._timeline)
         assert isinstance(motion, Linear)
-        steps = self._timeline.steps.tolist()
-        n = path.shape[0]
         initial = self._start.bound(
             path, self.first, self.true_sensor, self.T, self.target.diffusion
         )
-        # Information H' R^-1 H of each measurement after the first state.
-        gained = (
-            self.true_sensor.information(x, k)
-            for k, x in list(zip(steps, path.T, strict=True))[self._skipped + 1 :]
+        course = Course(
+            line.steps.tolist()[self._skipped :],
+            motion,
+            self.true_sensor,
+            initial,
+            partial(self.score.squares, self.true_sensor, self.components),
         )
-        # J' = (Q + F J^-1 F')^-1 + H' R^-1 H from the covariance of the start, J_0^-1.
-        P = posterior_cramer_rao(initial, motion.F[:n, :n], motion.Q[:n, :n], gained)
-        x = path[:, self._skipped :]
-        squares = self.score.squares(self.true_sensor, self.components, P, x)
-        return {name: np.sqrt(square) for name, square in squares.items()}
+        # A linear sensor has one information along every path.
+        own = self.target.own_motion is not None and not hasattr(self.true_sensor, "H")
+        found = over_paths(course, self._first_states) if own else None
+        return found or along(course, path[:, self._skipped :])
+
+    def _first_states(self, number: int, rng: Streams) -> Array:
+        """Draw true states (n_x, N) of the step from which the bound goes on."""
+        x = self._start.truth(repeated(self.target.start(self._timeline), number), rng)
+        for k in self._timeline.steps[1 : 1 + self._skipped].tolist():
+            x = self._motion.transition(x, k).sample(rng)
+        return x
+
+    def bounds(self) -> dict[str, Array]:
+        """Return the posterior Cramer-Rao bound on every RMSE (K,)."""
+        return self._bound.whole
+
+    def bounds_without_batch(self) -> tuple[dict[str, Array], ...]:
+        """Return `bounds` by all batches of simulated paths but one; nothing without simulation."""
+        return self._bound.without_batch
 
     @cached_property
     def _motion(self) -> SampledMotion:

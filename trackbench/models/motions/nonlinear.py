@@ -1,6 +1,7 @@
 """Nonlinear motions written as equations: a map from step to step, and a differential equation."""
 
 from abc import abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import ClassVar
@@ -11,12 +12,7 @@ from trackbench.core import linalg
 from trackbench.core.arrays import Array, fixed, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.field_types import Count, Finite, InvalidKeyError, freeze_mappings
-from trackbench.models.base import (
-    Motion,
-    SampledMotion,
-    central_differences,
-    hessian_by_differences,
-)
+from trackbench.models.base import Motion, SampledMotion, central_differences
 from trackbench.models.equations import ArrayProgram, Covariance, Equations, Term
 from trackbench.models.motions.kinematic import Linear
 from trackbench.registry import register
@@ -100,10 +96,6 @@ class Step:
     def jacobian(self, x: Array, k: int) -> Array:
         """Return the derivative (n, n[, *batch]) at x (n, *batch)."""
         return self.J(x, k, k * self.T)
-
-    def hessian(self, x: Array, k: int) -> Array:
-        """Return the second derivatives (n, n, n, *batch) at x (n, *batch), by differences."""
-        return hessian_by_differences(self.jacobian, x, k)
 
 
 class MapStep(Step):
@@ -191,9 +183,10 @@ class SteppedMotion:
         """Return df/dx (n, n[, *batch])."""
         return self.step.jacobian(x, k)
 
-    def hessian(self, x: Array, k: int) -> Array:
-        """Return the second derivatives of f (n, n, n[, *batch])."""
-        return self.step.hessian(x, k)
+    @property
+    def hessian(self) -> Callable[[Array, int], Array]:
+        """Return the second derivatives of f as a function; AttributeError without a closed form."""
+        return self.step.hessian  # type: ignore[attr-defined,no-any-return]
 
 
 @dataclass(frozen=True, eq=False)

@@ -121,13 +121,14 @@ class SensorBase(Part):
         return {}
 
     def information(self, x: Array, k: int, certain: bool = False) -> Array:
-        """Return ``H' R^-1 H`` (n_x, n_x) of a measurement of the state x (n_x,) at step k.
+        """Return ``H' R^-1 H`` (n_x, n_x[, M]) of a measurement of the state x (n_x[, M]) at step k.
 
         It is weighted by the probability of a measurement, unless ``certain``.
         """
-        state = x[:, None]
+        state = x if x.ndim > 1 else x[:, None]
         H, R = self.jacobian(state, k), self.measurement(state, k).cov
-        H, R = (A[..., 0] if A.ndim > 2 else A for A in (H, R))
+        if x.ndim == 1:
+            H, R = (A[..., 0] if A.ndim > 2 else A for A in (H, R))
         # H' R^-1 H, weighted by the probability of a measurement at step k
         information = linalg.sandwich(linalg.transpose(H), linalg.inverse(R))
         due = not (k - self.offset) % self.period
@@ -255,9 +256,12 @@ class StackedSensor:
         return lambda n: np.concatenate([H(n) for H in parts])
 
     def information(self, x: Array, k: int, certain: bool = False) -> Array:
-        """Return ``H' R^-1 H`` (n_x, n_x) of all measurements of the state x (n_x,) at step k."""
+        """Return ``H' R^-1 H`` (n_x, n_x[, M]) of all measurements of x (n_x[, M]) at step k."""
         # The information of independent sensors adds.
-        return np.add.reduce([sensor.information(x, k, certain) for sensor in self.sensors])
+        each = [sensor.information(x, k, certain) for sensor in self.sensors]
+        axes = max(J.ndim for J in each) - 2
+        each = [with_trailing(J, axes, leading=2) for J in each]
+        return np.add.reduce(np.broadcast_arrays(*each))
 
     def observables(self, x: Array) -> dict[str, Array]:
         """Return no observables."""

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from math import inf, pi
+from math import inf, isclose, pi
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -15,6 +15,7 @@ from trackbench.core.random_streams import Streams
 from trackbench.core.sums import total
 from trackbench.field_types import Finite, InvalidKeyError, OpenShare, Positive, freeze_mappings
 from trackbench.models.equations import ArrayProgram, Covariance, Equations, Term
+from trackbench.models.expressions import turns_at_cut
 from trackbench.models.sensors.angular import wrap_angle
 from trackbench.models.sensors.base import SensorBase
 from trackbench.registry import register
@@ -153,8 +154,8 @@ def draw_poisson(rate: Array, u: Array) -> Array:
 class FunctionSensor(SensorBase):
     """``z_k = h(x_k, k) + N(0, R)`` by expressions; also Student t noise, outliers and counts.
 
-    ``{kind: function, h: {bearing: "atan2(py, px)"}, angles: [bearing], R: 1e-4}``. Expressions are
-    those of the motion ``map``, of the target's components and the number of the step, ``k``.
+    ``{kind: function, h: {bearing: "atan2(py, px)"}, R: 1e-4}``. Expressions are those of the motion
+    ``map``, of the target's components and the number of the step, ``k``.
 
     ``noise: {kind: student-t, df: 4, scale: 0.1}``, ``{kind: mixture, outliers: 0.1, factor: 10}`` and
     ``noise: poisson`` (h is the rate of a count) replace the normal noise.
@@ -167,8 +168,9 @@ class FunctionSensor(SensorBase):
     or a matrix, of numbers or expressions of the state"""
     noise: Noise | Literal["poisson"] | None = None
     """noise that is not normal, which filters know: student-t, mixture or poisson"""
-    angles: tuple[str, ...] = ()
-    """components that are angles in rad, whose differences wrap to (-pi, pi]"""
+    angles: tuple[str, ...] | None = None
+    """components that are angles in rad, whose differences wrap to (-pi, pi]; default: every component
+    that is an `atan2`, or a sum with one"""
     parameters: dict[str, Finite] = field(default_factory=dict)
     """names and values of constants"""
     where: dict[str, Term] = field(default_factory=dict)
@@ -185,12 +187,14 @@ class FunctionSensor(SensorBase):
         super().__post_init__()
         if not self.h:
             raise InvalidKeyError("name at least one component of the measurement", "h")
-        for i, name in enumerate(self.angles):
+        for i, name in enumerate(self.angles or ()):
             if name not in self.h:
                 raise InvalidKeyError(f"{name!r} is not one of {', '.join(self.h)}", "angles", i)
         self._check_noise()
         if self.state:
             _ = self._programs  # so that a mistake is found where the config is read
+            if self.angles is None:
+                object.__setattr__(self, "angles", self._angles_by_default())
 
     def _check_noise(self) -> None:
         """Raise InvalidKeyError if keys contradict the noise."""
@@ -242,10 +246,26 @@ class FunctionSensor(SensorBase):
         """Return the sensor for a target with these components; raises InvalidKeyError."""
         return self if self.state else replace(self, state=components)
 
+    @property
+    def _equations(self) -> Equations:
+        return Equations(self.state, ("k",), self.parameters, self.where)
+
+    def _angles_by_default(self) -> tuple[str, ...]:
+        """Return the components that are angles in rad; raises InvalidKeyError for other units."""
+        equations, names = self._equations, []
+        for name, term in self.h.items():
+            turns = turns_at_cut(equations.parse(term, "h", name))
+            if turns and not isclose(turns, 1.0):
+                what = f"an angle that jumps by {2.0 * pi * turns:.4g} at the cut of atan2"
+                way_on = "write it in rad, or `angles: []` if no target crosses the cut"
+                raise InvalidKeyError(f"{what}; only angles in rad wrap: {way_on}", "h", name)
+            names += [name] if turns else []
+        return () if self._is_count else tuple(names)
+
     @cached_property
     def _programs(self) -> tuple[ArrayProgram, ArrayProgram, ArrayProgram]:
         """Return h (n_z,), its Jacobian (n_z, n_x) and R (n_z, n_z); raises InvalidKeyError."""
-        equations = Equations(self.state, ("k",), self.parameters, self.where)
+        equations = self._equations
         h = equations.vector([equations.parse(term, "h", name) for name, term in self.h.items()])
         R = equations.covariance(1.0 if self.R is None else self.R, self.components, "R")
         return h, h.jacobian, R
@@ -310,7 +330,7 @@ class FunctionSensor(SensorBase):
             raise InvalidKeyError(f"step {k}: {error}", "h") from None
 
     def information(self, x: Array, k: int, certain: bool = False) -> Array:
-        """Return the Fisher information (n_x, n_x) of a measurement of the state x (n_x,)."""
+        """Return the Fisher information (n_x, n_x[, M]) of a measurement of the state x (n_x[, M])."""
         if self.noise is None or self._is_count:
             return super().information(x, k, certain)
         # That of normal noise of covariance R, times the information of a component of unit R.
@@ -322,7 +342,7 @@ class FunctionSensor(SensorBase):
         """Return ``z - z_pred`` (n_z, *batch), angles wrapped to (-pi, pi]."""
         nu = z - z_pred
         for i, name in enumerate(self.h):
-            if name in self.angles:
+            if name in (self.angles or ()):
                 nu[i] = wrap_angle(nu[i])
         return nu
 

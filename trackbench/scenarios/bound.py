@@ -1,0 +1,95 @@
+"""Posterior Cramer-Rao bound of a tracking scenario, along one path or over simulated ones.
+
+It starts from the start's covariance at the truth. A measurement that may be missing counts by its
+probability, which leaves a lower bound. Of a path that is flown in every run it bounds a filter that
+knows all accelerations, and lies far below one that has to find them.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from trackbench.core.arrays import Array, with_trailing
+from trackbench.core.cramer_rao import posterior_cramer_rao
+from trackbench.core.random_streams import Streams, block_stream
+from trackbench.core.sums import mean, total
+from trackbench.models.base import append_noise, extra_std
+from trackbench.models.motions.kinematic import Linear
+from trackbench.models.sensors.base import Sensors
+
+BATCHES, _PATHS, _SCORED = 10, 1000, 100
+"""Independent batches, paths of each, and paths along which a covariance becomes errors."""
+Squares = Callable[[Array, Array], dict[str, Array]]
+"""Mean squared errors (K,) by quantity, of covariances (n, n, K) at states (n, K)."""
+
+
+class Bound(NamedTuple):
+    """Bounds on every RMSE (K,) by quantity, and by all batches of paths but one."""
+
+    whole: dict[str, Array]
+    without_batch: tuple[dict[str, Array], ...] = ()
+
+
+class Course(NamedTuple):
+    """Steps (K,) from the first state on, the motion, the sensors and the first state's bound."""
+
+    steps: Sequence[int]
+    motion: Linear
+    sensor: Sensors
+    initial: Array
+    squares: Squares
+
+
+def along(course: Course, path: Array) -> Bound:
+    """Return the bound of a path (n, K) that is flown in every run."""
+    n = len(path)
+    pairs = list(zip(course.steps, path.T, strict=True))[1:]
+    gained = (course.sensor.information(x, k) for k, x in pairs)
+    # J' = (Q + F J^-1 F')^-1 + H' R^-1 H from the covariance of the start, J_0^-1.
+    P = posterior_cramer_rao(
+        course.initial, course.motion.F[:n, :n], course.motion.Q[:n, :n], gained
+    )
+    return Bound(_roots(course.squares(P, path)))
+
+
+def over_paths(course: Course, first: Callable[[int, Streams], Array]) -> Bound | None:
+    """Return the bound with ``E[H' R^-1 H]`` over the paths that the motion draws.
+
+    ``first`` draws so many first states (n, N). The result is None if all paths are one. Each of the
+    bounds without a batch of paths has the expectation over the others; they give its standard error.
+    """
+    rng, motion = block_stream(0, 0), course.motion
+    start = first(BATCHES * _PATHS, rng)
+    n = len(start)
+    if not motion.Q.any() and (start == start[:, :1]).all():
+        return None
+    scored = [start[:, :_SCORED]]
+
+    def gained() -> Iterator[Array]:
+        """Yield the mean information (n, n, 1 + BATCHES) of each step: of all batches, without each."""
+        x = append_noise(start, extra_std(motion), rng)
+        for k in course.steps[1:]:
+            x = motion.transition(x, k).sample(rng)
+            scored.append(x[:n, :_SCORED])
+            information = with_trailing(course.sensor.information(x[:n], k), 1, leading=2)
+            of_path = np.broadcast_to(information, (n, n, BATCHES * _PATHS))
+            batches = mean(of_path.reshape(n, n, BATCHES, _PATHS))
+            whole = total(batches)[..., None]
+            yield np.concatenate([whole / BATCHES, (whole - batches) / (BATCHES - 1)], axis=-1)
+
+    initial = np.repeat(course.initial[..., None], 1 + BATCHES, axis=-1)
+    P = posterior_cramer_rao(initial, motion.F[:n, :n], motion.Q[:n, :n], gained())
+    paths = np.stack(scored, axis=1)
+    bounds = [_mean_squares(course.squares, P[:, :, i], paths) for i in range(1 + BATCHES)]
+    return Bound(_roots(bounds[0]), tuple(map(_roots, bounds[1:])))
+
+
+def _mean_squares(squares: Squares, P: Array, paths: Array) -> dict[str, Array]:
+    """Return the mean over paths (n, K, N) of the squared errors of covariances P (n, n, K)."""
+    each = [squares(P, np.ascontiguousarray(x)) for x in np.moveaxis(paths, -1, 0)]
+    return {name: mean(np.stack([s[name] for s in each], axis=-1)) for name in each[0]}
+
+
+def _roots(squares: dict[str, Array]) -> dict[str, Array]:
+    return {name: np.sqrt(square) for name, square in squares.items()}
