@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from trackbench import api
-from trackbench.errors import InputError
+from trackbench.errors import UserError
 from trackbench.evaluation.inference import anees_band
+from trackbench.report.results import Results
 
 RATES = """
 name: rates
@@ -26,10 +27,15 @@ scenario:
 filters:
   KF: {kind: kf}
   Gated: {kind: kf, gate: 0.999}
-  IMM: {kind: imm, filter: {kind: ekf, gate: 0.999}, motions: [{kind: cwna, q: 0.5}, {kind: cwna, q: 0.6}]}
-metrics: [rmse_position, nees, nees_position, nis, anis, innovations]
+  IMM:
+    kind: imm
+    filter: {kind: ekf, gate: 0.999}
+    motions: [{kind: cwna, q: 0.5}, {kind: cwna, q: 0.6}]
+    transition: [[0.9, 0.1], [0.1, 0.9]]
+metrics: [rmse_position, nees, nees_position, nis, anis, innovations, autocorrelation_1, log_score]
 tables:
   c: {kind: consistency}
+  k: {kind: consistency, filters: [KF]}
   i: {kind: innovations}
 figures:
   whole: {kind: anees}
@@ -37,7 +43,7 @@ figures:
 """
 
 
-def _run(folder: Path, text: str) -> api.Results:
+def _run(folder: Path, text: str) -> Results:
     (folder / "rates.yaml").write_text(text)
     options = api.Options(engine="serial", quiet=True, out=folder / "out")
     return api.run(folder / "rates.yaml", options, formats=()).results
@@ -60,7 +66,7 @@ def test_missing_components_have_no_part_in_the_nis(tmp_path: Path) -> None:
     assert abs(of_anis - 0.95) < 4.0 * np.sqrt(0.95 * 0.05 / 100)
     assert of_anees > 0.5  # errors of successive steps are alike
     low, high = anees_band(1, 200)
-    assert f"{low:.3f} to {high:.3f} at a step of 200 components" in results.tables["c"].notes[1]
+    assert f"{low:.3f} to {high:.3f} at a step of 200 components" in results.tables["k"].notes[1]
 
 
 def test_what_a_gate_refuses_is_counted_beside_the_nis(tmp_path: Path) -> None:
@@ -85,8 +91,8 @@ def test_what_a_gate_refuses_is_counted_beside_the_nis(tmp_path: Path) -> None:
 def test_another_number_of_components_is_refused(tmp_path: Path, figure: str, number: int) -> None:
     text = RATES.replace("OUTLIERS", "0").replace(", n_x: 2", "")
     (tmp_path / "dof.yaml").write_text(text.replace(figure, f"{figure}, n_x: {number}"))
-    with pytest.raises(InputError, match=rf"n_x: {number} components, and .* is of {6 - number}"):
-        api.load(tmp_path / "dof.yaml")
+    with pytest.raises(UserError, match=rf"n_x: {number} components, and .* is of {6 - number}"):
+        api.run(tmp_path / "dof.yaml", out=tmp_path / "out")
 
 
 def test_the_figures_have_a_band_for_each_step(tmp_path: Path) -> None:

@@ -18,16 +18,22 @@ requests them of (`core.posterior_scores` defines them for a Gaussian, for parti
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
+from trackbench.core.angles import near
 from trackbench.core.arrays import Array, as_slice, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import exp, log
-from trackbench.core.posterior_scores import NormalPosterior, by_rank, distance_in_range
+from trackbench.core.posterior_scores import (
+    NormalPosterior,
+    Posterior,
+    by_rank,
+    distance_in_range,
+)
 from trackbench.evaluation.validate_output import checked_numbers
-from trackbench.filters.base import AnyFilter, Filter, State, has_expectations
+from trackbench.filters.base import Filter, State, has_expectations
 from trackbench.scenarios.base import Scenario
 
 _ENOUGH = 4096  # runs times steps: a call on so many is worth its price, and they stay in the cache
@@ -41,7 +47,7 @@ class ConsistencySeries:
     """
 
     def __init__(self, scenario: Scenario, mean: Array, truth: Array) -> None:
-        self._mean, self._truth = mean, truth
+        self._mean, self._truth, self._angles = mean, truth, scenario.angle_rows
         self._parts = {f"nees_{name}": as_slice(p) for name, p in scenario.marginals.items()}
         self._at_a_time = max(1, _ENOUGH // mean.shape[-1])
         self._waiting: list[Array] = []
@@ -78,7 +84,7 @@ class ConsistencySeries:
     def _reduce(self, cov: Array) -> None:
         # Score S steps in one call: errors (n, S, M).
         part = slice(self._scored, self._scored + cov.shape[2])
-        truth = self._truth[:, part]
+        truth = near(self._truth[:, part], self._mean[:, part], self._angles)
         error = self._mean[:, part] - truth
         # Marginals: the part's rows of the error, its rows and columns of the covariance.
         for name, rows in {"nees": slice(None), **self._parts}.items():
@@ -150,22 +156,20 @@ def bars(quantity: str) -> list[str]:
 class Calibration:
     """The series of one filter over one block, step by step."""
 
-    def __init__(
-        self, tracker: AnyFilter, components: Sequence[str], wanted: Sequence[str]
-    ) -> None:
-        self._tracker, self._components = tracker, components
+    def __init__(self, components: Sequence[str], wanted: Sequence[str]) -> None:
+        self._components = components
         self._wanted = {"calibration", "ranks", "crps"}.intersection(wanted)
         self.disabled = not self._wanted
         self._rows: dict[str, list[Array]] = {}
         self._places: list[int] = []
         self._excess: list[Array | None] = []
 
-    def add(self, state: Any, found: Gaussian, truth: Array) -> None:
-        """Add a step's state, estimate of the truth's components, and truth (n_x, M)."""
+    def add(self, posterior: Posterior | None, found: Gaussian, truth: Array) -> None:
+        """Add a step's posterior, estimate of the truth's components, and truth (n_x, M)."""
         if self.disabled:
             return
         # A filter without a posterior of its own is judged by the Gaussian of its estimate.
-        posterior = self._tracker.posterior(state) or NormalPosterior(found)
+        posterior = posterior or NormalPosterior(found)
         if "calibration" in self._wanted:
             # PIT of each component and of the whole state, coverage, log excess for the NCI.
             within = posterior.within(truth)

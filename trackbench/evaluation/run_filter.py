@@ -8,8 +8,10 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from trackbench.core import arrays
+from trackbench.core.angles import moments_together, near, particles_together
 from trackbench.core.arrays import Array, LatestResults, Seal, any_nan, freeze
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
+from trackbench.core.posterior_scores import ParticlePosterior
 from trackbench.core.random_streams import aside_stream, block_stream, side_by_side
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.consistency_and_calibration import (
@@ -181,7 +183,8 @@ class _Recorder:
         scenario, tracker = task.scenario, task.filter
         self._consistency = ConsistencySeries(scenario, self._mean, data.truth)
         wanted = task.predictive_metrics if scenario.has_truth else ()
-        self._judged = Calibration(tracker, scenario.components, wanted)
+        self._judged = Calibration(scenario.components, wanted)
+        self._angles = scenario.angle_rows
         self.needs_states = has_expectations(tracker) or not self._judged.disabled
         """whether what is recorded depends on more than estimates and diagnostics"""
 
@@ -200,11 +203,20 @@ class _Recorder:
         # Drop the components that only the filter's motion has: the truth has none of them.
         if len(found.mean) > n:
             found = Gaussian(found.mean[:n], found.cov[:n, :n])
+        posterior = None
+        if self._angles or not self._judged.disabled:
+            posterior = self._task.filter.posterior(state)
+        if self._angles and isinstance(posterior, ParticlePosterior):
+            # Particles on both sides of an angle's cut have their mean direction.
+            cloud = posterior.particles
+            cloud = cloud._replace(x=cloud.x[:n])
+            together = particles_together(cloud, found.mean, self._angles)
+            found, posterior = moments_together(found, cloud, together), ParticlePosterior(together)
         self._mean[:, k] = found.mean
         self._consistency.add(found.cov)
         if self.needs_states:
-            truth = self._data.truth[:, k]
-            self._judged.add(state, found, truth)
+            truth = near(self._data.truth[:, k], found.mean, self._angles)
+            self._judged.add(posterior, found, truth)
             seen = observed(self._task.scenario, self._task.filter, state, truth)
             self._observed = self._filled(self._observed, k, seen)
         if self._covariances:
