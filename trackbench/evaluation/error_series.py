@@ -58,7 +58,9 @@ def series(
         out |= _errors(scenario, mean, truth, "squared", "error")
         out["nees"] = nees
         n = len(truth)
-        outside = by_rank(lambda x, r: (x * (r / n) > _gate(r)) * 1.0, nees, n, rank)
+        outside = by_rank(
+            lambda x, r: np.asarray(x * (r / n) > _gate(r), dtype=float), nees, n, rank
+        )
         out["outside_region"] = np.where(np.isnan(nees), np.nan, outside)
     if exact is not None:
         out |= _errors(scenario, mean, exact, "rmsd")

@@ -56,7 +56,7 @@ def run_stack(blocks: Sequence[BlockTask]) -> list[dict[int, BlockResult]]:
         run_reference.size = max(run_reference.size, len(blocks))
         for block in blocks:
             if block.reference is not None:
-                run_reference(block.reference_task)
+                _reference_of(block)
         # A filter that is the others' reference may have been run.
         cached = [run_reference.cached(block.filtering_key) for block in blocks]
         known = [output for output in cached if output is not None]
@@ -69,6 +69,19 @@ def run_stack(blocks: Sequence[BlockTask]) -> list[dict[int, BlockResult]]:
             _reduce(block, *_cut(data, output, first, block.width))
             for block, first in zip(blocks, range(0, stack.runs, stack.width), strict=True)
         ]
+
+
+def _reference_of(task: BlockTask) -> FilterOutput:
+    """Return the reference's output, NaN if it fails: the filter keeps its other numbers."""
+    try:
+        return run_reference(task.reference_task)
+    except Exception as error:
+        # The reference among the filters reports its own failure.
+        if isinstance(error, MemoryError) or task.filter == task.reference:
+            raise
+        unknown = np.full(task.data.truth.shape, np.nan)
+        scores = {"log_likelihood": unknown[0]} if task.predictive_metrics else {}
+        return FilterOutput(mean=unknown, nees=unknown[0], cov=None, diagnostics=scores, cpu_s=0.0)
 
 
 def _stack_of(blocks: Sequence[BlockTask]) -> BlockTask:
@@ -104,7 +117,7 @@ def _cut(
 def _reduce(task: BlockTask, data: Simulation, output: FilterOutput) -> dict[int, BlockResult]:
     """Return the block's metrics by the number of runs that they are reduced over."""
     check_names(task.filter.summed_diagnostics)
-    exact = None if task.reference is None else run_reference(task.reference_task)
+    exact = None if task.reference is None else _reference_of(task)
     told = dict(output.diagnostics)
     if exact is not None and "likelihood_ratio" in task.predictive_metrics:
         told |= likelihood_ratio(told, exact.diagnostics)

@@ -204,8 +204,8 @@ class Tracking(Scenario):
         """Return the motion from step to step."""
         line, axes = self._timeline, self.target.axes
         if isinstance(motion, AngledMotion) and not motion.angles and self.angles:
-            known = tuple(name for name in self.angles if name in motion.components)
-            motion = replace(motion, angles=known)
+            names = motion.sampled(1.0, axes).components
+            motion = replace(motion, angles=tuple(a for a in self.angles if a in names))
         if line.equal:
             return motion.sampled(line.T, axes)
         if motion.uses_time:
