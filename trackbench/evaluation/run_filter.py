@@ -99,8 +99,7 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
                     else:
                         state = ahead.state(i - first)
                     found = tracker.estimate(state)
-                diagnostics = tracker.diagnostics(state)
-                recorder.note(diagnostics)
+                recorder.note(diagnostics := tracker.diagnostics(state))
                 if tracker.smooths:
                     states.append(state)
                 else:

@@ -157,8 +157,7 @@ class Tracking(Scenario):
     def angles(self) -> tuple[str, ...]:
         """Return components that are angles: of the target, the assumed motion, or a sensor alone."""
         found = {*self.target.known_angles, *getattr(self.assume.motion, "angles", ())}
-        for sensor in sensors_of(self.true_sensor):
-            found.update(sensor.measured_angles)
+        found.update(*(sensor.measured_angles for sensor in sensors_of(self.true_sensor)))
         return tuple(name for name in self.components if name in found)
 
     @cached_property
@@ -203,9 +202,8 @@ class Tracking(Scenario):
     def _sampled(self, motion: Motion) -> SampledMotion:
         """Return the motion from step to step."""
         line, axes = self._timeline, self.target.axes
-        if isinstance(motion, AngledMotion) and not motion.angles and self.angles:
-            names = motion.sampled(1.0, axes).components
-            motion = replace(motion, angles=tuple(a for a in self.angles if a in names))
+        if isinstance(motion, AngledMotion) and self.angles:
+            motion = motion.with_angles(self.angles, axes)
         if line.equal:
             return motion.sampled(line.T, axes)
         if motion.uses_time:

@@ -1,9 +1,9 @@
 """Nonlinear motions written as equations: a map from step to step, and a differential equation."""
 
 from abc import abstractmethod
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -32,6 +32,12 @@ class AngledMotion(Motion):
     angles: tuple[str, ...] = ()
     """components that are angles in rad, equal after whole turns: {angles: [heading]}; default: those
     that a sensor measures alone as an angle. They turn by less than half a turn in a step"""
+
+    def with_angles(self, angles: tuple[str, ...], axes: int) -> Self:
+        """Return the motion with those of the angles that it has; its own key comes first."""
+        names = self.sampled(1.0, axes).components
+        known = self.angles or tuple(name for name in angles if name in names)
+        return replace(self, angles=known)
 
     def angle_rows(self, components: tuple[str, ...]) -> tuple[int, ...]:
         """Return the rows of the angles; raises InvalidKeyError."""
