@@ -165,6 +165,8 @@ _ERROR_METRICS = [
            "nees", over_runs=""),
     Metric("anees", "mean NEES over the number of components", "", "one",
            "nees", over_steps="", per_component=True),
+    Metric("unused", "components that a NEES or NIS lacks: known exactly, or not measured", "1", "",
+           "unused", over_steps=""),
     Metric("outside_region", "share of steps outside the filter's own 1 - 1e-6 region", "1", "lower",
            "outside_region"),
     Metric("lost", "why a run is lost: 0 it is not, 1 not finite, 2 error too far; mean: share of runs",
@@ -200,7 +202,7 @@ onset_error_s | s | zero   | estimated minus true onset
 onset_abs_error_s   | s | lower  | size of the estimated onset's error
 onset_age_s   | s |        | time since the estimated onset when it is detected
 false_maneuvers_per_1000 | 1 | lower | alarms per 1000 quiet samples
-nis           |   |        | normalized innovation squared; of n components n if consistent
+nis           |   |        | normalized innovation squared; of n components that are used n if consistent
 gated         | 1 |        | measurements of a run that the gate refused
 mode          | 1 |        | weight of the maneuvering mode
 alarm         | 1 |        | decisions in a run that a maneuver has begun
@@ -224,7 +226,7 @@ def _noted() -> Iterator[Metric]:
         yield Metric(name, text, unit, cast(Better, better), is_event=name in _EVENTS)
 
 
-_FAMILIES = ("squared", "nees", "autocovariance", "rmsd", "pit", "coverage", "rank")
+_FAMILIES = ("squared", "nees", "unused", "autocovariance", "rmsd", "pit", "coverage", "rank")
 METRICS.update({m.name: m for m in (*_ERROR_METRICS, *_noted())})
 _OF_SERIES = {
     m.series: [other for other in _ERROR_METRICS if other.series == m.series]

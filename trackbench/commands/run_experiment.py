@@ -169,6 +169,9 @@ def _failed(experiment: Experiment, outcome: Outcome, losses: dict[Key, Losses])
     for key, loss in losses.items():
         if loss.is_total:
             yield f"{experiment.title_of(key)} failed: {loss}"
+        if not loss.has_distance:
+            reference = experiment.settings.reference
+            yield f"{experiment.title_of(key)} has no distance: the reference {reference} failed"
 
 
 class Times(NamedTuple):

@@ -41,7 +41,8 @@ def stored_metrics(settings: Settings, file: str) -> frozenset[str] | None:
     if file == "per_step.csv" and settings.per_step is not None:
         return frozenset(measured(name).base for name in settings.per_step)
     names = settings.metrics
-    return None if names is None else frozenset({"lost", *(measured(n).base for n in names)})
+    always = ("lost", "gated")
+    return None if names is None else frozenset((*always, *(measured(n).base for n in names)))
 
 
 def is_stored(stored: frozenset[str] | None, base: str) -> bool:

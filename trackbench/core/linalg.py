@@ -13,7 +13,8 @@ import numpy as np
 from trackbench.core import compiled
 from trackbench.core.arrays import Array, all_finite, once, with_trailing
 
-_SINGULAR = 1e-14  # share of its variance below which a pivot is rounding
+SINGULAR = 1e-14
+"""Share of its variance below which a pivot is rounding."""
 _ROUNDING = 2.0**-52  # share of the diagonal below which a rotation changes nothing
 _SWEEPS = 40  # of rotations; convergence is quadratic, after some ten
 
@@ -124,7 +125,12 @@ def root(P: Array) -> Array:
     It serves draws and sigma points; a matrix to be inverted needs `cholesky`.
     """
     L = cholesky(P)
-    return L if all_finite(L) else _factor(P, _SINGULAR)
+    return L if all_finite(L) else root_in_range(P)
+
+
+def root_in_range(P: Array) -> Array:
+    """Return lower L with ``L L' = P``, with a column of zeros where only rounding is left of P."""
+    return _factor(P, SINGULAR)
 
 
 def _factor(P: Array, tolerance: float) -> Array:
@@ -198,7 +204,7 @@ def root_determinant(L: Array) -> tuple[Array, Array]:
 
 def is_singular(P: Array) -> bool:
     """Return whether a covariance (n, n) leaves a direction without spread."""
-    return bool((np.diagonal(_factor(P, _SINGULAR)) == 0.0).any())
+    return bool((np.diagonal(root_in_range(P)) == 0.0).any())
 
 
 def solve_lower(L: Array, b: Array) -> Array:

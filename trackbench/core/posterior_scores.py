@@ -9,13 +9,14 @@ Talts et al. 2018, theorem 1). For N equal particles they are ranks r / N, unifo
 grows.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from trackbench.core import linalg, quadrature
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import chi_square_cdf, log, normal_cdf, normal_density
 from trackbench.core.linalg import distance
@@ -25,6 +26,62 @@ from trackbench.core.sums import dot, total
 
 _ROOT_PI = 1.7724538509055159
 _LEAST = 1e-15  # lower bound on a squared distance and on a remaining variance: below is rounding
+_OF_STATE = 1e-12  # share of a state below which a standard deviation is rounding
+_WITHIN_ROUNDING = 100.0  # squared error, in units of rounding, of a state without spread
+
+
+@np.errstate(all="ignore")  # the root of a singular matrix is not finite
+def distance_in_range(e: Array, P: Array, at: Array) -> tuple[Array, Array | None]:
+    """Return ``e' P^+ e`` (*batch) and the rank of P (*batch), None if it is full everywhere.
+
+    P (n, n[, *batch]) may be singular. The distance of an error in its range is then a chi-square of as
+    many degrees of freedom as P has directions with spread; that of an error outside is infinite.
+    ``at`` (n, *batch) is the state, next to which a deviation may be rounding.
+    """
+    squared, variance = distance(e, P), linalg.diagonal(P)
+    pivots = np.square(linalg.diagonal(linalg.cholesky(P)))
+    # Step 1: has every direction spread? A quick test, by the largest states.
+    largest = np.fmax.reduce(np.abs(at), axis=tuple(range(1, at.ndim)))
+    least = with_trailing(np.square(_OF_STATE * np.nan_to_num(largest)), pivots.ndim - 1)
+    if (pivots > linalg.SINGULAR * variance + least).all():
+        return squared, None
+    # Step 2: the root of P without the variances that are rounding.
+    variance, pivots = (with_trailing(a, e.ndim - 1) for a in (variance, pivots))
+    least = np.square(_OF_STATE * at)
+    known = variance <= least
+    P = with_trailing(P, e.ndim - 1, leading=2)
+    L = linalg.root_in_range(np.where(known[:, None] | known[None], 0.0, P))
+    # Step 3: L y = e; what a row without spread leaves of e must be rounding.
+    y, spread = _whiten(L, e), linalg.diagonal(L) > 0.0
+    least = least + linalg.SINGULAR * variance
+    inside = spread | (np.square(e - linalg.matvec(L, y)) <= _WITHIN_ROUNDING * least)
+    singular = inside.all(axis=0) & np.isfinite(L).all(axis=(0, 1)) & ~(pivots > least).all(axis=0)
+    rank = np.where(singular, spread.sum(axis=0), len(P))
+    return np.where(singular, total(np.square(y), axis=0), squared), rank
+
+
+def _whiten(L: Array, b: Array) -> Array:
+    """Return y with ``L y = b`` in the range of a lower triangle L, zero in its columns of zeros."""
+    y = np.zeros(np.broadcast_shapes(b.shape, L.shape[1:]))
+    for i, pivot in enumerate(linalg.diagonal(L)):
+        rest = b[i]
+        for j in range(i):
+            rest = rest - L[i, j] * y[j]
+        y[i] = np.where(pivot > 0.0, rest * (1.0 / np.where(pivot > 0.0, pivot, 1.0)), 0.0)
+    return y
+
+
+def by_rank(
+    function: Callable[[Array, int], Array], squared: Array, n: int, rank: Array | None
+) -> Array:
+    """Return a function of squared distances and their degrees of freedom, NaN where there are none."""
+    found = function(squared, n)
+    if rank is None:
+        return found
+    for r in range(1, n):
+        if (rank == r).any():
+            found = np.where(rank == r, function(squared, r), found)
+    return np.where(rank == 0, np.nan, found)
 
 
 class Posterior(Protocol):
@@ -69,7 +126,9 @@ class NormalPosterior(Posterior):
     def within(self, x: Array) -> Array:
         """Return the chi-square distribution function of the normalized error squared."""
         n = len(x)
-        return chi_square_cdf(distance(x - self.state.mean[:n], self.state.cov[:n, :n]), n)
+        error, P = x - self.state.mean[:n], self.state.cov[:n, :n]
+        squared, rank = distance_in_range(error, P, x)
+        return by_rank(chi_square_cdf, squared, n, rank)
 
     def crps(self, x: Array) -> Array:
         """Return the CRPS in closed form (Gneiting & Raftery 2007, section 4.2)."""
@@ -122,12 +181,16 @@ class ParticlePosterior(Posterior):
         state = Particles(x_i, w).moments()
         m, P = state.mean, state.cov
         error = x - m
-        of_x = distance(error, P)
-        with np.errstate(all="ignore"):  # of_x is infinite where the covariance is singular
+        of_x, rank = distance_in_range(error, P, x)
+        with np.errstate(all="ignore"):  # of_x is infinite outside the particles' range
             # Step 1: q = e' P^-1 e and c = e' P^-1 d of each particle by the particles' moments.
-            L = linalg.cholesky(P)
-            e = linalg.solve_lower(L[..., None], x_i - m[..., None])
-            d = linalg.solve_lower(L, error)[..., None]
+            if rank is None:
+                L, whiten = linalg.cholesky(P), linalg.solve_lower
+            else:
+                L, whiten = linalg.root_in_range(P), _whiten
+                of_x = np.where(rank == 0, np.nan, of_x)  # all particles are where x is
+            e = whiten(L[..., None], x_i - m[..., None])
+            d = whiten(L, error)[..., None]
             q, c = total(e * e, axis=0), total(e * d, axis=0)
             # Step 2: add x with weight 1 / (N + 1) to mean and covariance (Sherman-Morrison).
             pooled = q + 1.0 / (N + 1.0) - np.square(1.0 + c) / (N + 1.0 + of_x[:, None])

@@ -1,8 +1,11 @@
 """Consistency and calibration: series that need a filter's covariance or its whole posterior.
 
-Consistency is the NEES of the whole state and of its marginals. Calibration says where the truth is in
-the posterior: series (T + 1, M), for the filters that a config requests them of
-(`core.posterior_scores` defines them for a Gaussian, for particles and for a density):
+Consistency is the NEES of the whole state and of its marginals. Where a covariance of n components has
+rank r, as where a velocity is known exactly, the NEES is n / r times the distance in its range, so that
+its mean is n at every step. ``unused_nees`` counts the n - r components without spread.
+
+Calibration says where the truth is in the posterior: series (T + 1, M), for the filters that a config
+requests them of (`core.posterior_scores` defines them for a Gaussian, for particles and for a density):
 
 ``pit_<component>``   probability below the truth, uniform on (0, 1) if calibrated; of particles the rank
 ``pit_nees``          probability of states nearer to the mean than the truth, in Mahalanobis distance:
@@ -15,17 +18,22 @@ the posterior: series (T + 1, M), for the filters that a config requests them of
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
+from trackbench.core.angles import near
 from trackbench.core.arrays import Array, as_slice, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import exp, log
-from trackbench.core.linalg import distance
-from trackbench.core.posterior_scores import NormalPosterior
+from trackbench.core.posterior_scores import (
+    NormalPosterior,
+    Posterior,
+    by_rank,
+    distance_in_range,
+)
 from trackbench.evaluation.validate_output import checked_numbers
-from trackbench.filters.base import AnyFilter, Filter, State, has_expectations
+from trackbench.filters.base import Filter, State, has_expectations
 from trackbench.scenarios.base import Scenario
 
 _ENOUGH = 4096  # runs times steps: a call on so many is worth its price, and they stay in the cache
@@ -39,12 +47,13 @@ class ConsistencySeries:
     """
 
     def __init__(self, scenario: Scenario, mean: Array, truth: Array) -> None:
-        self._mean, self._truth = mean, truth
+        self._mean, self._truth, self._angles = mean, truth, scenario.angle_rows
         self._parts = {f"nees_{name}": as_slice(p) for name, p in scenario.marginals.items()}
         self._at_a_time = max(1, _ENOUGH // mean.shape[-1])
         self._waiting: list[Array] = []
         self._scored = 0
         self._series = {name: np.empty(mean.shape[1:]) for name in ("nees", *self._parts)}
+        self._unused: dict[str, Array] = {}
 
     def add(self, cov: Array) -> None:
         """Add the covariance (n, n) or (n, n, M) of the next step, which is copied."""
@@ -61,7 +70,11 @@ class ConsistencySeries:
     def series(self) -> dict[str, Array]:
         """Return values (T, M) by the name of their series, after the last step."""
         self._reduce_waiting()
-        return self._series
+        unused = {
+            name: np.where(np.isnan(self._series[name.removeprefix("unused_")]), np.nan, number)
+            for name, number in self._unused.items()
+        }
+        return self._series | unused
 
     def _reduce_waiting(self) -> None:
         if self._waiting:
@@ -71,11 +84,17 @@ class ConsistencySeries:
     def _reduce(self, cov: Array) -> None:
         # Score S steps in one call: errors (n, S, M).
         part = slice(self._scored, self._scored + cov.shape[2])
-        error = self._mean[:, part] - self._truth[:, part]
-        self._series["nees"][part] = distance(error, cov)
+        truth = near(self._truth[:, part], self._mean[:, part], self._angles)
+        error = self._mean[:, part] - truth
         # Marginals: the part's rows of the error, its rows and columns of the covariance.
-        for name, rows in self._parts.items():
-            self._series[name][part] = distance(error[rows], cov[rows][:, rows])
+        for name, rows in {"nees": slice(None), **self._parts}.items():
+            squared, rank = distance_in_range(error[rows], cov[rows][:, rows], truth[rows])
+            if rank is not None and not (rank == len(error[rows])).all():
+                n = len(error[rows])
+                unused = self._unused.setdefault(f"unused_{name}", np.zeros(self._mean.shape[1:]))
+                unused[part] = n - rank
+                squared = np.where(rank == 0, np.nan, squared * (n / np.maximum(rank, 1)))
+            self._series[name][part] = squared
         self._scored = part.stop
 
 
@@ -102,14 +121,6 @@ def observed(
         error = value - exact[name]
         out[f"squared_{name}"], out[f"error_{name}"] = np.square(error), error
     return out
-
-
-def normalized_error(found: Gaussian, truth: Array) -> Array:
-    """Return the normalized estimation error squared (*batch).
-
-    Infinite where the covariance is singular, as a collapsed cloud's is up to rounding.
-    """
-    return distance(found.mean - truth, found.cov)
 
 
 def sizes(scenario: Scenario) -> dict[str, int]:
@@ -145,22 +156,20 @@ def bars(quantity: str) -> list[str]:
 class Calibration:
     """The series of one filter over one block, step by step."""
 
-    def __init__(
-        self, tracker: AnyFilter, components: Sequence[str], wanted: Sequence[str]
-    ) -> None:
-        self._tracker, self._components = tracker, components
+    def __init__(self, components: Sequence[str], wanted: Sequence[str]) -> None:
+        self._components = components
         self._wanted = {"calibration", "ranks", "crps"}.intersection(wanted)
         self.disabled = not self._wanted
         self._rows: dict[str, list[Array]] = {}
         self._places: list[int] = []
         self._excess: list[Array | None] = []
 
-    def add(self, state: Any, found: Gaussian, truth: Array) -> None:
-        """Add a step's state, estimate of the truth's components, and truth (n_x, M)."""
+    def add(self, posterior: Posterior | None, found: Gaussian, truth: Array) -> None:
+        """Add a step's posterior, estimate of the truth's components, and truth (n_x, M)."""
         if self.disabled:
             return
         # A filter without a posterior of its own is judged by the Gaussian of its estimate.
-        posterior = self._tracker.posterior(state) or NormalPosterior(found)
+        posterior = posterior or NormalPosterior(found)
         if "calibration" in self._wanted:
             # PIT of each component and of the whole state, coverage, log excess for the NCI.
             within = posterior.within(truth)
@@ -172,13 +181,15 @@ class Calibration:
         if "crps" in self._wanted:
             self._note("crps", self._components, posterior.crps(truth))
 
-    def series(self, nees: Array) -> dict[str, Array]:
-        """Return values (T + 1, M) by the name of their series; ``nees`` is that of the whole state."""
+    def series(self, consistency: Mapping[str, Array]) -> dict[str, Array]:
+        """Return values (T + 1, M) by the name of their series, from those of `ConsistencySeries`."""
         rows = {name: np.stack(values) for name, values in self._rows.items()}
         pits = [(name, row) for name, row in rows.items() if name.startswith("pit_")]
         if "calibration" in self._wanted:
             # NCI by the posterior's own log excess, or by the NEES of a Gaussian.
-            gaussian = noncredibility(nees, len(self._components))
+            n = len(self._components)
+            rank = rank_of("nees", consistency, n)
+            gaussian = noncredibility(consistency["nees"], n, rank)
             steps = zip(self._excess, gaussian, strict=True)
             rows["nci"] = np.stack([row if own is None else _decibels(own) for own, row in steps])
         for name, row in pits if "ranks" in self._wanted else ():
@@ -207,14 +218,24 @@ def likelihood_ratio(own: Mapping[str, Array], exact: Mapping[str, Array]) -> di
     return {"likelihood_ratio": ratio}
 
 
-def noncredibility(nees: Array, n: int) -> Array:
+def noncredibility(nees: Array, n: int, rank: Array | None = None) -> Array:
     """Return ``10 log10 NEES`` minus its Gaussian mean; positive means overconfident."""
-    # psi(n / 2) by psi(1) = -gamma, psi(1 / 2) = -gamma - 2 log 2, psi(x + 1) = psi(x) + 1 / x
-    digamma = -_EULER - (2.0 * float(log(2.0)) if n % 2 else 0.0)
-    for i in range(n % 2 or 2, n, 2):
-        digamma += 2.0 / i
-    # E log NEES = log 2 + psi(n / 2) for chi-square of n degrees of freedom
-    return _decibels(log(nees) - float(log(2.0)) - digamma)
+
+    def of_rank(squared: Array, r: int) -> Array:
+        # psi(r / 2) by psi(1) = -gamma, psi(1 / 2) = -gamma - 2 log 2, psi(x + 1) = psi(x) + 1 / x
+        digamma = -_EULER - (2.0 * float(log(2.0)) if r % 2 else 0.0)
+        for i in range(r % 2 or 2, r, 2):
+            digamma += 2.0 / i
+        # E log NEES = log 2 + psi(r / 2) for chi-square of r degrees of freedom
+        return _decibels(log(squared * (r / n)) - float(log(2.0)) - digamma)
+
+    return by_rank(of_rank, nees, n, rank)
+
+
+def rank_of(nees: str, series: Mapping[str, Array], n: int) -> Array | None:
+    """Return the degrees of freedom (T, M) of a NEES of n components; None if it has n everywhere."""
+    unused = series.get(f"unused_{nees}")
+    return None if unused is None else n - unused
 
 
 def _decibels(log_ratio: Array) -> Array:

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array, Mask, any_nan
+from trackbench.core.posterior_scores import by_rank
 from trackbench.core.sums import WindowSums, dot, total
 from trackbench.evaluation.validate_output import checked_metrics
 from trackbench.filters.base import WrongReturnError
@@ -39,18 +40,28 @@ class StepSums(NamedTuple):
 
 
 def series(
-    scenario: Scenario, truth: Array, mean: Array, nees: Array, exact: Array | None
+    scenario: Scenario,
+    truth: Array,
+    mean: Array,
+    nees: Array,
+    exact: Array | None,
+    rank: Array | None = None,
 ) -> dict[str, Array]:
     """Return every series of a block, or of some of its steps.
 
-    Truth, mean and the reference's mean are (n_x, T + 1, M). Recorded data without a truth have no
+    Truth, mean and the reference's mean are (n_x, T + 1, M); ``rank`` (T + 1, M) is that of the
+    covariances, None if it is full everywhere. Recorded data without a truth have no
     errors; where the truth has a gap, so have they.
     """
     out: dict[str, Array] = {}
     if scenario.has_truth:
         out |= _errors(scenario, mean, truth, "squared", "error")
         out["nees"] = nees
-        out["outside_region"] = np.where(np.isnan(nees), np.nan, nees > _gate(len(truth)))
+        n = len(truth)
+        outside = by_rank(
+            lambda x, r: np.asarray(x * (r / n) > _gate(r), dtype=float), nees, n, rank
+        )
+        out["outside_region"] = np.where(np.isnan(nees), np.nan, outside)
     if exact is not None:
         out |= _errors(scenario, mean, exact, "rmsd")
     return out
@@ -210,6 +221,16 @@ def step_sums(rows: Array, lost: Array) -> StepSums:
     counted: Mask = there & ~np.isnan(rows)
     kept = np.where(counted, rows, 0.0)
     return StepSums(total(kept), dot(kept, kept), counted.sum(axis=1).astype(float))
+
+
+def with_unused(steps: dict[str, StepSums]) -> dict[str, StepSums]:
+    """Return the sums with those of the components that each NEES and NIS lacks, of none as zeros."""
+    out = dict(steps)
+    for name, sums in steps.items():
+        if name == "nis" or name.partition("_")[0] == "nees":
+            none = np.zeros_like(sums.number)
+            out.setdefault(f"unused_{name}", StepSums(none, none, sums.number))
+    return out
 
 
 @cache

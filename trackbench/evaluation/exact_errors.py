@@ -21,6 +21,7 @@ from trackbench.core.arrays import Array, Index, freeze
 from trackbench.core.random_streams import RunStreams
 from trackbench.core.sums import total
 from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.consistency_and_calibration import rank_of
 from trackbench.evaluation.error_series import series
 from trackbench.evaluation.run_filter import FilterOutput, run_filter
 from trackbench.filters.kf import GaussianFilter
@@ -95,7 +96,8 @@ def exact_series(task: BlockTask) -> dict[str, Array]:
         u = np.array([0.0, *([1.0, -1.0] * _UNITS)])
         streams = _FixedNormals(lambda rows: np.where(rows[:, None] == places, u, 0.0))  # noqa: B023
         data, output = _run(task, streams, len(u))
-        values = series(task.scenario, data.truth, output.mean, output.nees, None)
+        rank = rank_of("nees", output.diagnostics, len(data.truth))
+        values = series(task.scenario, data.truth, output.mean, output.nees, None, rank)
         # Step 2: E q = q(0) + sum_j [ (q(u_j) + q(-u_j)) / 2 - q(0) ]
         for name, q in (values | output.diagnostics).items():
             if name.partition("_")[0] in QUADRATIC:

@@ -90,6 +90,8 @@ class Measure(NamedTuple):
         found, quantity = self.family
         if found.name == "rank":  # a bar of a histogram: kept with what it is of
             return joined("pit", quantity.rpartition("_")[0])
+        if found.name == "unused":  # components of a statistic: kept with it
+            return quantity
         return joined(found.series, quantity) if found.per_component else self.metric
 
     @property

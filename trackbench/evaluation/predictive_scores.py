@@ -4,7 +4,7 @@ Series (T + 1, M) beside those of `metrics`, for whoever asks for them:
 
 ``log_likelihood``   log p(z_k | z_1..k-1) by the filter's own method of that name
 ``squared_predicted_<component>``, ``error_predicted_<component>``  z_k minus its prediction
-``innovations``      number of components measured
+``innovations``      number of components measured, and not refused by the filter's gate
 ``anis``             normalized innovation squared over that number, 1 if consistent
 ``autocovariance_<l>``  whitened innovation times the l-th one before it, summed over the components
 ``held_log_likelihood``, ``squared_held_<component>``, ``error_held_<component>``  the same of
@@ -55,12 +55,14 @@ def predictive_series(components: Sequence[str], scores: bool, hold_out: int | N
 
 
 class Step(NamedTuple):
-    """One step: where the filter was, where it came, its whole estimate, the step."""
+    """One step: state before and after, the whole estimate, the step, and what a gate refused."""
 
     before: Any
     after: Any
     found: Gaussian
     k: int
+    refused: Array | None = None
+    """1 for each run (M,) whose measurement was not used"""
 
 
 class PredictionScorer:
@@ -108,7 +110,7 @@ class PredictionScorer:
             # The prediction is the estimate after a step without a measurement.
             nothing = freeze(np.full_like(z, np.nan))
             _, found = self._aside(told, nothing)
-            self._predicted(predicted_innovation(self._model, found, z, told.k))
+            self._predicted(predicted_innovation(self._model, found, z, told.k), told.refused)
         if self._held is not None:
             self._held_back(told, np.where(self._held[i], self._all[:, i], np.nan))
 
@@ -128,10 +130,12 @@ class PredictionScorer:
         found = checked_numbers("series", {_SCORE: own}, len(measured))
         return {_SCORE: np.where(measured, found[_SCORE], np.nan)}
 
-    def _predicted(self, seen: Innovation) -> None:
+    def _predicted(self, seen: Innovation, refused: Array | None) -> None:
         self._note(self._errors("predicted", seen.nu))
-        # Step 1: whiten, e = L^-1 nu with S = L L'; missing components have no e.
+        # Step 1: whiten, e = L^-1 nu with S = L L'; missing and refused components have no e.
         missing = np.isnan(seen.nu)
+        if refused is not None:
+            missing = missing | (refused > 0.0)
         number = (~missing).sum(axis=0)
         rows = linalg.whiten(linalg.cholesky(seen.S), np.where(missing, 0.0, seen.nu))
         white = np.where(missing, np.nan, np.stack(list(rows)))

@@ -9,7 +9,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Mask
 from trackbench.evaluation.block import BlockResult, BlockTask, Tracks
-from trackbench.evaluation.consistency_and_calibration import likelihood_ratio
+from trackbench.evaluation.consistency_and_calibration import likelihood_ratio, rank_of
 from trackbench.evaluation.error_series import (
     FOUND,
     SeriesSums,
@@ -17,6 +17,7 @@ from trackbench.evaluation.error_series import (
     per_run_metrics,
     series,
     step_sums,
+    with_unused,
 )
 from trackbench.evaluation.run_filter import FilterOutput, run_filter_cached, run_reference
 from trackbench.evaluation.validate_output import check_names
@@ -55,7 +56,7 @@ def run_stack(blocks: Sequence[BlockTask]) -> list[dict[int, BlockResult]]:
         run_reference.size = max(run_reference.size, len(blocks))
         for block in blocks:
             if block.reference is not None:
-                run_reference(block.reference_task)
+                _reference_of(block)
         # A filter that is the others' reference may have been run.
         cached = [run_reference.cached(block.filtering_key) for block in blocks]
         known = [output for output in cached if output is not None]
@@ -68,6 +69,19 @@ def run_stack(blocks: Sequence[BlockTask]) -> list[dict[int, BlockResult]]:
             _reduce(block, *_cut(data, output, first, block.width))
             for block, first in zip(blocks, range(0, stack.runs, stack.width), strict=True)
         ]
+
+
+def _reference_of(task: BlockTask) -> FilterOutput:
+    """Return the reference's output, NaN if it fails: the filter keeps its other numbers."""
+    try:
+        return run_reference(task.reference_task)
+    except Exception as error:
+        # The reference among the filters reports its own failure.
+        if isinstance(error, MemoryError) or task.filter == task.reference:
+            raise
+        unknown = np.full(task.data.truth.shape, np.nan)
+        scores = {"log_likelihood": unknown[0]} if task.predictive_metrics else {}
+        return FilterOutput(mean=unknown, nees=unknown[0], cov=None, diagnostics=scores, cpu_s=0.0)
 
 
 def _stack_of(blocks: Sequence[BlockTask]) -> BlockTask:
@@ -103,7 +117,7 @@ def _cut(
 def _reduce(task: BlockTask, data: Simulation, output: FilterOutput) -> dict[int, BlockResult]:
     """Return the block's metrics by the number of runs that they are reduced over."""
     check_names(task.filter.summed_diagnostics)
-    exact = None if task.reference is None else run_reference(task.reference_task)
+    exact = None if task.reference is None else _reference_of(task)
     told = dict(output.diagnostics)
     if exact is not None and "likelihood_ratio" in task.predictive_metrics:
         told |= likelihood_ratio(told, exact.diagnostics)
@@ -134,11 +148,13 @@ def _series_and_sums(
     sums = SeriesSums(task.scenario.windows, task.filter.summed_diagnostics)
     steps, runs = output.nees.shape
     at_a_time = max(1, _COLUMNS // runs)
+    rank = rank_of("nees", told, len(data.truth))
     for first in range(0, steps, at_a_time):
         part = slice(first, first + at_a_time)
         mean, truth, nees = output.mean[:, part], data.truth[:, part], output.nees[part]
         exact = None if exact_mean is None else exact_mean[:, part]
-        rows = series(task.scenario, truth, mean, nees, exact)
+        of_part = None if rank is None else rank[part]
+        rows = series(task.scenario, truth, mean, nees, exact, of_part)
         for name, row in (rows | {name: whole[name][part] for name in told}).items():
             if name not in values:
                 values[name] = whole[name] if name in whole else np.empty((steps, runs))
@@ -176,14 +192,15 @@ def _trimmed(
         cov = None if result.cov is None else _first_runs(result.cov, shown)
         truth, seen = _first_runs(data.truth, shown), _first_runs(data.measurements, shown)
         tracks = Tracks(truth, seen, _first_runs(result.mean, shown), cov)
+    # Sums per step; training runs (index < 0) have none.
+    steps = {
+        name: known[name] if name in known else step_sums(rows, per_run["lost"])
+        for name, rows in values.items()
+        if task.index >= 0
+    }
     return BlockResult(
         per_run=per_run,
-        # Training runs (index < 0) have no sums per step.
-        steps={
-            name: known[name] if name in known else step_sums(rows, per_run["lost"])
-            for name, rows in values.items()
-            if task.index >= 0
-        },
+        steps=with_unused(steps),
         run_series={n: np.where(per_run["lost"] == FOUND, values[n], np.nan) for n in kept},
         tracks=tracks,
         cpu_s=result.cpu_s,

@@ -8,8 +8,10 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from trackbench.core import arrays
-from trackbench.core.arrays import Array, LatestResults, Seal, freeze
+from trackbench.core.angles import moments_together, near, particles_together
+from trackbench.core.arrays import Array, LatestResults, Seal, any_nan, freeze
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
+from trackbench.core.posterior_scores import ParticlePosterior
 from trackbench.core.random_streams import aside_stream, block_stream, side_by_side
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.consistency_and_calibration import (
@@ -17,7 +19,7 @@ from trackbench.evaluation.consistency_and_calibration import (
     ConsistencySeries,
     observed,
 )
-from trackbench.evaluation.predictive_scores import PredictionScorer, Step
+from trackbench.evaluation.predictive_scores import PredictionScorer, Step, after_first
 from trackbench.evaluation.validate_output import (
     check_axes,
     check_estimate,
@@ -97,20 +99,20 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
                     else:
                         state = ahead.state(i - first)
                     found = tracker.estimate(state)
-                recorder.note(tracker.diagnostics(state))
+                recorder.note(diagnostics := tracker.diagnostics(state))
                 if tracker.smooths:
                     states.append(state)
                 else:
                     recorder.add(state, found)
                 # The state before the step predicts the measurement.
-                scorer.add(Step(before, state, found, k), i)
+                scorer.add(Step(before, state, found, k, diagnostics.get("gated")), i)
         if tracker.smooths:
             with clock:
                 # Step 3: a smoother goes back through all states; these estimates are recorded.
                 states = tracker.smoothed(model, states, int(task.scenario.steps[0]), rng)
             for state in states:
                 recorder.add(state, tracker.estimate(state))
-        return recorder.filtered(scorer.series(), clock.cpu_s)
+        return recorder.filtered(scorer.visible, scorer.series(), clock.cpu_s)
 
 
 def _with_assumed_prior(task: BlockTask, data: Simulation) -> Simulation:
@@ -180,7 +182,8 @@ class _Recorder:
         scenario, tracker = task.scenario, task.filter
         self._consistency = ConsistencySeries(scenario, self._mean, data.truth)
         wanted = task.predictive_metrics if scenario.has_truth else ()
-        self._judged = Calibration(tracker, scenario.components, wanted)
+        self._judged = Calibration(scenario.components, wanted)
+        self._angles = scenario.angle_rows
         self.needs_states = has_expectations(tracker) or not self._judged.disabled
         """whether what is recorded depends on more than estimates and diagnostics"""
 
@@ -199,11 +202,20 @@ class _Recorder:
         # Drop the components that only the filter's motion has: the truth has none of them.
         if len(found.mean) > n:
             found = Gaussian(found.mean[:n], found.cov[:n, :n])
+        posterior = None
+        if self._angles or not self._judged.disabled:
+            posterior = self._task.filter.posterior(state)
+        if self._angles and isinstance(posterior, ParticlePosterior):
+            # Particles on both sides of an angle's cut have their mean direction.
+            cloud = posterior.particles
+            cloud = cloud._replace(x=cloud.x[:n])
+            together = particles_together(cloud, found.mean, self._angles)
+            found, posterior = moments_together(found, cloud, together), ParticlePosterior(together)
         self._mean[:, k] = found.mean
         self._consistency.add(found.cov)
         if self.needs_states:
-            truth = self._data.truth[:, k]
-            self._judged.add(state, found, truth)
+            truth = near(self._data.truth[:, k], found.mean, self._angles)
+            self._judged.add(posterior, found, truth)
             seen = observed(self._task.scenario, self._task.filter, state, truth)
             self._observed = self._filled(self._observed, k, seen)
         if self._covariances:
@@ -225,14 +237,19 @@ class _Recorder:
             self._covs += [*np.moveaxis(per_run[..., : self._covariances], 2, 0).copy()]
         self._next = self._next_note = part.stop
 
-    def filtered(self, told: dict[str, Array], cpu_s: float) -> FilterOutput:
-        """Return the output, with the predictive series."""
+    def filtered(self, z: Array, told: dict[str, Array], cpu_s: float) -> FilterOutput:
+        """Return the output, with the predictive series; z (n_z, T, M) are the measurements."""
         errors = self._consistency.series()
-        errors |= self._judged.series(errors["nees"])
+        errors |= self._judged.series(errors)
         if not self._data.prior.cov.any():
             for rows in errors.values():
                 rows[0] = np.nan  # the first state is known exactly: there is nothing to judge
         nees = errors.pop("nees")
+        nis = (self._noted or {}).get("nis")
+        if nis is not None and any_nan(z):
+            # Components that the NIS of a step lacks, where it has any.
+            missing = after_first(np.isnan(z).sum(axis=0).astype(float))
+            errors["unused_nis"] = np.where(np.isnan(nis), np.nan, missing)
         # Covariances of the shown runs (n, n, T + 1, r).
         cov = np.stack(self._covs, axis=2) if self._covs else None
         series = (self._noted or {}) | errors | (self._observed or {}) | told

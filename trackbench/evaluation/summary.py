@@ -162,6 +162,8 @@ def _time_means(
 def step_rows(result: FilterResult, sizes: Mapping[str, int]) -> Iterator[StepRow]:
     """Yield ``rmse`` (hdepf eq. 16), ``bias``, ``std`` (adaptive-kf eqs. 13, 14), other means."""
     for name, sums in result.steps.items():
+        if name.startswith("unused_") and not sums.total.any():
+            continue
         # From the sums: metrics at the steps where any run has a value.
         there = np.flatnonzero(sums.number)
         columns = [

@@ -46,6 +46,8 @@ class ModelBank(NamedTuple):
     innovations: tuple[Innovation, ...] = ()
     predicted: Array | None = None
     """weights of the models before the last measurement (r, M)"""
+    refused: Array | None = None
+    """1 for each run (M,) whose gates refused the last measurement"""
 
 
 @register("filters", "imm")
@@ -66,7 +68,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
     smooth: bool | FixedLag = False
     """estimate each step from all measurements of the run, or from so many later ones: {lag: 5}"""
     contract_exemptions: ClassVar[dict[str, str]] = {"kalman": "has motions of its own"}
-    diagnostic_names = frozenset({"nis", "mode"})
+    summed_diagnostics: ClassVar[frozenset[str]] = frozenset({"gated"})
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -130,6 +132,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         # Step 4: weights mu_j ~ c_j N(nu_j; 0, S_j).
         judged = [innovation.nis_and_scale() for innovation in innovations]
         nis, mantissa, exponent = (np.stack(rows) for rows in zip(*judged, strict=True))
+        refused = np.zeros(z.shape[1:], dtype=np.bool_)
         if self.filter.gate is not None:
             # Where every model's gate refuses the measurement, predict only.
             measured_components = (~np.isnan(innovations[0].nu)).sum(axis=0)
@@ -142,7 +145,8 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         if missing.any():
             weights = np.where(missing, predicted, weights)
             mean_nis = np.where(missing, np.nan, mean_nis)
-        return ModelBank(states, weights, mean_nis, state.reported, innovations, predicted)
+        bank = ModelBank(states, weights, mean_nis, state.reported, innovations, predicted)
+        return bank._replace(refused=refused.astype(float))
 
     def smoothed(
         self, model: Model, states: list[ModelBank], k: int, rng: Generator
@@ -210,9 +214,17 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         each = np.stack([innovation.log_likelihood for innovation in state.innovations])
         return log_mixture(state.predicted, each)
 
+    @property
+    def diagnostic_names(self) -> frozenset[str]:
+        """Return the names of `diagnostics`."""
+        return frozenset({"nis", "mode"} | ({"gated"} if self.filter.gate else set()))
+
     def diagnostics(self, state: ModelBank) -> dict[str, Array]:
-        """Return ``nis``, the models' weighted mean, and ``mode``: weight of all but the first."""
-        return {"nis": state.nis, "mode": 1.0 - state.weights[0]}
+        """Return ``nis``, the models' mean; ``mode``, weight of all but the first; ``gated``."""
+        out = {"nis": state.nis, "mode": 1.0 - state.weights[0]}
+        if self.filter.gate:
+            out["gated"] = np.zeros(len(state.nis)) if state.refused is None else state.refused
+        return out
 
 
 class _WithModel(Scene):

@@ -94,7 +94,8 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
         # Update again with the refused measurements as missing: predict only.
         if gated.any():
             posterior, _ = self.update(model, before, np.where(gated, np.nan, z), k)
-        return Tracked(posterior, nis, innovation, gated)
+        # The NIS is that of the measurements that are used.
+        return Tracked(posterior, np.where(gated, np.nan, nis), innovation, gated)
 
     def prepared(self, state: Gaussian) -> Gaussian:
         """Return a posterior as the next prediction takes it: N(m, a^2 P), with its factor if needed."""
@@ -135,7 +136,7 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
         return frozenset({"nis"} if self.gate is None else {"nis", "gated"})
 
     def diagnostics(self, state: Tracked) -> dict[str, Array]:
-        """Return ``nis``, expected n_z, and ``gated``: 1 where the measurement was refused."""
+        """Return ``nis`` of a measurement that is used, and ``gated``: 1 where it was refused."""
         if self.gate is None:
             return {"nis": state.nis}
         gated = np.zeros(len(state.nis)) if state.gated is None else state.gated.astype(float)

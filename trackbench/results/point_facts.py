@@ -41,6 +41,8 @@ class PointFacts:
     """dimension of the state, and of the parts that have a consistency measure"""
     spans: list[list[float]]
     """start and end times of the shaded parts of a figure over time, s"""
+    angles: list[str] | None = None
+    """components of the truth that are angles"""
     judged: list[int] | None = None
     """first and last step that count, of one recorded run"""
 
@@ -60,6 +62,7 @@ def facts_of_point(point: Point, shown: Callable[[str], str] = str) -> PointFact
         list(scenario.true_sensor.components),
         dict(sizes(scenario)),
         [[float(t) for t in span] for span in scenario.spans],
+        [*scenario.angles] or None,
         _judged(scenario) if scenario.recorded_runs == 1 else None,
     )
 

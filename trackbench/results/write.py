@@ -77,12 +77,19 @@ class Losses(NamedTuple):
 
     runs: int
     by_code: dict[float, int]
+    has_distance: bool = True
+    """whether the reference could be run, if there is one"""
 
     @classmethod
     def of(cls, result: FilterResult) -> "Losses":
         """Count the codes of the metric ``lost``."""
         codes = result.per_run["lost"]
-        return cls(len(codes), {code: int((codes == code).sum()) for code in LOST_BECAUSE})
+        distances = [
+            x for name, x in result.per_run.items() if measured(name).family[0].name == "rmsd"
+        ]
+        known = any(np.isfinite(x).any() for x in distances) or not distances or (codes > 0).all()
+        by_code = {code: int((codes == code).sum()) for code in LOST_BECAUSE}
+        return cls(len(codes), by_code, bool(known))
 
     @property
     def lost(self) -> int:

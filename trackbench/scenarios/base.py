@@ -48,6 +48,16 @@ class Scenario(Scene):
         return self.model.motion.components
 
     @property
+    def angles(self) -> tuple[str, ...]:
+        """Return names of components that are angles, rad, so that whole turns are no error."""
+        return ()
+
+    @property
+    def angle_rows(self) -> tuple[int, ...]:
+        """Return the rows of the angles in the truth."""
+        return tuple(i for i, name in enumerate(self.components) if name in self.angles)
+
+    @property
     def true_sensor(self) -> Sensor:
         """Return the sensor that makes the measurements; default: the model's."""
         return self.model.sensor

@@ -8,6 +8,7 @@ from typing import Annotated
 import numpy as np
 
 from trackbench.core import linalg
+from trackbench.core.angles import near
 from trackbench.core.arrays import Array, Index, Mask, fixed
 from trackbench.core.cramer_rao import largest_deviation
 from trackbench.core.distributions import Distribution, PointMass
@@ -16,6 +17,7 @@ from trackbench.field_types import Finite, InvalidKeyError, Natural, Positive, R
 from trackbench.models.base import Model, Motion, SampledMotion
 from trackbench.models.motions.irregular import Irregular
 from trackbench.models.motions.kinematic import ConstantVelocity, Linear
+from trackbench.models.motions.nonlinear import AngledMotion
 from trackbench.models.sensors.base import Assume, SensorBase, Sensors, sensors_of, stack
 from trackbench.registry import register
 from trackbench.scenarios.base import Scenario, Simulation
@@ -56,6 +58,7 @@ class Tracking(Scenario):
     """what errors are measured, and over which steps"""
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "target", self.target.with_angles(self.angles))
         # The timeline needs a valid start, and the scoring needs the timeline.
         self._start.check(self.components, self.true_sensor)
         self._schedule.check(self._own_timeline)
@@ -152,6 +155,13 @@ class Tracking(Scenario):
         return self.target.components
 
     @cached_property
+    def angles(self) -> tuple[str, ...]:
+        """Return components that are angles: of the target, the assumed motion, or a sensor alone."""
+        found = {*self.target.known_angles, *getattr(self.assume.motion, "angles", ())}
+        found.update(*(sensor.measured_angles for sensor in sensors_of(self.true_sensor)))
+        return tuple(name for name in self.components if name in found)
+
+    @cached_property
     def true_sensor(self) -> Sensors:
         """Return the sensor, or all of them as one."""
         return self._stacked(self.sensor, "sensor")
@@ -193,6 +203,8 @@ class Tracking(Scenario):
     def _sampled(self, motion: Motion) -> SampledMotion:
         """Return the motion from step to step."""
         line, axes = self._timeline, self.target.axes
+        if isinstance(motion, AngledMotion) and self.angles:
+            motion = motion.with_angles(self.angles, axes)
         if line.equal:
             return motion.sampled(line.T, axes)
         if motion.uses_time:
@@ -308,6 +320,7 @@ class Tracking(Scenario):
 
     def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
         """Return error vectors by quantity: of the state, and in the coordinates of each sensor."""
+        truth = near(truth, mean, self.angle_rows)
         return self.score.error_vectors(self.true_sensor, self.components, mean, truth)
 
     def observables(self, x: Array) -> dict[str, Array]:

@@ -2,13 +2,14 @@
 
 from abc import abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
 from trackbench.core import linalg
+from trackbench.core.angles import near
 from trackbench.core.arrays import Array, fixed, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.field_types import Count, Finite, InvalidKeyError, freeze_mappings
@@ -21,7 +22,30 @@ _COLUMNS = 16_384  # states that are integrated at a time: their slopes stay in 
 
 
 @dataclass(frozen=True, kw_only=True)
-class EquationMotion(Motion):
+class AngledMotion(Motion):
+    """Base of the motions whose components may be angles."""
+
+    angles: tuple[str, ...] = ()
+    """components that are angles in rad, equal after whole turns: {angles: [heading]}; default: those
+    that a sensor measures alone as an angle. They turn by less than half a turn in a step"""
+
+    def with_angles(self, angles: tuple[str, ...], axes: int) -> Self:
+        """Return the motion with those of the angles that it has; its own key comes first."""
+        names = self.sampled(1.0, axes).components
+        known = self.angles or tuple(name for name in angles if name in names)
+        return replace(self, angles=known)
+
+    def angle_rows(self, components: tuple[str, ...]) -> tuple[int, ...]:
+        """Return the rows of the angles; raises InvalidKeyError."""
+        for i, name in enumerate(self.angles):
+            if name not in components:
+                what = f"{name!r} is not one of {', '.join(components)}"
+                raise InvalidKeyError(what, "angles", i)
+        return tuple(i for i, name in enumerate(components) if name in self.angles)
+
+
+@dataclass(frozen=True, kw_only=True)
+class EquationMotion(AngledMotion):
     """Base of the motions whose equations stand in the config.
 
     Expressions have numbers, ``+ - * / **``, the functions sin, cos, tan, exp, log, sqrt, atan2, abs,
@@ -43,6 +67,7 @@ class EquationMotion(Motion):
         freeze_mappings(self)
         if not self.components:
             raise InvalidKeyError("name at least one component", "components")
+        self.angle_rows(self.components)
         self._compiled(1.0)
 
     @property
@@ -85,13 +110,19 @@ class EquationMotion(Motion):
 class Step:
     """A noise-free step by a map: ``x_k = f(x_{k-1}, k)``, with t = k T."""
 
-    def __init__(self, T: float, f: ArrayProgram, jacobian: ArrayProgram) -> None:
-        self.T, self.f, self.J = T, f, jacobian
+    def __init__(
+        self, T: float, f: ArrayProgram, jacobian: ArrayProgram, angles: tuple[int, ...] = ()
+    ) -> None:
+        self.T, self.f, self.J, self.angles = T, f, jacobian, angles
 
     def __call__(self, x: Array, k: int) -> Array:
-        """Return the states at step k for states x (n, *batch) at step k - 1."""
+        """Return the states at step k for states x (n, *batch) at step k - 1.
+
+        An angle stays within half a turn of the one before: equations with a cut, as of `atan2`, must
+        not tear particles or sigma points apart.
+        """
         out = self.f(x, k, k * self.T)
-        return np.broadcast_to(with_trailing(out, x.ndim - 1), x.shape)
+        return near(np.broadcast_to(with_trailing(out, x.ndim - 1), x.shape), x, self.angles)
 
     def jacobian(self, x: Array, k: int) -> Array:
         """Return the derivative (n, n[, *batch]) at x (n, *batch)."""
@@ -186,7 +217,7 @@ class SteppedMotion:
     @property
     def hessian(self) -> Callable[[Array, int], Array]:
         """Return the second derivatives of f as a function; AttributeError without a closed form."""
-        return self.step.hessian  # type: ignore[attr-defined,no-any-return]
+        return self.step.hessian  # type: ignore[attr-defined]
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,7 +243,7 @@ class StateNoise(SteppedMotion):
 
 
 @dataclass(frozen=True, kw_only=True)
-class NonlinearMotion(Motion):
+class NonlinearMotion(AngledMotion):
     """Base of a motion that is written in Python: a subclass has ``components``, `f` and `Q`.
 
     The Jacobian is taken by central differences.
@@ -250,10 +281,11 @@ class FunctionStep(Step):
 
     def __init__(self, motion: NonlinearMotion, T: float) -> None:
         self.motion, self.T = motion, T
+        self.angles = motion.angle_rows(motion.components)
 
     def __call__(self, x: Array, k: int) -> Array:
         """Return the states at step k for states x (n, *batch) at step k - 1."""
-        return np.asarray(self.motion.f(x, k, self.T))
+        return near(np.asarray(self.motion.f(x, k, self.T)), x, self.angles)
 
     def jacobian(self, x: Array, k: int) -> Array:
         """Return the derivative (n, n, *batch) at x (n, *batch)."""
@@ -288,7 +320,10 @@ class MapMotion(EquationMotion):
         return super().sampled(T, axes)
 
     def _step(self, T: float, f: ArrayProgram, jacobian: ArrayProgram) -> Step:
-        return MapStep(T, f, jacobian)
+        # Only `atan2` has a cut.
+        equations = (*self.next.values(), *self.where.values())
+        has_cut = any("atan2" in str(term) for term in equations)
+        return MapStep(T, f, jacobian, self.angle_rows(self.components) if has_cut else ())
 
 
 @register("motions", "ode")

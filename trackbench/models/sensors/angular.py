@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from trackbench.core import compiled
+from trackbench.core.angles import wrap_angle
 from trackbench.core.arrays import Array, fixed, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import arctan2, cos_sin
@@ -116,14 +117,6 @@ def along_line_of_sight(azimuth: Array, px: Array, py: Array) -> tuple[Array, Ar
     square = along * along
     square += across * across
     return np.sqrt(square, out=square), across, along
-
-
-def wrap_angle(angle: Array) -> Array:
-    """Return angles wrapped to (-pi, pi]."""
-    # Return early if every angle is inside already.
-    if angle.max(initial=0.0) < np.pi and angle.min(initial=0.0) > -np.pi:
-        return angle
-    return np.asarray(angle - 2.0 * np.pi * np.ceil(angle / (2.0 * np.pi) - 0.5))
 
 
 def distance(px: Array, py: Array) -> Array:

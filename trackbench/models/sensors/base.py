@@ -100,6 +100,11 @@ class SensorBase(Part):
         """Return whether R depends on the state, which the Fisher information leaves out."""
         return False
 
+    @property
+    def measured_angles(self) -> tuple[str, ...]:
+        """Return components of the state that are measured as they are, as an angle; default: none."""
+        return ()
+
     def innovation(self, z: Array, z_pred: Array) -> Array:
         """Return ``z - z_pred`` (n_z, *batch); a sensor of angles wraps them to (-pi, pi]."""
         return z - z_pred

@@ -8,6 +8,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from trackbench.core import linalg
+from trackbench.core.angles import wrap_angle
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import LOG_2PI, Gaussian
 from trackbench.core.elementary import cos_sin, exp, expm1, log, log_gamma, logaddexp
@@ -16,7 +17,6 @@ from trackbench.core.sums import total
 from trackbench.field_types import Finite, InvalidKeyError, OpenShare, Positive, freeze_mappings
 from trackbench.models.equations import ArrayProgram, Covariance, Equations, Term
 from trackbench.models.expressions import turns_at_cut
-from trackbench.models.sensors.angular import wrap_angle
 from trackbench.models.sensors.base import SensorBase
 from trackbench.registry import register
 
@@ -231,6 +231,11 @@ class FunctionSensor(SensorBase):
     @property
     def _is_count(self) -> bool:
         return isinstance(self.noise, Noise) and self.noise.kind == "poisson"
+
+    @property
+    def measured_angles(self) -> tuple[str, ...]:
+        """Return components of the state that are measured as they are, as an angle."""
+        return tuple(str(self.h[name]) for name in self.angles or () if self.h[name] in self.state)
 
     def has_density(self) -> bool:
         """Return whether the noise is not normal, so that `log_density` is its likelihood."""

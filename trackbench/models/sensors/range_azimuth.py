@@ -7,6 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from trackbench.core import linalg
+from trackbench.core.angles import wrap_angle
 from trackbench.core.arrays import Array, fixed
 from trackbench.core.conversions import Conversion, Polar, ccm, convert, position
 from trackbench.core.distributions import Gaussian
@@ -16,7 +17,6 @@ from trackbench.models.sensors.angular import (
     AngularSensor,
     along_line_of_sight,
     distance,
-    wrap_angle,
 )
 from trackbench.models.sensors.position import selection_matrix
 from trackbench.registry import register

@@ -1,9 +1,12 @@
 """Figure kinds of consistency and bias: `anees`, `bias`, `dots`."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from trackbench.config.experiment import Point
+from trackbench.evaluation.consistency_and_calibration import sizes
 from trackbench.evaluation.metric_expression import OfStep, OfSummary, measure
 from trackbench.field_types import Count, OpenShare, Positive
 from trackbench.registry import register
@@ -12,8 +15,10 @@ from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import named
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
-from trackbench.report.plotting.style import Figure
+from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.results import Results
+from trackbench.report.tables.consistency import degrees_of
+from trackbench.results.point_facts import GridPoint
 from trackbench.statistics.intervals import anees_band
 
 
@@ -27,17 +32,28 @@ class Anees(OverTime):
 
     metric: OfStep = measure("anees")
     """metric of per_step.csv: anees, or that of a part of the state as anees_position"""
-    n_x: Count
-    """number of components of the state, or of the part"""
+    n_x: Count | None = None
+    """number of components of the state, or of the part; default: what it is, and no other is right"""
     level: OpenShare = 0.95
     """probability of the chi-square band"""
+
+    def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
+        """Reject another number of components than there are."""
+        for point in points:
+            n = sizes(point.scenario).get(self.metric.family[1])
+            if self.n_x is not None and n is not None and self.n_x != n:
+                what = f"{self.n_x} components, and `{self.metric}` is of {n}"
+                return {"n_x": f"{what}; leave the key out"}
+        return {}
 
     def default_caption(self, results: Results) -> str:
         """Return how often each filter is inside the band."""
         point, parts = results.points()[0], []
         for rows, look in self.lines(results, point, self.metric):
             if len(rows) and look["label"] not in results.exact:
-                low, high = anees_band(self.n_x, int(rows["runs"].max()), self.level)
+                number = self._degrees(results, point, look["label"])
+                bands = {m: anees_band(1, m, self.level) for m in set(number.values())}
+                low, high = np.array([bands[number[k]] for k in rows["step"].tolist()]).T
                 inside = (low <= rows["value"]) & (rows["value"] <= high)
                 parts.append((float(inside.mean()), look["label"]))
         told = [
@@ -52,14 +68,34 @@ class Anees(OverTime):
         titles = self.panel_titles(results, self.steps_of(results, self.metric))
         figure, panels = self.panels_over_time(results, titles)
         for (ax,), point, title in panels:
-            runs = 1
+            number, at = dict[int, float](), dict[int, float]()
             for rows, look in self.lines(results, point, self.metric):
                 if len(rows):
                     self.curve(ax, self.series(rows), look, title, titles)
-                    runs = max(runs, int(rows["runs"].max()))
-            band = anees_band(self.n_x, runs, self.level)
-            ax.axhspan(*band, label=f"{100 * self.level:g} % band", **style.BAND)
+                    at |= zip(rows["step"].tolist(), rows[self.x].tolist(), strict=True)
+                    for k, m in self._degrees(results, point, look["label"]).items():
+                        number[k] = max(m, number.get(k, 0.0))
+            self._band(ax, at, number)
         return self.finish(figure, titles)
+
+    def _band(self, ax: Axes, at: dict[int, float], number: dict[int, float]) -> None:
+        """Draw the band of so many degrees of freedom by step: straight where all are equal."""
+        look = {"label": f"{100 * self.level:g} % band", **style.BAND}
+        bands = {m: anees_band(1, m, self.level) for m in set(number.values()) or {1.0}}
+        if len(bands) == 1:
+            ax.axhspan(*bands.popitem()[1], **look)
+            return
+        steps = sorted(number)
+        low, high = np.array([bands[number[k]] for k in steps]).T
+        ax.fill_between([at[k] for k in steps], low, high, **look)
+
+    def _degrees(self, results: Results, point: GridPoint, label: str) -> dict[int, float]:
+        """Return the degrees of freedom of a filter's metric over its runs, by step."""
+        rows = results.columns("per_step", point).where(filter=label)
+        n = results.facts(point).sizes[self.metric.family[1]]
+        number = degrees_of(rows, str(self.metric), n)
+        steps = rows.where(metric=str(self.metric))["step"].tolist()
+        return dict(zip(steps, number.tolist(), strict=True))
 
 
 @register("figures", "bias")

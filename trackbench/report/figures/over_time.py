@@ -249,9 +249,12 @@ class EstimatesOfOneRun(OverTime):
         titles = self.panel_titles(results, steps)
         layout = {"height_ratios": [3, 2] * -(-len(tracks) // 4)} if known else {}
         figure, panels = self.panels_over_time(results, titles, 2 if known else 1, **layout)
-        for (axes, _, title), arrays in zip(panels, tracks * max(len(titles), 1), strict=True):
+        for (axes, point, title), arrays in zip(panels, tracks * max(len(titles), 1), strict=True):
             if arrays:  # not every filter failed here
-                self._panel(axes, results, arrays, c, run, title, titles)
+                facts = results.facts(point)
+                is_angle = facts.components[c] in (facts.angles or ())
+                curves = _without_jumps(arrays, c, run) if is_angle else arrays
+                self._panel(axes, results, curves, c, run, title, titles)
         if known and titles:
             figure.supylabel("Estimate - truth")
         elif known:
@@ -287,3 +290,20 @@ class EstimatesOfOneRun(OverTime):
                 for ax in axes:
                     line = errors if ax in below else (k, mean)
                     self.curve(ax, line, {"label": label, **look}, title, titles)
+
+
+def _without_jumps(tracks: dict[str, Array], c: int, run: int) -> dict[str, Array]:
+    """Return the tracks, with the angle of one run continued where it jumps by a turn."""
+    out = dict(tracks)
+    for name in ("truth", *(name for name in tracks if name.startswith("mean/"))):
+        rows = np.array(tracks[name])
+        angle, truth = rows[c, :, run], out["truth"][c, :, run]
+        known = np.isfinite(angle)
+        angle[known] = np.unwrap(angle[known])
+        both = known & np.isfinite(truth)
+        if name != "truth" and both.any():
+            # Shift the whole estimate by so many turns that most of it is near the truth.
+            turns = np.round(np.median((angle - truth)[both]) / (2.0 * np.pi))
+            angle -= 2.0 * np.pi * turns
+        out[name] = rows
+    return out

@@ -1,5 +1,6 @@
 """Table kinds `consistency` and `innovations`: do errors and innovations fit their covariances?"""
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -14,6 +15,7 @@ from trackbench.registry import register
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
 from trackbench.report.kinds import TableKind
+from trackbench.report.result_files import Columns
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
 from trackbench.statistics.estimates import MISSING
@@ -26,9 +28,10 @@ from trackbench.statistics.over_runs import Estimate
 class Consistency(TableKind):
     """Normalized errors and innovations over the runs at each step, and their chi-square bands.
 
-    ANEES is NEES / n_x and ANIS is NIS / n_z: 1 if consistent. Averaged over M runs at one step they are
-    chi-square of M n degrees of freedom over M n; a consistent filter stays in the 95 % band in 95 % of
-    the steps (Bar-Shalom, Li & Kirubarajan 2001, section 5.4.3).
+    ANEES and ANIS are NEES and NIS over the number n of components: 1 if consistent. Components that are
+    known exactly, not measured, or refused by a gate do not count. Averaged over M runs at one step they
+    are chi-square of M n degrees of freedom over M n; a consistent filter stays in the 95 % band in 95 %
+    of the steps (Bar-Shalom, Li & Kirubarajan 2001, section 5.4.3).
     """
 
     requires: ClassVar[dict[str, str]] = {"anees": "per_step", "nis": "per_step"}
@@ -40,50 +43,73 @@ class Consistency(TableKind):
 
     def table(self, results: Results) -> Table:
         """Return the table from a results folder."""
-        labels = results.chosen(self.filters)
-        heads = [
+        sized = [
             "ANEES, median step",
             "steps in its band",
             "ANIS, median step",
             "steps in its band ",
         ]
-        table = Table(self.title, [*results.grid_heads, "Filter"], heads, self.digits)
-        every: dict[str, dict[int, None]] = {"ANEES": {}, "ANIS": {}}
-        for point in results.points():
-            given = results.facts(point)
+        found = {tuple(point.items()): Evaluator(results, point) for point in results.points()}
+        refused = _refused(found.values())
+        keys = [*results.grid_heads, "Filter"]
+        table = Table(self.title, keys, [*sized, *refused], self.digits)
+        every: dict[str, dict[int, set[float]]] = {"ANEES": {}, "ANIS": {}}
+        for point, evaluator in found.items():
+            given, frame = results.facts(dict(point)), results.columns("per_step", dict(point))
             sizes = {"anees": len(given.components), "nis": len(given.measured)}
-            for name, n in zip(every, sizes.values(), strict=True):
-                every[name][n] = None
-            frame = results.columns("per_step", point)
-            for label in labels:
-                rows = frame.where(filter=label)
+            for label in results.chosen(self.filters):
                 cells = []
-                for metric, n in sizes.items():
-                    chosen = rows.where(metric=metric)
+                for name, (metric, n) in zip(every, sizes.items(), strict=True):
+                    rows = frame.where(filter=label)
+                    chosen, number = rows.where(metric=metric), degrees_of(rows, metric, n)
+                    every[name].setdefault(n, set()).update(number.tolist())
                     # ANEES is stored per component, NIS is not.
-                    value = chosen["value"] if metric == "anees" else chosen["value"] / n
-                    cells += _cells(value, n, chosen["runs"])
-                table.add([*(str(v) for v in point.values()), label], cells)
-        # Notes: the band for each number of components.
-        runs = int(results.config["runs"])
-        for name, n in ((name, n) for name, found in every.items() for n in found):
-            low, high = anees_band(n, runs)
-            of = f" of {n} components" if len(every[name]) > 1 else ""
-            band = f"{low:.3f} to {high:.3f}"
-            table.notes.append(f"95 % band of {name}{of} over {counted(runs, 'run')}: {band}.")
+                    each = 1.0 if metric == "anees" else number / chosen["runs"]
+                    cells += _cells(chosen["value"] / each, number)
+                cells += [_innovation_cell(evaluator, label, m) for m in refused.values()]
+                table.add([*(str(v) for _, v in point), label], cells)
+        table.notes += _consistency_bands(every, int(results.config["runs"]))
         return table
 
 
-def _cells(value: Array, n: int, runs: Array) -> list[Cell]:
-    """Return the median over the steps, and the share of steps inside their bands."""
+def degrees_of(rows: Columns, metric: str, n: int) -> Array:
+    """Return the degrees of freedom (K,) of a metric summed over the runs, at the steps that have it.
+
+    ``rows`` are those of one filter in per_step.csv. They are n for each run, less the components that
+    are not measured or known exactly.
+    """
+    chosen, series = rows.where(metric=metric), metric.replace("anees", "nees", 1)
+    unused = rows.where(metric=f"unused_{series}")
+    less = dict(zip(unused["step"].tolist(), unused["value"].tolist(), strict=True))
+    return np.asarray(
+        chosen["runs"] * np.array([n - less.get(k, 0.0) for k in chosen["step"].tolist()])
+    )
+
+
+def _cells(value: Array, number: Array) -> list[Cell]:
+    """Return the median over the steps, and the share of steps inside the bands of such ``number``s."""
     if not len(value):
         return [Cell.missing(), Cell.missing()]
-    # A band for each number of runs that are left at a step.
-    bands = {m: anees_band(n, m) for m in set(runs.tolist())}
-    low, high = np.array([bands[m] for m in runs.tolist()]).T
+    # A band for each number of degrees of freedom that a step has.
+    bands = {m: anees_band(1, m) for m in set(number.tolist())}
+    low, high = np.array([bands[m] for m in number.tolist()]).T
     inside = float(((value >= low) & (value <= high)).mean())
     # Steps depend on each other, so no standard error is claimed.
     return [Cell(Estimate(x, np.nan), len(value), 0) for x in (float(np.median(value)), inside)]
+
+
+def _consistency_bands(every: dict[str, dict[int, set[float]]], runs: int) -> Iterator[str]:
+    """Yield the band for each number of components, and the widest one of steps that use fewer."""
+    for name, sizes in every.items():
+        for n, numbers in sizes.items():
+            of = f" of {n} components" if len(sizes) > 1 else ""
+            low, high = anees_band(n, runs)
+            text = f"95 % band of {name}{of} over {counted(runs, 'run')}: {low:.3f} to {high:.3f}"
+            least = min(numbers, default=n * runs)
+            if least < n * runs:
+                low, high = anees_band(1, least)
+                text += f"; {low:.3f} to {high:.3f} at a step of {least:g} components in all runs"
+            yield f"{text}."
 
 
 def components(numbers: Array) -> float:
@@ -118,6 +144,7 @@ _COLUMNS = {
     "Log score": "mean(log_score)",
     "Held-out log score": "mean(held_log_score)",
 }
+_REFUSED = {"Refused a run": "mean(gated)"}
 _ERRORS = {"Prediction": "predicted", "Held-out": "held"}
 
 
@@ -151,6 +178,7 @@ class Innovations(TableKind):
         found = {tuple(point.items()): Evaluator(results, point) for point in results.points()}
         there = {metric for evaluator in found.values() for _, metric in evaluator.stored}
         columns = {h: m for h, m in _COLUMNS.items() if m in there} | _error_columns(results)
+        columns |= _refused(found.values())
         table = Table(self.title, [*results.grid_heads, "Filter"], list(columns), self.digits)
         for point, evaluator in found.items():
             for label in results.chosen(self.filters):
@@ -158,6 +186,12 @@ class Innovations(TableKind):
                 table.add([*(str(v) for _, v in point), label], row)
         table.notes += _band_notes(results, results.chosen(self.filters))
         return table
+
+
+def _refused(evaluators: Iterable[Evaluator]) -> dict[str, str]:
+    """Return the column of refused measurements, where any filter has a gate."""
+    there = {metric for evaluator in evaluators for _, metric in evaluator.stored}
+    return {head: metric for head, metric in _REFUSED.items() if metric in there}
 
 
 def _innovation_cell(evaluator: Evaluator, label: str, metric: str) -> Cell:

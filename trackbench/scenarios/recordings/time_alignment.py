@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from trackbench.core.angles import near
 from trackbench.core.arrays import Array, Index, fixed
 from trackbench.field_types import MOST_STEPS, DataError, InvalidKeyError, Place
 from trackbench.scenarios.recordings.rows import TICK, Gathered, Numbers, Rows
@@ -197,12 +198,17 @@ def with_scans(clock: Clock, found: Gathered, scans: int, apart: Array) -> Clock
 
 
 def truth_at(
-    found: Gathered, rows: Rows, clock: Clock, runs: list[str], gap: float | None
+    found: Gathered,
+    rows: Rows,
+    clock: Clock,
+    runs: list[str],
+    gap: float | None,
+    angles: Sequence[int] = (),
 ) -> Array:
     """Return states (n, K + 1, M) at the steps; a truth without runs of its own is that of every run.
 
-    Between two rows that are at most ``gap`` apart (s, or steps) a state lies on the straight line; NaN
-    elsewhere. Raises DataError if there is none at any step.
+    Between two rows that are at most ``gap`` apart (s, or steps) a state lies on the straight line, and
+    the rows ``angles`` turn the shorter way; NaN elsewhere. Raises DataError if there is none at all.
     """
     out = np.full((len(rows.values), len(clock.steps), len(runs)), np.nan)
     steps = clock.steps.astype(float) if found.stepped else clock.times
@@ -215,14 +221,16 @@ def truth_at(
             # The run's rows, shifted in time as its measurements are.
             own = slice(*np.searchsorted(rows.run, [i, i + 1]))
             at, values = rows.time[own] + clock.shift[m], rows.values[:, own]
-            out[:, :, m] = _between(at, values, steps, gap)
+            out[:, :, m] = _between(at, values, steps, gap, angles)
     if not np.isfinite(out).any():
         hint = "" if gap is not None else ": name a `truth_gap` within which it is interpolated"
         raise DataError(Place(found.files[0], 1, 1, f"has no truth at any step{hint}"))
     return fixed(out)
 
 
-def _between(at: Array, values: Array, times: Array, gap: float | None) -> Array:
+def _between(
+    at: Array, values: Array, times: Array, gap: float | None, angles: Sequence[int]
+) -> Array:
     """Return values (n, K) at ``times`` of a curve through (n, R) at ``at``, in order."""
     after = np.clip(np.searchsorted(at, times), 1, max(len(at) - 1, 1))
     out = np.full((len(values), len(times)), np.nan)
@@ -231,10 +239,11 @@ def _between(at: Array, values: Array, times: Array, gap: float | None) -> Array
         wide = at[after] - at[after - 1]
         share = (times - at[after - 1]) / np.where(wide > 0.0, wide, 1.0)
         inside = (wide <= gap + TICK) & (share >= 0.0) & (share <= 1.0)
-        line = values[:, after - 1] + share * (values[:, after] - values[:, after - 1])
+        ahead = near(values[:, after], values[:, after - 1], angles)
+        line = values[:, after - 1] + share * (ahead - values[:, after - 1])
         out[:, inside] = line[:, inside]
     # At a row's own time its values count.
-    for near in (np.minimum(after, len(at) - 1), after - 1):
-        same = np.abs(at[near] - times) < TICK
-        out[:, same] = values[:, near[same]]
+    for row in (np.minimum(after, len(at) - 1), after - 1):
+        same = np.abs(at[row] - times) < TICK
+        out[:, same] = values[:, row[same]]
     return out

@@ -79,6 +79,15 @@ class Target(Part):
         return position_velocity_names(self.axes)
 
     @property
+    def known_angles(self) -> tuple[str, ...]:
+        """Return names of components that are angles, as far as the target's own keys say so."""
+        return getattr(self.own_motion, "angles", ())
+
+    def with_angles(self, angles: tuple[str, ...]) -> "Target":
+        """Return the target whose truth has these angles; only a recorded one depends on them."""
+        return self
+
+    @property
     def is_moving(self) -> bool:
         """Return whether its state is position and velocity along each axis."""
         return self.components in map(position_velocity_names, (1, 2, 3))

@@ -77,9 +77,16 @@ class Measured(FromFiles, Naming, Target):
     """axes of the space it moves in; 0: its state is one number, x"""
     state: tuple[str, ...] = ()
     """names of the components of another state, in order, which are also columns of the truth"""
+    angles: tuple[str, ...] = ()
+    """components that are angles, equal after whole turns: {angles: [heading]}; default: those of the
+    motion that filters assume, and those that a sensor measures alone as an angle"""
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        for i, name in enumerate(self.angles):
+            if name not in self.components:
+                what = f"{name!r} is not one of {', '.join(self.components)}"
+                raise InvalidKeyError(what, "angles", i)
         if self.truth is None and (self.truth_gap is not None or self.truth_naming is not None):
             key = "truth_gap" if self.truth_gap is not None else "truth_naming"
             raise InvalidKeyError("there is no truth", key)
@@ -100,6 +107,15 @@ class Measured(FromFiles, Naming, Target):
         if self.state:
             return self.state
         return position_velocity_names(self.axes) if self.axes else ("x",)
+
+    @property
+    def known_angles(self) -> tuple[str, ...]:
+        """Return names of components that are angles."""
+        return self.angles
+
+    def with_angles(self, angles: tuple[str, ...]) -> "Measured":
+        """Return the target whose truth is interpolated by these angles."""
+        return self if angles == self.angles or self.truth is None else replace(self, angles=angles)
 
     @property
     def has_truth(self) -> bool:
@@ -192,7 +208,8 @@ class Measured(FromFiles, Naming, Target):
         (rows,) = chosen_runs(of_truth, [rows], ())
         rows = in_order(of_truth, rows)
         found.told += [f"truth: {what}" for what in of_truth.told]
-        return truth_at(of_truth, rows, clock, found.runs, self.truth_gap)
+        angles = [i for i, name in enumerate(self.components) if name in self.angles]
+        return truth_at(of_truth, rows, clock, found.runs, self.truth_gap, angles)
 
     def start(self, timeline: Timeline) -> Array:
         """Return the position of the first scan, as the true state is unknown."""

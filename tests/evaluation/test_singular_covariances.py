@@ -1,0 +1,111 @@
+"""NEES of singular covariances: the distance in their range, of as many degrees as their rank."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.conftest import track
+from trackbench.core.posterior_scores import distance_in_range
+from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.exact_errors import exact_series
+from trackbench.evaluation.run_block import run_block
+from trackbench.filters.kf import KF
+from trackbench.filters.ukf import UKF
+from trackbench.models.motions.kinematic import WhiteAcceleration
+from trackbench.models.motions.nonlinear import MapMotion
+from trackbench.models.sensors.base import Assume
+from trackbench.models.sensors.function import FunctionSensor
+from trackbench.models.sensors.position import PositionSensor
+from trackbench.scenarios.starts.without_scans import GaussianStart
+from trackbench.scenarios.targets.driven import Driven
+from trackbench.scenarios.tracking import Tracking
+
+RUNS = 400
+KNOWN_VELOCITY = Tracking(
+    target=Driven(motion=WhiteAcceleration(q=1.0)),
+    sensor=PositionSensor(sigma=10.0),
+    start=GaussianStart(sigma=(10.0, 0.0, 10.0, 0.0)),
+    last=20,
+)
+F, Q = np.array([[0.9, 0.1, 0.0], [-0.2, 0.8, 0.1], [0.0, 0.1, 0.7]]), np.diag([0.1, 0.2, 0.3])
+H, R = np.array([[1.0, 0.5, -0.3], [-0.4, 1.0, 0.6]]), np.full((2, 2), 0.2)
+NAMES = ("a", "b", "c")
+
+
+def _terms(rows: Any, names: tuple[str, ...]) -> dict[str, str]:
+    return {
+        name: " + ".join(f"({c})*{x}" for c, x in zip(row, NAMES, strict=True))
+        for name, row in zip(names, rows.tolist(), strict=True)
+    }
+
+
+def _motion(F: Any) -> MapMotion:
+    return MapMotion(components=NAMES, next=_terms(F, NAMES), Q=(0.1, 0.2, 0.3))
+
+
+SINGULAR_R = Tracking(
+    target=Driven(motion=_motion(F), initial={}),
+    sensor=FunctionSensor(h=_terms(H, ("u", "v")), R=((0.2, 0.2), (0.2, 0.2))),
+    start=GaussianStart(sigma=(1.0, 2.0, 0.5)),
+    last=15,
+)
+
+
+@pytest.mark.parametrize("tracker", [KF(), UKF()])
+def test_a_known_velocity_has_no_part_in_the_nees(tracker: Any) -> None:
+    found = track(KNOWN_VELOCITY, tracker, RUNS)
+    # chi-square of 2 M degrees at the first step, of 4 M at others: five standard errors
+    for k, n in ((0, 2), (1, 4), (20, 4)):
+        assert abs(found.nees[k].mean() / 4.0 - 1.0) < 5.0 * np.sqrt(2.0 / (n * RUNS))
+    assert (found.diagnostics["unused_nees"][0] == 2.0).all()
+    assert not found.diagnostics["unused_nees"][1:].any()
+
+
+@pytest.mark.parametrize("of_model", [1.0, 0.8])
+def test_a_measurement_without_noise_leaves_one_degree_less(of_model: float) -> None:
+    """The mean NEES is the trace of ``P^+ E[e e']``, by the Moore-Penrose inverse."""
+    A = of_model * F
+    task = BlockTask(SINGULAR_R, KF(), 1, 0, RUNS, RUNS, assume=Assume(motion=_motion(A)))
+    values = exact_series(task)["nees"]
+    P, joint = np.diag([1.0, 4.0, 0.25]), np.zeros((6, 6))
+    joint[:3, :3] = P
+    for nees in values[1:]:
+        predicted = A @ P @ A.T + Q
+        K = predicted @ H.T @ np.linalg.inv(H @ predicted @ H.T + R)
+        rest = np.eye(3) - K @ H
+        P = rest @ predicted @ rest.T + K @ R @ K.T
+        move = np.block([[F, np.zeros((3, 3))], [K @ H @ F, rest @ A]])
+        noise, seen = np.vstack([np.eye(3), K @ H]), np.vstack([np.zeros((3, 2)), K])
+        joint = move @ joint @ move.T + noise @ Q @ noise.T + seen @ R @ seen.T
+        error = np.hstack([-np.eye(3), np.eye(3)])
+        square = error @ joint @ error.T
+        expected = np.trace(np.linalg.pinv(P, rcond=1e-10, hermitian=True) @ square)
+        assert nees / 3.0 == pytest.approx(expected / 2.0, rel=1e-8)
+
+
+def test_the_runs_agree_with_the_exact_mean() -> None:
+    task = BlockTask(SINGULAR_R, KF(), 1, 0, RUNS, RUNS)
+    result = run_block(task)
+    nees = result.per_run["nees"] / 3.0
+    assert np.isfinite(nees).all()
+    assert abs(nees.mean() - 1.0) < 5.0 * nees.std() / np.sqrt(RUNS)
+    assert result.steps["unused_nees"].total[-1] == RUNS
+    # outside a region that one in a million steps leaves
+    assert result.per_run["outside_region"].mean() < 1e-3
+
+
+def test_an_error_outside_the_range_is_infinite() -> None:
+    P = np.array([[4.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 0.0]])
+    errors = np.array([[2.0, 1.0, 0.0], [2.0, 1.1, 0.0], [0.0, 0.0, 1e-3], [0.0, 0.0, 1e-13]]).T
+    squared, rank = distance_in_range(errors, P, np.ones((3, 4)))
+    np.testing.assert_array_equal(squared, [1.0, np.inf, np.inf, 0.0])
+    assert rank is not None
+    np.testing.assert_array_equal(rank, [1, 3, 3, 1])
+
+
+def test_a_regular_covariance_has_full_rank() -> None:
+    P = np.diag([1e-10, 1.0, 1e10])
+    squared, rank = distance_in_range(np.array([[1e-5], [1.0], [1e5]]), P, np.ones((3, 1)))
+    assert rank is None
+    assert squared == pytest.approx(3.0)

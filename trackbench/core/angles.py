@@ -1,0 +1,58 @@
+"""Angles, rad: differences within half a turn, and states that differ by whole turns.
+
+A filter's angle may grow beyond a turn, and a recorded one jumps by a turn. Wherever two states are
+compared, one of them is first shifted by whole turns to within half a turn of the other.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from trackbench.core.arrays import Array, with_axes_of
+from trackbench.core.distributions import Gaussian
+from trackbench.core.elementary import arctan2, cos_sin
+from trackbench.core.particles import Particles
+from trackbench.core.sums import dot
+
+_TURN = 2.0 * np.pi
+
+
+def wrap_angle(angle: Array) -> Array:
+    """Return angles wrapped to (-pi, pi]."""
+    # Return early if every angle is inside already.
+    if angle.max(initial=0.0) < np.pi and angle.min(initial=0.0) > -np.pi:
+        return angle
+    return np.asarray(angle - _TURN * np.ceil(angle / _TURN - 0.5))
+
+
+def near(x: Array, other: Array, rows: Sequence[int]) -> Array:
+    """Return states x (n, *batch), the angles in ``rows`` shifted by whole turns to near another's."""
+    if not rows:
+        return x
+    out = np.array(np.broadcast_to(x, np.broadcast_shapes(x.shape, other.shape)))
+    for i in rows:
+        out[i] -= _TURN * np.ceil((out[i] - other[i]) / _TURN - 0.5)
+    return out
+
+
+def particles_together(cloud: Particles, mean: Array, rows: Sequence[int]) -> Particles:
+    """Return particles whose angles lie within half a turn of their mean direction.
+
+    The direction is ``atan2(sum w sin a, sum w cos a)``, on the turn of ``mean`` (n, M).
+    """
+    center = mean.copy()
+    for i in rows:
+        cos, sin = cos_sin(cloud.x[i])
+        center[i] = arctan2(dot(cloud.w, sin), dot(cloud.w, cos))
+    center = near(center, mean, rows)
+    return Particles(near(cloud.x, with_axes_of(cloud.x, center), rows), cloud.w)
+
+
+def moments_together(found: Gaussian, cloud: Particles, together: Particles) -> Gaussian:
+    """Return the estimate, and the moments of shifted particles in the runs where any is shifted."""
+    shifted = (cloud.x != together.x).any(axis=(0, 2))
+    if not shifted.any():
+        return found
+    moments = together.moments()
+    mean = np.where(shifted, moments.mean, found.mean)
+    return Gaussian(mean, np.where(shifted, moments.cov, with_axes_of(moments.cov, found.cov)))
