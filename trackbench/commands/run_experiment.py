@@ -67,7 +67,9 @@ def run_each(configs: Sequence[Config], options: Options, sweep: bool = False) -
     open_engine = engine(options.engine, workers, options.scheduler)
     for job in jobs:
         say(job.line, options)
-        for caution in [*cautions(job.experiment.points), *training_cautions(job.experiment)]:
+        read = (note for plugin in job.experiment.plugins for note in plugin.notes)
+        of_points = cautions(job.experiment.points)
+        for caution in [*of_points, *training_cautions(job.experiment), *read]:
             say(f"note: {caution}", options)
 
     if options.shard:

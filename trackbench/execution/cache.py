@@ -69,8 +69,8 @@ def _foreign_code(cls: type[Any]) -> Iterator[str]:
         if name.partition(".")[0] in ("trackbench", "builtins", "typing"):
             continue
         module = sys.modules[name]
-        plugin = getattr(module, "__plugin_digest__", None)
-        yield plugin or _package_digest(name.partition(".")[0])
+        marks = (getattr(module, f"__plugin_{mark}__", "") for mark in ("digest", "brought"))
+        yield "".join(marks) or _package_digest(name.partition(".")[0])
 
 
 @cache
