@@ -35,6 +35,7 @@ from trackbench.execution.cache import BlockStore, block_key, cache_folder, time
 from trackbench.execution.engines import OpenEngine, begin, engine
 from trackbench.execution.plan import Key, Plan, cautions
 from trackbench.execution.runner import Outcome, execute, next_batch, stop_reason
+from trackbench.field_types import require_regular_file
 from trackbench.plugins.errors import guarded
 from trackbench.report import DRAWER
 from trackbench.report.html.report_page import write_report
@@ -201,7 +202,7 @@ def times_of(experiment: Experiment, outcome: Outcome, fresh: bool) -> Times:
     file = times_folder() / f"{name}.json"
     if not fresh:
         with suppress(OSError, ValueError, TypeError):
-            kept = [Measured(*row) for row in json.loads(file.read_bytes())]
+            kept = [Measured(*row) for row in json.loads(require_regular_file(file).read_bytes())]
             return Times({key: kept[unique.index(task)] for key, task in tasks.items()}, {})
     found = dict(zip(unique, measure(unique, guarded), strict=True))
     good = {key: m for key, task in tasks.items() if isinstance(m := found[task], Measured)}
