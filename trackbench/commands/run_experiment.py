@@ -189,8 +189,10 @@ def times_of(experiment: Experiment, outcome: Outcome, fresh: bool) -> Times:
     """
     if not takes_times(experiment):
         return Times({}, {})
+    # One run is timed as one; more runs are timed in blocks, as they are computed.
+    alone = {"width": 1} if experiment.settings.runs == 1 else {}
     tasks = {
-        key: replace(blocks[0].filtering_key, predictive_metrics=(), hold_out=None)
+        key: replace(blocks[0].filtering_key, predictive_metrics=(), hold_out=None, **alone)
         for key, blocks in outcome.plan.tasks.items()
         if key not in outcome.failures
     }

@@ -258,16 +258,22 @@ class ResultFiles(ResultsConfig):
         with self.reading(name) as path, path.open("rb") as file, np.load(file) as arrays:
             return dict(arrays)
 
-    def tracks(self, point: GridPoint) -> dict[str, Array]:
+    @cached_property
+    def saved(self) -> dict[str, Array]:
+        """Return the arrays of tracks.npz, every run's, at all points; empty if none were saved."""
+        return self.arrays("tracks.npz")
+
+    def tracks(self, point: GridPoint, every_run: bool = False) -> dict[str, Array]:
         """Return tracks of the first runs: ``truth``, ``measurements``, ``mean/<filter>``, ``steps``.
 
-        Empty if every filter failed at the point.
+        With ``every_run`` they are all runs' if these were saved. Empty if every filter failed at the
+        point.
         """
         i = self.index_of(point)
         prefix = array_prefix(i or 0, len(self.grid_points))
         return {
             name.removeprefix(prefix): array
-            for name, array in self.shown.items()
+            for name, array in ((self.saved if every_run else {}) or self.shown).items()
             if i is not None and name.startswith(prefix)
         }
 
