@@ -5,6 +5,7 @@ import json
 import os
 import platform
 import re
+import sys
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, suppress
 from dataclasses import replace
@@ -190,9 +191,14 @@ def times_of(experiment: Experiment, outcome: Outcome, fresh: bool) -> Times:
     if not takes_times(experiment):
         return Times({}, {})
     # One run is timed as one; more runs are timed in blocks, as they are computed.
-    alone = {"width": 1} if experiment.settings.runs == 1 else {}
+    widest = 1 if experiment.settings.runs == 1 else sys.maxsize
     tasks = {
-        key: replace(blocks[0].filtering_key, predictive_metrics=(), hold_out=None, **alone)
+        key: replace(
+            blocks[0].filtering_key,
+            width=min(blocks[0].width, widest),
+            predictive_metrics=(),
+            hold_out=None,
+        )
         for key, blocks in outcome.plan.tasks.items()
         if key not in outcome.failures
     }
