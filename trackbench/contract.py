@@ -187,8 +187,9 @@ def _exemptions(tracker: AnyFilter, scenario: Scenario, why_not_linear: str) -> 
         exempt.setdefault("kalman", "a filter of one run is compared by its errors")
     of_contract = scenario in (PLANAR, RADAR)
     if not of_contract:
-        exempt.setdefault("interval", "is another problem than the contract's")
-        exempt.setdefault("tracks", exempt["interval"])
+        exempt.setdefault("tracks", "is another problem than the contract's")
+        if not isinstance(scenario, ModelDraws):
+            exempt.setdefault("interval", exempt["tracks"])
     elif not takes_model(tracker, scenario is RADAR):
         # A filter of one run gets dt, so these checks are fair without its model.
         free = () if tracker.loops_over_runs else ("interval", "tracks")

@@ -15,6 +15,7 @@ from trackbench.contract_problems import (
     UNEQUAL,
     Estimates,
     ModelDraws,
+    at_unequal_intervals,
     misfit,
     mistaken_track,
     new_rng,
@@ -209,6 +210,9 @@ def _check_gaps(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
 
 
 def _check_interval(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
+    if isinstance(scenario, ModelDraws):
+        _check_unequal_intervals(tracker, scenario, seed)
+        return
     problem = radar if scenario is RADAR else planar
     data = simulate(problem(), 3)
     first = run_filter(tracker, problem(), data)
@@ -219,6 +223,33 @@ def _check_interval(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
         ):
             what = f"the estimates do not depend on {which}: is it ignored?"
             raise ContractError(f"{what} A filter of one interval is checked with `--on CONFIG`")
+
+
+def _check_unequal_intervals(tracker: AnyFilter, scenario: ModelDraws, seed: int) -> None:
+    """Check that a filter that fits a config's problem fits it at unequal intervals, too."""
+    other = at_unequal_intervals(scenario)
+    if other is None:
+        raise LeftOutError("the steps of this problem cannot be unequal")
+    if not runs_on(tracker, other):
+        raise LeftOutError("the filter refuses unequal intervals")
+    if "mode" in run_filter(tracker, other, simulate(other, 2)).series:
+        raise LeftOutError("has several motions: it reports the diagnostic `mode`")
+    tracker, runs = _of_many_particles(tracker), _runs_for(tracker)
+    if misfit(tracker, scenario, runs, seed):
+        raise LeftOutError("the errors do not fit at equal intervals, either")
+    if what := misfit(tracker, other, runs, seed):
+        raise ContractError(f"fits at equal intervals and not at unequal ones: {what}")
+
+
+def _runs_for(tracker: AnyFilter) -> int:
+    return _LOOPED_RUNS if tracker.loops_over_runs else _RUNS
+
+
+def _of_many_particles(tracker: AnyFilter) -> AnyFilter:
+    """Return the filter with so many particles that they leave less room for mistakes."""
+    if tracker.particle_count < _LEAST_N and any(f.name == "N" for f in fields(tracker)):
+        return replace(tracker, N=_LEAST_N)
+    return tracker
 
 
 def _check_tracks(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
@@ -237,13 +268,10 @@ def _check_consistency(tracker: AnyFilter, scenario: Scenario, seed: int) -> Non
         # A filter of the runner's sensor is one of a radar, too, also where the azimuth jumps.
         if runs_on(tracker, PRECISE) and not mistaken_track(tracker, PRECISE):
             problems.append(RADAR)
-    # More particles leave less room for mistakes.
-    if tracker.particle_count < _LEAST_N and any(f.name == "N" for f in fields(tracker)):
-        tracker = replace(tracker, N=_LEAST_N)
+    tracker = _of_many_particles(tracker)
     for problem in problems:
         drawn = problem if isinstance(problem, ModelDraws) else ModelDraws(base=problem)
-        runs = _LOOPED_RUNS if tracker.loops_over_runs else _RUNS
-        if what := misfit(tracker, drawn, runs, seed):
+        if what := misfit(tracker, drawn, _runs_for(tracker), seed):
             raise ContractError(what)
 
 

@@ -21,7 +21,7 @@ from trackbench.filters.base import AnyFilter
 from trackbench.filters.ekf import EKF
 from trackbench.filters.particle_filters import PF
 from trackbench.filters.ukf import UKF
-from trackbench.models.base import LocatingSensor, Model, extra_std, has_density
+from trackbench.models.base import LocatingSensor, Model, Motion, extra_std, has_density
 from trackbench.models.motions.irregular import Irregular
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.priors import augment_prior
@@ -40,7 +40,7 @@ _MOST_STEPS = 30
 _CAP = 10.0  # on a squared error in units of its expectation: a lost run counts as much, no more
 _CAP_OF_DISTANCE = 2.0
 _MAX_DEVIATION = 6.0  # standard errors of a paired difference
-_INTERVALS = (2.0, 1.0, 3.0, 0.5, 2.0, 4.0, 1.0, 2.5)
+_INTERVALS = (1.0, 0.5, 1.5, 0.25, 1.0, 2.0, 0.5, 1.25)  # in units of T, again and again
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,17 +48,19 @@ class ModelDraws(Scenario):
     """First steps of a scenario, with the truth drawn from the prior and the model of the filters."""
 
     base: Scenario
-    intervals: tuple[float, ...] = ()
-    """intervals between steps of a planar white acceleration, s; default: the scenario's"""
+    unequal: bool = False
+    """whether the intervals differ from step to step; default: the scenario's intervals"""
 
     @cached_property
     def model(self) -> Model:
         """Return the model that filters get."""
         motion, sensor = self.base.model
-        if not self.intervals:
+        if not self.unequal:
             return Model(motion, sensor)
-        drive = cast(Driven, cast(Tracking, self.base).target).motion
-        return Model(Irregular(drive, 2, 1, np.array(self.intervals)), sensor)
+        base = cast(Tracking, self.base)
+        drive = cast(Motion, base.assume.motion or base.target.own_motion)
+        first = int(self.steps[1])
+        return Model(Irregular(drive, base.target.axes, first, np.diff(self.times)), sensor)
 
     @property
     def steps(self) -> Index:
@@ -68,8 +70,9 @@ class ModelDraws(Scenario):
     @property
     def times(self) -> Array:
         """Return the times of the first steps, s."""
-        if self.intervals:
-            return np.concatenate([[0.0], np.cumsum(self.intervals)])
+        if self.unequal:
+            intervals = cast(Tracking, self.base).T * np.resize(_INTERVALS, len(self.steps) - 1)
+            return np.concatenate([[0.0], np.cumsum(intervals)])
         return self.base.times[: _MOST_STEPS + 1]
 
     @property
@@ -121,7 +124,18 @@ def radar(
 
 PLANAR, RADAR = planar(), radar()
 PRECISE = radar(sigma=5.0, at=(4000.0, 3000.0))
-UNEQUAL = ModelDraws(base=PLANAR, intervals=_INTERVALS)
+UNEQUAL = ModelDraws(base=PLANAR, unequal=True)
+
+
+def at_unequal_intervals(problem: Scenario) -> ModelDraws | None:
+    """Return a config's problem with intervals that differ from step to step; None if it has none."""
+    base = problem.base if isinstance(problem, ModelDraws) else None
+    if not isinstance(base, Tracking) or len(base.steps) < 3:
+        return None
+    motion = base.assume.motion or base.target.own_motion
+    equal = np.ptp(np.diff(base.times)) < 1e-9 * base.T
+    possible = equal and motion is not None and not motion.uses_time
+    return ModelDraws(base=base, unequal=True) if possible else None
 
 
 class Estimates(NamedTuple):

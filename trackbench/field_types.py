@@ -41,6 +41,12 @@ DataFile = Annotated[str, IS_FILE]
 """A path, relative to the YAML file that names it; the dataclass gets the absolute path."""
 
 
+class Unit(NamedTuple):
+    """Annotation of a key that has a unit: ``sigma: Annotated[float, Unit("m")]``."""
+
+    unit: str
+
+
 class UnitIf(NamedTuple):
     """Annotation of a key whose unit is ``unit`` if the key named ``key`` has the value ``value``."""
 

@@ -25,6 +25,8 @@ Group = Literal[
     "filters", "scenarios", "targets", "motions", "sensors", "starts", "figures", "tables"
 ]
 GROUPS: tuple[Group, ...] = get_args(Group)
+BLOCK_GROUPS = tuple(group for group in GROUPS if group not in ("figures", "tables"))
+"""Groups whose parts make a block's numbers."""
 T = TypeVar("T", bound=type)
 
 _PACKAGES: dict[Group, str] = {

@@ -1,6 +1,5 @@
 """One filter that fails does not stop the others, and the table says what happened."""
 
-import re
 from concurrent.futures import ProcessPoolExecutor
 from itertools import count
 from pathlib import Path
@@ -280,8 +279,8 @@ def test_a_worker_that_dies_as_it_is_started(
     assert "Aborted" not in done.stderr
     assert "a worker died" in done.stderr
     assert done.returncode == (deaths > 1)
-    failed = re.findall(r"error: (PF|UKF) failed: its worker died 4 times", done.stderr)
-    assert failed == (["PF", "UKF"] if deaths > 1 else [])
+    given_up = "error: no worker process could be started (a worker died as it was started)\n"
+    assert (given_up in done.stderr) == (deaths > 1)
 
 
 def test_only_the_user_aborts(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,7 +14,7 @@ from trackbench import __version__
 from trackbench.cli.check import cache, check
 from trackbench.cli.compare import gate, history
 from trackbench.cli.info import copy, describe, list_, new, schema, show
-from trackbench.cli.output import as_reportable, objects_alone, print_error
+from trackbench.cli.output import as_reportable, objects_alone, print_error, written_stdout
 from trackbench.cli.results import codecheck, compare, plot, report, verify
 from trackbench.cli.run import run, sweep, tune
 from trackbench.core import compiled
@@ -94,10 +94,15 @@ for _commands in _TASKS.values():
 
 
 def main() -> None:
-    """Run the command line; exit codes: 0 done, 1 a filter failed, 2 bad input, 130 interrupted."""
+    """Run the command line.
+
+    Exit codes: 0 done, 1 a filter failed or stdout cannot be written, 2 bad input, 130 interrupted.
+    """
+    if sys.stdout is None:
+        sys.exit("error: stdout is closed; redirect it to a file or to /dev/null")
     if isinstance(sys.stdout, TextIOWrapper):  # a folder's name need not be UTF-8, as stderr knows
         sys.stdout.reconfigure(errors="backslashreplace")
-    with objects_alone() if "--json" in sys.argv else nullcontext():
+    with written_stdout(), objects_alone() if "--json" in sys.argv else nullcontext():
         try:
             app()
         except Exception as error:

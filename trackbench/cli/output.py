@@ -30,6 +30,32 @@ def echo_line(line: dict[str, Any]) -> None:
 
 
 @contextmanager
+def written_stdout() -> Iterator[None]:
+    """End with one line and exit code 1 if stdout cannot be written, such as on a full disk."""
+    code: str | int | None = None
+    try:
+        try:
+            yield
+        except SystemExit as end:
+            code = end.code
+        sys.stdout.flush()
+    except BrokenPipeError:  # nobody reads it any more
+        pass
+    except OSError as error:
+        from trackbench.errors import reason
+
+        if error.filename is not None:
+            raise
+        code = f"error: stdout: {reason(error)}"
+    if _is_the_systems(sys.stdout):
+        with suppress(OSError):
+            sys.stdout.flush()
+            sys.exit(code)
+        os.dup2(os.open(os.devnull, os.O_WRONLY), _STDOUT)  # Python writes the rest as it ends
+    sys.exit(code)
+
+
+@contextmanager
 def objects_alone() -> Iterator[None]:
     """Reserve stdout for JSON: prints of plugins go to stderr, those of workers too."""
     with _stdout_apart() as objects, redirect_stdout(sys.stderr):
@@ -54,10 +80,12 @@ def _stdout_apart() -> Iterator[TextIO]:
     try:
         yield objects
     finally:
-        with suppress(BrokenPipeError):  # nobody reads them any more
-            objects.close()
-        os.dup2(copy, _STDOUT)
-        os.close(copy)
+        try:
+            with suppress(OSError):  # nobody reads them, or an object was refused before
+                objects.close()
+        finally:
+            os.dup2(copy, _STDOUT)
+            os.close(copy)
 
 
 def _is_the_systems(stream: TextIO) -> bool:
@@ -70,13 +98,15 @@ def _is_the_systems(stream: TextIO) -> bool:
 
 def as_reportable(error: Exception) -> "UserError | RunError":
     """Return the error as one with a printable message; an internal bug is raised again."""
-    from trackbench.errors import RunError, UserError
+    from trackbench.errors import RunError, UserError, reason
 
     if isinstance(error, UserError | RunError):
         return error
     from trackbench.plugins.errors import foreign_line
 
     line = foreign_line(error)
+    if line is None and isinstance(error, OSError) and error.filename is None:
+        line = f"stdout: {reason(error)}"  # files have names, and errors of writing have a class
     if line is None:
         raise error
     return RunError(line)

@@ -145,12 +145,19 @@ def jobs_of(configs: Sequence[Config], options: Options) -> list[Job]:
             what = f"another config of this command writes into {job.folder}/, too"
             problems[Problem(mark, "name", what)] = None
         jobs.append(job)
-    if not _may_write(cache_folder()):
+    if not _may_write(cache_folder()) and _computes(jobs, options):
         what = "may not be written in; finished blocks are kept where TRACKBENCH_CACHE says"
         problems[Problem(Mark(f"{cache_folder()}/"), "", what)] = None
     if problems:
         raise UserError(*problems)
     return jobs
+
+
+def _computes(jobs: Sequence[Job], options: Options) -> bool:
+    """Return whether any block of the jobs is still to be computed."""
+    store = BlockStore(cache_folder())
+    tasks = (task for job in jobs for task in job.plan.unique)
+    return options.fresh or any(store.get(task) is None for task in tasks)
 
 
 def _job(config: Config, options: Options, alone: bool) -> Job:

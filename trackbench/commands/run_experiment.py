@@ -5,6 +5,7 @@ import json
 import os
 import platform
 import re
+import sys
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, suppress
 from dataclasses import replace
@@ -35,6 +36,7 @@ from trackbench.execution.cache import BlockStore, block_key, cache_folder, time
 from trackbench.execution.engines import OpenEngine, begin, engine
 from trackbench.execution.plan import Key, Plan, cautions
 from trackbench.execution.runner import Outcome, execute, next_batch, stop_reason
+from trackbench.field_types import require_regular_file
 from trackbench.plugins.errors import guarded
 from trackbench.report import DRAWER
 from trackbench.report.html.report_page import write_report
@@ -67,7 +69,9 @@ def run_each(configs: Sequence[Config], options: Options, sweep: bool = False) -
     open_engine = engine(options.engine, workers, options.scheduler)
     for job in jobs:
         say(job.line, options)
-        for caution in [*cautions(job.experiment.points), *training_cautions(job.experiment)]:
+        read = (note for plugin in job.experiment.plugins for note in plugin.notes)
+        of_points = cautions(job.experiment.points)
+        for caution in [*of_points, *training_cautions(job.experiment), *read]:
             say(f"note: {caution}", options)
 
     if options.shard:
@@ -189,8 +193,15 @@ def times_of(experiment: Experiment, outcome: Outcome, fresh: bool) -> Times:
     """
     if not takes_times(experiment):
         return Times({}, {})
+    # One run is timed as one; more runs are timed in blocks, as they are computed.
+    widest = 1 if experiment.settings.runs == 1 else sys.maxsize
     tasks = {
-        key: replace(blocks[0].filtering_key, predictive_metrics=(), hold_out=None)
+        key: replace(
+            blocks[0].filtering_key,
+            width=min(blocks[0].width, widest),
+            predictive_metrics=(),
+            hold_out=None,
+        )
         for key, blocks in outcome.plan.tasks.items()
         if key not in outcome.failures
     }
@@ -202,7 +213,7 @@ def times_of(experiment: Experiment, outcome: Outcome, fresh: bool) -> Times:
     file = times_folder() / f"{name}.json"
     if not fresh:
         with suppress(OSError, ValueError, TypeError):
-            kept = [Measured(*row) for row in json.loads(file.read_bytes())]
+            kept = [Measured(*row) for row in json.loads(require_regular_file(file).read_bytes())]
             return Times({key: kept[unique.index(task)] for key, task in tasks.items()}, {})
     found = dict(zip(unique, measure(unique, guarded), strict=True))
     good = {key: m for key, task in tasks.items() if isinstance(m := found[task], Measured)}

@@ -142,8 +142,17 @@ class Report:
         return self.results.pairs
 
     def tracks(self, point: GridPoint | None = None) -> "dict[str, Array]":
-        """Return the stored tracks at a point of the grid, by default the first."""
-        return self.results.tracks(self.results.points()[0] if point is None else point)
+        """Return the stored tracks at a point of the grid, by default the first.
+
+        Returns
+        -------
+        dict
+            ``truth`` and ``mean/<filter>`` (n_x, T + 1, r), ``measurements`` (n_z, T, r),
+            ``cov/<filter>`` (n_x, n_x, T + 1, r), ``steps`` and ``times``. After ``save_tracks`` r is
+            the number of runs. Otherwise figures decide on the arrays and runs; lines are rounded.
+        """
+        point = self.results.points()[0] if point is None else point
+        return self.results.tracks(point, every_run=True)
 
 
 @with_known_keywords()

@@ -208,6 +208,10 @@ def check_idle_settings(source: Source, settings: Settings) -> None:
         source.add_key_problem(("min_runs",), "has no effect without `until`; leave it out")
     if settings.tuning != Settings.tuning and "tune" not in source.data:
         source.add_key_problem(("tuning",), "has no effect without `tune`; leave it out")
+    for key in ("files", "environment"):
+        if getattr(settings, key) and not settings.plugins:
+            what = "is what the plugins read, and there are no `plugins`; leave it out"
+            source.add_key_problem((key,), what)
 
 
 def check_problem(source: Source, settings: Settings) -> None:

@@ -32,7 +32,7 @@ def resolved(experiment: Experiment, folder: Path) -> PlainData:
     """
     first, without_defaults = experiment.points[0], _with_varied_defaults(experiment)
     # Without these keys, configs stay as they are in older results folders.
-    optional = ("exact", "smoothed", "problem", "matters")
+    optional = ("exact", "smoothed", "problem", "matters", "files", "environment")
     out = {key: x for key, x in asdict(experiment.settings).items() if x or key not in optional}
 
     def relative(path: str) -> str:
@@ -44,6 +44,8 @@ def resolved(experiment: Experiment, folder: Path) -> PlainData:
 
     # Step 1: files and scenario.
     out["plugins"] = [relative(plugin.path) for plugin in experiment.plugins]
+    if experiment.settings.files:
+        out["files"] = [relative(name) for name, _ in experiment.plugins[0].files]
     # A results folder holds copies of the files under these names, so that it stands alone.
     out["published"] = [f"published/{name}" for name in experiment.published.files]
     out["scenario"] = written(first.scenario, ("scenario",))

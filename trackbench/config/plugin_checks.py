@@ -1,6 +1,6 @@
 """Load the plugins that a config names, and check their classes and exhibits."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, fields, is_dataclass
 from pathlib import Path
 from typing import cast
@@ -14,7 +14,7 @@ from trackbench.filters.base import Filter, WrongReturnError
 from trackbench.plugins.checks import call_hook, check_words
 from trackbench.plugins.errors import PluginError, location_of, plugin_code
 from trackbench.plugins.load import Plugin, load_plugin, read_plugin
-from trackbench.registry import base_of, kinds, registered
+from trackbench.registry import BLOCK_GROUPS, base_of, import_own, kinds, registered
 from trackbench.yaml_source import Source, put
 
 _FILES = {"per_step", "per_run", "summary"}
@@ -77,7 +77,9 @@ def load_plugins(
     names = source.data.get("plugins") or []
     if not isinstance(names, list):
         return ()  # said by the validation of the whole
-    plugins, problems = [], []
+    files = [folder / name for name in _texts(source, "files")]
+    environment = _texts(source, "environment")
+    plugins, problems = [], _missing(source, files)
     for i, name in enumerate(names):
         where = ("plugins", i)
         try:
@@ -85,13 +87,26 @@ def load_plugins(
                 raise PluginError(f"{name!r} is not the path of a Python file")
             if not allowed and name not in chosen_paths:
                 raise PluginError(f"the code in {name} is run only with --allow-plugins")
-            plugins.append(load_file(folder / name))
+            plugins.append(load_file(folder / name, files, environment))
         except PluginError as why:
             problems += [source.problem(where, what) for what in why.args]
     if problems:
         raise UserError(*problems)
     _check_apart(plugins, source)
     return tuple(plugins)
+
+
+def _texts(source: Source, key: str) -> list[str]:
+    """Return the words in a list of the config; the validation of the whole reports other values."""
+    words = source.data.get(key) or []
+    return [word for word in words if isinstance(word, str)] if isinstance(words, list) else []
+
+
+def _missing(source: Source, files: Sequence[Path]) -> list[Problem]:
+    """Return a mistake for each declared file that does not exist."""
+    what = "no such file or folder; write its path from the config's folder"
+    missing = [i for i, file in enumerate(files) if not file.exists()]
+    return [source.problem(("files", i), f"{files[i]}: {what}") for i in missing]
 
 
 def _check_apart(plugins: list[Plugin], source: Source) -> None:
@@ -106,15 +121,15 @@ def _check_apart(plugins: list[Plugin], source: Source) -> None:
                 raise UserError(source.problem(where, what))
 
 
-def load_file(path: Path) -> Plugin:
+def load_file(path: Path, files: Iterable[Path] = (), environment: Iterable[str] = ()) -> Plugin:
     """Load a plugin and check its kinds; raises PluginError."""
-    kinds("filters"), kinds("scenarios")  # first, so that a plugin cannot take their names
+    # First, so that a plugin can neither take names of the package nor change its functions.
+    import_own(*BLOCK_GROUPS)
+    kinds("filters"), kinds("scenarios")
     try:
-        plugin = read_plugin(path)
-        load_plugin(plugin, check_kind)
+        return load_plugin(read_plugin(path, files, environment), check_kind)
     except OSError as error:
         raise PluginError(f"{path}: {reason(error)}") from None
-    return plugin
 
 
 def check_kind(cls: type[Part]) -> None:

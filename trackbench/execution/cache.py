@@ -2,18 +2,18 @@
 
 ``$TRACKBENCH_CACHE`` or ``.trackbench/`` in the working directory contains
 ``blocks/<code>/<key>.block``. Blocks are content-addressed: two runs that write the same block write
-the same bytes. ``figures/`` beside it caches drawn figures, ``times/`` measured CPU times.
-
+the same bytes. ``figures/`` beside it caches drawn figures, ``times/`` measured CPU times. A marker
+file tells that the folder is a cache: without it nothing is deleted.
 """
 
 import hashlib
 import inspect
 import json
 import os
-import shutil
+import re
 import sys
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
@@ -21,11 +21,13 @@ from typing import Any, NamedTuple
 
 from trackbench.atomic_files import ensure_folder, write_text
 from trackbench.config.dump import as_config
+from trackbench.errors import Mark, Problem, UserError, WriteError
 from trackbench.evaluation.block import BlockResult, BlockTask
 from trackbench.execution import code_digests
 from trackbench.execution.block_file import BlockFile, decode, write_block
 from trackbench.execution.code_digests import add_sources, code_digest, python_files
 from trackbench.extension_points import Part, walk_parts
+from trackbench.field_types import require_regular_file
 
 
 def block_key(task: BlockTask, used: int) -> str:
@@ -69,8 +71,8 @@ def _foreign_code(cls: type[Any]) -> Iterator[str]:
         if name.partition(".")[0] in ("trackbench", "builtins", "typing"):
             continue
         module = sys.modules[name]
-        plugin = getattr(module, "__plugin_digest__", None)
-        yield plugin or _package_digest(name.partition(".")[0])
+        marks = (getattr(module, f"__plugin_{mark}__", "") for mark in ("digest", "brought"))
+        yield "".join(marks) or _package_digest(name.partition(".")[0])
 
 
 @cache
@@ -114,7 +116,7 @@ class BlockStore:
         """Return the task's block, or None if it is missing or damaged."""
         key = block_key(task, task.runs_used)
         try:
-            content = self._file(key).read_bytes()
+            content = require_regular_file(self._file(key)).read_bytes()
         except OSError:
             return None
         return decode(content, key)
@@ -135,10 +137,12 @@ class BlockStore:
         return {used: BlockFile(self._file(key).absolute(), key) for used, key in keys.items()}
 
     def prepare(self) -> None:
-        """Create the folder with a .gitignore; raises WriteError."""
+        """Create the folder with a .gitignore and its marker; raises WriteError if there is none."""
         ensure_folder(self.root)
-        if not (self.root / ".gitignore").exists():
-            write_text(self.root / ".gitignore", "*\n")
+        with suppress(WriteError):  # a folder that may only be read serves its blocks
+            mark_cache(self.root)
+            if not (self.root / ".gitignore").exists():
+                write_text(self.root / ".gitignore", "*\n")
 
     def _file(self, key: str) -> Path:
         return self.root / "blocks" / code_digest()[:_CODE_DIGITS] / key[:2] / f"{key}.block"
@@ -183,13 +187,59 @@ def cache_size(root: Path) -> CacheSize:
     return CacheSize(FolderSize.of(mine), FolderSize.of(others), FolderSize.of([root / "figures"]))
 
 
+_MARKER = ".trackbench-cache"
+_MARK = "trackbench wrote this folder as its cache, and may delete its own files in it.\n"
+_WRITTEN = re.compile(
+    r"blocks/[0-9a-f]{12}/[0-9a-f]{2}/\.?[0-9a-f]{64}\.block(\.\d+\.part)?"
+    r"|figures/[0-9a-f]{2}/\.?[0-9a-f]{64}\.(png|svg|pdf)(\.\d+\.part)?"
+    r"|times/\.?[0-9a-f]{64}\.json(\.\d+\.part)?"
+)
+"""Names of the files that are deleted."""
+_BESIDE = re.compile(r"\.gitignore|shared-[0-9a-f]{16}")
+
+
+def mark_cache(root: Path) -> bool:
+    """Mark a folder as a cache unless it has other files; return whether it is marked.
+
+    Raises WriteError.
+    """
+    marker = root / _MARKER
+    with suppress(OSError):
+        return require_regular_file(marker).read_text(encoding="utf-8") == _MARK
+    names = (path.relative_to(root).as_posix() for path in root.rglob("*") if not path.is_dir())
+    if not all(_WRITTEN.fullmatch(name) or _BESIDE.fullmatch(name) for name in names):
+        return False
+    write_text(marker, _MARK)
+    return True
+
+
 def clear_cache(root: Path, old_only: bool = False) -> None:
-    """Delete all blocks, or with ``old_only`` those of other versions of the code."""
-    for name in ("figures", "times"):
-        shutil.rmtree(root / name, ignore_errors=True)
-    for folder in _versions(root):
-        if not (old_only and folder.name == code_digest()[:_CODE_DIGITS]):
-            shutil.rmtree(folder, ignore_errors=True)
+    """Delete all blocks, or with ``old_only`` those of other versions of the code.
+
+    Files of other names stay. Raises UserError for a folder with other files and without a marker.
+    """
+    if not root.is_dir():
+        return
+    if not mark_cache(root):
+        what = (
+            f"has files that trackbench did not write, and no {_MARKER}; nothing was deleted; set "
+            "TRACKBENCH_CACHE to a folder of its own"
+        )
+        raise UserError(Problem(Mark(f"{root}/"), "", what))
+    now = code_digest()[:_CODE_DIGITS]
+    versions = [f for f in _versions(root) if not (old_only and f.name == now)]
+    for folder in (root / "figures", root / "times", *versions):
+        _delete_written(root, folder)
+
+
+def _delete_written(root: Path, folder: Path) -> None:
+    """Delete the files in a folder that trackbench wrote, and the folders that are empty then."""
+    for home, _, names in os.walk(folder, topdown=False):
+        for path in (Path(home, name) for name in names):
+            if _WRITTEN.fullmatch(path.relative_to(root).as_posix()):
+                path.unlink(missing_ok=True)
+        with suppress(OSError):  # a folder with other files, or a link
+            os.rmdir(home)
 
 
 def _versions(root: Path) -> list[Path]:

@@ -48,6 +48,8 @@ NO_PART_OF_BLOCKS = {
     "execution/block_file.py": "writes finished blocks",
     "execution/code_digests.py": _KEYS,
     "plugins/load.py": "runs a plugin's source, whose digest is part of the key",
+    "plugins/sources.py": "finds a plugin's files, whose digests are part of the key",
+    "plugins/patches.py": "rejects plugins that change the package",
 }
 """Files that the digest leaves out although a worker imports them or their folder is digested."""
 

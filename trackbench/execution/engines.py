@@ -13,12 +13,14 @@ from contextlib import AbstractContextManager, contextmanager
 from queue import SimpleQueue
 from typing import Any, Literal, TypeVar, cast
 
-from trackbench.errors import UserError
+from trackbench.errors import RunError, UserError
 from trackbench.plugins.errors import postponed
 
 _leave = os._exit  # as it was before any plugin ran
+_SAFE = "PYTHONSAFEPATH"
 _BLAS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 _FORKED = "trackbench.execution.forkserver_preload"
+_ADDRESS_SPACE = 450_000_000  # bytes; with numpy, scipy and pandas loaded a process has 580 MB
 T = TypeVar("T")
 
 
@@ -33,10 +35,28 @@ def start_forkserver(*modules: str) -> None:
         from multiprocessing import resource_tracker
         from multiprocessing.forkserver import ensure_running
 
-        resource_tracker.ensure_running()  # now, since it ends by hearing interrupts again
-        _context().set_forkserver_preload([_FORKED, *modules])
-        with _block_sigint():
-            ensure_running()
+        with _safe_path():
+            resource_tracker.ensure_running()  # now, since it ends by hearing interrupts again
+            _context().set_forkserver_preload([_FORKED, *modules])
+            with _block_sigint():
+                ensure_running()
+
+
+@contextmanager
+def _safe_path() -> Iterator[None]:
+    """Start Python processes that import nothing from the working folder.
+
+    Workers get the path of this process when they begin.
+    """
+    before = os.environ.get(_SAFE)
+    os.environ[_SAFE] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[_SAFE]
+        else:
+            os.environ[_SAFE] = before
 
 
 @contextmanager
@@ -45,7 +65,7 @@ def pool(
 ) -> Iterator[ProcessPoolExecutor]:
     """Open a pool of processes that first call ``begun``; an error terminates them at once."""
     start_forkserver()
-    first = (begun, *arguments)
+    first = ({**os.environ}, begun, *arguments)
     processes = _Pool(workers, _context(), _start, first)
     try:
         yield processes
@@ -69,7 +89,7 @@ class _Pool(ProcessPoolExecutor):
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
         """Submit a call; raises BrokenProcessPool also if a process is killed while it starts."""
         try:
-            with postponed():
+            with postponed(), _safe_path():
                 return super().submit(fn, *args, **kwargs)
         except (EOFError, ConnectionError) as error:
             raise BrokenProcessPool("a worker died as it was started") from error
@@ -106,8 +126,15 @@ def _context() -> Any:
     return multiprocessing.get_context("forkserver" if _can_fork() else "spawn")
 
 
-def _start(begun: Callable[..., None] | None = None, *arguments: Any) -> None:
-    """Ignore Ctrl-C in a worker, and end it with its parent, even after kill -9."""
+def _start(
+    environment: dict[str, str], begun: Callable[..., None] | None = None, *arguments: Any
+) -> None:
+    """Ignore Ctrl-C in a worker, and end it with its parent, even after kill -9.
+
+    A fork server has the environment of its start, and a worker that of its parent now.
+    """
+    os.environ.clear()
+    os.environ.update(environment)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     parent = multiprocessing.parent_process()
@@ -162,14 +189,33 @@ def cpu_count() -> int:
     return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
 
 
+def check_address_space() -> None:
+    """Raise RunError if this shell allows less memory than libraries take when they are loaded.
+
+    Loading them with less may wait for ever instead of failing.
+    """
+    if sys.platform == "win32":
+        return
+    import resource
+
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if limit != resource.RLIM_INFINITY and limit < _ADDRESS_SPACE:
+        raise RunError(
+            f"a process may have {limit / 1e6:.0f} MB of memory here, and a run needs "
+            f"{_ADDRESS_SPACE / 1e6:.0f} MB; raise the limit: ulimit -v unlimited"
+        )
+
+
 def begin(name: str, workers: int | None, *modules: str) -> None:
     """Start the engine's helper process early and let it import these modules."""
+    check_address_space()
     if name == "processes" and (workers or cpu_count()) > 1:
         start_forkserver(*modules)
 
 
 def engine(name: Engine, workers: int, scheduler: str | None = None) -> OpenEngine:
     """Return a function that opens the engine; raises UserError if it is missing or unreachable."""
+    check_address_space()
     if name == "dask":
         return lambda: _dask(workers, scheduler)
     if name == "serial" or workers == 1:
@@ -203,7 +249,8 @@ def _dask(workers: int, scheduler: str | None) -> Iterator[Executor]:
         }
     connect: Any = Client  # has no types
     try:
-        client = connect(**settings, timeout=_PATIENCE, set_as_default=False)
+        with _safe_path():
+            client = connect(**settings, timeout=_PATIENCE, set_as_default=False)
     except (OSError, ValueError) as error:
         reason = str(error).splitlines()[0]
         raise UserError(f"--scheduler {scheduler}: no scheduler answers there ({reason})") from None

@@ -3,7 +3,7 @@
 import scipy.special  # noqa: F401  # which kinds import when they need it
 
 from trackbench.execution.worker import environment_digests
-from trackbench.registry import GROUPS, import_own
+from trackbench.registry import BLOCK_GROUPS, import_own
 
-import_own(*(group for group in GROUPS if group not in ("figures", "tables")))
+import_own(*BLOCK_GROUPS)
 environment_digests()

@@ -79,7 +79,8 @@ class Queue:
         self._waiting.extend(_joined(stacks, most))
 
     def run(self, open_engine: OpenEngine) -> Generator[tuple[BlockTask, Found]]:
-        """Yield tasks with their results as they finish."""
+        """Yield tasks with their results as they finish; raises RunError if no worker starts."""
+        unstarted = 0
         while self._waiting:
             try:
                 with open_engine() as executor, announced(self._store.root) as token:
@@ -90,7 +91,10 @@ class Queue:
                         # The scheduler is idle half of the time.
                         least_seconds = max(_TASK_SECONDS, 2.0 * _SCHEDULER_SECONDS * self._workers)
                     yield from self._drain(executor, least_seconds, shared)
-            except BrokenExecutor:
+            except BrokenExecutor as error:
+                unstarted = 0 if self._running else unstarted + 1
+                if unstarted == _MOST_DEATHS:
+                    raise RunError(f"no worker process could be started ({error})") from error
                 yield from self._after_death()
 
     def give_up(self, task: BlockTask, error: Exception) -> list[BlockTask]:

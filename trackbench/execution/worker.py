@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from trackbench.errors import WriteError
 from trackbench.evaluation.block import BlockResult, BlockTask
@@ -16,10 +16,10 @@ from trackbench.evaluation.run_block import run_stack
 from trackbench.execution import code_digests
 from trackbench.execution.block_file import BlockFile, write_block
 from trackbench.execution.code_digests import code_digest
+from trackbench.extension_points import foreign_parts
 from trackbench.plugins.errors import FilterError, guarded, located_message
-
-if TYPE_CHECKING:
-    from trackbench.plugins.load import Plugin
+from trackbench.plugins.load import Plugin, load_plugin
+from trackbench.plugins.patches import own_values, patch_message, undo_patches
 
 
 class Environment(NamedTuple):
@@ -39,7 +39,7 @@ def environment_digests() -> Environment:
 
 
 def compute(
-    stack: bytes, plugins: "tuple[Plugin, ...]", expected: Environment
+    stack: bytes, plugins: tuple[Plugin, ...], expected: Environment
 ) -> list[dict[int, BlockResult]]:
     """Load the plugins, run the pickled block tasks, return each one's results by number of runs used.
 
@@ -51,9 +51,6 @@ def compute(
     if here.own != expected.own:
         raise RuntimeError("this worker's floating point is not that of IEEE 754")
     for plugin in plugins:
-        # Here, since it brings the config's reader along.
-        from trackbench.plugins.load import load_plugin
-
         load_plugin(plugin)
     blocks: list[BlockTask] = pickle.loads(stack)
     block = blocks[0]
@@ -64,17 +61,20 @@ def compute(
             "numpy computes otherwise on this worker (another processor or C library), and this "
             "filter or scenario takes its functions: use workers of one kind"
         )
+    parts = (block.scenario, block.filter, block.reference, block.assume)
+    before = own_values() if foreign_parts(parts) else ([], {})
     try:
         with guarded():
-            return run_stack(blocks)
+            results = run_stack(blocks)
     except Exception as error:
         raise FilterError(
             located_message(error, block.filter, block.scenario, block.reference)
         ) from None
-
-
-if TYPE_CHECKING:
-    from trackbench.plugins.load import Plugin
+    finally:
+        names = undo_patches(before)
+    if names:
+        raise FilterError(patch_message(names))
+    return results
 
 
 class Work(NamedTuple):
@@ -97,7 +97,7 @@ class Computed(NamedTuple):
 
 def compute_batch(
     batch: Sequence[Work],
-    plugins: "tuple[Plugin, ...]",
+    plugins: tuple[Plugin, ...],
     expected: Environment,
     shared: Path | None = None,
 ) -> list[Computed]:
@@ -110,7 +110,7 @@ def compute_batch(
 
 
 def _compute(
-    work: Work, plugins: "tuple[Plugin, ...]", expected: Environment, stores: bool
+    work: Work, plugins: tuple[Plugin, ...], expected: Environment, stores: bool
 ) -> Computed:
     started = time.perf_counter()
     try:

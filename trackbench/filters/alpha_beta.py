@@ -1,7 +1,7 @@
 """Alpha-beta filter."""
 
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple, cast
+from typing import Annotated, ClassVar, NamedTuple, cast
 
 import numpy as np
 from numpy.random import Generator
@@ -10,7 +10,7 @@ from trackbench.core import kalman, linalg
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kalman import Innovation
-from trackbench.field_types import InvalidKeyError, OpenShare, Positive
+from trackbench.field_types import InvalidKeyError, OpenShare, Positive, Unit
 from trackbench.filters.base import OWN_MOTION, PLANAR_POSITION, InnovationFilter
 from trackbench.models.base import Model, Scene
 from trackbench.models.motions.kinematic import ConstantVelocity, Linear
@@ -37,7 +37,7 @@ class AlphaBeta(InnovationFilter[Smoothed]):
     under a random acceleration of variance q.
     """
 
-    q: Positive
+    q: Annotated[Positive, Unit("(m/s^2)^2")]
     """variance of the random acceleration, constant over T, per axis, (m/s^2)^2"""
     alpha: OpenShare | None = None
     """gain of the position; default: from q"""

@@ -1,7 +1,7 @@
 """Input estimation filter: corrects the state by the estimated input of a maneuver (1979, 1987)."""
 
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
@@ -10,7 +10,7 @@ from trackbench.core.arrays import Array, Mask
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.input_estimation import Hypotheses, empty_hypotheses
 from trackbench.core.kalman import Innovation
-from trackbench.field_types import NonNegative, Positive
+from trackbench.field_types import NonNegative, Positive, Unit
 from trackbench.filters.adaptive_kf.decision_keys import Detector
 from trackbench.filters.adaptive_kf.per_axis import (
     axis_step,
@@ -54,7 +54,7 @@ class InputEstimation(Filter[Corrected]):
     """motion of the filter"""
     eta: Positive = 20.0
     """threshold of zeta, chi-square with two degrees of freedom for one onset"""
-    window_s: Positive = 60.0
+    window_s: Annotated[Positive, Unit("s")] = 60.0
     """length of the window of onsets, s"""
     min_window_s: NonNegative = 15.0
     """least age of an onset, s: a more recent one postpones the correction"""

@@ -1,14 +1,15 @@
 """Load plugins: Python files of the user with filters, scenarios, tables or figures.
 
 A plugin travels to a worker as its source text, so that another machine needs no file. Its module is
-named by its content, so that an edited plugin is another module.
+named by its content, so that an edited plugin is another module. Modules beside it and data files do
+not travel; a worker checks that they are those of the main process.
 """
 
-import ast
 import hashlib
+import os
 import sys
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, packages_distributions, version
 from pathlib import Path
 from types import ModuleType
@@ -18,18 +19,41 @@ from trackbench.errors import RunError
 from trackbench.extension_points import InvalidHookError, Part
 from trackbench.field_types import require_regular_file
 from trackbench.plugins.errors import PluginError, guarded, message_of, place_within
+from trackbench.plugins.patches import own_values, patch_message, undo_patches
+from trackbench.plugins.sources import (
+    Finder,
+    Opened,
+    digest_of,
+    forget_edited,
+    imports,
+    recorded,
+)
 
 _KEYED = ("trackbench", "numpy", "scipy")
 """Packages whose versions are part of every block's key."""
+_UNSET = "not set"
+Digests = tuple[tuple[str, str], ...]
+"""Names of files or variables, each with the digest of its content."""
 
 
 @dataclass(frozen=True)
 class Plugin:
-    """One file: its name for messages, its content, and the packages that it imports, by version."""
+    """One file: its name for messages, its content, and what it imports and reads."""
 
     path: str
     source: bytes
-    packages: tuple[tuple[str, str], ...] = ()
+    packages: Digests = ()
+    """installed packages that it imports, by version"""
+    files: Digests = ()
+    """files and folders that the config declares"""
+    environment: Digests = ()
+    """environment variables that the config declares"""
+    code: Digests = ()
+    """source files that it imports, and that are no part of an installed package"""
+    opened: Digests = ()
+    """other files that it opened while it was loaded"""
+    variables: Digests = ()
+    """other environment variables that it read while it was loaded"""
 
     @property
     def digest(self) -> str:
@@ -38,31 +62,74 @@ class Plugin:
 
     @property
     def identity(self) -> str:
-        """Return the SHA-256 of a plugin's content and of the versions of what it imports."""
-        return hashlib.sha256(f"{self.digest} {self.packages}".encode()).hexdigest()
+        """Return the SHA-256 of a plugin's content and of all that it imports and reads."""
+        files = [
+            sorted((Path(name).name, digest) for name, digest in digests)
+            for digests in (self.files, (*self.code, *self.opened))
+        ]
+        facts = [self.digest, self.packages, *files, self.environment, self.variables]
+        return hashlib.sha256(repr(facts).encode()).hexdigest()
 
     @property
     def module(self) -> str:
         """Name of its module."""
         stem = "".join(c if c.isalnum() else "_" for c in Path(self.path).stem)
-        return f"trackbench_plugin_{stem}_{self.identity[:12]}"
+        read_before = replace(self, packages=(), opened=(), variables=())
+        return f"trackbench_plugin_{stem}_{read_before.identity[:12]}"
+
+    @property
+    def notes(self) -> Iterator[str]:
+        """Yield what the plugin read while it was loaded and the config does not declare."""
+        data = [name for name, _ in self.opened if not name.endswith((".py", ".so", ".pyd"))]
+        for key, names in {"files": data, "environment": [n for n, _ in self.variables]}.items():
+            for name in names:
+                yield (
+                    f"{Path(self.path).name} read {name} while it was loaded; name it under "
+                    f"`{key}`, so that later changes are noticed wherever it is read"
+                )
 
 
-def read_plugin(path: Path) -> Plugin:
-    """Return the file as it is now; raises OSError."""
+def read_plugin(path: Path, files: Iterable[Path] = (), environment: Iterable[str] = ()) -> Plugin:
+    """Return the file as it is now, with the declared files and variables; raises OSError."""
     source = require_regular_file(path).read_bytes()
-    return Plugin(str(path.absolute()), source, tuple(_versions(source)))
+    name = str(path.absolute())
+    Finder.look_beside(name)
+    modules, packages = imports(source, name)
+    return Plugin(
+        name,
+        source,
+        tuple(_versions(packages)),
+        tuple((str(file.absolute()), _digest_of_all(file)) for file in files),
+        _values(environment),
+        _digests(modules.values()),
+    )
 
 
-def _versions(source: bytes) -> Iterator[tuple[str, str]]:
-    """Yield installed packages that a source imports, anywhere in it, with their versions."""
-    try:
-        nodes = list(ast.walk(ast.parse(source)))
-    except (SyntaxError, ValueError):  # said when it is run
-        return
-    names = {a.name for node in nodes if isinstance(node, ast.Import) for a in node.names}
-    names |= {node.module or "" for node in nodes if isinstance(node, ast.ImportFrom)}
-    for name in sorted({name.partition(".")[0] for name in names}):
+def _digest_of_all(file: Path) -> str:
+    """Return the digest of a file, or of all files in a folder."""
+    if not file.is_dir():
+        return digest_of(require_regular_file(file))
+    names = sorted(inner for inner in file.rglob("*") if inner.is_file())
+    digests = [(name.relative_to(file).as_posix(), digest_of(name)) for name in names]
+    return hashlib.sha256(repr(digests).encode()).hexdigest()
+
+
+def _digests(files: Iterable[str]) -> Digests:
+    return tuple((file, digest_of(file)) for file in sorted(set(files)))
+
+
+def _values(variables: Iterable[str]) -> Digests:
+    """Return digests of environment variables: their values may be secret."""
+    texts = ((name, os.environ.get(name)) for name in sorted(variables))
+    digests = (
+        (n, hashlib.sha256(t.encode()).hexdigest() if t is not None else _UNSET) for n, t in texts
+    )
+    return tuple(digests)
+
+
+def _versions(names: Iterable[str]) -> Iterator[tuple[str, str]]:
+    """Yield installed packages of these names with their versions."""
+    for name in sorted(names):
         if name and name not in (*_KEYED, *sys.stdlib_module_names):
             yield from _version(name)
 
@@ -75,33 +142,37 @@ def _version(name: str) -> Iterator[tuple[str, str]]:
             yield other, version(other)
 
 
-def load_plugin(plugin: Plugin, check: Callable[[type[Part]], None] | None = None) -> None:
+def load_plugin(plugin: Plugin, check: Callable[[type[Part]], None] | None = None) -> Plugin:
     """Run the plugin's code once in this process, so that its kinds are registered.
 
-    Raises PluginError for what its code raises, and for what ``check`` finds wrong with its kinds. A
-    worker gets plugins that are checked.
+    With ``check``, return the plugin with all that it imported and read. Raises PluginError for what
+    its code raises, and for what ``check`` finds wrong with its kinds. A worker gets plugins that are
+    checked.
     """
-    if plugin.module in sys.modules:
+    Finder.look_beside(plugin.path)
+    loaded = _loaded.get(plugin.module) if plugin.module in sys.modules else None
+    wanted = _read_again(loaded) if loaded and check else plugin
+    if loaded is not None and loaded.identity == wanted.identity:
         registry.reactivate(plugin.module)
-        return
-    # Step 1: on a worker, the packages that the plugin imports must be those of its key.
-    installed = tuple(_versions(plugin.source))
-    if installed != plugin.packages:
-        raise PluginError(f"this worker has {_listed(installed)}, not {_listed(plugin.packages)}")
-    # Step 2: a module under the name of the content, in which the code runs.
-    module = ModuleType(plugin.module)
-    module.__file__ = plugin.path
-    setattr(module, "__plugin_digest__", plugin.identity)  # noqa: B010 (no such field in the type)
-    sys.modules[plugin.module] = module
+        return loaded
+    modules, _ = imports(plugin.source, plugin.path)
+    if check is None:
+        _compare_with_main(plugin)
+    forget_edited(modules, [name for name, _ in loaded.opened] if loaded else [])
+    before = own_values()
     registry.restore_normal_exit()
+    module = _new_module(plugin)
     try:
-        with guarded():
+        with guarded(), recorded() as opened:
             exec(compile(plugin.source, plugin.path, "exec"), module.__dict__)
-        if check is not None:
-            for _, _, cls in registry.registered(plugin.module):
+        if names := undo_patches(before):
+            raise PluginError(f"{Path(plugin.path).name}: {patch_message(names)}")
+        for _, _, cls in registry.registered(plugin.module):
+            if check is not None:
                 check(cls)
     except BaseException as error:
-        # Step 3: of a plugin that failed nothing stays.
+        # Of a plugin that failed nothing stays.
+        undo_patches(before)
         registry.unregister(plugin.module)
         del sys.modules[plugin.module]
         if isinstance(error, PluginError) or not isinstance(error, Exception):
@@ -111,7 +182,66 @@ def load_plugin(plugin: Plugin, check: Callable[[type[Part]], None] | None = Non
         where = place_within(error, {plugin.path}) or f"{Path(plugin.path).name}: "
         ended = error.__context__ if isinstance(error, RunError) else None
         raise PluginError(where + message_of(ended or error)) from None
+    whole = _with_opened(plugin, opened) if check else plugin
+    _mark(whole, modules)
+    return whole
 
 
-def _listed(packages: tuple[tuple[str, str], ...]) -> str:
+_loaded: dict[str, Plugin] = {}
+"""Plugins by module, as they were when their code ran."""
+
+
+def _new_module(plugin: Plugin) -> ModuleType:
+    """Return a module under the name of the content, in which the code is to run."""
+    module = ModuleType(plugin.module)
+    module.__file__ = plugin.path
+    setattr(module, "__plugin_digest__", plugin.identity)  # noqa: B010 (no such field in the type)
+    registry.unregister(plugin.module)
+    sys.modules[plugin.module] = module
+    return module
+
+
+def _mark(plugin: Plugin, modules: Iterable[str]) -> None:
+    """Keep the plugin as loaded, and mark its modules: blocks of their classes depend on it."""
+    _loaded[plugin.module] = plugin
+    setattr(sys.modules[plugin.module], "__plugin_digest__", plugin.identity)  # noqa: B010
+    for name in modules:
+        if name in sys.modules:
+            setattr(sys.modules[name], "__plugin_brought__", plugin.identity)  # noqa: B010
+
+
+def _with_opened(plugin: Plugin, opened: Opened) -> Plugin:
+    """Return the plugin with the files that it opened and the variables that it read."""
+    modules, packages = imports(plugin.source, plugin.path)  # it may have extended the path
+    known = {plugin.path, *(name for name, _ in (*plugin.files, *plugin.code))}
+    folders = tuple(f"{name}{os.sep}" for name, _ in plugin.files)
+    files = {f for f in (*opened.files(), *modules.values()) if not f.startswith(folders)}
+    variables = opened.variables.keys() - {name for name, _ in plugin.environment}
+    return replace(
+        plugin,
+        packages=tuple(_versions(packages)),
+        opened=_digests(files - known),
+        variables=_values(variables),
+    )
+
+
+def _read_again(plugin: Plugin) -> Plugin:
+    """Return a loaded plugin with what it imported, opened and read as it is now."""
+    opened = Opened((n for n, _ in plugin.opened), (n for n, _ in plugin.variables))
+    return _with_opened(plugin, opened)
+
+
+def _compare_with_main(plugin: Plugin) -> None:
+    """Raise PluginError unless this worker has the packages and files of the main process."""
+    installed = tuple(_versions(name for name, _ in plugin.packages))
+    if installed != plugin.packages:
+        raise PluginError(f"this worker has {_listed(installed)}, not {_listed(plugin.packages)}")
+    for name, digest in (*plugin.files, *plugin.code, *plugin.opened):
+        if not os.path.exists(name):
+            raise PluginError(f"this worker has no {name}, which {Path(plugin.path).name} reads")
+        if _digest_of_all(Path(name)) != digest:
+            raise PluginError(f"{name} is not as it was when the run began; start again")
+
+
+def _listed(packages: Digests) -> str:
     return ", ".join(f"{name} {number}" for name, number in packages) or "nothing that it imports"

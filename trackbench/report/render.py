@@ -31,6 +31,7 @@ from trackbench.config.build import unknown
 from trackbench.errors import Mark, Problem, UserError, WriteError
 from trackbench.execution.cache import figure_cache_folder
 from trackbench.execution.engines import pool, result_of
+from trackbench.field_types import require_regular_file
 from trackbench.registry import is_plugin
 from trackbench.report.kinds import FigureKind, figure_folder
 from trackbench.report.plotting import style
@@ -76,7 +77,8 @@ class KeptFigures:
     def get(self, spec: FigureKind, formats: Sequence[str]) -> Files | None:
         """Return a figure's files; None if not all of them are there."""
         try:
-            return [(form, self._path(spec, form).read_bytes()) for form in formats]
+            paths = [(form, require_regular_file(self._path(spec, form))) for form in formats]
+            return [(form, path.read_bytes()) for form, path in paths]
         except OSError:
             return None
 

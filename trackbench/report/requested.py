@@ -1,30 +1,24 @@
 """The config of a results folder: filters, grid, names of tables and figures."""
 
-import re
 from collections.abc import Container, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, cast
 
-from trackbench.config.build import dataclasses_in, help_texts, hints_of
+from trackbench.config.build import dataclasses_in, hints_of
 from trackbench.config.experiment import labels_to_run
 from trackbench.config.grid import combinations, single_paths
 from trackbench.config.includes import split_path
 from trackbench.config.published import Published, read_published
 from trackbench.errors import counted
 from trackbench.evaluation.metric_expression import exact_label
-from trackbench.field_types import UnitIf, annotations_of, part_group
+from trackbench.field_types import Unit, UnitIf, annotations_of, part_group
 from trackbench.models.sensors.base import Assume
 from trackbench.registry import Group, kinds
 from trackbench.report.findings import phrases
 from trackbench.report.plotting import style
 from trackbench.yaml_source import Source, read
-
-_UNIT = re.compile(
-    r", (k?m|m?rad|deg|s|(?:m|deg|m\^2)/s(?:\^\d)?|\(m/s(?:\^2)?\)\^2)(?=,(?! or)|$)"
-)
-"""Unit in the documentation of a key: ``standard deviation of the range, m``."""
 
 
 def _unit(part: Any, group: str | None, cls: type[Any] | None, keys: Sequence[str]) -> str:
@@ -45,11 +39,9 @@ def _unit(part: Any, group: str | None, cls: type[Any] | None, keys: Sequence[st
         inner, nested = part.get(key), dataclasses_in(hint)
         only = nested[0] if len(nested) == 1 else None
         return _unit(inner, part_group(hint), only, rest) if isinstance(inner, dict) else ""
-    for mark in annotations_of(hint):
-        if isinstance(mark, UnitIf) and part.get(mark.key) == mark.value:
-            return mark.unit
-    found = _UNIT.search(help_texts(cls).get(key, ""))
-    return found[1] if found else ""
+    marks = annotations_of(hint)
+    special = (m.unit for m in marks if isinstance(m, UnitIf) and part.get(m.key) == m.value)
+    return next(special, next((m.unit for m in marks if isinstance(m, Unit)), ""))
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ from trackbench.results.point_facts import (
     array_prefix,
     points_in,
 )
+from trackbench.yaml_source import unprintable_reason
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -114,6 +115,13 @@ def check_heads(heads: Collection[str], needed: Collection[str]) -> None:
         raise ValueError(f"has no column {missing[0]!r}")
 
 
+def _check_printable(texts: Iterable[str]) -> None:
+    """Raise ValueError for a word with control characters, some of which a terminal obeys."""
+    for text in texts:
+        if what := unprintable_reason(text):
+            raise ValueError(what)
+
+
 def _truth(text: str) -> bool:
     return {"True": True, "False": False}[text]
 
@@ -131,6 +139,7 @@ def _parse_of(texts: Iterable[str]) -> Parse:
 
 def _array(parse: Parse, texts: Sequence[str]) -> Array:
     if parse is str:  # equal words become one object
+        _check_printable(set(texts))
         return np.array([intern(text) for text in texts], dtype=object)
     values = [parse(text) for text in texts]
     return np.array(values, dtype=None if values else float if parse is float else int)
@@ -158,6 +167,7 @@ def read_runs(
     keys = itemgetter(*(head.index(name) for name in (*grid, "filter", "metric")))
     for (*texts, label, metric), group in groupby(rows, keys):
         if label in labels:
+            _check_printable([metric])
             point = tuple(parse(text) for parse, text in zip(grid.values(), texts, strict=True))
             values = np.fromiter(map(float, map(value, group)), float)
             pieces.setdefault(point, {}).setdefault((label, metric), []).append(values)
@@ -248,16 +258,22 @@ class ResultFiles(ResultsConfig):
         with self.reading(name) as path, path.open("rb") as file, np.load(file) as arrays:
             return dict(arrays)
 
-    def tracks(self, point: GridPoint) -> dict[str, Array]:
+    @cached_property
+    def saved(self) -> dict[str, Array]:
+        """Return the arrays of tracks.npz, every run's, at all points; empty if none were saved."""
+        return self.arrays("tracks.npz")
+
+    def tracks(self, point: GridPoint, every_run: bool = False) -> dict[str, Array]:
         """Return tracks of the first runs: ``truth``, ``measurements``, ``mean/<filter>``, ``steps``.
 
-        Empty if every filter failed at the point.
+        With ``every_run`` they are all runs' if these were saved. Empty if every filter failed at the
+        point.
         """
         i = self.index_of(point)
         prefix = array_prefix(i or 0, len(self.grid_points))
         return {
             name.removeprefix(prefix): array
-            for name, array in self.shown.items()
+            for name, array in ((self.saved if every_run else {}) or self.shown).items()
             if i is not None and name.startswith(prefix)
         }
 

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 from trackbench.atomic_files import ensure_folder, remove, within, write_text
 from trackbench.errors import UserError, WriteError
 from trackbench.field_types import require_regular_file
+from trackbench.results.point_facts import printable_json
 from trackbench.yaml_source import read
 
 FORMAT = 3
@@ -157,7 +158,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     facts: dict[str, Any] = {}
     for name in (MACHINE, MANIFEST):
         if name == MANIFEST or (folder / name).is_file():
-            part = json.loads((folder / name).read_text(encoding="utf-8"))
+            part = printable_json((folder / name).read_text(encoding="utf-8"))
             facts = {**facts, **part, "files": {**facts.get("files", {}), **part["files"]}}
     return facts
 

@@ -16,11 +16,34 @@ from trackbench.config.dump import as_config
 from trackbench.config.experiment import Point
 from trackbench.evaluation.consistency_and_calibration import sizes
 from trackbench.scenarios.base import Scenario
+from trackbench.yaml_source import unprintable_reason
 
 POINTS_FILE = "points.json"
 
 GridPoint: TypeAlias = dict[str, Any]
 """Values of a point of the grid, by path; empty without a grid."""
+
+
+def printable_json(text: str) -> Any:
+    """Return the content of a JSON file; raises ValueError for control characters in its texts.
+
+    Anybody may have written it, and a terminal obeys some of these characters.
+    """
+    content = json.loads(text)
+    for word in _texts(content):
+        if what := unprintable_reason(word):
+            raise ValueError(what)
+    return content
+
+
+def _texts(content: object) -> Iterator[str]:
+    """Yield all texts in the content of a JSON file, names of keys included."""
+    if isinstance(content, str):
+        yield content
+    elif isinstance(content, dict | list):
+        inner = [*content, *content.values()] if isinstance(content, dict) else content
+        for value in inner:
+            yield from _texts(value)
 
 
 @dataclass(frozen=True)
@@ -104,7 +127,7 @@ def _is_part(stored: Any, computed: Any) -> bool:
 
 def points_in(text: str) -> Iterator[PointFacts]:
     """Yield the points of a file; raises ValueError, KeyError or TypeError for other content."""
-    first, *others = json.loads(text)
+    first, *others = printable_json(text)
     yield PointFacts(**first)
     for other in others:
         filters = {**first["filters"], **other.get("filters", {})}

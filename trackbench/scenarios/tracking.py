@@ -13,7 +13,7 @@ from trackbench.core.arrays import Array, Index, Mask, fixed
 from trackbench.core.cramer_rao import largest_deviation
 from trackbench.core.distributions import Distribution, PointMass
 from trackbench.core.random_streams import Streams
-from trackbench.field_types import Finite, InvalidKeyError, Natural, Positive, Registered
+from trackbench.field_types import Finite, InvalidKeyError, Natural, Positive, Registered, Unit
 from trackbench.models.base import Model, Motion, SampledMotion
 from trackbench.models.motions.irregular import Irregular
 from trackbench.models.motions.kinematic import ConstantVelocity, Linear
@@ -44,7 +44,7 @@ class Tracking(Scenario):
     """what sees it: {kind: range-azimuth, ...}, or a list of sensors"""
     start: Annotated[Start, Registered("starts")]
     """what filters start from: {kind: two-scan}"""
-    T: Positive = 1.0
+    T: Annotated[Positive, Unit("s")] = 1.0
     """time between steps, s"""
     first: Natural = 0
     """number of the first step"""

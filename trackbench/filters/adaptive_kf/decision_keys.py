@@ -9,7 +9,7 @@ It is not chi-square.
 from dataclasses import dataclass
 from decimal import Decimal, localcontext
 from functools import lru_cache
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from trackbench.field_types import (
     NonNegative,
     OpenShare,
     Positive,
+    Unit,
 )
 from trackbench.models.motions.kinematic import ConstantAcceleration
 
@@ -99,7 +100,7 @@ class Exit:
     """number of samples in the sum"""
     Ta: Positive = 9.49
     """threshold; 9.49 is the 95 % point of chi-square with 4 degrees, of p = 2 samples"""
-    hold_s: NonNegative = 0.0
+    hold_s: Annotated[NonNegative, Unit("s")] = 0.0
     """least time in the maneuvering filter, s"""
 
 

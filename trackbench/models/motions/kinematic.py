@@ -13,7 +13,7 @@ import numpy as np
 from trackbench.core import linalg
 from trackbench.core.arrays import Array, fixed
 from trackbench.core.distributions import Gaussian
-from trackbench.field_types import NonNegative, Positive, UnitIf
+from trackbench.field_types import NonNegative, Positive, Unit, UnitIf
 from trackbench.models.base import AXES, Motion, position_velocity_names
 from trackbench.registry import register
 
@@ -100,7 +100,7 @@ class ConstantVelocity(PerAxis):
     prints it after Bar-Shalom & Birmiwal 1982, ``G = [T/2, 1]'`` (a random velocity increment).
     """
 
-    q: Annotated[NonNegative, UnitIf("noise_gain", "printed", "(m/s)^2")]
+    q: Annotated[NonNegative, UnitIf("noise_gain", "printed", "(m/s)^2"), Unit("(m/s^2)^2")]
     """variance of the disturbance per axis, (m/s^2)^2"""
     noise_gain: NoiseGain = "standard"
     """gain G of the disturbance: [T^2/2, T]', or the printed [T/2, 1]' of a q in (m/s)^2"""
@@ -122,11 +122,11 @@ class ConstantAcceleration(PerAxis):
     ``G = [T^2/2, T, 1]'`` (a Wiener sequence of accelerations) or the printed ``[T^2/4, T/2, 1]'``.
     """
 
-    q: NonNegative
+    q: Annotated[NonNegative, Unit("(m/s^2)^2")]
     """variance of the acceleration's increment per axis, (m/s^2)^2"""
     noise_gain: NoiseGain = "standard"
     """gain G of the disturbance: [T^2/2, T, 1]' or the printed [T^2/4, T/2, 1]'"""
-    initial_std: NonNegative = 0.1
+    initial_std: Annotated[NonNegative, Unit("m/s^2")] = 0.1
     """standard deviation of the acceleration before the first measurement, m/s^2"""
     kind: Literal["ca"] = "ca"
     """constant acceleration"""
@@ -150,7 +150,7 @@ class ConstantAcceleration(PerAxis):
 class WhiteAcceleration(PerAxis):
     """Continuous white noise acceleration (Bar-Shalom, Li & Kirubarajan 2001, section 6.2.2)."""
 
-    q: NonNegative
+    q: Annotated[NonNegative, Unit("m^2/s^3")]
     """power spectral density of the acceleration per axis, m^2/s^3"""
 
     @lru_cache(maxsize=_CACHED)  # noqa: B019 (a motion is a few numbers)
@@ -169,9 +169,9 @@ class Singer(PerAxis):
     Bar-Shalom, Li & Kirubarajan 2001, section 8.2.
     """
 
-    sigma: Positive
+    sigma: Annotated[Positive, Unit("m/s^2")]
     """standard deviation of the acceleration per axis, m/s^2"""
-    tau: Positive
+    tau: Annotated[Positive, Unit("s")]
     """time constant of the acceleration, s"""
 
     @lru_cache(maxsize=_CACHED)  # noqa: B019 (a motion is a few numbers)

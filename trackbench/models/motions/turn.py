@@ -2,14 +2,14 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
 from trackbench.core.arrays import Array, fixed
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import cos_sin
-from trackbench.field_types import Finite, NonNegative, Positive
+from trackbench.field_types import Finite, NonNegative, Positive, Unit
 from trackbench.models.base import Motion, position_velocity_names
 from trackbench.models.motions.kinematic import ConstantVelocity, Linear
 from trackbench.registry import register
@@ -24,7 +24,7 @@ class CoordinatedTurn(Motion):
 
     turn_rate_deg_s: Finite
     """rate of the turn, degrees per second, positive from x to y"""
-    q: NonNegative
+    q: Annotated[NonNegative, Unit("(m/s^2)^2")]
     """variance of a random acceleration held for T, per axis, (m/s^2)^2"""
 
     @lru_cache(maxsize=64)  # noqa: B019 (a motion is a few numbers)
@@ -57,11 +57,11 @@ class UnknownTurn(Motion):
     in rad/s, positive from x to y.
     """
 
-    q: NonNegative
+    q: Annotated[NonNegative, Unit("(m/s^2)^2")]
     """variance of a random acceleration held for T, per axis, (m/s^2)^2"""
-    turn_walk_deg_s: Positive
+    turn_walk_deg_s: Annotated[Positive, Unit("deg/s")]
     """standard deviation of the turn rate's change within one second, deg/s"""
-    initial_std_deg_s: Positive = 3.0
+    initial_std_deg_s: Annotated[Positive, Unit("deg/s")] = 3.0
     """standard deviation of the turn rate before the first measurement, deg/s"""
 
     @lru_cache(maxsize=64)  # noqa: B019 (a motion is a few numbers)

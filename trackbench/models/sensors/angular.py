@@ -4,7 +4,7 @@ from bisect import bisect_right
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from trackbench.core.angles import wrap_angle
 from trackbench.core.arrays import Array, fixed, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import arctan2, cos_sin
-from trackbench.field_types import Finite, Natural, Positive
+from trackbench.field_types import Finite, Natural, Positive, Unit
 from trackbench.models.sensors.base import SensorBase
 from trackbench.registry import register
 
@@ -131,7 +131,7 @@ def distance(px: Array, py: Array) -> Array:
 class Bearing(AngularSensor):
     """Direction alone, ``a = atan2(py, px) + w_a``; the range becomes observable by movement."""
 
-    sigma_mrad: Positive
+    sigma_mrad: Annotated[Positive, Unit("mrad")]
     """standard deviation of the bearing, mrad"""
 
     components: ClassVar[tuple[str, ...]] = ("azimuth",)

@@ -2,13 +2,13 @@
 
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
 from trackbench.core.arrays import Array, fixed
 from trackbench.core.distributions import Gaussian
-from trackbench.field_types import Positive
+from trackbench.field_types import Positive, Unit
 from trackbench.models.sensors.base import SensorBase
 from trackbench.registry import register
 
@@ -43,7 +43,7 @@ class LinearSensor(SensorBase):
 class Positions(LinearSensor):
     """Base of the sensors of all positions, each with an independent error of one size."""
 
-    sigma: Positive
+    sigma: Annotated[Positive, Unit("m")]
     """standard deviation along each axis, m"""
 
     axes: ClassVar[int]
@@ -93,9 +93,9 @@ class PositionInSpace(Positions):
 class PositionVelocity(LinearSensor):
     """Positions and velocities of a planar target, as a satellite receiver or AIS reports them."""
 
-    sigma: Positive
+    sigma: Annotated[Positive, Unit("m")]
     """standard deviation of the position along each axis, m"""
-    sigma_velocity: Positive
+    sigma_velocity: Annotated[Positive, Unit("m/s")]
     """standard deviation of the velocity along each axis, m/s"""
 
     components: ClassVar[tuple[str, ...]] = ("x", "vx", "y", "vy")
@@ -123,7 +123,7 @@ class PositionVelocity(LinearSensor):
 class VelocitySensor(LinearSensor):
     """Both velocities of a planar target, as it reports them by speed and course."""
 
-    sigma: Positive
+    sigma: Annotated[Positive, Unit("m/s")]
     """standard deviation along each axis, m/s"""
 
     components: ClassVar[tuple[str, ...]] = ("vx", "vy")

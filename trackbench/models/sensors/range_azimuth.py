@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from trackbench.core.arrays import Array, fixed
 from trackbench.core.conversions import Conversion, Polar, ccm, convert, position
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import arctan2, cos_sin
-from trackbench.field_types import Positive
+from trackbench.field_types import Positive, Unit
 from trackbench.models.sensors.angular import (
     AngularSensor,
     along_line_of_sight,
@@ -26,9 +26,9 @@ from trackbench.registry import register
 class Radar(AngularSensor):
     """Base of the radars in the plane."""
 
-    sigma_range: Positive
+    sigma_range: Annotated[Positive, Unit("m")]
     """standard deviation of the range, m"""
-    sigma_azimuth_mrad: Positive
+    sigma_azimuth_mrad: Annotated[Positive, Unit("mrad")]
     """standard deviation of the azimuth, mrad"""
 
     angles: ClassVar[tuple[int, ...]] = (1,)
@@ -190,7 +190,7 @@ class RangeAzimuthDoppler(Radar):
     Bar-Shalom, Li & Kirubarajan 2001, section 10.4. The radar stands still.
     """
 
-    sigma_range_rate: Positive
+    sigma_range_rate: Annotated[Positive, Unit("m/s")]
     """standard deviation of the range rate, m/s"""
 
     components: ClassVar[tuple[str, ...]] = ("range", "azimuth", "range_rate")
@@ -234,11 +234,11 @@ class RangeAzimuthDoppler(Radar):
 class RangeAzimuthElevation(AngularSensor):
     """Range, azimuth from x to y, and elevation above that plane, each with an independent error."""
 
-    sigma_range: Positive
+    sigma_range: Annotated[Positive, Unit("m")]
     """standard deviation of the range, m"""
-    sigma_azimuth_mrad: Positive
+    sigma_azimuth_mrad: Annotated[Positive, Unit("mrad")]
     """standard deviation of the azimuth, mrad"""
-    sigma_elevation_mrad: Positive
+    sigma_elevation_mrad: Annotated[Positive, Unit("mrad")]
     """standard deviation of the elevation, mrad"""
 
     components: ClassVar[tuple[str, ...]] = ("range", "azimuth", "elevation")

@@ -1,7 +1,7 @@
 """Starts from the first scans, which the filters then are not given again."""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from trackbench.core import linalg
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.random_streams import Streams
-from trackbench.field_types import InvalidKeyError, Positive
+from trackbench.field_types import InvalidKeyError, Positive, Unit
 from trackbench.models.base import position_velocity_names
 from trackbench.models.priors import TwoPoint, two_point_difference
 from trackbench.models.sensors.base import Sensors
@@ -88,7 +88,7 @@ class OneScan(_FromScans):
     Mallick & La Scala 2008.
     """
 
-    sigma_velocity: Positive
+    sigma_velocity: Annotated[Positive, Unit("m/s")]
     """standard deviation of the velocity along each axis, m/s"""
 
     scans: ClassVar[int] = 1

@@ -14,6 +14,7 @@ from trackbench.field_types import (
     InvalidKeyError,
     Positive,
     Registered,
+    Unit,
     freeze_mappings,
 )
 from trackbench.models.base import Motion, append_noise, by_component, extra_std
@@ -31,9 +32,9 @@ class PolarLaunch:
     """range"""
     azimuth_deg: Finite
     """azimuth"""
-    velocity_radial: Finite = 0.0
+    velocity_radial: Annotated[Finite, Unit("m/s")] = 0.0
     """speed along the line of sight, m/s"""
-    velocity_cross: Finite = 0.0
+    velocity_cross: Annotated[Finite, Unit("m/s")] = 0.0
     """speed across the line of sight, anticlockwise, m/s"""
 
     axes = 2

@@ -11,7 +11,7 @@ from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.elementary import cos_sin
 from trackbench.core.random_streams import Streams
 from trackbench.core.sums import mean
-from trackbench.field_types import Finite, InvalidKeyError, NonNegative, Positive, Steps
+from trackbench.field_types import Finite, InvalidKeyError, NonNegative, Positive, Steps, Unit
 from trackbench.models.motions.turn import turn_state
 from trackbench.models.sensors.base import Sensors
 from trackbench.registry import register
@@ -102,7 +102,7 @@ class Leg:
     """m/s^2"""
     az: Finite = 0.0
     """m/s^2"""
-    turn_rate_deg_s: Finite = 0.0
+    turn_rate_deg_s: Annotated[Finite, Unit("deg/s")] = 0.0
     """turn at constant speed in the plane, deg/s, positive from x to y"""
 
     def __post_init__(self) -> None:
@@ -134,9 +134,9 @@ class Legs(Flown):
     """position and velocity at time zero"""
     legs: tuple[Leg, ...] = ()
     """turns, in order, no two at once; [] is straight flight"""
-    settle: NonNegative = 100.0
+    settle: Annotated[NonNegative, Unit("s")] = 100.0
     """time after a turn that is neither turn nor quiet, s"""
-    edge: Positive = 50.0
+    edge: Annotated[Positive, Unit("s")] = 50.0
     """length of a turn's start, and of the stretch after its end where an overshoot is looked for, s"""
 
     @property
@@ -291,15 +291,15 @@ class RandomLegs(Target):
 
     area: Positive
     """the first position is anywhere within so many metres of the origin along each axis"""
-    speed: tuple[Positive, Positive]
+    speed: Annotated[tuple[Positive, Positive], Unit("m/s")]
     """least and largest speed at first, m/s, in any direction"""
     legs: tuple[Number, Number]
     """least and largest number of legs"""
     leg_steps: tuple[Steps, Steps]
     """least and largest number of steps of a leg"""
-    sigma_along: NonNegative
+    sigma_along: Annotated[NonNegative, Unit("m/s^2")]
     """standard deviation of a leg's acceleration along the velocity, m/s^2"""
-    across: NonNegative
+    across: Annotated[NonNegative, Unit("m/s^2")]
     """largest acceleration of a leg across the velocity, to either side, m/s^2"""
     straight_steps: tuple[Steps, Steps] | None = None
     """least and largest number of steps of straight flight before each leg; default: none"""

@@ -1,11 +1,12 @@
 """Targets that fly a smooth path: through points, or a trajectory of one's own from a file."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from trackbench.core.arrays import Array, fixed
-from trackbench.field_types import DataError, DataFile, Finite, Place, Positive
+from trackbench.field_types import DataError, DataFile, Finite, Place, Positive, Unit
 from trackbench.registry import register
 from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.rows import (
@@ -34,7 +35,7 @@ class Waypoints(Flown):
     """heights, m; default: the target moves in the plane"""
     times: tuple[Finite, ...] | None = None
     """when the points are reached, s; give these or a speed"""
-    speed: Positive | None = None
+    speed: Annotated[Positive | None, Unit("m/s")] = None
     """speed along the straight lines between the points, m/s, from time zero on"""
 
     def __post_init__(self) -> None:

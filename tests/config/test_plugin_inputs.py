@@ -1,0 +1,344 @@
+"""What a plugin imports and reads is part of its blocks' keys; it changes nothing of the package."""
+
+import site
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.commands import spawned
+from tests.papers import merwe_text
+from trackbench import api
+from trackbench.errors import UserError
+from trackbench.execution.cache import block_key
+from trackbench.execution.plan import make_plan
+from trackbench.plugins.errors import PluginError
+from trackbench.plugins.load import load_plugin
+
+PLUGIN = '''
+IMPORTS
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from trackbench.core.distributions import Gaussian
+from trackbench.registry import register
+
+
+@register("filters", "half")
+@dataclass(frozen=True, kw_only=True)
+class Half:
+    """A factor of the prior."""
+
+    def init(self, model, prior, rng):
+        n, runs = prior.mean.shape
+        return Gaussian(float(FACTOR) + 0.0 * prior.mean, np.ones((n, n, runs)))
+
+    def step(self, model, state, z, k, rng):
+        return state
+
+    def estimate(self, state):
+        return state
+'''
+CONFIG = """
+name: own
+runs: 4
+block: 2
+scenario: MERWE
+plugins: [half.py]
+DECLARED
+filters:
+  Half: {kind: half}
+  UKF: {kind: ukf}
+""".replace("MERWE", merwe_text(T=4))
+EDITS: dict[str, tuple[str, str, str, str]] = {
+    "a module beside it": ("import helper", "helper.FACTOR", "helper.py", "FACTOR = {}"),
+    "a module that this imports": (
+        "import outer",
+        "outer.helper.FACTOR",
+        "helper.py",
+        "FACTOR = {}",
+    ),
+    "a module on the path": ("import helper", "helper.FACTOR", "lib/helper.py", "FACTOR = {}"),
+    "a module of a name in a text": (
+        "import importlib\nhelper = importlib.import_module('hel' + 'per')",
+        "helper.FACTOR",
+        "helper.py",
+        "FACTOR = {}",
+    ),
+    "an editable package": ("from theirs.inner import FACTOR", "FACTOR", "theirs", "FACTOR = {}"),
+    "a file that importlib runs": (
+        "from importlib.util import module_from_spec, spec_from_file_location\n"
+        "from pathlib import Path\n"
+        "spec = spec_from_file_location('x', Path(__file__).parent / 'parts' / 'x.py')\n"
+        "x = module_from_spec(spec); spec.loader.exec_module(x)",
+        "x.FACTOR",
+        "parts/x.py",
+        "FACTOR = {}",
+    ),
+    "a file that runpy runs": (
+        "import runpy\nfrom pathlib import Path\n"
+        "x = runpy.run_path(str(Path(__file__).parent / 'x.py'))",
+        "x['FACTOR']",
+        "x.py",
+        "FACTOR = {}",
+    ),
+    "an import within a method": (
+        "def late():\n    from helper import FACTOR\n    return FACTOR\n",
+        "late()",
+        "helper.py",
+        "FACTOR = {}",
+    ),
+    "weights": (
+        "from pathlib import Path\nW = (Path(__file__).parent / 'w.txt').read_text()",
+        "W",
+        "w.txt",
+        "{}",
+    ),
+}
+
+
+def _run(folder: Path, **options: object) -> tuple[dict[str, int], float]:
+    """The blocks of a run, and the first estimate's error of the plugin's filter."""
+    report = api.run(
+        folder / "own.yaml",
+        out=folder / "out",
+        allow_plugins=True,
+        quiet=True,
+        formats=(),
+        **{"engine": "serial", **options},  # type: ignore[arg-type]
+    )
+    assert not report.failed, report.failed
+    frame = report.per_run
+    of_filter = frame[(frame["filter"] == "Half") & (frame["metric"] == "rmse")]
+    return report.results.manifest["blocks"], float(of_filter["value"].mean())
+
+
+@pytest.fixture
+def written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """Writes the config and the plugin."""
+    monkeypatch.setenv("TRACKBENCH_CACHE", str(tmp_path / "cache"))
+    before = {*sys.modules}
+
+    def write(imports: str, factor: str, declared: str = "") -> None:
+        plugin = PLUGIN.replace("IMPORTS", imports).replace("FACTOR)", f"{factor})")
+        (tmp_path / "half.py").write_text(plugin)
+        (tmp_path / "own.yaml").write_text(CONFIG.replace("DECLARED", declared))
+
+    yield write
+    for name in {*sys.modules} - before:
+        if name.partition(".")[0] in ("helper", "outer", "theirs"):
+            del sys.modules[name]
+
+
+def _editable(folder: Path) -> Path:
+    """Install a package of constant version as `pip install --editable` does; return its source."""
+    home = folder / "checkout" / "theirs"
+    home.mkdir(parents=True)
+    (home / "__init__.py").write_text("")
+    facts = folder / "site" / "theirs-1.0.dist-info"
+    facts.mkdir(parents=True)
+    (facts / "METADATA").write_text("Metadata-Version: 2.1\nName: theirs\nVersion: 1.0\n")
+    (facts / "RECORD").write_text(
+        "__editable__.theirs-1.0.pth,,\ntheirs-1.0.dist-info/METADATA,,\n"
+    )
+    (folder / "site" / "__editable__.theirs-1.0.pth").write_text(f"{home.parent}\n")
+    return home / "inner.py"
+
+
+@pytest.mark.parametrize("case", EDITS)
+def test_an_edit_of_what_a_plugin_brings_in_meets_no_old_block(
+    case: str,
+    tmp_path: Path,
+    written: Callable[..., None],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Also if the edit has the length and the second of what it replaces, as in a script."""
+    imports, factor, name, text = EDITS[case]
+    written(imports, factor)
+    (tmp_path / "outer.py").write_text("import helper\n")
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    edited = tmp_path / name
+    if name == "theirs":
+        edited = _editable(tmp_path)
+        site.addsitedir(str(tmp_path / "site"))
+    edited.parent.mkdir(exist_ok=True)
+    if edited.parent.name == "lib":
+        sys.path.insert(0, str(edited.parent))
+    seen = []
+    for value in ("2.5", "7.5"):
+        edited.write_text(text.format(value))
+        seen += [_run(tmp_path), _run(tmp_path)]
+    assert [blocks["computed"] for blocks, _ in seen] == [4, 0, 2, 0]  # of Half alone
+    engine = (
+        "processes" if case in ("a module beside it", "a file that importlib runs") else "serial"
+    )
+    fresh = _run(tmp_path, fresh=True, workers=2, engine=engine)[1]
+    assert seen[0][1] == seen[1][1] != seen[2][1] == seen[3][1] == fresh
+
+
+def test_declared_files_and_variables_are_part_of_the_keys(
+    tmp_path: Path, written: Callable[..., None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They may be read as late as in a run."""
+    late = (
+        "import os\nfrom pathlib import Path\n"
+        "def late():\n"
+        "    inner = (Path(__file__).parent / 'weights' / 'w.txt').read_text()\n"
+        "    return float(inner) * float(os.environ['GAIN'])\n"
+    )
+    written(late, "late()", "files: [weights]\nenvironment: [GAIN]\n")
+    (tmp_path / "weights").mkdir()
+    found = []
+    for weight, gain in (("1.5", "1"), ("1.5", "3"), ("2.5", "3"), ("1.5", "1")):
+        (tmp_path / "weights" / "w.txt").write_text(weight)
+        monkeypatch.setenv("GAIN", gain)
+        found.append(_run(tmp_path))
+    assert [blocks["computed"] for blocks, _ in found] == [4, 2, 2, 0]
+    assert len({error for _, error in found}) == 3
+    again = api.run(
+        tmp_path / "out" / "config.yaml", out=tmp_path / "b", allow_plugins=True, quiet=True
+    )
+    assert again.results.manifest["blocks"]["computed"] == 0
+    (tmp_path / "own.yaml").write_text((tmp_path / "own.yaml").read_text().replace("hts]", "s]"))
+    with pytest.raises(UserError, match=r"own\.yaml:7:9: files\.0: .*no such file or folder"):
+        _run(tmp_path)
+
+
+def test_what_a_plugin_reads_undeclared_is_named_in_a_note(
+    tmp_path: Path, written: Callable[..., None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And the value of a variable that it read is part of the key."""
+    reads = (
+        "import os\nfrom pathlib import Path\n"
+        "W = float((Path(__file__).parent / 'w.txt').read_text()) * float(os.environ['GAIN'])\n"
+        "open(Path(__file__).parent / 'log.txt', 'w').close()"
+    )
+    written(reads, "W")
+    (tmp_path / "w.txt").write_text("2")
+    found = []
+    for gain in ("1", "3"):
+        monkeypatch.setenv("GAIN", gain)
+        done = spawned("run", "own.yaml", "--allow-plugins", "--workers", "1", cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        notes = [line for line in done.stderr.splitlines() if line.startswith("note: half.py")]
+        assert [note.split(" while ")[0] for note in notes] == [
+            f"note: half.py read {tmp_path / 'w.txt'}",
+            "note: half.py read GAIN",
+        ]
+        found.append((tmp_path / "results" / "own" / "per_run.csv").read_bytes())
+    assert found[0] != found[1]
+    written(reads, "W", "files: [w.txt]\nenvironment: [GAIN]\n")
+    done = spawned("run", "own.yaml", "--allow-plugins", "--workers", "1", cwd=tmp_path)
+    assert "note: half.py read" not in done.stderr
+
+
+def test_a_worker_refuses_other_files_than_those_of_the_key(
+    tmp_path: Path, written: Callable[..., None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written("import helper", "helper.FACTOR", "files: [w.txt]\n")
+    helper, weights = tmp_path / "helper.py", tmp_path / "w.txt"
+    helper.write_text("FACTOR = 1\n")
+    weights.write_text("1")
+    options = api.Options(allow_plugins=True)
+    (plugin,) = api.prepare(tmp_path / "own.yaml", options).plugins
+    for file in (helper, weights):
+        before = file.read_text()
+        file.write_text("FACTOR = 2\n")
+        monkeypatch.delitem(sys.modules, plugin.module)
+        with pytest.raises(PluginError, match=f"{file.name} is not as it was when the run began"):
+            load_plugin(plugin)
+        file.write_text(before)
+        load_plugin(plugin)
+    weights.unlink()
+    monkeypatch.delitem(sys.modules, plugin.module)
+    with pytest.raises(PluginError, match=r"this worker has no .*w\.txt, which half\.py reads"):
+        load_plugin(plugin)
+
+
+def test_modules_of_one_name_beside_two_plugins_are_two(
+    tmp_path: Path, written: Callable[..., None]
+) -> None:
+    written("import helper", "helper.FACTOR")
+    (tmp_path / "helper.py").write_text("FACTOR = 2.5\n")
+    other = tmp_path / "other"
+    other.mkdir()
+    for name in ("half.py", "own.yaml"):
+        (other / name).write_bytes((tmp_path / name).read_bytes())
+    (other / "helper.py").write_text("FACTOR = 7.5\n")
+    seen = [_run(folder)[1] for folder in (tmp_path, other, tmp_path, other)]
+    assert seen[:2] == seen[2:]
+    assert seen[0] != seen[1]
+
+
+PATCHES = {
+    "trackbench.core.kalman.condition": (
+        "from trackbench.core import kalman\nbefore = kalman.condition\n"
+        "kalman.condition = lambda *a, **k: before(*a, **k)"
+    ),
+    "trackbench.filters.unscented.UKF.step": (
+        "from trackbench.registry import of_kind\nof_kind('filters', 'ukf').step = None"
+    ),
+    "trackbench.core.elementary.exp": (
+        "from trackbench.core import elementary\nelementary.exp.__defaults__ = (1, 2)"
+    ),
+    "numpy.sqrt": "import numpy\nnumpy.sqrt = lambda x: x",
+    "numpy.linalg.cholesky": "import numpy\nnumpy.linalg.cholesky = lambda x: x",
+}
+
+
+@pytest.mark.parametrize("name", PATCHES)
+def test_a_plugin_that_changes_the_package_is_refused_and_undone(
+    name: str, tmp_path: Path, written: Callable[..., None]
+) -> None:
+    written("", "1")
+    _, good = _run(tmp_path)
+    sound = (tmp_path / "half.py").read_text()
+    (tmp_path / "half.py").write_text(f"{sound}\n{PATCHES[name]}\n")
+    with pytest.raises(UserError) as caught:
+        _run(tmp_path)
+    assert "plugins.0: half.py: replaces " in str(caught.value)
+    assert name.rpartition(".")[2] in str(caught.value)
+    (tmp_path / "half.py").write_text(sound)
+    assert _run(tmp_path, fresh=True)[1] == good
+
+
+def test_a_filter_that_changes_the_package_as_it_runs_fails_alone(
+    tmp_path: Path, written: Callable[..., None]
+) -> None:
+    """The blocks of other filters have the numbers that they have without it."""
+    patch = (
+        "import trackbench.core.kalman as kalman\nsound = kalman.condition\n"
+        "def late():\n    kalman.condition = lambda *a, **k: sound(*a, **k)\n    return 1\n"
+    )
+    written(patch, "late()")
+    options = {"out": tmp_path / "out", "quiet": True, "formats": (), "engine": "serial"}
+    report = api.run(tmp_path / "own.yaml", allow_plugins=True, **options)
+    assert [line.partition(" (")[0] for line in report.failed] == [
+        "Half failed: replaces trackbench.core.kalman.condition, which filters of the package use, "
+        "too; a plugin may only add: write the changed function into a filter of its own"
+    ]
+    beside = report.per_run.query("filter == 'UKF'")["value"].to_numpy()
+    (tmp_path / "own.yaml").write_text(CONFIG.replace("DECLARED", "only: [UKF]"))
+    alone = api.run(tmp_path / "own.yaml", allow_plugins=True, fresh=True, **options)
+    np.testing.assert_array_equal(beside, alone.per_run["value"].to_numpy())
+
+
+def test_an_unchanged_plugin_has_the_same_keys_in_another_folder(
+    tmp_path: Path, written: Callable[..., None]
+) -> None:
+    written("import helper", "helper.FACTOR")
+    (tmp_path / "helper.py").write_text("FACTOR = 2.5\n")
+    moved = tmp_path / "moved"
+    moved.mkdir()
+    for name in ("half.py", "own.yaml", "helper.py"):
+        (moved / name).write_bytes((tmp_path / name).read_bytes())
+    keys = []
+    for folder in (tmp_path, moved):
+        experiment = api.prepare(folder / "own.yaml", api.Options(allow_plugins=True))
+        task = make_plan(experiment).tasks[0, "Half"][0]
+        keys.append(block_key(task, task.runs_used))
+    assert keys[0] == keys[1]

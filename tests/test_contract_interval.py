@@ -1,0 +1,86 @@
+"""A filter that keeps the first interval's constants is found on a config's problem, too."""
+
+from pathlib import Path
+
+import pytest
+
+from trackbench.config.load import load
+from trackbench.contract import check_file, check_filter
+from trackbench.contract_problems import ModelDraws
+
+FILTER = '''
+import numpy as np
+
+from trackbench.adapters.per_run import PerRun
+
+
+class Constants(PerRun, kind="constants"):
+    """Constant velocity in the plane, q 25 m^2/s^3, sigma 20 m."""
+
+    def start(self, mean, cov):
+        self.mean, self.cov, self.FQ = np.array(mean), np.array(cov), None
+
+    def step(self, z, dt):
+        if WHEN:
+            f = np.array([[1, dt], [0, 1]])
+            q = 25 * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
+            self.FQ = np.kron(np.eye(2), f), np.kron(np.eye(2), q)
+        F, Q = self.FQ
+        m, P = F @ self.mean, F @ self.cov @ F.T + Q
+        if z is not None and not np.isnan(z).any():
+            H = np.kron(np.eye(2), [[1, 0]])
+            S = H @ P @ H.T + 400 * np.eye(2)
+            K = P @ H.T @ np.linalg.inv(S)
+            m, P = m + K @ (z - H @ m), P - K @ S @ K.T
+        self.mean, self.cov = m, P
+        return m, P
+'''
+SHIPPED = {
+    **{kind: f"{{kind: {kind}}}" for kind in ("kf", "ekf", "ukf", "ckf", "enkf")},
+    **{kind: f"{{kind: {kind}, N: 1000}}" for kind in ("pf", "rpf", "apf")},
+}
+ON = """name: on
+seed: 3
+runs: 100
+scenario:
+  kind: tracking
+  T: 2
+  last: 50
+  target: {kind: driven, motion: {kind: cwna, q: 25}, launch: {x: 1500, y: -700, vx: 150, vy: -90}}
+  sensor: {kind: position, sigma: 20, detection: 0.8}
+  start: {kind: gaussian, sigma: [20, 10, 20, 10]}
+filters:
+"""
+CHECK = "uses the interval between steps"
+
+
+@pytest.mark.parametrize(
+    ("when", "verdict"), [("self.FQ is None", "bad"), ("True", "good"), ("not z is None", "bad")]
+)
+def test_a_filter_of_the_first_interval_is_found(when: str, verdict: str, tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(FILTER.replace("WHEN", f"self.FQ is None or ({when})"))
+    (tmp_path / "on.yaml").write_text(f"{ON}  KF: {{kind: kf}}\n")
+    (findings,) = check_file(tmp_path / "mine.py", on=tmp_path / "on.yaml").values()
+    (found,) = [f for f in findings if f.check == CHECK]
+    assert found.verdict == verdict
+    if verdict == "bad":
+        assert found.why.startswith("fits at equal intervals and not at unequal ones: RMSE ")
+
+
+@pytest.mark.parametrize("sensor", ["position", "radar"])
+def test_filters_of_the_package_use_each_interval(sensor: str, tmp_path: Path) -> None:
+    text = ON + "".join(f"  {kind}: {keys}\n" for kind, keys in SHIPPED.items())
+    if sensor == "radar":
+        text = text.replace(
+            "{kind: position, sigma: 20, detection: 0.8}",
+            "{kind: range-azimuth, sigma_range: 20, sigma_azimuth_mrad: 3}",
+        ).replace("  kf: {kind: kf}\n", "")
+    (tmp_path / "on.yaml").write_text(text)
+    point = load(tmp_path / "on.yaml").points[0]
+    seen = []
+    for label, tracker in point.filters.items():
+        on = ModelDraws(base=point.assumed_scenario(label))
+        findings = check_filter(type(tracker), tracker, on=on)
+        seen += [f.verdict for f in findings if f.check == CHECK]
+        assert "bad" not in seen, (label, findings)
+    assert seen.count("good") >= len(seen) - 2

@@ -1,0 +1,51 @@
+"""The page's filter with another state: what it converts there and back is what it was."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from docs.site.blocks import blocks
+from tests.conftest import ROOT, random_covariance
+from trackbench.config.plugin_checks import load_file
+from trackbench.registry import kinds
+
+PAGE = (ROOT / "docs" / "your-filter.md").read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def ctrv(tmp_path: Path) -> type:
+    """The page's class, with the file beside it."""
+    for block in blocks(PAGE):
+        if block.title in ("ctrv.py", "my_ctrv.py"):
+            (tmp_path / block.title).write_text(block.text)
+    load_file(tmp_path / "my_ctrv.py")
+    return kinds("filters")["my-ctrv"].one
+
+
+@pytest.mark.parametrize("velocity", [(3.0, 4.0), (-15.0, 2.0), (0.5, -7.0)])
+def test_mean_and_covariance_survive_the_conversion_and_back(
+    ctrv: type, velocity: tuple[float, float], rng: np.random.Generator
+) -> None:
+    vx, vy = velocity
+    mean, cov = np.array([100.0, vx, -50.0, vy]), random_covariance(rng, 4)
+    one = ctrv()
+    one.model = SimpleNamespace(sensor=SimpleNamespace(R=25.0 * np.eye(2)))
+    one.start(mean, cov)
+    back, of_back = one.converted()
+    np.testing.assert_allclose(back, mean, rtol=1e-12)
+    np.testing.assert_allclose(of_back, cov, rtol=1e-9, atol=1e-12)
+
+
+def test_the_covariance_is_that_of_converted_samples(ctrv: type, rng: np.random.Generator) -> None:
+    """For a prior so narrow that the functions are straight lines within it."""
+    mean, cov = np.array([100.0, 8.0, -50.0, 6.0]), 1e-4 * random_covariance(rng, 4)
+    one = ctrv()
+    one.model = SimpleNamespace(sensor=SimpleNamespace(R=np.eye(2)))
+    one.start(mean, cov)
+    px, vx, py, vy = rng.multivariate_normal(mean, cov, 200_000).T
+    states = np.array([px, py, np.hypot(vx, vy), np.arctan2(vy, vx)])
+    sd = np.sqrt(np.diag(one.f.P)[:4])
+    error = (np.cov(states) - one.f.P[:4, :4]) / np.outer(sd, sd)
+    assert np.abs(error).max() < 6.0 * np.sqrt(2.0 / 200_000)

@@ -1,0 +1,249 @@
+"""Find what a plugin brings in: source files, data files, and packages by version.
+
+Installed packages count by their version. Everything else counts by its content: packages installed
+in editable mode, files beside the plugin or on the path, and files that its code opens or runs.
+"""
+
+import ast
+import hashlib
+import os
+import sys
+import sysconfig
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from functools import cache
+from importlib import invalidate_caches
+from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
+from importlib.metadata import distributions
+from importlib.util import source_from_cache
+from pathlib import Path
+from types import CodeType, ModuleType
+from typing import Any
+
+import trackbench
+
+_HOME = Path(trackbench.__file__).parent
+_PYTHON = [Path(sysconfig.get_path(name)) for name in ("stdlib", "platstdlib")]
+_OF_THE_SYSTEM = [
+    Path(root) for root in ("/dev", "/etc", "/proc", "/sys", "/usr/lib", "/usr/share")
+]
+_OF_THE_USER = [Path("~/.cache").expanduser(), Path("~/.config").expanduser()]
+_EXTENSIONS = (".so", ".pyd")
+_executed: dict[str, str] = {}
+"""Digest of the source that each file was last executed from."""
+
+
+def digest_of(path: str | Path) -> str:
+    """Return the SHA-256 of a file; raises OSError."""
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+
+
+@cache
+def is_installed(file: str) -> bool:
+    """Return whether a file belongs to Python, to trackbench, or to a package with a RECORD."""
+    path = Path(file)
+    if path.is_relative_to(_HOME) or not path.is_absolute():  # such as <string>
+        return True
+    for folder in path.parents:
+        if recorded := _recorded(str(folder)):
+            return path.relative_to(folder).as_posix() in recorded
+    return any(path.is_relative_to(root) for root in _PYTHON)
+
+
+@cache
+def _recorded(folder: str) -> frozenset[str]:
+    """Return the files that the packages installed in a folder list in their RECORD."""
+    records = [package.read_text("RECORD") or "" for package in distributions(path=[folder])]
+    return frozenset(line.partition(",")[0] for text in records for line in text.splitlines())
+
+
+class Finder:
+    """Finder of modules that also looks beside plugins, after all other places.
+
+    Sources outside installed packages are compiled anew: a file of bytecode may belong to another
+    source of the same second and length.
+    """
+
+    folders: tuple[str, ...] = ()
+
+    @classmethod
+    def look_beside(cls, plugin: str) -> None:
+        """Search the folder of this plugin before those of other plugins."""
+        folder = str(Path(plugin).parent)
+        cls.folders = (folder, *(other for other in cls.folders if other != folder))
+        if cls not in sys.meta_path:
+            sys.meta_path.insert(0, cls)
+        invalidate_caches()  # a file may be of this very second
+
+    @classmethod
+    def find_spec(
+        cls, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        """Return the spec of a module by the other finders, or of a file beside a plugin."""
+        finders = (finder for finder in [*sys.meta_path] if finder is not cls)
+        specs = (finder.find_spec(name, path, target) for finder in finders)
+        spec = next((spec for spec in specs if spec is not None), None)
+        if spec is None and path is None:
+            spec = PathFinder.find_spec(name, cls.folders)
+        file = spec.origin if spec and type(spec.loader) is SourceFileLoader else None
+        if spec is not None and file is not None and not is_installed(file):
+            spec.loader = _SourceLoader(name, file)
+        return spec
+
+
+class _SourceLoader(SourceFileLoader):
+    def get_code(self, fullname: str) -> CodeType:
+        source = self.get_data(self.path)
+        _executed[os.path.abspath(self.path)] = hashlib.sha256(source).hexdigest()
+        code: CodeType = self.source_to_code(source, self.path)
+        return code
+
+
+def imports(source: bytes, plugin: str) -> tuple[dict[str, str], set[str]]:
+    """Return modules outside installed packages, each with its file, and names of other packages.
+
+    They are those that a plugin's source imports anywhere, and that these modules import in turn.
+    Nothing is run.
+    """
+    modules: dict[str, str] = {}
+    packages: set[str] = set()
+    waiting = [(source, "")]
+    while waiting:
+        text, parent = waiting.pop()
+        for spec in (spec for name in _names(text, parent) for spec in _specs(name)):
+            file = spec.origin if spec.has_location else None
+            if file is None or is_installed(file):
+                packages.add(spec.name.partition(".")[0])
+            elif spec.name not in modules and file != plugin:
+                modules[spec.name] = os.path.abspath(file)
+                inner = spec.name if spec.submodule_search_locations else spec.parent or ""
+                with suppress(OSError):
+                    if not file.endswith(_EXTENSIONS):
+                        waiting.append((Path(file).read_bytes(), inner))
+    return modules, packages
+
+
+def _names(source: bytes, parent: str) -> Iterator[str]:
+    """Yield the names of modules that a source imports, anywhere in it."""
+    try:
+        nodes = [*ast.walk(ast.parse(source))]
+    except (SyntaxError, ValueError):  # reported when it runs
+        return
+    for node in nodes:
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            around = parent.split(".")[: len(parent.split(".")) - node.level + 1]
+            start = ".".join(around) if node.level else ""
+            name = ".".join(part for part in (start, node.module) if part)
+            yield from (f"{name}.{alias.name}" for alias in node.names)
+
+
+def _specs(name: str) -> Iterator[ModuleSpec]:
+    """Yield the specs of the packages around a module and of the module, without importing them."""
+    path: Sequence[str] | None = None
+    inner = ""
+    for part in name.split("."):
+        inner = f"{inner}.{part}".lstrip(".")
+        try:
+            spec = Finder.find_spec(inner, path)
+        except (ImportError, ValueError, AttributeError):
+            return
+        if spec is None:
+            return
+        yield spec
+        path = spec.submodule_search_locations
+        if path is None:
+            return
+
+
+def forget_edited(modules: Mapping[str, str], opened: Collection[str]) -> None:
+    """Forget imported modules of a plugin if any of their files has other content by now.
+
+    ``modules`` are files by the module's name; ``opened`` are files of modules that the plugin's code
+    finds by itself.
+    """
+    imported = {}
+    for name, module in [*sys.modules.items()]:
+        file = os.path.abspath(getattr(module, "__file__", None) or "")
+        if name in modules or file in opened:
+            imported[name] = file
+    imported = {n: f for n, f in imported.items() if not f.endswith(_EXTENSIONS)}
+    if any(
+        file != modules.get(name, file) or _executed.get(file) != digest_of(file)
+        for name, file in imported.items()
+    ):
+        for name in imported.keys() - {"__main__"}:
+            del sys.modules[name]
+
+
+class Opened:
+    """Files that were opened while plugin code was loaded, and variables that it read."""
+
+    def __init__(self, read: Iterable[str] = (), variables: Iterable[str] = ()) -> None:
+        self.read = dict.fromkeys(read)
+        self.variables = dict.fromkeys(variables)
+        self.written: set[str] = set()
+
+    def files(self) -> list[str]:
+        """Return the files that make the plugin: those of no installed package, and not written."""
+        found: dict[str, None] = {}
+        for name in self.read:
+            path = Path(name)
+            if path.suffix == ".pyc":
+                with suppress(ValueError):
+                    path = Path(source_from_cache(name))
+            roots = (*_OF_THE_SYSTEM, *_OF_THE_USER)
+            apart = any(path.is_relative_to(root) for root in roots) or is_installed(str(path))
+            if path.is_file() and not apart and str(path) not in self.written:
+                found[str(path)] = None
+        return [*found]
+
+
+_recorders: list[Opened] = []
+
+
+def _hear(event: str, arguments: tuple[Any, ...]) -> None:
+    """Note a file that is opened; Python calls this for each event of its audit."""
+    if event == "open" and _recorders and isinstance(arguments[0], str | bytes | os.PathLike):
+        name = os.path.abspath(os.fsdecode(arguments[0]))
+        writes = arguments[2] & (os.O_WRONLY | os.O_RDWR | os.O_CREAT)
+        for recorder in _recorders:
+            if writes:
+                recorder.written.add(name)
+            else:
+                recorder.read[name] = None
+
+
+@cache
+def _listen() -> None:
+    sys.addaudithook(_hear)
+
+
+@contextmanager
+def recorded() -> Iterator[Opened]:
+    """Record the files that are opened, and the environment variables that plugin code reads."""
+    _listen()
+    opened = Opened()
+    environment: Any = os.environ
+    encode: Callable[[str], bytes] = environment.encodekey
+
+    def noted(key: str) -> bytes:
+        frame = sys._getframe(1)
+        while frame.f_back is not None and frame.f_globals["__name__"] in _READERS:
+            frame = frame.f_back
+        if not is_installed(frame.f_code.co_filename):
+            opened.variables[key] = None
+        return encode(key)
+
+    _recorders.append(opened)
+    environment.encodekey = noted
+    try:
+        yield opened
+    finally:
+        environment.encodekey = encode
+        _recorders.remove(opened)
+
+
+_READERS = ("os", "_collections_abc", "collections.abc")
+"""Modules of Python between ``os.environ`` and the code that reads a variable."""
