@@ -1,9 +1,11 @@
 """Angles of the state: whole turns are no error, of recordings, equations, particles and scores."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from math import atan2, cos, pi, sin, sqrt
 from pathlib import Path
 from random import Random
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -11,11 +13,12 @@ import pytest
 from tests.conftest import make_filter, track
 from trackbench import api
 from trackbench.core.angles import near, particles_together
+from trackbench.core.arrays import Array
 from trackbench.core.particles import Particles
 from trackbench.errors import UserError
 from trackbench.evaluation.block import simulate
 from trackbench.filters.base import AnyFilter
-from trackbench.models.motions.nonlinear import MapMotion
+from trackbench.models.motions.nonlinear import MapMotion, NonlinearMotion
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.report.results import Results
 from trackbench.scenarios.starts.without_scans import GaussianStart
@@ -203,6 +206,40 @@ def test_equations_with_a_cut_are_those_without(tracker: AnyFilter) -> None:
                 of.diagnostics["pit_heading"],
             ]
         )
+    for a, b in zip(*found, strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-6, atol=1e-8)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Compass(NonlinearMotion):
+    """A motion of a plugin, whose heading is cut or goes on."""
+
+    components: ClassVar[tuple[str, ...]] = ("heading", "rate")
+    angles: tuple[str, ...] = ("heading",)
+    cut: bool = True
+
+    def f(self, x: Array, k: int, T: float) -> Array:
+        heading = x[0] + T * x[1]
+        return np.stack([np.mod(heading, 2.0 * pi) if self.cut else heading, x[1]])
+
+    def Q(self, T: float) -> Array:
+        return np.diag([1e-4, 1e-4])
+
+
+@pytest.mark.parametrize("kind", ["ekf", "ukf"])
+def test_a_motion_in_python_with_a_cut(kind: str) -> None:
+    found = []
+    for cut in (False, True):
+        scenario = Tracking(
+            target=Driven(motion=_Compass(cut=cut), initial={"heading": 6.0, "rate": 0.3}),
+            sensor=FunctionSensor(h={"s": "sin(heading)", "c": "cos(heading)"}, R=0.04),
+            start=GaussianStart(sigma=(0.3, 0.1)),
+            last=60,
+        )
+        assert scenario.angles == ("heading",)
+        of = track(scenario, make_filter(kind, smooth=True), 20)
+        error = scenario.errors(of.mean, simulate(scenario, 1, 0, 20).truth)["heading"]
+        found.append([error, of.nees])
     for a, b in zip(*found, strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-6, atol=1e-8)
 

@@ -182,6 +182,11 @@ class Motion(Part):
         """
 
     @property
+    def known_angles(self) -> tuple[str, ...]:
+        """Return names of components that are angles, rad: whole turns are no error."""
+        return ()
+
+    @property
     def uses_time(self) -> bool:
         """Return whether the motion depends on the time k T, so that all steps must be equal."""
         return False

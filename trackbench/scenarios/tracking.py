@@ -157,7 +157,8 @@ class Tracking(Scenario):
     @cached_property
     def angles(self) -> tuple[str, ...]:
         """Return components that are angles: of the target, the assumed motion, or a sensor alone."""
-        found = {*self.target.known_angles, *getattr(self.assume.motion, "angles", ())}
+        assumed = self.assume.motion
+        found = {*self.target.known_angles, *(assumed.known_angles if assumed else ())}
         found.update(*(sensor.measured_angles for sensor in sensors_of(self.true_sensor)))
         return tuple(name for name in self.components if name in found)
 

@@ -29,6 +29,11 @@ class AngledMotion(Motion):
     """components that are angles in rad, equal after whole turns: {angles: [heading]}; default: those
     that a sensor measures alone as an angle. They turn by less than half a turn in a step"""
 
+    @property
+    def known_angles(self) -> tuple[str, ...]:
+        """Return names of components that are angles."""
+        return self.angles
+
     def with_angles(self, angles: tuple[str, ...], axes: int) -> Self:
         """Return the motion with those of the angles that it has; its own key comes first."""
         names = self.sampled(1.0, axes).components

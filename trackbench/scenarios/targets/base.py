@@ -81,7 +81,7 @@ class Target(Part):
     @property
     def known_angles(self) -> tuple[str, ...]:
         """Return names of components that are angles, as far as the target's own keys say so."""
-        return getattr(self.own_motion, "angles", ())
+        return () if self.own_motion is None else self.own_motion.known_angles
 
     def with_angles(self, angles: tuple[str, ...]) -> "Target":
         """Return the target whose truth has these angles; only a recorded one depends on them."""
