@@ -33,6 +33,7 @@ _WIDE_PARTS = 8
 _NOISE_REACH = 8.0  # the same of Gaussian process noise
 _SEARCHED = 1025  # states at which the likely ones are looked for
 _MOST_INTERVALS = 8
+_FEW_STRETCHES = 2  # as many as have all of the nodes each
 
 
 @runtime_checkable
@@ -161,7 +162,8 @@ class Grid(Filter[Resolved]):
             old = Resolved(*map(quadrature.refined, state, _counts(nodes)))
         # Step 3: reject a posterior that the nodes do not resolve.
         what = f"grid does not resolve the posterior at step {k} with `nodes: {self.nodes}`"
-        raise WrongReturnError("step", f"{what}; raise `nodes`, or narrow the start")
+        way_on = "" if self.reach else ", set `reach: 8`"
+        raise WrongReturnError("step", f"{what}; raise `nodes`{way_on}, or narrow the start")
 
     def _has_dense_nodes(self, model: Model, old: quadrature.Posterior, k: int) -> bool:
         """Return whether the transitions from neighboring nodes overlap."""
@@ -183,6 +185,8 @@ class Grid(Filter[Resolved]):
         else:
             intervals = _likely_intervals(sensor, z, self.deviations, k, support)
         reach = _support_if_missing(z, intervals, support, _parts(motion))
+        # Many stretches, as of an angle that may have turned several times, are narrow: share the nodes.
+        n = n if len(intervals) <= _FEW_STRETCHES else _FEW_STRETCHES * n // len(intervals)
 
         def transition(x: Array) -> Callable[[Array], Array]:
             distribution = motion.transition(x[None], k)
