@@ -32,8 +32,8 @@ _PRIOR_REACH = 8.0  # standard deviations of a Gaussian prior beyond which its m
 _WIDE_PARTS = 8
 _NOISE_REACH = 8.0  # the same of Gaussian process noise
 _SEARCHED = 1025  # states at which the likely ones are looked for
-_MOST_INTERVALS = 8
-_FEW_STRETCHES = 2  # as many as have all of the nodes each
+_MOST_INTERVALS = 32
+_FEW_STRETCHES = 4  # as many as have all of the nodes each
 
 
 @runtime_checkable
@@ -84,7 +84,7 @@ class Grid(Filter[Resolved]):
     mixes_runs: ClassVar[bool] = True
 
     nodes: Annotated[int, Ge(8)] = 128
-    """nodes per root of the measurement equation, and more in steps that need them"""
+    """nodes per root of the measurement equation, fewer beyond four roots, more in steps that need them"""
     deviations: Annotated[float, Ge(4)] = 6.5
     """half the span of the nodes, in standard deviations of the measurement noise"""
     reach: Annotated[float, Ge(4)] | None = None

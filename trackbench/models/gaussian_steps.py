@@ -291,8 +291,8 @@ def _condition(
         noise, dx = kalman.drop_missing_cov(noise, missing), x - predicted.mean[:, None]
         dz = np.where(missing[:, None], 0.0, relative - z_mean[:, None])
         D = points.columns(dx), points.columns(dz)
-        posterior, root = kalman.update_roots(predicted.mean, known, *D, noise)
-        return posterior, Innovation(nu, S, root=root)
+        factored, root = kalman.update_roots(predicted.mean, known, *D, noise)
+        return factored, Innovation(nu, S, root=root)
     # Step 4: K = C S^-1, m + K nu, P - K S K'.
     note("covariances", S, components=2)
     posterior = kalman.condition(predicted, known, C, S)

@@ -199,7 +199,7 @@ class SteppedMotion:
     @property
     def hessian(self) -> Callable[[Array, int], Array]:
         """Return the second derivatives of f as a function; AttributeError without a closed form."""
-        return self.step.hessian  # type: ignore[attr-defined,no-any-return]
+        return self.step.hessian  # type: ignore[attr-defined]
 
 
 @dataclass(frozen=True, eq=False)
