@@ -33,6 +33,7 @@ _WIDE_PARTS = 8
 _NOISE_REACH = 8.0  # the same of Gaussian process noise
 _SEARCHED = 1025  # states at which the likely ones are looked for
 _MOST_INTERVALS = 32
+_LEAST_NODES = 8
 _FEW_STRETCHES = 4  # as many as have all of the nodes each
 
 
@@ -83,8 +84,8 @@ class Grid(Filter[Resolved]):
 
     mixes_runs: ClassVar[bool] = True
 
-    nodes: Annotated[int, Ge(8)] = 128
-    """nodes per root of the measurement equation, fewer beyond four roots, more in steps that need them"""
+    nodes: Annotated[int, Ge(_LEAST_NODES)] = 128
+    """nodes per root of the measurement equation, fewer beyond four, more in steps that need them"""
     deviations: Annotated[float, Ge(4)] = 6.5
     """half the span of the nodes, in standard deviations of the measurement noise"""
     reach: Annotated[float, Ge(4)] | None = None
@@ -186,7 +187,8 @@ class Grid(Filter[Resolved]):
             intervals = _likely_intervals(sensor, z, self.deviations, k, support)
         reach = _support_if_missing(z, intervals, support, _parts(motion))
         # Many stretches, as of an angle that may have turned several times, are narrow: share the nodes.
-        n = n if len(intervals) <= _FEW_STRETCHES else _FEW_STRETCHES * n // len(intervals)
+        if len(intervals) > _FEW_STRETCHES:
+            n = max(_FEW_STRETCHES * n // len(intervals), _LEAST_NODES)
 
         def transition(x: Array) -> Callable[[Array], Array]:
             distribution = motion.transition(x[None], k)
