@@ -1,4 +1,7 @@
+from typing import Any
+
 import numpy as np
+import pytest
 from scipy import stats
 
 from trackbench.core.random_streams import RunStreams, block_stream
@@ -28,3 +31,11 @@ def test_runs_and_blocks_are_independent_streams() -> None:
     block = block_stream(7, 0).standard_normal(2000)
     assert abs(np.corrcoef(x[0], block)[0, 1]) < 5 / np.sqrt(2000)
     assert not np.array_equal(block, block_stream(7, 1).standard_normal(2000))
+
+
+@pytest.mark.parametrize("size", [5, (), None, (3, 5)])
+@pytest.mark.parametrize("draw", ["random", "standard_normal"])
+def test_a_shape_without_the_runs_is_refused_in_a_line(size: Any, draw: str) -> None:
+    with pytest.raises(ValueError, match=r"whose last axis is the 4 runs"):
+        getattr(RunStreams(1, range(4)), draw)(size)
+    assert getattr(RunStreams(1, range(4)), draw)(4).shape == (4,)

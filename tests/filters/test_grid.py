@@ -7,9 +7,14 @@ import numpy as np
 import pytest
 
 from trackbench.config.load import load
+from trackbench.core.distributions import Gaussian
 from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.run_filter import FilterOutput, run_filter
+from trackbench.filters.grid import Grid
+from trackbench.models.base import Model
+from trackbench.models.motions.nonlinear import MapMotion
+from trackbench.models.sensors.function import FunctionSensor
 from trackbench.scenarios.base import Simulation
 
 CONFIG = """name: c
@@ -105,3 +110,25 @@ def test_what_it_cannot_do_is_a_line(motion: str, what: str, tmp_path: Path) -> 
     (tmp_path / "c.yaml").write_text(text)
     with pytest.raises(UserError, match=what):
         load(tmp_path / "c.yaml")
+
+
+def test_an_angle_that_may_have_turned_has_the_posterior_of_a_fine_sum() -> None:
+    """Likely states lie a turn apart, seven of them; a trapezoidal sum over 4001 states is exact."""
+    motion = MapMotion(components=("a",), next={"a": "a + 0.3"}, Q=0.5).sampled(1.0)
+    model = Model(motion, FunctionSensor(h={"z": "a"}, R=0.05, angles=("z",), state=("a",)))
+    grid, rng = Grid(), np.random.default_rng(0)
+    state = grid.init(model, Gaussian(np.zeros((1, 2)), np.array([[9.0]])), rng)
+    x = np.linspace(-40.0, 40.0, 4001)
+    p = np.exp(-0.5 * x**2 / 9.0)[:, None] * np.ones(2)
+    kernel = np.exp(-0.5 * (x[:, None] - x - 0.3) ** 2 / 0.5)
+    for k, z in enumerate(([0.4, -2.9], [0.9, 3.1], [-2.0, -0.2]), 1):
+        state = grid.step(model, state, np.array([z]), k, rng)
+        nu = (np.array(z) - x[:, None] + np.pi) % (2.0 * np.pi) - np.pi
+        p = (kernel @ p) * np.exp(-0.5 * nu**2 / 0.05)
+        p /= p.sum(axis=0)
+        mean = x @ p
+        got = grid.estimate(state)
+        np.testing.assert_allclose(got.mean[0], mean, atol=1e-4)
+        np.testing.assert_allclose(
+            got.cov[0, 0], ((x[:, None] - mean) ** 2 * p).sum(axis=0), rtol=1e-4
+        )

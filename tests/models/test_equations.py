@@ -1,5 +1,6 @@
 """Motions and sensors that are written as equations, against those of the package and other programs."""
 
+import ast
 from pathlib import Path
 from typing import Any
 
@@ -7,10 +8,13 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from tests.conftest import make_filter
 from trackbench import api
 from trackbench.config.load import load
+from trackbench.core.distributions import Gaussian
 from trackbench.errors import UserError
 from trackbench.field_types import InvalidKeyError
+from trackbench.models.base import Model
 from trackbench.models.motions.kinematic import Linear
 from trackbench.models.motions.nonlinear import MapMotion, OdeMotion
 from trackbench.models.motions.turn import UnknownTurn
@@ -285,3 +289,79 @@ def test_the_log_likelihood_of_the_nile(tmp_path: Path) -> None:
     folder = api.run(tmp_path / "c.yaml", options).folder
     score = Results(folder).runs({})["KF", "log_score"][0]
     assert 100.0 * score == pytest.approx(-641.5856, abs=6e-5)
+
+
+def test_known_inputs_leave_the_kalman_filter() -> None:
+    """x' = F x + b(k): the filter is that of a scalar program; a nonlinear motion stays refused."""
+    F, Q, R, b = np.array([[1.0, 0.5], [0.0, 0.9]]), np.diag([0.1, 0.2]), 4.0, 1.5
+    motion: Any = MapMotion(
+        components=("p", "v"), parameters={"u": b},
+        next={"p": "p + v*T + u*T**2/2", "v": "0.9*v + u*T*cos(k)"}, Q=(0.1, 0.2),
+    ).sampled(0.5)  # fmt: skip
+    model = Model(motion, FunctionSensor(h={"z": "p"}, R=R, state=("p", "v")))
+    tracker: Any = make_filter("kf")
+    assert motion.linear
+    rng = np.random.default_rng(1)
+    m, P, H = np.array([1.0, 2.0]), np.diag([9.0, 1.0]), np.array([[1.0, 0.0]])
+    state = tracker.init(model, Gaussian(m[:, None], P), rng)
+    for k in range(1, 8):
+        z = 3.0 * rng.standard_normal()
+        state = tracker.step(model, state, np.array([[z]]), k, rng)
+        m = F @ m + np.array([b * 0.125, b * 0.5 * np.cos(k)])
+        P = F @ P @ F.T + Q
+        K = P @ H.T / (P[0, 0] + R)
+        m, P = m + K[:, 0] * (z - m[0]), P - K @ H @ P
+        got = tracker.estimate(state)
+        np.testing.assert_allclose(got.mean[:, 0], m, rtol=1e-12)
+        np.testing.assert_allclose(got.cov.reshape(2, 2), P, rtol=1e-12)
+    for bent in ({"p": "p*v", "v": "v"}, {"p": "p + sin(v)", "v": "v"}):
+        other: Any = MapMotion(components=("p", "v"), next=bent, Q=1.0).sampled(1.0)
+        assert not hasattr(other, "linear")
+    noisy: Any = MapMotion(components=("p",), next={"p": "p + 1"}, Q="1 + p**2").sampled(1.0)
+    assert not hasattr(noisy, "linear")
+
+
+AT_CHECK = """name: check
+runs: 2
+scenario:
+  kind: tracking
+  last: 3
+  target: {{kind: driven, motion: {motion}}}
+  sensor: {{kind: function, h: {{z: a}}, R: 0.5}}
+  start: {{kind: gaussian, sigma: [1, 1]}}
+filters: {{A: {tracker}}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("motion", "tracker", "what"),
+    [
+        ("{kind: ode, components: [a, b], derivative: {a: b, b: a}, substeps: 1000000000, Q: 1}",
+         "{kind: ekf}", "1000000000 is greater than 10000"),
+        ("{kind: map, components: [a, b], next: {a: a + b, b: b}, Q: {a: 0, b: 0.1 + b**2}}",
+         "{kind: pf, smooth: true}", "this motion's Q is singular"),
+        ("{kind: map, components: [a, b], next: {a: a, b: b}, Q: [[a**2, a*b], [a*b, b**2]]}",
+         "{kind: pf, smooth: true}", "this motion's Q is singular"),
+    ],
+)  # fmt: skip
+def test_what_cannot_run_is_refused_at_check(
+    motion: str, tracker: str, what: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "check.yaml"
+    path.write_text(AT_CHECK.format(motion=motion, tracker=tracker))
+    with pytest.raises(UserError) as raised:
+        load(path)
+    assert what in str(raised.value)
+    assert len(str(raised.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize("sigma", ["1e-20*[[1, 2], [2, 1]]", "1e9*[[1, 1], [1, 1]]"])
+def test_eigenvalues_are_judged_relative_to_the_largest(sigma: str) -> None:
+    scale, rows = sigma.split("*")
+    Q = tuple(tuple(float(scale) * x for x in row) for row in ast.literal_eval(rows))
+    keys: dict[str, Any] = {"components": ("a", "b"), "next": {"a": "a", "b": "b"}, "Q": Q}
+    if scale == "1e9":
+        MapMotion(**keys)
+        return
+    with pytest.raises(InvalidKeyError, match="no negative eigenvalue"):
+        MapMotion(**keys)

@@ -14,8 +14,11 @@ from trackbench.models.expressions import (
     ExpressionError,
     Node,
     derivative,
+    in_order,
     number,
+    operate,
     parse,
+    turns_at_cut,
     variable,
 )
 
@@ -214,3 +217,33 @@ def test_no_expression_changes_its_inputs(texts: list[str], k: int) -> None:
     np.testing.assert_array_equal(x, X)
     for value, plainly in zip(got, expected, strict=True):
         np.testing.assert_array_equal(value, plainly)
+
+
+def test_a_chain_of_parts_may_be_longer_than_the_stack() -> None:
+    """900 parts, each the sine of the one above, against a program of a few lines."""
+    names = dict(NAMES)
+    node = parse("0.9*x", names)
+    for i in range(900):
+        names[f"a{i}"] = node
+        node = parse(f"sin(a{i})", names)
+    slope = derivative(node, "x")
+    value, first, second = X[0] * 0.9, np.full(200, 0.9), np.zeros(200)
+    for _ in range(900):
+        first, second = np.cos(value) * first, np.cos(value) * second - np.sin(value) * first**2
+        value = np.sin(value)
+    np.testing.assert_allclose(values(node, X), value, rtol=1e-9)
+    np.testing.assert_allclose(values(slope, X), first, rtol=1e-9)
+    np.testing.assert_allclose(values(derivative(slope, "x"), X), second, rtol=1e-8, atol=1e-12)
+    doubled = parse("x", names)
+    for _ in range(60):  # shared parts: 2^60 paths
+        doubled = operate("+", doubled, doubled)
+    assert turns_at_cut(doubled) == 0.0
+    assert len(in_order([doubled])) == 61
+
+
+def test_nested_functions_have_a_value_or_a_line() -> None:
+    text = "sin(" * 150 + "x" + ")" * 150
+    value = X[0]
+    for _ in range(150):
+        value = np.sin(value)
+    np.testing.assert_allclose(values(parse(text, NAMES), X), value, rtol=1e-10)

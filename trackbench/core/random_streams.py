@@ -71,7 +71,7 @@ class RunStreams:
         """Return Gamma(shape, rate 1) variates; by numpy unless the shape is a small whole number."""
         # Gamma(n) of whole n is the sum of n exponentials, -log of a product of uniforms.
         if is_erlang(shape):
-            return erlang(self.random((int(shape), *size)))
+            return erlang(self.random((int(shape), *_shape(size))))
         return self._take(
             ("gamma", shape),
             lambda: self._columns(lambda g: g.standard_gamma(shape, _CHUNK)),
@@ -87,8 +87,9 @@ class RunStreams:
     ) -> Array:
         """Return the next variates of a kind; ``more`` draws (_CHUNK, M) of them."""
         runs = len(self._generators)
-        if size[-1] != runs:
-            raise ValueError(f"the last axis of {size} must be the {runs} runs")
+        size = _shape(size)
+        if size[-1:] != (runs,):
+            raise ValueError(f"draw in a shape whose last axis is the {runs} runs, not in {size}")
         count = prod(size[:-1])
         # Use the rest of the last chunk first, and keep the rest of this one.
         rows = self._waiting.get(kind, np.empty((0, runs)))
@@ -123,6 +124,7 @@ class SideBySide:
     def _join(
         self, draw: Callable[[Generator, tuple[int, ...]], Array], size: tuple[int, ...]
     ) -> Array:
+        size = _shape(size)
         if len(size) < 2 or size[-2] != len(self.blocks) * self.width:
             raise ValueError(f"{size} is not for {len(self.blocks)} blocks of {self.width} runs")
         part = (*size[:-2], self.width, size[-1])
@@ -159,7 +161,8 @@ class SomeRuns:
     def _stack(
         self, draw: Callable[[Generator, tuple[int, ...]], Array], size: tuple[int, ...]
     ) -> Array:
-        if size[-2] != len(self._generators):
+        size = _shape(size)
+        if size[-2:-1] != (len(self._generators),):
             raise ValueError(f"{size} is not for {len(self._generators)} runs")
         # Each run draws its own row (*draws, N); the rows are stacked along the run axis.
         row = (*size[:-2], size[-1])

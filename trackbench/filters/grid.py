@@ -32,7 +32,9 @@ _PRIOR_REACH = 8.0  # standard deviations of a Gaussian prior beyond which its m
 _WIDE_PARTS = 8
 _NOISE_REACH = 8.0  # the same of Gaussian process noise
 _SEARCHED = 1025  # states at which the likely ones are looked for
-_MOST_INTERVALS = 8
+_MOST_INTERVALS = 32
+_LEAST_NODES = 8
+_FEW_STRETCHES = 4  # as many as have all of the nodes each
 
 
 @runtime_checkable
@@ -82,8 +84,8 @@ class Grid(Filter[Resolved]):
 
     mixes_runs: ClassVar[bool] = True
 
-    nodes: Annotated[int, Ge(8)] = 128
-    """nodes per root of the measurement equation, and more in steps that need them"""
+    nodes: Annotated[int, Ge(_LEAST_NODES)] = 128
+    """nodes per root of the measurement equation, fewer beyond four, more in steps that need them"""
     deviations: Annotated[float, Ge(4)] = 6.5
     """half the span of the nodes, in standard deviations of the measurement noise"""
     reach: Annotated[float, Ge(4)] | None = None
@@ -161,7 +163,8 @@ class Grid(Filter[Resolved]):
             old = Resolved(*map(quadrature.refined, state, _counts(nodes)))
         # Step 3: reject a posterior that the nodes do not resolve.
         what = f"grid does not resolve the posterior at step {k} with `nodes: {self.nodes}`"
-        raise WrongReturnError("step", f"{what}; raise `nodes`, or narrow the start")
+        way_on = "" if self.reach else ", set `reach: 8`"
+        raise WrongReturnError("step", f"{what}; raise `nodes`{way_on}, or narrow the start")
 
     def _has_dense_nodes(self, model: Model, old: quadrature.Posterior, k: int) -> bool:
         """Return whether the transitions from neighboring nodes overlap."""
@@ -183,6 +186,9 @@ class Grid(Filter[Resolved]):
         else:
             intervals = _likely_intervals(sensor, z, self.deviations, k, support)
         reach = _support_if_missing(z, intervals, support, _parts(motion))
+        # Many stretches, as of an angle that may have turned several times, are narrow: share the nodes.
+        if len(intervals) > _FEW_STRETCHES:
+            n = max(_FEW_STRETCHES * n // len(intervals), _LEAST_NODES)
 
         def transition(x: Array) -> Callable[[Array], Array]:
             distribution = motion.transition(x[None], k)

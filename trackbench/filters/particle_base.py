@@ -18,7 +18,7 @@ from trackbench.core.resampling import Scheme, ancestors, select
 from trackbench.core.smoothing import backwards, draw_predecessors
 from trackbench.field_types import Count, Natural
 from trackbench.filters.base import Filter, SmoothingFilter, Trajectories
-from trackbench.models.base import Model, NormalMotion, Scene, log_likelihood
+from trackbench.models.base import Model, Scene, log_likelihood
 
 
 class PFState(NamedTuple):
@@ -163,10 +163,13 @@ class SimulatingSmoother(SmoothingFilter[PFState], ParticleFilter):
     """estimate each step from all measurements of the run, or otherwise: {trajectories: 50, lag: 5}"""
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Reject a smoother if the motion has no density."""
+        """Reject a smoother if the motion has no density, judged at one state if Q depends on it."""
         out, motion = super().conflicts(scenario), scenario.model.motion
-        if self.smooths and isinstance(motion, NormalMotion) and linalg.is_singular(motion.Q):
-            what = "weighs by the density of the process noise, and this motion's is singular"
+        n = len(motion.components)
+        x = np.linspace(0.3, 1.7, n)[:, None]
+        transition = motion.transition(x, int(scenario.steps[0]) + 1) if self.smooths else None
+        if isinstance(transition, Gaussian) and linalg.is_singular(transition.cov.reshape(n, n)):
+            what = "weighs by the density of the process noise, and this motion's Q is singular"
             out["smooth"] = f"{what}; give every component noise, or smooth an ekf or ukf"
         return out
 

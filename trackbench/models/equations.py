@@ -19,6 +19,7 @@ from trackbench.models.expressions import (
     Operation,
     Value,
     derivative,
+    in_order,
     is_constant,
     number,
     parse,
@@ -49,7 +50,9 @@ class Program:
         self._is_array = [i < len(arrays) for i in range(len(self._slots))]
         operations: list[tuple[str, tuple[int, ...], int]] = []
         by_node: dict[int, int] = {}
-        self._outputs = [self._slot(node, operations, by_node) for node in outputs]
+        for node in in_order(outputs):
+            by_node[id(node)] = self._slot(node, operations, by_node)
+        self._outputs = [by_node[id(node)] for node in outputs]
         self._instructions = self._with_reuse(operations)
 
     def uses(self, name: str) -> bool:
@@ -65,10 +68,8 @@ class Program:
         operations: list[tuple[str, tuple[int, ...], int]],
         by_node: dict[int, int],
     ) -> int:
-        """Return the slot of a node's value, with the instructions appended that compute it."""
-        if id(node) in by_node:
-            return by_node[id(node)]
-        arguments = tuple(self._slot(a, operations, by_node) for a in node.arguments)
+        """Return the slot of a node's value, with the instruction appended that computes it."""
+        arguments = tuple(by_node[id(a)] for a in node.arguments)
         # Nodes with one key have one value.
         key: tuple[object, ...] = (node.operation, *arguments)
         if node.operation == "number":
@@ -81,8 +82,7 @@ class Program:
             self._is_array.append(any(self._is_array[a] for a in arguments))
             if arguments:
                 operations.append((node.operation, arguments, slot))
-        by_node[id(node)] = self._slots[key]
-        return by_node[id(node)]
+        return self._slots[key]
 
     def _with_reuse(
         self, operations: Sequence[tuple[str, tuple[int, ...], int]]

@@ -7,7 +7,7 @@ have the same bytes on every machine.
 
 import ast
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
 from typing import TypeAlias
@@ -237,30 +237,54 @@ def operate(operation: str, *arguments: Node) -> Node:
     return Node(operation, arguments)
 
 
-def turns_at_cut(node: Node) -> float:
+def in_order(nodes: Iterable[Node]) -> list[Node]:
+    """Return these nodes and all in them, each once and after its arguments, of a tree of any depth."""
+    out: dict[int, Node] = {}
+    waiting = [*nodes][::-1]
+    while waiting:
+        rest = [a for a in waiting[-1].arguments if id(a) not in out]
+        if rest:
+            waiting += rest[::-1]
+        else:
+            node = waiting.pop()
+            out.setdefault(id(node), node)
+    return [*out.values()]
+
+
+def turns_at_cut(expression: Node) -> float:
     """Return the turns by which an expression jumps where an `atan2` in it crosses its cut.
 
     It is 1 for an angle in rad: an `atan2`, and a sum with one. It is 0 for one without a cut, such as
     the elevation ``atan2(z, sqrt(x**2 + y**2))``, and for any other expression.
     """
-    if node.operation == "atan2":
-        return 0.0 if _is_never_negative(node.arguments[1]) else 1.0
-    inner = [turns_at_cut(a) for a in node.arguments]
-    if node.operation in ("+", "-", "negative"):
-        return max(inner)
-    # A factor in front of an angle, such as 180/pi.
-    for angle, factor in zip(inner, reversed(node.arguments), strict=False):
-        if angle and node.operation in ("*", "/") and is_constant(factor):
-            turns = angle * factor.value if node.operation == "*" else angle / factor.value
-            return abs(turns)
-    return 0.0
+    turns: dict[int, float] = {}
+    never_negative: dict[int, bool] = {}
+    for node in in_order([expression]):
+        jumps = [turns[id(a)] for a in node.arguments]
+        signs = [never_negative[id(a)] for a in node.arguments]
+        turns[id(node)] = _turns(node, jumps, signs)
+        positive = node.operation in ("sqrt", "abs", "exp") or node.value > 0.0
+        even = node.operation == "**" and node.arguments[1].value in (2.0, 4.0, 6.0)
+        never_negative[id(node)] = (
+            positive or even or (node.operation in ("+", "*", "/") and all(signs))
+        )
+    return turns[id(expression)]
 
 
-def _is_never_negative(node: Node) -> bool:
-    if node.operation in ("+", "*", "/"):
-        return all(map(_is_never_negative, node.arguments))
-    even = node.operation == "**" and node.arguments[1].value in (2.0, 4.0, 6.0)
-    return even or node.operation in ("sqrt", "abs", "exp") or node.value > 0.0
+def _turns(node: Node, jumps: list[float], never_negative: list[bool]) -> float:
+    """Return the turns of `turns_at_cut` of a node from those, and the signs, of its arguments."""
+    match node.operation:
+        case "atan2":
+            return 0.0 if never_negative[1] else 1.0
+        case "+" | "-" | "negative":
+            return max(jumps)
+        case "*" | "/" if any(jumps) and any(map(is_constant, node.arguments)):
+            # A factor of an angle, such as 180/pi.
+            u, v = node.arguments
+            factor = u.value if is_constant(u) else v.value
+            return abs(max(jumps) * factor if node.operation == "*" else max(jumps) / factor)
+        case _:
+            return 0.0
 
 
 # Sums and products of derivatives, without the terms that are zero.
@@ -298,8 +322,6 @@ def derivative(node: Node, name: str) -> Node:
     derivatives: dict[int, Node] = {}
 
     def of(node: Node) -> Node:
-        if id(node) not in derivatives:
-            derivatives[id(node)] = rule(node)
         return derivatives[id(node)]
 
     def rule(node: Node) -> Node:
@@ -319,6 +341,8 @@ def derivative(node: Node, name: str) -> Node:
         (v,) = others
         return _binary_derivative(node, u, v, du, of(v))
 
+    for part in in_order([node]):
+        derivatives[id(part)] = rule(part)
     return of(node)
 
 

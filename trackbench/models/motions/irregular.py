@@ -38,7 +38,8 @@ class Irregular:
     @property
     def linear(self) -> bool:
         """Return True; AttributeError if the motion is not linear."""
-        self._one.F  # type: ignore[attr-defined]  # noqa: B018
+        if not hasattr(self._one, "F"):
+            self._one.linear  # type: ignore[attr-defined]  # noqa: B018
         return True
 
     @property

@@ -4,20 +4,22 @@ from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import ClassVar, Self
+from typing import Annotated, ClassVar, Self
 
 import numpy as np
+from annotated_types import Interval
 
 from trackbench.core import linalg
 from trackbench.core.angles import near
 from trackbench.core.arrays import Array, fixed, with_trailing
 from trackbench.core.distributions import Gaussian
-from trackbench.field_types import Count, Finite, InvalidKeyError, freeze_mappings
+from trackbench.field_types import Finite, InvalidKeyError, freeze_mappings
 from trackbench.models.base import Motion, SampledMotion, central_differences
 from trackbench.models.equations import ArrayProgram, Covariance, Equations, Term
 from trackbench.models.motions.kinematic import Linear
 from trackbench.registry import register
 
+_MOST_SUBSTEPS = 10_000  # some seconds for a step
 _COLUMNS = 16_384  # states that are integrated at a time: their slopes stay in the cache
 
 
@@ -220,6 +222,17 @@ class SteppedMotion:
         return self.step.jacobian(x, k)
 
     @property
+    def linear(self) -> bool:
+        """Return True; AttributeError unless x_k = F x_{k-1} + b + noise, F, b and Q free of the state.
+
+        F and b may depend on the step, as known inputs do.
+        """
+        programs = (self.step.J, *([self.cov] if isinstance(self, StateNoise) else []))
+        if any(program.uses(name) for program in programs for name in self.components):
+            raise AttributeError("this motion is not linear")
+        return True
+
+    @property
     def hessian(self) -> Callable[[Array, int], Array]:
         """Return the second derivatives of f as a function; AttributeError without a closed form."""
         return self.step.hessian  # type: ignore[attr-defined]
@@ -342,7 +355,7 @@ class OdeMotion(EquationMotion):
 
     derivative: dict[str, Term]
     """expression of each component's derivative by time"""
-    substeps: Count = 1
+    substeps: Annotated[int, Interval(ge=1, le=_MOST_SUBSTEPS)] = 1
     """number of Runge-Kutta steps between two steps of the scenario"""
 
     @property
