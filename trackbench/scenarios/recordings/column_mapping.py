@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import inf, pi
 from typing import NamedTuple
@@ -21,8 +21,10 @@ _LIMITS = {
     "longitude": (-180.0, 180.0, _DEGREES, "deg"),
     "course": (-360.0, 360.0, _DEGREES, "deg"),
     "range": (0.0, inf, 1.0, "m"),
+    "speed": (0.0, inf, 1.0, "m/s"),
 }
 """Least and largest value, in a unit of which SI has so many."""
+_SMALLEST_E7 = 1e6  # deg; angles beyond are whole numbers of 1e-7 deg
 _CODES = {"latitude": 91.0, "longitude": 181.0, "course": 511.0}
 """Codes of AIS (ITU-R M.1371) that are impossible values in any table; a course may be a heading."""
 _CODES_OF_AIS = {"speed": 102.3, "course": 360.0}
@@ -53,12 +55,12 @@ def blank_codes(quantity: str, values: Array, of_ais: bool) -> Counter[str]:
     return counts
 
 
-def impossible(quantity: str, values: Array) -> Impossible | None:
-    """Find values, in SI, that the quantity cannot have."""
+def impossible(quantity: str, values: Array, scale: float) -> Impossible | None:
+    """Find values, which are ``scale`` times as large in SI, that the quantity cannot have."""
     if quantity not in _LIMITS:
         return None
     least, largest, per_si, unit = _LIMITS[quantity]
-    shown = values * per_si
+    shown = values * scale * per_si
     # Rounding in the conversion to SI and back must not make 90 deg too many.
     room = 1e-9 * largest if largest < inf else 0.0
     rows = np.flatnonzero((shown < least - room) | (shown > largest + room))
@@ -67,13 +69,19 @@ def impossible(quantity: str, values: Array) -> Impossible | None:
     limits = f"at least {least:g}" if largest == inf else f"within {least:g} and {largest:g}"
     more = f", as are {len(rows) - 1} more" if len(rows) > 1 else ""
     what = f"{shown[rows[0]]:.9g} {unit} is impossible{more}; a {quantity} is {limits} {unit}"
-    return Impossible(int(rows[0]), f"{what}: correct the cells, empty them, or name their unit")
+    first = float(values[rows[0]])
+    says = f"`missing: [{first:.9g}]` for a missing cell"
+    if abs(shown[rows[0]]) > _SMALLEST_E7 and unit == "deg":
+        says += f", or `units: {{{quantity}: degE7}}` for whole numbers of 1e-7 deg"
+    return Impossible(
+        int(rows[0]), f"{what}: correct or empty the cells, or name their unit; say {says}"
+    )
 
 
 _DIMENSIONS = {
     "length": {"m": 1.0, "km": 1000.0, "ft": 0.3048, "mi": 1609.344, "nmi": 1852.0},
     "speed": {"m/s": 1.0, "km/h": 1 / 3.6, "kn": 1852.0 / 3600.0, "ft/s": 0.3048, "mph": 0.44704},
-    "angle": {"rad": 1.0, "mrad": 1e-3, "deg": pi / 180.0},
+    "angle": {"rad": 1.0, "mrad": 1e-3, "deg": pi / 180.0, "degE7": pi / 180.0e7},
     "turn rate": {"rad/s": 1.0, "deg/s": pi / 180.0},
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
 }
@@ -103,7 +111,7 @@ class Naming:
     and y (altitude for z), speed and course for vx and vy"""
     units: dict[str, str] = field(default_factory=dict)
     """units that are not SI: {x: km, speed: kn, azimuth: deg}; latitude, longitude and course are in
-    degrees unless they are said to be in rad"""
+    degrees unless they are said to be in rad, or in degE7, whole numbers of 1e-7 deg"""
     origin: tuple[Finite, ...] = ()
     """latitude and longitude (deg), perhaps height (m), of the point from which x counts east and y
     north; default: the first position"""
@@ -115,6 +123,11 @@ class Naming:
                 raise InvalidKeyError(what, "units", key)
         if self.origin and len(self.origin) not in (2, 3):
             raise InvalidKeyError("is latitude, longitude and perhaps height", "origin")
+        for name, degrees in zip(GEODETIC, self.origin[:2], strict=False):
+            least, largest, *_ = _LIMITS[name]
+            if not least <= degrees <= largest:
+                what = f"{degrees:g} deg is impossible; a {name} is within {least:g} and {largest:g} deg"
+                raise InvalidKeyError(what, "origin", GEODETIC.index(name))
 
     def check_names(self, components: Sequence[str], *within: str) -> None:
         """Raise InvalidKeyError for an unknown name, and for a unit of another dimension."""
@@ -204,7 +217,9 @@ class Columns:
                 values = table.columns[column]
                 # Blank the codes of "not available" first: most are impossible values.
                 self.unavailable += blank_codes(quantity, values, of_ais)
-                found = impossible(quantity, values * self.naming.scale(quantity))
+                if quantity == "speed" and COURSE not in self._of.values():
+                    continue  # a speed without a course may be that of a state, which has a sign
+                found = impossible(quantity, values, self.naming.scale(quantity))
                 if found is not None:
                     line = int(table.lines[found.row])
                     mistakes.append(Place(self.path, line, 1, f"{column}: {found.what}"))
@@ -216,6 +231,12 @@ class Columns:
     def is_geodetic(self) -> bool:
         """Return whether positions are made of latitude and longitude."""
         return any("latitude" in sources for sources in self._of.values())
+
+    def of_columns(self, names: Collection[str]) -> str:
+        """Return the first of these quantities that has a column of its own, or nothing."""
+        return next(
+            (name for name, sources in self._of.items() if name in names and sources == (name,)), ""
+        )
 
     def first_place(self, table: Table) -> tuple[float, ...] | None:
         """Return the latitude, longitude (deg) and height of the first row that has them."""

@@ -2,7 +2,7 @@
 
 import hashlib
 from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, is_dataclass
 from glob import glob
@@ -50,11 +50,15 @@ class Gathered:
 
     Times are numbers of steps (``stepped``), or seconds, of dates (``dated``) after the first of them.
     The first file (``clock_of``) says which. ``unavailable`` counts cells with codes of "not available".
+    ``geodetic`` is the first file with latitude and longitude, and ``planar`` the first one with another
+    quantity that depends on the position (``in_frame``).
     """
 
     naming: Naming
     origin: tuple[float, ...] | None = None
-    is_geodetic: bool = False
+    in_frame: Collection[str] = ()
+    geodetic: str = ""
+    planar: str = ""
     since: float | None = None
     stepped: bool = False
     dated: str = ""
@@ -64,13 +68,19 @@ class Gathered:
     files: list[str] = field(default_factory=list)
     told: list[str] = field(default_factory=list)
 
-    def check_origin(self, *path: str) -> None:
-        """Raise InvalidKeyError for an origin that no file of latitudes and longitudes uses."""
-        if self.naming.origin and not self.is_geodetic:
+    def check_origin(self, given: tuple[float, ...], *path: str) -> None:
+        """Raise InvalidKeyError for an origin that is needed and not given, or given and not needed."""
+        if given and not self.geodetic:
             what = (
                 "no file has latitude and longitude, which alone count from an origin; leave it out"
             )
             raise InvalidKeyError(what, *path)
+        if self.geodetic and self.planar and not given:
+            what = (
+                f"{self.geodetic} has latitude and longitude, and {self.planar}, which counts from"
+            )
+            way = "x = y = 0: say where that is, `origin: [latitude, longitude]`"
+            raise InvalidKeyError(f"{what} {way}", *path)
 
     def place(self, rows: Rows, i: int, what: str) -> Place:
         """Return a mistake at a row."""
@@ -178,7 +188,10 @@ def _rows_of_file(
     table = columns.read()
     found.unavailable += columns.unavailable
     time = found.timed(columns, table, clock)
-    found.is_geodetic |= columns.is_geodetic
+    if columns.is_geodetic:
+        found.geodetic = found.geodetic or path
+    if beside := columns.of_columns(found.in_frame):
+        found.planar = found.planar or f"{path} has {beside}"
     found.origin = found.origin or columns.first_place(table)
     given = columns.quantities(table, found.origin)
     # Step 3: number the runs; a file without their names is one run.
@@ -275,6 +288,18 @@ def _without_twins(found: Gathered, rows: Rows, again: Numbers) -> Rows:
         )
     found.told.append(f"{len(again)} rows that say again what the one before says were left out")
     return rows.at(np.delete(np.arange(len(rows.run)), again))
+
+
+def check_turns(found: Gathered, rows: Rows, angles: Mapping[str, int]) -> None:
+    """Raise DataError for angles, by name and row of the values, that are too large to be in radians."""
+    for name, i in angles.items():
+        most, turn = (0.5, "a quarter turn") if name == "elevation" else (2.0, "a whole turn")
+        wide = np.flatnonzero(np.abs(rows.values[i]) > most * np.pi + TICK)
+        if len(wide):
+            what = f"{name}: {rows.values[i, wide[0]]:.9g} rad is beyond {turn}"
+            more = f", as are {len(wide) - 1} more" if len(wide) > 1 else ""
+            way = f"say `units: {{{name}: deg}}`, or correct the cells"
+            raise DataError(found.place(rows, int(wide[0]), f"{what}{more}: {way}"))
 
 
 class FromFiles:

@@ -12,13 +12,14 @@ from trackbench.core.random_streams import Streams
 from trackbench.field_types import DataFile, InvalidKeyError, Positive
 from trackbench.models.base import position_velocity_names
 from trackbench.models.priors import TwoPoint
-from trackbench.models.sensors.base import Sensors, rows_of, sensors_of
+from trackbench.models.sensors.base import SensorBase, Sensors, rows_of, sensors_of
 from trackbench.registry import register
 from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.rows import (
     TICK,
     FromFiles,
     Gathered,
+    check_turns,
     chosen_runs,
     in_order,
     read_rows,
@@ -47,6 +48,13 @@ class Recording(NamedTuple):
     seen: Array
     truth: Array | None
     told: tuple[str, ...]
+
+
+def _angles(sensor: SensorBase) -> dict[str, int]:
+    """Return the number of each component whose differences wrap, by its name."""
+    two_turns = np.full((len(sensor.components), 1), 4.0 * np.pi)
+    wraps = sensor.innovation(two_turns, np.zeros_like(two_turns))[:, 0] < 1.0
+    return {name: i for i, name in enumerate(sensor.components) if wraps[i]}
 
 
 @register("targets", "measured")
@@ -83,6 +91,10 @@ class Measured(FromFiles, Naming, Target):
         if self.truth is None and (self.truth_gap is not None or self.truth_naming is not None):
             key = "truth_gap" if self.truth_gap is not None else "truth_naming"
             raise InvalidKeyError("there is no truth", key)
+        of_truth = self.truth_naming.origin if self.truth_naming is not None else ()
+        if self.origin and of_truth not in ((), self.origin):
+            what = "is not that of the target, and both count from one point: leave it out"
+            raise InvalidKeyError(what, "truth_naming", "origin")
 
     @property
     def patterns(self) -> tuple[str, ...]:
@@ -141,10 +153,17 @@ class Measured(FromFiles, Naming, Target):
     def _made(self, sensor: Sensors, scans: int, T: float) -> "Recording":
         # Step 1: read the chosen runs' rows of each sensor, in order of time.
         parts = rows_of(sensor)
-        found = Gathered(self, self.origin or None)
+        origin, path = self.origin, ["target", "origin"]
+        if not origin and self.truth_naming is not None and self.truth_naming.origin:
+            origin, path = self.truth_naming.origin, ["target", "truth_naming", "origin"]
+        in_frame = {name for name in self.components if name in ("x", "y", "z", "px", "py", "pz")}
+        in_frame |= self._of_position(sensor)
+        found = Gathered(self, origin or None, in_frame)
         rows = read_rows(found, self._measured, [sensor.components[part] for part in parts])
         rows = chosen_runs(found, rows, [str(name) for name in self.runs], ("target", "runs"))
         rows = [in_order(found, of_sensor) for of_sensor in rows]
+        for one, of_sensor in zip(sensors_of(sensor), rows, strict=True):
+            check_turns(found, of_sensor, _angles(one))
         # Step 2: take the first scans from the sensor that measures the position.
         telling = position_part(sensor)
         place = 0 if telling is None else parts.index(telling[1])
@@ -157,10 +176,23 @@ class Measured(FromFiles, Naming, Target):
         if start is not None:
             first[parts[place]] = start.scans
         truth = None if self.truth is None else self._truth(found, clock)
-        found.check_origin("target", "origin")
+        found.check_origin(origin, *path)
         apart = np.full(len(found.runs), np.nan) if start is None else start.apart
         told = tuple(dict.fromkeys(found.told))
         return Recording(with_scans(clock, found, scans, apart), first, apart, seen, truth, told)
+
+    def _of_position(self, sensor: Sensors) -> set[str]:
+        """Return the components of the measurement that depend on the position."""
+        # Move a state along its axes of positions, and compare.
+        away = np.array([name in ("px", "py", "pz") for name in self.components])
+        here = 1.0 + np.arange(len(away), dtype=float)[:, None]
+        with np.errstate(all="ignore"):
+            before, after = (
+                sensor.measurement(x, 1).mean for x in (here, here + 7.0 * away[:, None])
+            )
+        return {
+            c for c, same in zip(sensor.components, before == after, strict=True) if not same.all()
+        }
 
     def _check(self, sensor: Sensors, start: Start) -> None:
         """Raise InvalidKeyError for what does not go with sensors and start."""
@@ -192,6 +224,7 @@ class Measured(FromFiles, Naming, Target):
         (rows,) = chosen_runs(of_truth, [rows], ())
         rows = in_order(of_truth, rows)
         found.told += [f"truth: {what}" for what in of_truth.told]
+        found.geodetic, found.planar = of_truth.geodetic, of_truth.planar
         return truth_at(of_truth, rows, clock, found.runs, self.truth_gap)
 
     def start(self, timeline: Timeline) -> Array:

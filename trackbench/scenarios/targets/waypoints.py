@@ -119,7 +119,7 @@ class RecordedPath(FromFiles, Naming, Flown):
         # Step 1: read the rows of one run, in order of time.
         found = Gathered(self, self.origin or None)
         rows = read_rows(found, [self.file], [(*_POSITIONS, *_VELOCITIES)], least=2)
-        found.check_origin("origin")
+        found.check_origin(self.origin, "origin")
         (path,) = chosen_runs(found, rows, () if self.run is None else (str(self.run),), ("run",))
         path = in_order(found, path)
         if found.stepped:
