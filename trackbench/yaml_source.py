@@ -238,6 +238,10 @@ def parse(text: str, name: str) -> Source:
         at = error.problem_mark or error.context_mark
         mark = Mark(name, at.line + 1, at.column + 1) if at else Mark(name)
         what = _TOO_MANY if isinstance(error, _TooManyError) else f"not valid YAML: {error.problem}"
+        if error.problem == "mapping values are not allowed here":
+            what += (
+                "; indent this line as the keys beside it, or put a value that holds `: ` in quotes"
+            )
     except yaml.YAMLError as error:
         what = f"not valid YAML: {str(error).splitlines()[0]}"
     except RecursionError:

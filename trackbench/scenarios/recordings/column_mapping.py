@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import inf, pi
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -25,6 +25,9 @@ _LIMITS = {
 }
 """Least and largest value, in a unit of which SI has so many."""
 _SMALLEST_E7 = 1e6  # deg; angles beyond are whole numbers of 1e-7 deg
+_LEAST_CELLS = 5
+_NINES = re.compile(r"9{3,}(\.9+)?")
+_ENDS = (32767.0, 32768.0, 2147483647.0, 2147483648.0)
 _CODES = {"latitude": 91.0, "longitude": 181.0, "course": 511.0}
 """Codes of AIS (ITU-R M.1371) that are impossible values in any table; a course may be a heading."""
 _CODES_OF_AIS = {"speed": 102.3, "course": 360.0}
@@ -53,6 +56,39 @@ def blank_codes(quantity: str, values: Array, of_ais: bool) -> Counter[str]:
             counts[f"{quantity} {code:g}"] = int(coded.sum())
             values[coded] = np.nan
     return counts
+
+
+def outlying(values: Array) -> dict[float, int]:
+    """Return numbers far outside all others, as -9999 for a missing cell, and how often each stands.
+
+    A number is far if its distance to the next is ten times the span of the others; a row of nines, and
+    the end of a whole number's range, at a tenth of the span already.
+    """
+    rest, found = values[np.isfinite(values)], {}
+    while len(rest) >= _LEAST_CELLS:
+        for end in (float(rest.min()), float(rest.max())):
+            others = rest[rest != end]
+            if len(others) < _LEAST_CELLS:
+                continue
+            low, high = float(others.min()), float(others.max())
+            usual = _NINES.fullmatch(f"{abs(end):.9g}") or abs(end) in _ENDS
+            if max(low - end, end - high) > (0.1 if usual else 10.0) * (high - low) > 0.0:
+                found[end] = len(rest) - len(others)
+                rest = others
+                break
+        else:
+            break
+    return found
+
+
+def far_values(values: Array) -> list[str]:
+    """Return a note on each number that is far outside the others of a column."""
+    found = outlying(values)
+    return [
+        f"{n} cells are {value:.9g}, far outside the others: empty them, or say "
+        f"`missing: [{value:.9g}]`, if they hold no measurement"
+        for value, n in found.items()
+    ]
 
 
 def impossible(quantity: str, values: Array, scale: float) -> Impossible | None:
@@ -94,8 +130,10 @@ _DIMENSION_OF = {
     **dict.fromkeys(("latitude", "longitude", "course", "azimuth", "elevation"), "angle"),
 }
 """Dimension of each quantity; that of a plugin's own quantities may be any."""
-KEYS = ("run", "time", "step", "sensor")
+KEYS = ("run", "time", "step", "sensor", "date")
 """What a row may say beside its quantities."""
+_OBJECTS = ("mmsi", "icao24", "icao", "callsign", "trackid", "vessel", "object")
+"""Columns that name what moves."""
 GEODETIC = ("latitude", "longitude", "altitude")
 COURSE = ("speed", "course")
 _GIVEN_IN = {"latitude": "deg", "longitude": "deg", "course": "deg"}
@@ -115,6 +153,14 @@ class Naming:
     origin: tuple[Finite, ...] = ()
     """latitude and longitude (deg), perhaps height (m), of the point from which x counts east and y
     north; default: the first position"""
+    time_format: str = ""
+    """form of dates that are not in ISO 8601, as strptime has it: "%d/%m/%Y %H:%M:%S"; a column `date`
+    stands before a time of day"""
+    missing: tuple[Finite, ...] = ()
+    """numbers that stand for a missing cell: [-9999]"""
+    same_time: Literal["mean", "last", "spread"] | None = None
+    """what becomes of different rows of one sensor, run and time: their mean, the last of them, or times
+    spread evenly until the next; default: they are a mistake"""
 
     def __post_init__(self) -> None:
         for key, unit in self.units.items():
@@ -175,6 +221,7 @@ class Columns:
         self.path, self.naming, self.names = path, naming, header(path)
         self.contents: dict[str, Content] = {}
         self.unavailable: Counter[str] = Counter()
+        self.far: list[str] = []
         self._used: dict[str, str] = {}
         # Sources of each quantity: its column, or other columns that determine it.
         self._of = {name: self._sources(name) for name in wanted}
@@ -203,19 +250,32 @@ class Columns:
             self.contents[column] = content
         return column
 
+    def take_unnamed_runs(self) -> str | None:
+        """Return a column that names objects, such as MMSI, unless the config says what runs are."""
+        if "run" in self.naming.columns:
+            return None
+        named = (name for name in self.names if re.sub("[^a-z0-9]", "", name.lower()) in _OBJECTS)
+        column = next((name for name in named if name not in self._used), None)
+        if column is not None:
+            self._used[column], self.contents[column] = "run", "label"
+        return column
+
     def mistake(self, what: str) -> DataError:
         """Return a mistake of the table as a whole."""
         return DataError(Place(self.path, 1, 1, what))
 
     def read(self) -> Table:
         """Read the table, codes of "not available" as NaN. Raises DataError for impossible values."""
-        table = read_table(self.path, self.contents)
+        table = read_table(self.path, self.contents, self.naming.time_format)
         of_ais = is_ais(self.names)
         mistakes = []
         for column, quantity in self._used.items():
             if self.contents[column] == "number":
                 values = table.columns[column]
                 # Blank the codes of "not available" first: most are impossible values.
+                for code in self.naming.missing:
+                    self.unavailable[f"{quantity} {code:g}"] += int((values == code).sum())
+                    values[values == code] = np.nan
                 self.unavailable += blank_codes(quantity, values, of_ais)
                 if quantity == "speed" and COURSE not in self._of.values():
                     continue  # a speed without a course may be that of a state, which has a sign
@@ -223,6 +283,7 @@ class Columns:
                 if found is not None:
                     line = int(table.lines[found.row])
                     mistakes.append(Place(self.path, line, 1, f"{column}: {found.what}"))
+                self.far += [f"{self.path}: {column}: {what}" for what in far_values(values)]
         if mistakes:
             raise DataError(*mistakes)
         return table

@@ -12,7 +12,8 @@ from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_mapping import UNITS, Naming
 from trackbench.scenarios.recordings.csv_tables import header
-from trackbench.scenarios.recordings.rows import Gathered, chosen_runs, in_order, read_rows
+from trackbench.scenarios.recordings.row_order import in_order
+from trackbench.scenarios.recordings.rows import Gathered, chosen_runs, read_rows
 
 _CALLED = {
     "time": ("time", "timestamp", "t", "datetime", "date", "utc", "timeutc", "utctime", "epoch"),

@@ -15,13 +15,13 @@ from trackbench.models.priors import TwoPoint
 from trackbench.models.sensors.base import SensorBase, Sensors, rows_of, sensors_of
 from trackbench.registry import register
 from trackbench.scenarios.recordings.column_mapping import Naming
+from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows import (
     TICK,
     FromFiles,
     Gathered,
     check_turns,
     chosen_runs,
-    in_order,
     read_rows,
 )
 from trackbench.scenarios.recordings.time_alignment import (
@@ -63,7 +63,7 @@ class Measured(FromFiles, Naming, Target):
     """Recorded measurements, by which filters start and are judged; nothing is simulated.
 
     Tables have a column ``time`` (seconds, or ISO 8601) or ``step``, one for each of the sensor's
-    components, and perhaps ``run``; of several sensors a file each, or a column ``sensor`` (1, 2, ...).
+    components, and perhaps ``run``; of several sensors a file each, or a column ``sensor``.
     Steps are the times at which anything was measured, and motions are given the true time between them;
     a start from scans takes the first of each run. A cell that is empty is a missing measurement.
     """
@@ -79,6 +79,8 @@ class Measured(FromFiles, Naming, Target):
     """columns and units of the truth; default: as of the measurements"""
     runs: tuple[str | int, ...] = ()
     """names of the runs that are taken, in this order; default: all"""
+    sensors: tuple[str | int, ...] = ()
+    """names in the column `sensor`, in the order of the scenario's sensors; default: 1, 2, ..."""
     resample: Positive | None = None
     """seconds between steps, for filters that need equal ones: a measurement counts at the nearest"""
     axes: Literal[0, 1, 2, 3] = 2
@@ -159,11 +161,13 @@ class Measured(FromFiles, Naming, Target):
         in_frame = {name for name in self.components if name in ("x", "y", "z", "px", "py", "pz")}
         in_frame |= self._of_position(sensor)
         found = Gathered(self, origin or None, in_frame)
-        rows = read_rows(found, self._measured, [sensor.components[part] for part in parts])
+        components = [sensor.components[part] for part in parts]
+        names = [str(name) for name in self.sensors]
+        rows = read_rows(found, self._measured, components, names=names)
         rows = chosen_runs(found, rows, [str(name) for name in self.runs], ("target", "runs"))
-        rows = [in_order(found, of_sensor) for of_sensor in rows]
-        for one, of_sensor in zip(sensors_of(sensor), rows, strict=True):
-            check_turns(found, of_sensor, _angles(one))
+        for m, one in enumerate(sensors_of(sensor)):
+            check_turns(found, rows[m], _angles(one))
+            rows[m] = in_order(found, rows[m], one.innovation)
         # Step 2: take the first scans from the sensor that measures the position.
         telling = position_part(sensor)
         place = 0 if telling is None else parts.index(telling[1])
@@ -214,6 +218,9 @@ class Measured(FromFiles, Naming, Target):
         if len(self._measured) not in (1, len(every)):
             what = f"{len(self._measured)} files for {len(every)} sensors"
             raise InvalidKeyError(what, "target", "measurements")
+        if len(set(self.sensors)) not in (0, len(every)):
+            what = f"names {len(set(self.sensors))} of {len(every)} sensors: give each a name"
+            raise InvalidKeyError(what, "target", "sensors")
 
     def _truth(self, found: Gathered, clock: Clock) -> Array:
         """Return the truth (n_x, K + 1, M) at the clock's steps."""

@@ -8,11 +8,11 @@ from trackbench.core.arrays import Array, fixed
 from trackbench.field_types import DataError, DataFile, Finite, Place, Positive
 from trackbench.registry import register
 from trackbench.scenarios.recordings.column_mapping import Naming
+from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows import (
     FromFiles,
     Gathered,
     chosen_runs,
-    in_order,
     read_rows,
 )
 from trackbench.scenarios.targets.base import Flown, Timeline
