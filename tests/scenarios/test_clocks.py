@@ -161,7 +161,7 @@ def test_rows_out_of_order_and_twice_are_told_of(tmp_path: Path) -> None:
     (tmp_path / "m.csv").write_text(table("time,x,y", T[order], *X[:, order]))
     np.testing.assert_array_equal(tracked(path)["mean/KF"], plain)
     late, twice = load(path).points[0].scenario.cautions
-    assert late == "2 rows that came after later ones were put in order"
+    assert late.startswith("2 rows that came after later ones were put in order; the largest fall")
     assert twice == "1 rows that say again what the one before says were left out"
 
 

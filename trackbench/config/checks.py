@@ -202,8 +202,12 @@ def _add_conflicts(source: Source, keys: Keys, conflicts: dict[str, str]) -> Non
         source.add_problem((*keys, *key.split(".")) if key else keys, what)
 
 
-def check_idle_settings(source: Source, settings: Settings) -> None:
-    """Reject settings that only another key gives an effect, unless they have their default."""
+def check_idle_settings(source: Source, settings: Settings, points: list[Point]) -> None:
+    """Reject settings without an effect: by a key that is unset, or as nothing is held out."""
+    steps = max((len(point.scenario.steps) - 1 for point in points), default=0)
+    if points and settings.hold_out is not None and settings.hold_out > steps:
+        what = f"holds out none of {steps} measurements: give a number from 2 to {max(steps, 2)}"
+        source.add_problem(("hold_out",), what)
     if settings.min_runs != Settings.min_runs and "until" not in source.data:
         source.add_key_problem(("min_runs",), "has no effect without `until`; leave it out")
     if settings.tuning != Settings.tuning and "tune" not in source.data:

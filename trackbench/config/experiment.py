@@ -1,7 +1,6 @@
 """Experiment: the top level of its file, and the validated result."""
 
 from collections.abc import Collection, Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Annotated, ClassVar, Literal
 
@@ -11,13 +10,13 @@ from pydantic import AfterValidator, StringConstraints
 from trackbench.config.published import Published
 from trackbench.config.tuning import Axis, Tuning
 from trackbench.extension_points import Part
-from trackbench.field_types import ONE_LINE, Count, Natural
+from trackbench.field_types import ONE_LINE, Count, Natural, is_number
 from trackbench.filters.base import AnyFilter
 from trackbench.models.sensors.base import Assume
 from trackbench.plugins.load import Plugin
 from trackbench.registry import Group
 from trackbench.scenarios.base import Scenario
-from trackbench.yaml_source import Source
+from trackbench.yaml_source import Source, scalar
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)]
 
@@ -28,8 +27,8 @@ def _error(value: float | str) -> float | str:
     if not isinstance(value, str):
         number = value
     elif value.endswith("%"):
-        with suppress(ValueError):
-            number = float(value.removesuffix("%"))
+        share = scalar(value.removesuffix("%").strip())
+        number = share if is_number(share) else 0.0
     if not 0.0 < number < float("inf"):
         raise ValueError("give a number greater than 0, or a share of the value such as 1%")
     return value

@@ -193,7 +193,7 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
     check_idle(source, whole_grid)
     for point in points if not source.problems else ():
         check_exact(source, settings, point)
-    check_idle_settings(source, settings)
+    check_idle_settings(source, settings, points)
     check_problem(source, settings)
     left_out = _filters(source, [label for label in settings.filters if label not in labels])
     if whole:

@@ -54,7 +54,7 @@ def add_tuned(source: Source, tuned_values: Mapping[str, Chosen]) -> None:
 def add_smoothed(source: Source) -> None:
     """Add a copy with ``smooth: true`` after each filter of the key ``smoothed``.
 
-    An existing entry, as in the config of a results folder, stays.
+    An existing entry of this filter with a smoother, as in the config of a results folder, stays.
     """
     labels = source.data.get("smoothed")
     copies: dict[str, str] = {}
@@ -66,6 +66,11 @@ def add_smoothed(source: Source) -> None:
             filters, mark = source.data["filters"], source.mark(("smoothed", i))
             put(filters, smoothed, copy.deepcopy(filters[label]), mark, mark)
             override(source, ("filters", smoothed, "smooth"), True, mark)
+            continue
+        same = [{**source.at(("filters", of)), "smooth": None} for of in (label, smoothed)]
+        if same[0] != same[1] or not source.at(("filters", smoothed)).get("smooth"):
+            what = f"there is another filter {smoothed!r}: give it another label"
+            source.add_problem(("smoothed", i), what)
     if copies:
         _order(source, copies)
 

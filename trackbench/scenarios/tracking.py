@@ -1,7 +1,7 @@
 """Scenario `tracking`: any target, seen by any sensors, from any start."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
 from typing import Annotated
 
@@ -192,14 +192,24 @@ class Tracking(Scenario):
             what = f"a motion of {', '.join(sampled.components)} for {', '.join(self.components)}"
             raise InvalidKeyError(what, "assume")
         # The assumed sensor has the true sensor's components.
-        sensor = (
-            self.true_sensor
-            if self.assume.sensor is None
-            else self._stacked(self.assume.sensor, "assume", "sensor")
-        )
+        sensor = self.true_sensor
+        if self.assume.sensor is not None:
+            sensor = self._stacked(self.assume.sensor, "assume", "sensor")
+            self._check_assumed(self.assume.sensor)
         if sensor.components != self.true_sensor.components:
             raise InvalidKeyError("the assumed sensor measures something else", "assume", "sensor")
         return Model(sampled, sensor)
+
+    def _check_assumed(self, sensors: SensorBase | tuple[SensorBase, ...]) -> None:
+        """Raise InvalidKeyError for a property of the true measurements that filters do not model."""
+        for i, sensor in enumerate(sensors if isinstance(sensors, tuple) else (sensors,)):
+            index = (i,) if isinstance(sensors, tuple) else ()
+            for name in (key.name for key in fields(SensorBase)):
+                if getattr(sensor, name) != getattr(SensorBase, name):
+                    what = (
+                        "has no effect: no filter models it; set it at the scenario's own `sensor`"
+                    )
+                    raise InvalidKeyError(what, "assume", "sensor", *index, name)
 
     def _sampled(self, motion: Motion) -> SampledMotion:
         """Return the motion from step to step."""

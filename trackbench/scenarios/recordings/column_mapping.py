@@ -2,10 +2,10 @@
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import inf, pi
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -21,8 +21,13 @@ _LIMITS = {
     "longitude": (-180.0, 180.0, _DEGREES, "deg"),
     "course": (-360.0, 360.0, _DEGREES, "deg"),
     "range": (0.0, inf, 1.0, "m"),
+    "speed": (0.0, inf, 1.0, "m/s"),
 }
 """Least and largest value, in a unit of which SI has so many."""
+_SMALLEST_E7 = 1e6  # deg; angles beyond are whole numbers of 1e-7 deg
+_LEAST_CELLS = 5
+_NINES = re.compile(r"9{3,}(\.9+)?")
+_ENDS = (32767.0, 32768.0, 2147483647.0, 2147483648.0)
 _CODES = {"latitude": 91.0, "longitude": 181.0, "course": 511.0}
 """Codes of AIS (ITU-R M.1371) that are impossible values in any table; a course may be a heading."""
 _CODES_OF_AIS = {"speed": 102.3, "course": 360.0}
@@ -53,12 +58,45 @@ def blank_codes(quantity: str, values: Array, of_ais: bool) -> Counter[str]:
     return counts
 
 
-def impossible(quantity: str, values: Array) -> Impossible | None:
-    """Find values, in SI, that the quantity cannot have."""
+def outlying(values: Array) -> dict[float, int]:
+    """Return numbers far outside all others, as -9999 for a missing cell, and how often each stands.
+
+    A number is far if its distance to the next is ten times the span of the others; a row of nines, and
+    the end of a whole number's range, at a tenth of the span already.
+    """
+    rest, found = values[np.isfinite(values)], {}
+    while len(rest) >= _LEAST_CELLS:
+        for end in (float(rest.min()), float(rest.max())):
+            others = rest[rest != end]
+            if len(others) < _LEAST_CELLS:
+                continue
+            low, high = float(others.min()), float(others.max())
+            usual = _NINES.fullmatch(f"{abs(end):.9g}") or abs(end) in _ENDS
+            if max(low - end, end - high) > (0.1 if usual else 10.0) * (high - low) > 0.0:
+                found[end] = len(rest) - len(others)
+                rest = others
+                break
+        else:
+            break
+    return found
+
+
+def far_values(values: Array) -> list[str]:
+    """Return a note on each number that is far outside the others of a column."""
+    found = outlying(values)
+    return [
+        f"{n} cells are {value:.9g}, far outside the others: empty them, or say "
+        f"`missing: [{value:.9g}]`, if they hold no measurement"
+        for value, n in found.items()
+    ]
+
+
+def impossible(quantity: str, values: Array, scale: float) -> Impossible | None:
+    """Find values, which are ``scale`` times as large in SI, that the quantity cannot have."""
     if quantity not in _LIMITS:
         return None
     least, largest, per_si, unit = _LIMITS[quantity]
-    shown = values * per_si
+    shown = values * scale * per_si
     # Rounding in the conversion to SI and back must not make 90 deg too many.
     room = 1e-9 * largest if largest < inf else 0.0
     rows = np.flatnonzero((shown < least - room) | (shown > largest + room))
@@ -67,13 +105,19 @@ def impossible(quantity: str, values: Array) -> Impossible | None:
     limits = f"at least {least:g}" if largest == inf else f"within {least:g} and {largest:g}"
     more = f", as are {len(rows) - 1} more" if len(rows) > 1 else ""
     what = f"{shown[rows[0]]:.9g} {unit} is impossible{more}; a {quantity} is {limits} {unit}"
-    return Impossible(int(rows[0]), f"{what}: correct the cells, empty them, or name their unit")
+    first = float(values[rows[0]])
+    says = f"`missing: [{first:.9g}]` for a missing cell"
+    if abs(shown[rows[0]]) > _SMALLEST_E7 and unit == "deg":
+        says += f", or `units: {{{quantity}: degE7}}` for whole numbers of 1e-7 deg"
+    return Impossible(
+        int(rows[0]), f"{what}: correct or empty the cells, or name their unit; say {says}"
+    )
 
 
 _DIMENSIONS = {
     "length": {"m": 1.0, "km": 1000.0, "ft": 0.3048, "mi": 1609.344, "nmi": 1852.0},
     "speed": {"m/s": 1.0, "km/h": 1 / 3.6, "kn": 1852.0 / 3600.0, "ft/s": 0.3048, "mph": 0.44704},
-    "angle": {"rad": 1.0, "mrad": 1e-3, "deg": pi / 180.0},
+    "angle": {"rad": 1.0, "mrad": 1e-3, "deg": pi / 180.0, "degE7": pi / 180.0e7},
     "turn rate": {"rad/s": 1.0, "deg/s": pi / 180.0},
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
 }
@@ -86,8 +130,10 @@ _DIMENSION_OF = {
     **dict.fromkeys(("latitude", "longitude", "course", "azimuth", "elevation"), "angle"),
 }
 """Dimension of each quantity; that of a plugin's own quantities may be any."""
-KEYS = ("run", "time", "step", "sensor")
+KEYS = ("run", "time", "step", "sensor", "date")
 """What a row may say beside its quantities."""
+_OBJECTS = ("mmsi", "icao24", "icao", "callsign", "trackid", "vessel", "object")
+"""Columns that name what moves."""
 GEODETIC = ("latitude", "longitude", "altitude")
 COURSE = ("speed", "course")
 _GIVEN_IN = {"latitude": "deg", "longitude": "deg", "course": "deg"}
@@ -103,10 +149,18 @@ class Naming:
     and y (altitude for z), speed and course for vx and vy"""
     units: dict[str, str] = field(default_factory=dict)
     """units that are not SI: {x: km, speed: kn, azimuth: deg}; latitude, longitude and course are in
-    degrees unless they are said to be in rad"""
+    degrees unless they are said to be in rad, or in degE7, whole numbers of 1e-7 deg"""
     origin: tuple[Finite, ...] = ()
     """latitude and longitude (deg), perhaps height (m), of the point from which x counts east and y
     north; default: the first position"""
+    time_format: str = ""
+    """form of dates that are not in ISO 8601, as strptime has it: "%d/%m/%Y %H:%M:%S"; a column `date`
+    stands before a time of day"""
+    missing: tuple[Finite, ...] = ()
+    """numbers that stand for a missing cell: [-9999]"""
+    same_time: Literal["mean", "last", "spread"] | None = None
+    """what becomes of different rows of one sensor, run and time: their mean, the last of them, or times
+    spread evenly until the next; default: they are a mistake"""
 
     def __post_init__(self) -> None:
         for key, unit in self.units.items():
@@ -115,6 +169,11 @@ class Naming:
                 raise InvalidKeyError(what, "units", key)
         if self.origin and len(self.origin) not in (2, 3):
             raise InvalidKeyError("is latitude, longitude and perhaps height", "origin")
+        for name, degrees in zip(GEODETIC, self.origin[:2], strict=False):
+            least, largest, *_ = _LIMITS[name]
+            if not least <= degrees <= largest:
+                what = f"{degrees:g} deg is impossible; a {name} is within {least:g} and {largest:g} deg"
+                raise InvalidKeyError(what, "origin", GEODETIC.index(name))
 
     def check_names(self, components: Sequence[str], *within: str) -> None:
         """Raise InvalidKeyError for an unknown name, and for a unit of another dimension."""
@@ -162,6 +221,7 @@ class Columns:
         self.path, self.naming, self.names = path, naming, header(path)
         self.contents: dict[str, Content] = {}
         self.unavailable: Counter[str] = Counter()
+        self.far: list[str] = []
         self._used: dict[str, str] = {}
         # Sources of each quantity: its column, or other columns that determine it.
         self._of = {name: self._sources(name) for name in wanted}
@@ -190,24 +250,40 @@ class Columns:
             self.contents[column] = content
         return column
 
+    def take_unnamed_runs(self) -> str | None:
+        """Return a column that names objects, such as MMSI, unless the config says what runs are."""
+        if "run" in self.naming.columns:
+            return None
+        named = (name for name in self.names if re.sub("[^a-z0-9]", "", name.lower()) in _OBJECTS)
+        column = next((name for name in named if name not in self._used), None)
+        if column is not None:
+            self._used[column], self.contents[column] = "run", "label"
+        return column
+
     def mistake(self, what: str) -> DataError:
         """Return a mistake of the table as a whole."""
         return DataError(Place(self.path, 1, 1, what))
 
     def read(self) -> Table:
         """Read the table, codes of "not available" as NaN. Raises DataError for impossible values."""
-        table = read_table(self.path, self.contents)
+        table = read_table(self.path, self.contents, self.naming.time_format)
         of_ais = is_ais(self.names)
         mistakes = []
         for column, quantity in self._used.items():
             if self.contents[column] == "number":
                 values = table.columns[column]
                 # Blank the codes of "not available" first: most are impossible values.
+                for code in self.naming.missing:
+                    self.unavailable[f"{quantity} {code:g}"] += int((values == code).sum())
+                    values[values == code] = np.nan
                 self.unavailable += blank_codes(quantity, values, of_ais)
-                found = impossible(quantity, values * self.naming.scale(quantity))
+                if quantity == "speed" and COURSE not in self._of.values():
+                    continue  # a speed without a course may be that of a state, which has a sign
+                found = impossible(quantity, values, self.naming.scale(quantity))
                 if found is not None:
                     line = int(table.lines[found.row])
                     mistakes.append(Place(self.path, line, 1, f"{column}: {found.what}"))
+                self.far += [f"{self.path}: {column}: {what}" for what in far_values(values)]
         if mistakes:
             raise DataError(*mistakes)
         return table
@@ -216,6 +292,12 @@ class Columns:
     def is_geodetic(self) -> bool:
         """Return whether positions are made of latitude and longitude."""
         return any("latitude" in sources for sources in self._of.values())
+
+    def of_columns(self, names: Collection[str]) -> str:
+        """Return the first of these quantities that has a column of its own, or nothing."""
+        return next(
+            (name for name, sources in self._of.items() if name in names and sources == (name,)), ""
+        )
 
     def first_place(self, table: Table) -> tuple[float, ...] | None:
         """Return the latitude, longitude (deg) and height of the first row that has them."""

@@ -1,8 +1,9 @@
 """Tables from CSV and Parquet files, read piece by piece, with the line of every mistake."""
 
-import csv
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from itertools import islice
@@ -14,19 +15,25 @@ from numpy.typing import NDArray
 
 from trackbench.core.arrays import Array, Index
 from trackbench.field_types import DataError, Place, require_regular_file
+from trackbench.scenarios.recordings.csv_lines import table_lines
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_UTC = re.compile(r" ?(UTC|GMT)$")
+_TIME_OF_DAY = re.compile(r" *[0-9]{1,2}:[0-9]{2}")
 _MICROSECOND = timedelta(microseconds=1)
 _DIGITS = 9
 """Of a whole number, at most."""
 Parse = Callable[[str], float]
 
 
-def number(cell: str) -> float:
-    """Return a finite number, NaN for an empty cell; raises ValueError."""
+def number(cell: str, comma: bool = False) -> float:
+    """Return a finite number, NaN for an empty cell; raises ValueError. Decimals follow a ``comma``."""
     if cell.lower() in ("", "nan"):
         return math.nan
+    if comma and "." in cell:
+        raise ValueError("a number with a decimal comma, as others of this file are")
     try:
+        cell = cell.replace(",", ".") if comma else cell
         # float takes an underscore, and the digits of every script.
         value = float(cell if cell.isascii() and "_" not in cell else "")
     except ValueError:
@@ -36,34 +43,36 @@ def number(cell: str) -> float:
     return value
 
 
-def seconds(cell: str) -> float:
+def seconds(cell: str, comma: bool = False) -> float:
     """Return a time in numbers, which is there."""
-    value = number(cell)
+    value = number(cell, comma)
     if math.isnan(value):
         raise ValueError("a time")
     return value
 
 
-def instant(cell: str, zoned: bool | None = None) -> float:
-    """Return the microseconds since 1970 of a time in ISO 8601, exactly; without a zone it is UTC.
+def moment(cell: str, form: str = "") -> datetime:
+    """Return the time of a date in ISO 8601, or in a form of strptime; raises ValueError."""
+    try:
+        if form:
+            return datetime.strptime(cell, form)
+        return datetime.fromisoformat(_UTC.sub("+00:00", cell))
+    except ValueError:
+        raise ValueError(f"a time as {form}" if form else "a time in ISO 8601") from None
+
+
+def instant(cell: str, zoned: bool | None = None, form: str = "") -> float:
+    """Return the microseconds since 1970 of a date, exactly; without a zone it is UTC.
 
     ``zoned`` says whether it must have a zone, None that it may. ValueError says what it is not.
     """
-    try:
-        at = datetime.fromisoformat(cell)
-    except ValueError:
-        raise ValueError("a time in ISO 8601") from None
+    at = moment(cell, form)
     if zoned is not None and zoned != (at.tzinfo is not None):
         raise ValueError(
             f"a time {'with' if zoned else 'without'} a zone, as that of the first row is"
         )
     at = at if at.tzinfo else at.replace(tzinfo=UTC)
     return float((at - _EPOCH) // _MICROSECOND)
-
-
-def has_zone(cell: str) -> bool:
-    """Return whether a date names its time zone."""
-    return datetime.fromisoformat(cell.strip()).tzinfo is not None
 
 
 def whole(cell: str) -> float:
@@ -113,9 +122,8 @@ def _quickly(cells: Sequence[str]) -> Array | None:
     return values if np.isfinite(values).all() else None
 
 
-Content = Literal["number", "time", "step", "label"]
+Content = Literal["number", "time", "date", "step", "label"]
 _MOST_MISTAKES = 20
-_LONGEST_LINE = 1_000_000  # characters: a file without line breaks is not read into memory
 _ROWS_AT_A_TIME = 50_000
 Column = NDArray[Any]
 _PARSERS: dict[Content, Parse] = {"number": number, "time": seconds, "step": whole}
@@ -139,22 +147,26 @@ def header(path: str) -> list[str]:
     """Return names of a table's columns."""
     if _is_parquet(path):
         return [str(name) for name in _parquet(path, None)]
-    for _, cells in _lines(path):
+    for _, cells, _ in table_lines(path):
         return [name.strip() for name in cells]
     raise DataError(Place(path, 1, 1, "is empty"))
 
 
-def read_table(path: str, contents: Mapping[str, Content]) -> Table:
-    """Read columns of a table; raises DataError with up to twenty mistakes and their lines."""
-    reading = _Reading(path, contents)
+def read_table(path: str, contents: Mapping[str, Content], form: str = "") -> Table:
+    """Read columns of a table; raises DataError with up to twenty mistakes and their lines.
+
+    Dates are in ISO 8601, or in a form of strptime.
+    """
+    reading = _Reading(path, contents, form)
     if _is_parquet(path):
         # Parquet: the cells become text, so that both formats have the same parsers.
         frame = _parquet(path, list(contents))
         shown = {name: [_shown(v) for v in frame[name].tolist()] for name in contents}
         reading.add(np.arange(2, len(frame) + 2), shown)
         return reading.table()
-    lines = _lines(path)
-    line, names = next(lines)
+    lines = table_lines(path)
+    line, names, separator = next(lines)
+    reading.is_european = separator == ";"
     names = [name.strip() for name in names]
     for name in contents:
         if names.count(name) > 1:
@@ -163,9 +175,9 @@ def read_table(path: str, contents: Mapping[str, Content]) -> Table:
     while rows := list(islice(lines, _ROWS_AT_A_TIME)):
         kept = reading.of_full_width(rows, len(names))
         if kept:
-            columns: list[Sequence[str]] = list(zip(*(cells for _, cells in kept), strict=True))
+            columns: list[Sequence[str]] = list(zip(*(row[1] for row in kept), strict=True))
             cells = {name: columns[names.index(name)] for name in contents}
-            reading.add(np.array([line for line, _ in kept]), cells)
+            reading.add(np.array([row[0] for row in kept]), cells)
         if len(reading.mistakes) >= _MOST_MISTAKES:
             break
     return reading.table()
@@ -174,21 +186,25 @@ def read_table(path: str, contents: Mapping[str, Content]) -> Table:
 class _Reading:
     """A table on its way from cells to arrays, a piece at a time."""
 
-    def __init__(self, path: str, contents: Mapping[str, Content]) -> None:
-        self.path, self.contents = path, contents
+    def __init__(self, path: str, contents: Mapping[str, Content], form: str) -> None:
+        # A date that stands beside the time is put before it.
+        self._date = next((name for name, content in contents.items() if content == "date"), None)
+        self.contents = {n: content for n, content in contents.items() if content != "date"}
+        self.path, self.form = path, form
+        self.is_european, self.comma = False, False
         self.mistakes: list[Place] = []
         self.dated: str | None = None
-        self._pieces: dict[str, list[Column]] = {name: [] for name in contents}
+        self._pieces: dict[str, list[Column]] = {name: [] for name in self.contents}
         self._codes: dict[str, dict[str, int]] = {
-            name: {} for name, content in contents.items() if content == "label"
+            name: {} for name, content in self.contents.items() if content == "label"
         }
         self._lines: list[Index] = []
 
     def of_full_width(
-        self, rows: Sequence[tuple[int, list[str]]], width: int
-    ) -> Sequence[tuple[int, list[str]]]:
+        self, rows: Sequence[tuple[int, list[str], str]], width: int
+    ) -> Sequence[tuple[int, list[str], str]]:
         """Return the rows with a cell for each column; the others are mistakes."""
-        wrong = [(line, len(cells)) for line, cells in rows if len(cells) != width]
+        wrong = [(line, len(cells)) for line, cells, _ in rows if len(cells) != width]
         if not wrong:
             return rows
         what = "{} cells under {} columns"
@@ -197,12 +213,22 @@ class _Reading:
 
     def add(self, lines: Index, cells: Mapping[str, Sequence[str]]) -> None:
         """Append rows by column."""
+        if self.is_european and not self.comma:
+            numbers = (name for name, content in self.contents.items() if content == "number")
+            self.comma = any("," in cell for name in numbers for cell in cells[name])
         for name, content in self.contents.items():
             values: Column
+            column = cells[name]
+            if content == "time" and self._date is not None and _TIME_OF_DAY.match(column[0]):
+                column = [
+                    f"{d.strip()} {t.strip()}"
+                    for d, t in zip(cells[self._date], column, strict=True)
+                ]
             if content == "label":
-                values, wrong = self._labeled(name, cells[name])
+                values, wrong = self._labeled(name, column)
             else:
-                values, wrong = parsed(self._parser(content, cells[name]), cells[name])
+                parser = self._parser(content, column, Place(self.path, int(lines[0]), 1, name))
+                values, wrong = parsed(parser, column)
             self._pieces[name].append(values)
             self.mistakes += [
                 Place(self.path, int(lines[i]), 1, f"{name}: {what}") for i, what in wrong
@@ -221,14 +247,33 @@ class _Reading:
         words = {name: list(codes) for name, codes in self._codes.items()}
         return Table(self.path, columns, words, np.concatenate(self._lines), self.dated or "")
 
-    def _parser(self, content: Content, cells: Sequence[str]) -> Parse:
-        """Return the parser of time cells; the first time decides between dates, zones and numbers."""
+    def _parser(self, content: Content, cells: Sequence[str], first: Place) -> Parse:
+        """Return the parser of cells; the first time decides between dates, zones and numbers."""
+        plain = _PARSERS.get(content, seconds)
+        if self.comma and plain in (number, seconds):
+            plain = partial(plain, comma=True)
         if content != "time":
-            return _PARSERS[content]
-        if self.dated is None and cells:
-            zoned = " with a zone" if is_instant(cells[0]) and has_zone(cells[0]) else ""
-            self.dated = f"date{zoned}" if is_instant(cells[0]) else ""
-        return partial(instant, zoned=self.dated != "date") if self.dated else seconds
+            return plain
+        if self.dated is None:
+            self.dated = self._dated(cells[0].strip(), plain, first)
+        if not self.dated:
+            return plain
+        return partial(instant, zoned=self.dated != "date", form=self.form)
+
+    def _dated(self, cell: str, plain: Parse, first: Place) -> str:
+        """Return "date", perhaps "with a zone", or nothing for a number. Raises DataError otherwise."""
+        if self.form or is_instant(cell):
+            with suppress(ValueError):
+                return "date with a zone" if moment(cell, self.form).tzinfo else "date"
+        if cell and not self.form:
+            with suppress(ValueError):
+                plain(cell)
+                return ""
+        what = f"{first.what}: {cell[:40]!r} is no number of seconds and no date in ISO 8601"
+        if self.form:
+            what = f"{first.what}: {cell[:40]!r} is not a time as {self.form}"
+        way = 'say how it is written, `time_format: "%d/%m/%Y %H:%M:%S"` (or %m/%d/%Y, %H:%M:%S.%f)'
+        raise DataError(first._replace(what=f"{what}: {way}"))
 
     def _labeled(self, name: str, cells: Sequence[str]) -> tuple[Column, list[tuple[int, str]]]:
         codes = self._codes[name]
@@ -236,24 +281,6 @@ class _Reading:
         if "" not in codes:
             return values, []
         return values, [(i, "is missing") for i in np.flatnonzero(values == codes[""]).tolist()]
-
-
-def _lines(path: str) -> Iterator[tuple[int, list[str]]]:
-    """Yield line numbers and cells of every line that is not blank."""
-    reader = None
-    try:
-        with require_regular_file(path).open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.reader(iter(lambda: file.readline(_LONGEST_LINE), ""))
-            for cells in reader:
-                if cells:
-                    yield reader.line_num, cells
-    except OSError as error:
-        raise DataError(Place(path, 1, 1, (error.strerror or str(error)).lower())) from None
-    except UnicodeDecodeError:
-        raise DataError(Place(path, 1, 1, "is not a text file in UTF-8")) from None
-    except csv.Error as error:
-        line = reader.line_num if reader is not None else 1
-        raise DataError(Place(path, line, 1, f"not a CSV: {error}")) from None
 
 
 def _is_parquet(path: str) -> bool:

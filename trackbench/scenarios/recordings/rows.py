@@ -1,11 +1,14 @@
 """Rows of all files by sensor: run, time and values; base of the components that read data files."""
 
 import hashlib
+import json
+import os
 from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, is_dataclass
-from glob import glob
+from glob import escape, glob
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -50,11 +53,15 @@ class Gathered:
 
     Times are numbers of steps (``stepped``), or seconds, of dates (``dated``) after the first of them.
     The first file (``clock_of``) says which. ``unavailable`` counts cells with codes of "not available".
+    ``geodetic`` is the first file with latitude and longitude, and ``planar`` the first one with another
+    quantity that depends on the position (``in_frame``).
     """
 
     naming: Naming
     origin: tuple[float, ...] | None = None
-    is_geodetic: bool = False
+    in_frame: Collection[str] = ()
+    geodetic: str = ""
+    planar: str = ""
     since: float | None = None
     stepped: bool = False
     dated: str = ""
@@ -64,13 +71,19 @@ class Gathered:
     files: list[str] = field(default_factory=list)
     told: list[str] = field(default_factory=list)
 
-    def check_origin(self, *path: str) -> None:
-        """Raise InvalidKeyError for an origin that no file of latitudes and longitudes uses."""
-        if self.naming.origin and not self.is_geodetic:
+    def check_origin(self, given: tuple[float, ...], *path: str) -> None:
+        """Raise InvalidKeyError for an origin that is needed and not given, or given and not needed."""
+        if given and not self.geodetic:
             what = (
                 "no file has latitude and longitude, which alone count from an origin; leave it out"
             )
             raise InvalidKeyError(what, *path)
+        if self.geodetic and self.planar and not given:
+            what = (
+                f"{self.geodetic} has latitude and longitude, and {self.planar}, which counts from"
+            )
+            way = "x = y = 0: say where that is, `origin: [latitude, longitude]`"
+            raise InvalidKeyError(f"{what} {way}", *path)
 
     def place(self, rows: Rows, i: int, what: str) -> Place:
         """Return a mistake at a row."""
@@ -120,9 +133,11 @@ def _clock(stepped: bool, dated: str) -> str:
 
 def files_of(pattern: str) -> list[str]:
     """Return the file, or all that a pattern matches, in order. Raises DataError if it matches none."""
-    if not any(c in pattern for c in "*?["):
+    if not any(c in pattern for c in "*?[") or os.path.lexists(pattern):
         return [pattern]
-    found = sorted(glob(pattern))
+    # A folder that exists has this very name: what is in brackets there is no pattern.
+    folder = str(next((parent for parent in Path(pattern).parents if parent.is_dir()), ""))
+    found = sorted(glob(escape(folder) + pattern.removeprefix(folder)))
     if not found:
         raise DataError(Place(pattern, 1, 1, "no file has such a name"))
     return found
@@ -133,19 +148,21 @@ def read_rows(
     patterns: Sequence[str],
     sensors: Sequence[Sequence[str]],
     least: int | None = None,
+    names: Sequence[str] = (),
 ) -> list[Rows]:
     """Return rows of the quantities that each sensor measures, from one file for all or a file for each.
 
-    A pattern may match a file per run. ``least`` quantities must be there, by default all. Raises
-    DataError with the line of every mistake.
+    A pattern may match a file per run. ``least`` quantities must be there, by default all. A column
+    ``sensor`` holds the sensors' ``names``, by default their numbers. Raises DataError with the line of
+    every mistake.
     """
     # Step 1: read one file for all sensors, or the files of each sensor's pattern.
     shared = len(patterns) == 1
     pieces: list[list[Rows]] = [[] for _ in sensors]
     for n, pattern in enumerate(patterns):
-        measured = sensors if shared else sensors[n : n + 1]
+        part = slice(None) if shared else slice(n, n + 1)
         for number, path in enumerate(files_of(pattern)):
-            rows = _rows_of_file(found, path, measured, least, str(number))
+            rows = _rows_of_file(found, path, sensors[part], least, str(number), names[part])
             for m, of_sensor in enumerate(rows, 0 if shared else n):
                 pieces[m].append(of_sensor)
     if found.unavailable:
@@ -162,7 +179,12 @@ def read_rows(
 
 
 def _rows_of_file(
-    found: Gathered, path: str, sensors: Sequence[Sequence[str]], least: int | None, name: str
+    found: Gathered,
+    path: str,
+    sensors: Sequence[Sequence[str]],
+    least: int | None,
+    name: str,
+    names: Sequence[str],
 ) -> list[Rows]:
     """Return the rows by sensor of one file, which is the run of this name if it does not name runs."""
     # Step 1: find the columns of the quantities, of time, run and sensor.
@@ -172,13 +194,24 @@ def _rows_of_file(
     if clock is None:
         there = ", ".join(columns.names)[:200]
         raise columns.mistake(f"no column time or step; there are {there} (see `columns`)")
+    if columns.column("date") != clock:
+        columns.take("date", "date")
     run = columns.take("run", "label")
-    which = columns.take("sensor", "label") if len(sensors) > 1 else None
+    which = columns.take("sensor", "label")
+    several = columns.take_unnamed_runs() if run is None else None
     # Step 2: read them; times become seconds, quantities SI.
     table = columns.read()
     found.unavailable += columns.unavailable
+    found.told += columns.far
+    if several is not None and len(table.words[several]) > 1:
+        what = f"column {several} has {len(table.words[several])} values, which would be one run"
+        way = f'say `columns: {{run: {several}}}`, or `columns: {{run: ""}}` to mix them'
+        raise columns.mistake(f"{what}: {way}")
     time = found.timed(columns, table, clock)
-    found.is_geodetic |= columns.is_geodetic
+    if columns.is_geodetic:
+        found.geodetic = found.geodetic or path
+    if beside := columns.of_columns(found.in_frame):
+        found.planar = found.planar or f"{path} has {beside}"
     found.origin = found.origin or columns.first_place(table)
     given = columns.quantities(table, found.origin)
     # Step 3: number the runs; a file without their names is one run.
@@ -192,21 +225,37 @@ def _rows_of_file(
     # Step 4: choose the rows of each sensor.
     for m, components in enumerate(sensors):
         rows = Rows(runs, time, np.stack([given[c] for c in components]), files, table.lines)
-        if which is not None:
-            rows = rows.at(_of_sensor(columns, table, which, m, sensors))
+        if which is not None and (len(sensors) > 1 or len(table.words[which]) > 1 or names):
+            rows = rows.at(_of_sensor(found, columns, table, which, m, len(sensors), names))
         out.append(rows)
     return out
 
 
 def _of_sensor(
-    columns: Columns, table: Table, which: str, m: int, sensors: Sequence[Sequence[str]]
+    found: Gathered,
+    columns: Columns,
+    table: Table,
+    which: str,
+    m: int,
+    n: int,
+    names: Sequence[str],
 ) -> Numbers:
-    """Return the rows of one sensor, numbered in the column from 1 on as in the config."""
-    words, numbers = table.words[which], [str(n + 1) for n in range(len(sensors))]
-    if strange := [word for word in words if word not in numbers]:
-        what = f"{which}: {strange[0][:40]!r} is not the number of a sensor, 1 to {len(sensors)}"
+    """Return the rows of the m-th of n sensors, named in the column or numbered there from 1 on."""
+    words, known = table.words[which], names or [str(number + 1) for number in range(n)]
+    strange = [word for word in words if word not in known]
+    if strange and not names:
+        there = f"column {which} names {len(words)} sensors ({', '.join(words[:8])[:80]})"
+        way = "name them in the order of `sensor`, such as `sensors: "
+        way += f'[{", ".join(map(json.dumps, words[:8]))}]`; `columns: {{sensor: ""}}` mixes all'
+        raise columns.mistake(f"{there}, and the config has {n}: {way}")
+    if absent := [name for name in names if name not in words]:
+        what = f"column {which} has no {absent[0]!r}; there are {', '.join(words[:20])[:200]}"
         raise columns.mistake(what)
-    code = words.index(numbers[m]) if numbers[m] in words else -1
+    if strange and not m:
+        codes = [words.index(word) for word in strange]
+        left_out = int(np.isin(table.columns[which], codes).sum())
+        found.told.append(f"{left_out} rows of {', '.join(strange)[:80]} were left out (`sensors`)")
+    code = words.index(known[m]) if known[m] in words else -1
     return np.flatnonzero(table.columns[which] == code)
 
 
@@ -237,44 +286,16 @@ def chosen_runs(
     return out
 
 
-def in_order(found: Gathered, rows: Rows) -> Rows:
-    """Return the rows sorted by run and time; report unsorted and repeated rows.
-
-    Raises DataError where two rows of a run and time differ.
-    """
-    # Step 1: bring the rows of each run together.
-    order = np.argsort(rows.run, kind="stable")
-    if (np.diff(order) != 1).any():
-        rows = rows.at(order)
-    # Step 2: sort by time within the runs if any row is late.
-    same = rows.run[1:] == rows.run[:-1]
-    late = int(((rows.time[1:] < rows.time[:-1]) & same).sum())
-    if late:
-        found.told.append(f"{late} rows that came after later ones were put in order")
-        rows = rows.at(np.lexsort((rows.time, rows.run)))
-    # Step 3: find rows of one run at one time.
-    ticks = rows.ticks
-    again = np.flatnonzero((np.diff(ticks) == 0) & (rows.run[1:] == rows.run[:-1])) + 1
-    return _without_twins(found, rows, again) if len(again) else rows
-
-
-def _without_twins(found: Gathered, rows: Rows, again: Numbers) -> Rows:
-    """Return the rows without repetitions of the row before."""
-    # Repeated rows agree if every value is equal or missing in both.
-    now, before = rows.values[:, again], rows.values[:, again - 1]
-    differ = ~((now == before) | (np.isnan(now) & np.isnan(before))).all(axis=0)
-    if differ.any():
-        unit = "step {:.0f}" if found.stepped else "time {:.9g} s"
-        what = f"run {{}}: {unit} is there twice, and not with the same values"
-        mistaken = again[differ][:_MOST_MISTAKES]
-        raise DataError(
-            *(
-                found.place(rows, i, what.format(found.runs[rows.run[i]], rows.time[i]))
-                for i in mistaken.tolist()
-            )
-        )
-    found.told.append(f"{len(again)} rows that say again what the one before says were left out")
-    return rows.at(np.delete(np.arange(len(rows.run)), again))
+def check_turns(found: Gathered, rows: Rows, angles: Mapping[str, int]) -> None:
+    """Raise DataError for angles, by name and row of the values, that are too large to be in radians."""
+    for name, i in angles.items():
+        most, turn = (0.5, "a quarter turn") if name == "elevation" else (2.0, "a whole turn")
+        wide = np.flatnonzero(np.abs(rows.values[i]) > most * np.pi + TICK)
+        if len(wide):
+            what = f"{name}: {rows.values[i, wide[0]]:.9g} rad is beyond {turn}"
+            more = f", as are {len(wide) - 1} more" if len(wide) > 1 else ""
+            way = f"say `units: {{{name}: deg}}`, or correct the cells"
+            raise DataError(found.place(rows, int(wide[0]), f"{what}{more}: {way}"))
 
 
 class FromFiles:

@@ -12,15 +12,16 @@ from trackbench.core.random_streams import Streams
 from trackbench.field_types import DataFile, InvalidKeyError, Positive
 from trackbench.models.base import position_velocity_names
 from trackbench.models.priors import TwoPoint
-from trackbench.models.sensors.base import Sensors, rows_of, sensors_of
+from trackbench.models.sensors.base import SensorBase, Sensors, rows_of, sensors_of
 from trackbench.registry import register
 from trackbench.scenarios.recordings.column_mapping import Naming
+from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows import (
     TICK,
     FromFiles,
     Gathered,
+    check_turns,
     chosen_runs,
-    in_order,
     read_rows,
 )
 from trackbench.scenarios.recordings.time_alignment import (
@@ -49,13 +50,20 @@ class Recording(NamedTuple):
     told: tuple[str, ...]
 
 
+def _angles(sensor: SensorBase) -> dict[str, int]:
+    """Return the number of each component whose differences wrap, by its name."""
+    two_turns = np.full((len(sensor.components), 1), 4.0 * np.pi)
+    wraps = sensor.innovation(two_turns, np.zeros_like(two_turns))[:, 0] < 1.0
+    return {name: i for i, name in enumerate(sensor.components) if wraps[i]}
+
+
 @register("targets", "measured")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Measured(FromFiles, Naming, Target):
     """Recorded measurements, by which filters start and are judged; nothing is simulated.
 
     Tables have a column ``time`` (seconds, or ISO 8601) or ``step``, one for each of the sensor's
-    components, and perhaps ``run``; of several sensors a file each, or a column ``sensor`` (1, 2, ...).
+    components, and perhaps ``run``; of several sensors a file each, or a column ``sensor``.
     Steps are the times at which anything was measured, and motions are given the true time between them;
     a start from scans takes the first of each run. A cell that is empty is a missing measurement.
     """
@@ -71,6 +79,8 @@ class Measured(FromFiles, Naming, Target):
     """columns and units of the truth; default: as of the measurements"""
     runs: tuple[str | int, ...] = ()
     """names of the runs that are taken, in this order; default: all"""
+    sensors: tuple[str | int, ...] = ()
+    """names in the column `sensor`, in the order of the scenario's sensors; default: 1, 2, ..."""
     resample: Positive | None = None
     """seconds between steps, for filters that need equal ones: a measurement counts at the nearest"""
     axes: Literal[0, 1, 2, 3] = 2
@@ -90,6 +100,10 @@ class Measured(FromFiles, Naming, Target):
         if self.truth is None and (self.truth_gap is not None or self.truth_naming is not None):
             key = "truth_gap" if self.truth_gap is not None else "truth_naming"
             raise InvalidKeyError("there is no truth", key)
+        of_truth = self.truth_naming.origin if self.truth_naming is not None else ()
+        if self.origin and of_truth not in ((), self.origin):
+            what = "is not that of the target, and both count from one point: leave it out"
+            raise InvalidKeyError(what, "truth_naming", "origin")
 
     @property
     def patterns(self) -> tuple[str, ...]:
@@ -157,10 +171,19 @@ class Measured(FromFiles, Naming, Target):
     def _made(self, sensor: Sensors, scans: int, T: float) -> "Recording":
         # Step 1: read the chosen runs' rows of each sensor, in order of time.
         parts = rows_of(sensor)
-        found = Gathered(self, self.origin or None)
-        rows = read_rows(found, self._measured, [sensor.components[part] for part in parts])
+        origin, path = self.origin, ["target", "origin"]
+        if not origin and self.truth_naming is not None and self.truth_naming.origin:
+            origin, path = self.truth_naming.origin, ["target", "truth_naming", "origin"]
+        in_frame = {name for name in self.components if name in ("x", "y", "z", "px", "py", "pz")}
+        in_frame |= self._of_position(sensor)
+        found = Gathered(self, origin or None, in_frame)
+        components = [sensor.components[part] for part in parts]
+        names = [str(name) for name in self.sensors]
+        rows = read_rows(found, self._measured, components, names=names)
         rows = chosen_runs(found, rows, [str(name) for name in self.runs], ("target", "runs"))
-        rows = [in_order(found, of_sensor) for of_sensor in rows]
+        for m, one in enumerate(sensors_of(sensor)):
+            check_turns(found, rows[m], _angles(one))
+            rows[m] = in_order(found, rows[m], one.innovation)
         # Step 2: take the first scans from the sensor that measures the position.
         telling = position_part(sensor)
         place = 0 if telling is None else parts.index(telling[1])
@@ -173,10 +196,23 @@ class Measured(FromFiles, Naming, Target):
         if start is not None:
             first[parts[place]] = start.scans
         truth = None if self.truth is None else self._truth(found, clock)
-        found.check_origin("target", "origin")
+        found.check_origin(origin, *path)
         apart = np.full(len(found.runs), np.nan) if start is None else start.apart
         told = tuple(dict.fromkeys(found.told))
         return Recording(with_scans(clock, found, scans, apart), first, apart, seen, truth, told)
+
+    def _of_position(self, sensor: Sensors) -> set[str]:
+        """Return the components of the measurement that depend on the position."""
+        # Move a state along its axes of positions, and compare.
+        away = np.array([name in ("px", "py", "pz") for name in self.components])
+        here = 1.0 + np.arange(len(away), dtype=float)[:, None]
+        with np.errstate(all="ignore"):
+            before, after = (
+                sensor.measurement(x, 1).mean for x in (here, here + 7.0 * away[:, None])
+            )
+        return {
+            c for c, same in zip(sensor.components, before == after, strict=True) if not same.all()
+        }
 
     def _check(self, sensor: Sensors, start: Start) -> None:
         """Raise InvalidKeyError for what does not go with sensors and start."""
@@ -198,6 +234,9 @@ class Measured(FromFiles, Naming, Target):
         if len(self._measured) not in (1, len(every)):
             what = f"{len(self._measured)} files for {len(every)} sensors"
             raise InvalidKeyError(what, "target", "measurements")
+        if len(set(self.sensors)) not in (0, len(every)):
+            what = f"names {len(set(self.sensors))} of {len(every)} sensors: give each a name"
+            raise InvalidKeyError(what, "target", "sensors")
 
     def _truth(self, found: Gathered, clock: Clock) -> Array:
         """Return the truth (n_x, K + 1, M) at the clock's steps."""
@@ -208,6 +247,7 @@ class Measured(FromFiles, Naming, Target):
         (rows,) = chosen_runs(of_truth, [rows], ())
         rows = in_order(of_truth, rows)
         found.told += [f"truth: {what}" for what in of_truth.told]
+        found.geodetic, found.planar = of_truth.geodetic, of_truth.planar
         angles = [i for i, name in enumerate(self.components) if name in self.angles]
         return truth_at(of_truth, rows, clock, found.runs, self.truth_gap, angles)
 

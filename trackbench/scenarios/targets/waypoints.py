@@ -9,11 +9,11 @@ from trackbench.core.arrays import Array, fixed
 from trackbench.field_types import DataError, DataFile, Finite, Place, Positive, Unit
 from trackbench.registry import register
 from trackbench.scenarios.recordings.column_mapping import Naming
+from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows import (
     FromFiles,
     Gathered,
     chosen_runs,
-    in_order,
     read_rows,
 )
 from trackbench.scenarios.targets.base import Flown, Timeline
@@ -120,7 +120,7 @@ class RecordedPath(FromFiles, Naming, Flown):
         # Step 1: read the rows of one run, in order of time.
         found = Gathered(self, self.origin or None)
         rows = read_rows(found, [self.file], [(*_POSITIONS, *_VELOCITIES)], least=2)
-        found.check_origin("origin")
+        found.check_origin(self.origin, "origin")
         (path,) = chosen_runs(found, rows, () if self.run is None else (str(self.run),), ("run",))
         path = in_order(found, path)
         if found.stepped:

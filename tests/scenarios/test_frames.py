@@ -1,0 +1,186 @@
+"""Latitude and longitude beside another frame, and angles in degrees beside those in radians."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.scenarios import test_clocks
+from tests.scenarios.test_clocks import table
+from trackbench import api
+from trackbench.config.load import load
+from trackbench.errors import UserError
+
+TIMES = np.arange(0.0, 40.0, 2.0)
+NOISE = np.random.default_rng(2).normal(size=(2, len(TIMES)))
+PLACE = np.stack([4000.0 - 20.0 * TIMES, 7000.0 + 10.0 * TIMES])
+RADAR = {"kind": "range-azimuth", "sigma_range": 15, "sigma_azimuth_mrad": 3.5}
+AT = (50.0, 5.0)
+"""Place of the radar, deg"""
+
+
+def config(folder: Path, target: dict[str, Any], sensor: Any, **changes: Any) -> Path:
+    """Write a config with a filter for every sensor."""
+    filters = {"EKF": {"kind": "ekf"}}
+    return test_clocks.config(folder, target, sensor=sensor, filters=filters, **changes)
+
+
+def geodetic(east: float, north: float) -> tuple[float, float]:
+    """Return latitude and longitude, deg, that lie so many meters from `AT`, by Newton's method."""
+
+    def cartesian(latitude: float, longitude: float) -> np.ndarray:
+        a, e2 = 6378137.0, 6.69437999014e-3
+        n = a / math.sqrt(1 - e2 * math.sin(latitude) ** 2)
+        plane = n * math.cos(latitude)
+        up = n * (1 - e2) * math.sin(latitude)
+        return np.array([plane * math.cos(longitude), plane * math.sin(longitude), up])
+
+    def from_radar(latitude: float, longitude: float) -> np.ndarray:
+        p, q = map(math.radians, AT)
+        d = cartesian(latitude, longitude) - cartesian(p, q)
+        axes = [
+            [-math.sin(q), math.cos(q), 0.0],
+            [-math.sin(p) * math.cos(q), -math.sin(p) * math.sin(q), math.cos(p)],
+        ]
+        return np.array(axes) @ d
+
+    point, step = np.radians(AT), 1e-6
+    for _ in range(6):
+        here = from_radar(*point)
+        slopes = [(from_radar(*(point + step * e)) - here) / step for e in np.eye(2)]
+        point = point + np.linalg.solve(np.stack(slopes, axis=1), (east, north) - here)
+    return math.degrees(point[0]), math.degrees(point[1])
+
+
+def write(folder: Path) -> None:
+    x, y = PLACE
+    azimuth = np.arctan2(y, x) + 3.5e-3 * NOISE[1]
+    rows = TIMES, np.hypot(x, y) + 15.0 * NOISE[0]
+    degrees = table("time,range,azimuth", *rows, np.degrees(azimuth))
+    (folder / "plots.csv").write_text(table("time,range,azimuth", *rows, azimuth))
+    (folder / "degrees.csv").write_text(degrees)
+    (folder / "bearings.csv").write_text(degrees.replace("azimuth", "bearing"))
+    (folder / "xy.csv").write_text(table("time,x,y", TIMES, x, y))
+    earth = np.array([geodetic(*place) for place in PLACE.T.tolist()]).T
+    (folder / "gps.csv").write_text(table("time,latitude,longitude", TIMES, *earth.tolist()))
+    velocities = table("time,vx,vy", TIMES, 0.0 * x - 20.0, 0.0 * x + 10.0)
+    (folder / "velocities.csv").write_text(velocities)
+
+
+def rmse(folder: Path, target: dict[str, Any], sensor: Any = RADAR) -> float:
+    path = config(folder, target, sensor)
+    report = api.run(path, out=folder / "out", workers=1, quiet=True, formats=())
+    return float(report.per_run.set_index("metric")["value"]["rmse_position"])
+
+
+@pytest.mark.parametrize(
+    "origin", [{"origin": [*AT]}, {"truth_naming": {"origin": [*AT]}}], ids=["target", "truth"]
+)
+def test_a_truth_in_degrees_is_that_in_meters(tmp_path: Path, origin: dict[str, Any]) -> None:
+    write(tmp_path)
+    plane = rmse(tmp_path, {"measurements": "plots.csv", "truth": "xy.csv"})
+    earth = rmse(tmp_path, {"measurements": "plots.csv", "truth": "gps.csv", **origin})
+    assert plane < 30.0
+    assert earth == pytest.approx(plane, rel=1e-6)
+
+
+POSITION = {"kind": "position", "sigma": 5}
+RANGE = {"kind": "function", "h": {"range": "sqrt(px**2 + py**2)"}, "R": 225}
+BOTH = ["gps.csv", "plots.csv"]
+
+
+@pytest.mark.parametrize(
+    ("target", "sensor"),
+    [
+        ({"measurements": "plots.csv", "truth": "gps.csv"}, RADAR),
+        ({"measurements": "gps.csv", "truth": "xy.csv"}, POSITION),
+        ({"measurements": "gps.csv", "truth": "xy.csv", "truth_gap": 5}, POSITION),
+        ({"measurements": ["plots.csv", "gps.csv"]}, [RADAR, POSITION]),
+        ({"measurements": BOTH}, [POSITION, RADAR]),
+        ({"measurements": BOTH}, [POSITION, RANGE]),
+        ({"measurements": ["gps.csv", "xy.csv"]}, [POSITION, POSITION]),
+    ],
+)
+def test_an_origin_is_required(tmp_path: Path, target: dict[str, Any], sensor: Any) -> None:
+    write(tmp_path)
+    with pytest.raises(UserError) as caught:
+        load(config(tmp_path, target, sensor))
+    (line,) = str(caught.value).splitlines()
+    assert "gps.csv has latitude and longitude, and " in line
+    assert "say where that is, `origin: [latitude, longitude]`" in line
+    load(config(tmp_path, target | {"origin": [*AT]}, sensor))
+
+
+@pytest.mark.parametrize(
+    ("target", "sensor"),
+    [
+        ({"measurements": "gps.csv", "truth": "gps.csv"}, POSITION),
+        (
+            {"measurements": ["gps.csv", "velocities.csv"]},
+            [POSITION, {"kind": "velocity", "sigma": 1}],
+        ),
+    ],
+)
+def test_no_origin_is_required(tmp_path: Path, target: dict[str, Any], sensor: Any) -> None:
+    write(tmp_path)
+    load(config(tmp_path, target, sensor))
+
+
+@pytest.mark.parametrize(
+    ("target", "expected"),
+    [
+        (
+            {"origin": [95, 5]},
+            "origin.0: 95 deg is impossible; a latitude is within -90 and 90 deg",
+        ),
+        ({"origin": [5, 181]}, "origin.1: 181 deg is impossible; a longitude is within -180 and"),
+        (
+            {"origin": [50, 5], "truth_naming": {"origin": [50, 6]}},
+            "truth_naming.origin: is not that of the target",
+        ),
+        (
+            {"truth": "xy.csv", "truth_naming": {"origin": [50, 6]}},
+            "target.truth_naming.origin: no file has latitude and longitude",
+        ),
+    ],
+)
+def test_a_wrong_origin_is_refused(tmp_path: Path, target: dict[str, Any], expected: str) -> None:
+    write(tmp_path)
+    given = {"measurements": "plots.csv", "truth": "gps.csv"} | target
+    with pytest.raises(UserError) as caught:
+        load(config(tmp_path, given, RADAR))
+    (line,) = str(caught.value).splitlines()
+    assert expected in line
+
+
+@pytest.mark.parametrize(
+    ("file", "sensor", "name"),
+    [
+        ("degrees.csv", RADAR, "azimuth"),
+        ("degrees.csv", {"kind": "bearing", "sigma_mrad": 3.5}, "azimuth"),
+        (
+            "bearings.csv",
+            {
+                "kind": "function",
+                "h": {"bearing": "atan2(py, px)"},
+                "angles": ["bearing"],
+                "R": 1e-5,
+            },
+            "bearing",
+        ),
+    ],
+)
+def test_degrees_without_a_unit_are_refused(
+    tmp_path: Path, file: str, sensor: Any, name: str
+) -> None:
+    write(tmp_path)
+    start = {"kind": "given", "mean": [4e3, -20, 7e3, 10], "sigma": [100, 10, 100, 10]}
+    with pytest.raises(UserError) as caught:
+        load(config(tmp_path, {"measurements": file}, sensor, start=start))
+    (line,) = str(caught.value).splitlines()
+    assert f"{file}:2:1: scenario: {name}: " in line
+    assert "rad is beyond a whole turn, as are 19 more: say `units: {" in line
+    target = {"measurements": file, "units": {name: "deg"}}
+    load(config(tmp_path, target, sensor, start=start))

@@ -1,0 +1,122 @@
+"""Order of a sensor's rows: late rows, a clock that falls, and several rows of one time."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.field_types import DataError
+from trackbench.scenarios.recordings.rows import Gathered, Numbers, Rows
+
+_MOST_INTERVALS = 10.0
+"""Largest fall of a clock, in usual intervals between rows, that late rows may explain."""
+Difference = Callable[[Array, Array], Array]
+
+
+def in_order(found: Gathered, rows: Rows, difference: Difference = np.subtract) -> Rows:
+    """Return the rows sorted by run and time; report unsorted and repeated rows.
+
+    Raises DataError for a clock that falls far, and where two rows of a run and time differ unless
+    ``same_time`` says what becomes of them. ``difference`` subtracts values (n, R), and wraps angles.
+    """
+    # Step 1: bring the rows of each run together.
+    order = np.argsort(rows.run, kind="stable")
+    if (np.diff(order) != 1).any():
+        rows = rows.at(order)
+    # Step 2: sort by time within the runs if any row is late.
+    same = rows.run[1:] == rows.run[:-1]
+    if ((rows.time[1:] < rows.time[:-1]) & same).any():
+        _check_falls(found, rows)
+        rows = rows.at(np.lexsort((rows.time, rows.run)))
+    # Step 3: find rows of one run at one time.
+    ticks = rows.ticks
+    again = np.flatnonzero((np.diff(ticks) == 0) & (rows.run[1:] == rows.run[:-1])) + 1
+    return _without_twins(found, rows, again, difference) if len(again) else rows
+
+
+def _check_falls(found: Gathered, rows: Rows) -> None:
+    """Report rows that come after later ones. Raises DataError if the clock falls far."""
+    late, largest, place = 0, 0.0, 0
+    unit = "" if found.stepped else " s"
+    for own in np.split(np.arange(len(rows.run)), np.flatnonzero(np.diff(rows.run)) + 1):
+        time = rows.time[own]
+        # A row is late by its distance to the latest time so far.
+        falls = np.maximum.accumulate(time) - time
+        late += int((falls > 0.0).sum())
+        if falls.max() > largest:
+            largest, place = float(falls.max()), int(own[falls.argmax()])
+            apart = np.diff(np.unique(time))
+            usual = float(np.sort(apart)[len(apart) // 2])
+    if largest > _MOST_INTERVALS * usual:
+        what = f"time falls by {largest:.9g}{unit}, where rows usually are {usual:.9g}{unit} apart"
+        way = "write dates or go on counting if a clock began anew, or sort the rows by time"
+        raise DataError(
+            found.place(rows, place, f"{what} ({late} rows come after later ones): {way}")
+        )
+    what = f"{late} rows that came after later ones were put in order"
+    found.told.append(f"{what}; the largest fall is {largest:.9g}{unit}")
+
+
+def _without_twins(found: Gathered, rows: Rows, again: Numbers, difference: Difference) -> Rows:
+    """Return the rows, those of one time without repetitions, or as ``same_time`` says."""
+    # Step 1: repeated rows agree if every value is equal or missing in both.
+    now, before = rows.values[:, again], rows.values[:, again - 1]
+    differ = ~((now == before) | (np.isnan(now) & np.isnan(before))).all(axis=0)
+    # A target at rest repeats its values: they count where times are spread.
+    differ |= found.naming.same_time == "spread"
+    if (~differ).any():
+        what = "rows that say again what the one before says were left out"
+        found.told.append(f"{(~differ).sum()} {what}")
+        rows = rows.at(np.delete(np.arange(len(rows.run)), again[~differ]))
+    if not differ.any():
+        return rows
+    # Step 2: number the times; rows of one time are neighbors.
+    new = np.ones(len(rows.run), dtype=np.bool_)
+    new[1:] = (np.diff(rows.ticks) != 0) | (np.diff(rows.run) != 0)
+    first, group = np.flatnonzero(new), np.cumsum(new) - 1
+    twice = np.flatnonzero(~new)
+    way = found.naming.same_time
+    if way is None:
+        unit = "step {:.0f}" if found.stepped else "time {:.9g} s"
+        at = int(twice[0])
+        more = f", as are {len(twice) - 1} more" if len(twice) > 1 else ""
+        what = f"run {found.runs[rows.run[at]]}: {unit.format(rows.time[at])} is there twice{more}, and"
+        hint = "say `same_time: mean`, `last` or `spread` (evenly until the next time)"
+        raise DataError(found.place(rows, at, f"{what} not with the same values: {hint}"))
+    found.told.append(f"{len(twice)} rows of a time that is there already: `same_time: {way}`")
+    # Step 3: keep the last row, take the mean, or spread the times.
+    last = np.append(first[1:], len(new)) - 1
+    if way == "last":
+        return rows.at(last)
+    if way == "mean":
+        return rows.at(first)._replace(values=_means(rows.values, first, group, difference))
+    return rows._replace(time=_spread(rows, first, last, group))
+
+
+def _means(values: Array, first: Numbers, group: Numbers, difference: Difference) -> Array:
+    """Return means (n, G) of the values (n, R) of each group; missing ones are left out."""
+    # z_0 + mean(z - z_0), so that angles are averaged about the first that is there.
+    start = np.full((len(values), len(first)), np.nan)
+    for row in range(int(np.bincount(group).max())):
+        own = np.minimum(first + row, len(group) - 1)
+        there = group[own] == np.arange(len(first))
+        start = np.where(np.isnan(start) & there, values[:, own], start)
+    away = difference(values, start[:, group])
+    total, count = np.zeros_like(start), np.zeros_like(start)
+    for row_total, row_count, row_away in zip(total, count, away, strict=True):
+        there = np.isfinite(row_away)
+        np.add.at(row_total, group[there], row_away[there])
+        np.add.at(row_count, group[there], 1.0)
+    return np.where(count > 0.0, start + total / np.maximum(count, 1.0), np.nan)
+
+
+def _spread(rows: Rows, first: Numbers, last: Numbers, group: Numbers) -> Array:
+    """Return times, those of one group spread evenly until the next group's of the run."""
+    starts, run = rows.time[first], rows.run[first]
+    wide = np.diff(starts, append=np.nan)
+    wide[:-1][run[1:] != run[:-1]] = np.nan
+    # After the last time of a run: the interval before, or one unit.
+    before = np.concatenate([[np.nan], wide[:-1]])
+    wide = np.where(np.isnan(wide), np.where(np.isnan(before), 1.0, before), wide)
+    place = np.arange(len(group)) - first[group]
+    return starts[group] + place * wide[group] / (last - first + 1)[group]
