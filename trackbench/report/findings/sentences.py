@@ -24,6 +24,7 @@ from trackbench.report.findings.phrases import (
     metric_words,
     named,
     percent,
+    percent_of,
     run_count,
     statistic_words,
     two_digits,
@@ -155,8 +156,8 @@ def _value(standing: Ranking) -> str:
     if rules.difference_sign(best.minus(reference), standing.batches) <= 0:
         return text
     own, least = (STATISTICS[best.statistic](x).value for x in best.common_runs(reference))
-    above = percent(own / least - 1.0)
-    return f"{text}, {above} above the reference {reference.name}"
+    above = f"{percent_of(own - least, least)} above".lstrip()
+    return f"{text}, {above} the reference {reference.name}"
 
 
 def _tie_margin(standing: Ranking) -> str:
@@ -173,7 +174,8 @@ def _tie_margin(standing: Ranking) -> str:
     if standing.metric.family[0].is_score:
         text = f"at most {most:.2g} nats smaller, 95 %"
     else:
-        text = f"at most {percent(most / standing.best.overall.value)} larger, 95 %"
+        share = percent_of(most, standing.best.overall.value)
+        text = f"at most {share or with_unit(two_digits(most), standing.metric)} larger, 95 %"
     return f"{text}; {_runs_needed(standing)}"
 
 
@@ -213,8 +215,8 @@ def _tiny(standing: Ranking, matters: float) -> str:
     """Return words on a significant difference that is too small to matter."""
     assert standing.nearest is not None
     assert standing.best is not None
-    share = abs(standing.nearest[1].value) / abs(standing.best.overall.value)
-    if standing.metric.family[0].is_score or not share < matters:
+    apart, whole = abs(standing.nearest[1].value), abs(standing.best.overall.value)
+    if standing.metric.family[0].is_score or not apart < matters * whole:
         return ""
     return f", significant but tiny (below {percent(matters)})"
 
@@ -224,7 +226,8 @@ def _difference(standing: Ranking, apart: RunEstimate) -> str:
     text = with_unit(rounded(abs(apart.value), apart.stderr, 3), standing.metric)
     if standing.best is None or standing.metric.family[0].is_score:
         return text
-    return f"{text} ({percent(abs(apart.value) / standing.best.overall.value)})"
+    share = percent_of(abs(apart.value), standing.best.overall.value)
+    return f"{text} ({share})" if share else text
 
 
 def _other_metrics(results: Results, standing: Ranking) -> str:
@@ -336,7 +339,8 @@ def _sentence(results: Results, mine: Candidate, found: Ranking) -> str:
         difference, best = differences[mine.name].estimate, found.best
         apart = with_unit(rounded(*difference, 3), found.metric)
         if not found.metric.family[0].is_score:
-            apart += f", {percent(difference.value / best.overall.value)}"
+            share = percent_of(difference.value, best.overall.value)
+            apart += f", {share}" if share else ""
         text += f"; its difference from {best.name}, the best, is {apart}"
         text += ", which is not significant" if mine in found.among_the_best else ""
     return f"{text}{''.join(_ratios(results, mine, found))}."
@@ -354,7 +358,7 @@ def _ratios(results: Results, mine: Candidate, found: Ranking) -> Iterator[str]:
                 metric=f"{statistic}({metric.metric})"
             )
             values = [rows.where(filter=name)["value"].tolist() for name in (mine.label, label)]
-            if all(values) and label != mine.label:
+            if all(values) and label != mine.label and values[1][0]:
                 ratio = two_digits(values[0][0] / values[1][0])
                 words = f"{statistic} {metric_words(metric)}"
                 yield f"; its {words} is {ratio} times that of {named(str(label))}"
