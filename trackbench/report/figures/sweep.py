@@ -17,6 +17,7 @@ from trackbench.report.findings.phrases import mean_of, named, three_digits
 from trackbench.report.findings.ranking import ranking_metrics
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
+from trackbench.report.plotting.scales import has_logarithm, plain_log_axis
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.result_files import Columns
 from trackbench.report.results import Results, missing_paths
@@ -81,22 +82,23 @@ class RmseVsParameter(FigureKind):
         """Return one panel; other paths of the grid are held at their first values."""
         path, shown = self._shown(results)
         figure, ax = style.subplots(1, 1, 3.6)
+        log_x = self.log_x and has_logarithm(shown[path].astype(float))
         labels = results.chosen(self.filters)
         for label in labels:
             rows = shown.where(filter=label)
             rows = rows.chosen(np.argsort(rows[path], kind="stable"))
             x, y, stderr = (rows[c].astype(float) for c in (path, "value", "stderr"))
-            self._line(ax, x, y, stderr, label, results.line_style(label))
+            shown_x = _moved_zero(x) if log_x else x
+            self._line(ax, shown_x, y, stderr, label, results.line_style(label))
             if np.isfinite(y).any() and np.ptp(y) != 0.0 and not is_of_scenario(path):
-                best, shown_x = best_place(y, self.metric), _moved_zero(x) if self.log_x else x
+                best = best_place(y, self.metric)
                 color = results.line_style(label)["color"]
                 ax.plot(shown_x[best], y[best], "o", color=color, markersize=5, zorder=3,
                         label=f"_{label}")  # fmt: skip
-        if self.log_x and len(shown):
+        if log_x:
             _logarithmic(ax, np.unique(shown[path].astype(float)))
-        if self.log_y and len(shown):  # nothing, where every filter failed, has no logarithm
-            ax.set_yscale("log")
-            style.plain_log_axis(ax.yaxis, most=float("inf"))
+        if self.log_y:
+            plain_log_axis(ax.yaxis, most=float("inf"))
         ax.set_xlabel(self.x_label or results.axis(path))
         ax.set_ylabel(self.y_label or phrases.error_of(self.metric))
         style.title(figure, self.title)
@@ -106,13 +108,12 @@ class RmseVsParameter(FigureKind):
     def _line(
         self, ax: Axes, x: Array, y: Array, stderr: Array, label: str, look: LineStyle
     ) -> None:
-        shown = _moved_zero(x) if self.log_x else x
         if len(y) and np.ptp(y) == 0.0:
             ax.axhline(y[0], label=label, **look | {"linewidth": 0.9})
             return
-        ax.plot(shown, y, label=label, **look)
+        ax.plot(x, y, label=label, **look)
         bars = 2.0 * stderr
-        ax.errorbar(shown, y, bars, fmt="none", color=look["color"], capsize=1.5, elinewidth=0.8,
+        ax.errorbar(x, y, bars, fmt="none", color=look["color"], capsize=1.5, elinewidth=0.8,
                     label=f"_{label}")  # fmt: skip
 
 
@@ -261,8 +262,7 @@ def _lines(
         _scale(ax, values, numeric)
         heights = [float(row[-2]) for label in drawn for row in held.of(label, metric)]
         if heights and 0.0 < _DECADE * min(heights) < max(heights):
-            ax.set_yscale("log")
-            style.plain_log_axis(ax.yaxis, most=np.inf)
+            plain_log_axis(ax.yaxis, most=np.inf)
         ax.set(xlabel=held.results.axis(path), ylabel=words)
     style.title(figure, title)
     style.legend_outside(figure)
