@@ -209,7 +209,7 @@ class RmseVsTime(OverTime):
         """Return which filter is best over the whole run, by the number that the tables show."""
         point = results.points()[0]
         statistic = _shown_statistic(results, self.metric)
-        over_runs, there = Evaluator(results, point), {}
+        over_runs, there = Evaluator(results, point), dict[str, float]()
         for label in results.chosen(self.filters):
             for m in (measured(f"{statistic}({self.metric})"), self.metric):
                 value = over_runs.term(m.of(label)).value
@@ -228,7 +228,7 @@ class RmseVsTime(OverTime):
             number = 1 if titles else len(lines)
             for i, (rows, look) in enumerate(lines):
                 k, value, stderr = self.series(rows)
-                if self.log and len(value):
+                if self.log and scales.has_logarithm(value):
                     # What is known exactly, as a first state may be, has only rounding for an error.
                     value = np.where(value > _ROUNDING * np.nanmax(value), value, np.nan)
                 if self.curve(ax, (k, value), look, title, titles):
@@ -269,7 +269,7 @@ class EstimatesOfOneRun(OverTime):
             if arrays:  # not every filter failed here
                 self._panel(axes, results, arrays, c, run, title, titles)
         if known and titles:
-            figure.supylabel("Estimate - truth")
+            figure.supylabel(f"{self.y_label}\nEstimate - truth".lstrip())
         elif known:
             panels[0][0][1].set_ylabel("Estimate - truth")
             figure.align_ylabels()

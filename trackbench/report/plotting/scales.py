@@ -20,7 +20,7 @@ def has_logarithm(values: Array) -> bool:
     return bool((finite > 0.0).any() and not (finite < 0.0).any())
 
 
-def drawn_values(axis: Axis) -> Array:
+def drawn_values(axis: Any) -> Array:
     """Return the finite coordinates (n,) of all lines on an axis and on those that share it.
 
     Ends of error bars do not count: on a logarithmic axis they are cut off.
@@ -44,7 +44,7 @@ def _coordinates(ax: Axes, name: str) -> Iterator[Array]:
             yield np.asarray(values, dtype=float)
 
 
-def log_scale(axis: Axis) -> bool:
+def log_scale(axis: Any) -> bool:
     """Make an axis logarithmic if what is drawn has logarithms, else linear; return which."""
     fits = has_logarithm(drawn_values(axis))
     scale = "log" if fits else "linear"

@@ -264,7 +264,7 @@ def forms(formats: Iterable[str]) -> list[str]:
 
 
 def content(figure: Figure, form: str) -> bytes:
-    """Return the figure as a file's content in one of the `saving.FORMATS`."""
+    """Return the figure as a file's content in one of the `FORMATS`."""
     if form != "svg":
         return saved(figure, form)
     labels = svg.mark(figure)

@@ -117,7 +117,7 @@ def _is_not_zero(cross: Cell) -> bool:
 
 
 _CLEAR = 3.0
-"""Standard errors from which a difference counts, as everywhere."""
+"""Standard errors of the difference from which a filter at equal cost is better or worse."""
 
 
 @register("tables", "equal-cost")
