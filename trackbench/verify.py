@@ -4,10 +4,10 @@ The first runs are recomputed, and tables, pairs and verdicts are made again fro
 clone has digests in place of the runs: there all runs are recomputed. The verdict on a folder is one of
 three: the same bytes, the same but for the rounding of another processor or library, or changed.
 
-`compare.py` tells rounding from a change, filter by filter. For a filter that draws and so amplifies the
-last bit, only a change of its means over the recomputed runs is detected: with 20 runs a change of two
-standard deviations of the paired difference, with 200 runs of half of that deviation. Statistics over
-all runs are compared only if all runs are recomputed.
+`verify_differences.py` tells rounding from a change, filter by filter. For a filter that draws and so
+amplifies the last bit, only a change of its means over the recomputed runs is detected: with 20 runs
+a change of two standard deviations of the paired difference, with 200 runs of half of that deviation.
+Statistics over all runs are compared only if all runs are recomputed.
 
 CPU times cannot be recomputed, and figures and report.html depend on the versions of matplotlib and of
 this program. The manifest's digests protect these.

@@ -167,10 +167,16 @@ def test_what_a_figure_tells_is_in_its_numbers(made):
     time = RmseVsTime(filters=("PF", "PF (N=50)", "No data"), baseline="No data").default_caption(
         results
     )
-    frame = results.per_step.query("metric == 'rmse'").groupby("filter")["value"].mean()
+    # The table of these results has mean(rmse); a table of another metric leaves the rms.
+    frame = results.summary.query("metric == 'mean(rmse)'").set_index("filter")["value"]
     better, worse = frame[["PF", "PF (N=50)"]].sort_values().items()
     words = [f"{label} ({value:.3g})" for label, value in (better, worse)]
-    assert time == f"Averaged over the steps, lowest: {', '.join(words)}."
+    assert time == f"By mean RMSE per run, lowest: {', '.join(words)}."
+    results.config["tables"].clear()
+    rms = results.summary.query("metric == 'rms(rmse)'").set_index("filter")["value"]
+    time = RmseVsTime(filters=("PF", "PF (N=50)")).default_caption(results)
+    words = [f"{label} ({rms[label]:.3g})" for label in ("PF (N=50)", "PF")]
+    assert time == f"By RMSE, lowest: {', '.join(words)}."
     assert RmseVsTime(filters=("PF",)).default_caption(results) == ""  # of one there is no order
     bars = Bars(filters=("PF", "PF (N=50)")).default_caption(results)
     assert bars.startswith("Of what is measured, lowest: PF (N=50) (")

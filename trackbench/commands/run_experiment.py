@@ -121,14 +121,17 @@ def preview(configs: Sequence[Config], options: Options) -> list[str]:
 
 
 def _reported(job: Job, outcome: Outcome, options: Options, sweep: bool) -> Report:
-    """Write tables, figures, report and last the manifest of an experiment with all blocks."""
+    """Write the data of an experiment with all blocks and its manifest, then what follows from them.
+
+    What fails among tables, figures and sentences becomes a line. The manifest is written once more at
+    the end, with the files that were made.
+    """
     for line in [*_what_happened(outcome), *stop_reason(job.experiment, job.most, outcome)]:
         say(line, options)
     times = times_of(job.experiment, outcome, options.fresh) if options.times else Times({}, {})
     for label, why in times.failed.items():
         say(f"note: {label} has no measured CPU time: {why}", options)
-    # All files that the manifest lists: data first, then what is derived from them.
-    with record_writes() as paths:
+    with record_writes() as data:
         losses, facts = write_results(
             job.folder, job.experiment, outcome, options.save_tracks, times.measured
         )
@@ -137,13 +140,17 @@ def _reported(job: Job, outcome: Outcome, options: Options, sweep: bool) -> Repo
             facts["training_holds_out"] = held_out(job.experiment)
             trained_s = sum(record.cpu_s for record in job.tuning.values())
             facts["cpu_s"] = round(facts["cpu_s"] + trained_s, 3)
-        results = Results(job.folder, facts)
+    write_manifest(job.folder, facts, data)
+    results = Results(job.folder, facts)
+    with record_writes() as derived:
         comparison = render(results, options.formats, most_drawers(options), options.fresh)[1]
-        write_report(results, comparison)
         if sweep:
-            write_sweep(results)
-    write_manifest(job.folder, facts, paths)
-    failed = [*_failed(job.experiment, outcome, losses), *results.unmade_lines]
+            with results.without("sweep.csv"):
+                write_sweep(results)
+        with results.without("report.html"):
+            write_report(results, comparison)
+    write_manifest(job.folder, facts, [*data, *derived])
+    failed = list(_failed(job.experiment, outcome, losses))
     return Report(results, failed, list(_notes(job.experiment, losses)), comparison)
 
 

@@ -18,7 +18,6 @@ from trackbench.atomic_files import record_writes
 from trackbench.commands import with_known_keywords
 from trackbench.core.arrays import Array
 from trackbench.errors import Mark, Problem, UserError
-from trackbench.report.findings.sentences import answer
 from trackbench.report.open import (
     check_folder,
     explain_content_errors,
@@ -27,7 +26,7 @@ from trackbench.report.open import (
 )
 from trackbench.report.paired import Pair
 from trackbench.report.plotting.page_formats import Style
-from trackbench.report.render import write_figures
+from trackbench.report.render import conclusions, write_figures
 from trackbench.report.results import PartialReportError, Results
 from trackbench.report.sweep import Best, best_points
 from trackbench.report.table import Table, results_html
@@ -51,13 +50,13 @@ class Report:
     """
 
     results: Results
-    failed: list[str]
-    """filters, tables and figures that failed, a line each"""
+    failed_filters: list[str]
+    """filters that failed, a line each"""
     run_notes: list[str] = field(default_factory=list)
     _compared: Comparison | None = None
 
     def __dir__(self) -> list[str]:
-        return ["failed", *(name for name in dir(type(self)) if not name.startswith("_"))]
+        return [name for name in dir(type(self)) if not name.startswith("_")]
 
     def __repr__(self) -> str:
         failed = f"; {len(self.failed)} failed" if self.failed else ""
@@ -86,10 +85,15 @@ class Report:
         """Return versions, machine and digests of the run."""
         return self.results.manifest
 
+    @property
+    def failed(self) -> list[str]:
+        """Return the filters, tables, figures and other outputs that failed, a line each."""
+        return [*self.failed_filters, *self.results.unmade_lines]
+
     @cached_property
     def answer(self) -> list[str]:
         """Return the conclusions, a sentence each."""
-        return answer(self.results)
+        return conclusions(self.results)
 
     @property
     def tables(self) -> dict[str, Table]:
@@ -104,13 +108,20 @@ class Report:
     @cached_property
     def notes(self) -> list[str]:
         """Return lost runs, counts of verdicts, and reasons of those that are inconclusive."""
-        lines = [*self.run_notes, *summary_lines(self.comparison), *time_line(self.results)]
-        return lines + reasons(self.comparison, self.config["runs"])
+        return self.results.attempt("notes", lambda: [*self._notes()], self.run_notes)
+
+    def _notes(self) -> Iterator[str]:
+        yield from self.run_notes
+        yield from summary_lines(self.comparison)
+        yield from time_line(self.results)
+        yield from reasons(self.comparison, self.config["runs"])
 
     @cached_property
     def best(self) -> list[Best]:
         """Return the best values of each filter; empty without a sweep."""
-        return [*best_points(self.results)] if (self.folder / "sweep.csv").is_file() else []
+        if not (self.folder / "sweep.csv").is_file():
+            return []
+        return self.results.attempt("best values", lambda: [*best_points(self.results)], [])
 
     def figure(self, name: str = "") -> "Figure":
         """Return a figure of the config for matplotlib; by default the key figure."""
@@ -192,7 +203,7 @@ def plot(
     """Draw the figures of a results folder again; return the files written.
 
     ``style="paper"`` writes NAME-column and NAME-page in a journal's widths, without titles. Figures of
-    plugins are drawn only if plugins are allowed. If one of them fails, the others are written first and
+    plugins are drawn only if plugins are allowed. If a figure fails, the others are written first and
     then PartialReportError is raised.
     """
     with _written_again(folder, allow_plugins) as (results, _):
@@ -224,7 +235,7 @@ def report(folder: Path | str, allow_plugins: bool = False) -> list[Path]:
 
 
 def _whole(results: Results, written: list[Path]) -> list[Path]:
-    """Return the written files; raises PartialReportError if a plugin's are missing."""
+    """Return the written files; raises PartialReportError if others failed."""
     if results.unmade:
         raise PartialReportError(results.unmade_lines, written)
     return written

@@ -254,6 +254,10 @@ def check_named_filters(
                     if leaf.relation == "controlled" and not known:
                         what = f"'{leaf}' needs a filter of `exact` and a mean of squares"
                         source.add_problem(where, f"{what}, such as rms(rmse) or anees")
+        shown = getattr(part, "filter", next(iter(settings.tune), ""))
+        if part.kind == "tuning" and shown not in settings.tune:
+            what = f"{shown!r} is not tuned" if shown else "no filter is tuned"
+            source.add_problem((group, name), f"{what}; name its keys under `tune`")
         for where, label in named:
             if label not in (*settings.filters, settings.bound, *map(exact_label, settings.exact)):
                 add_label_problem(source, settings, where, label)

@@ -92,7 +92,7 @@ def _only_set(full: object, config: object) -> object:
 
 
 def as_yaml(data: object) -> str:
-    """Return plain data as YAML in its order; `source.read` returns the same data."""
+    """Return plain data as YAML in its order; `yaml_source.read` returns the same data."""
     return yaml.dump(
         data,
         Dumper=_Dumper,

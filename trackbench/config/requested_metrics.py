@@ -8,7 +8,7 @@ from difflib import get_close_matches
 from itertools import chain
 from typing import TYPE_CHECKING
 
-from trackbench.config.build import hints_of
+from trackbench.config.build import hints_of, unknown
 from trackbench.config.experiment import Exhibit, Experiment, Point, Settings
 from trackbench.config.metric_names import Names, names_of, stored_metrics
 from trackbench.config.tuning import as_expression, bad_terms
@@ -144,8 +144,8 @@ def _unknown(request: MetricRequest, names: Names, settings: Settings) -> str | 
     if word not in known and not names.has_truth and is_of_truth:
         less = re.compile(r"(bias|std)_.*|lost|autocorrelation_(?!1$).*")
         bases = {measured(name).base for name in known}
-        usable = ", ".join(sorted(name for name in bases if not less.fullmatch(name)))
-        return f"{word!r} needs ground truth, and the recording has none; known: {usable}"
+        usable = unknown("", sorted(name for name in bases if not less.fullmatch(name)))
+        return f"{word!r} needs ground truth, and the recording has none; {usable}"
     if m.metric == "likelihood_ratio" and settings.reference is None:
         return "likelihood_ratio is relative to an exact filter; name one under `reference`"
     if word in known or not request.named or names.could_be_diagnostic(request.measure.metric):
@@ -155,7 +155,7 @@ def _unknown(request: MetricRequest, names: Names, settings: Settings) -> str | 
         return f"the metric `{m.metric}` is now `{new_name(m.metric)}`"
     near = get_close_matches(word, sorted(known), 1, 0.5)
     short = sorted({measured(name).base for name in known})
-    hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(short)}"
+    hint = f"did you mean {near[0]}?" if near else unknown("", short)
     return f"{word!r} is no metric here; {hint}"
 
 

@@ -1,1 +1,1 @@
-"""Floor 3: one Monte Carlo block (simulate, filter, measure) and the statistics over blocks."""
+"""One Monte Carlo block (simulate, filter, measure) and the statistics over blocks."""

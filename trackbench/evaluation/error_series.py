@@ -3,7 +3,8 @@
 A series is an array (T + 1, M). ``squared_<quantity>`` is the squared error of a quantity the scenario
 names, ``error_<quantity>`` the signed error of a scalar one, ``nees`` the normalized error squared,
 ``outside_region`` whether that is more than it is once in a million times for a consistent filter,
-``rmsd_<quantity>`` the squared distance to the reference filter's estimate. `foretelling` has more.
+``rmsd_<quantity>`` the squared distance to the reference filter's estimate. More:
+`predictive_scores`.
 """
 
 import re

@@ -99,7 +99,7 @@ class _Sample:
         self._seconds: list[float] = []
 
     def _passed(self) -> tuple[list[_Step], float]:
-        """Run the block, twice if quick; return the recorded steps and CPU seconds per step."""
+        """Run the block, a quick one again; return the recorded steps and CPU seconds per step."""
         T, spent = len(self._steps), np.empty(0)
         # The least of several times of a step is the one that was disturbed least.
         for _ in range(_AGAIN):

@@ -33,10 +33,11 @@ from trackbench.execution.cache import figure_cache_folder
 from trackbench.execution.engines import pool, result_of
 from trackbench.field_types import require_regular_file
 from trackbench.registry import is_plugin
-from trackbench.report.kinds import FigureKind, figure_folder
+from trackbench.report.findings.sentences import answer
+from trackbench.report.kinds import FigureKind, TableKind, figure_folder
 from trackbench.report.plotting import style
 from trackbench.report.plotting.page_formats import SHEETS, Style, drawing_for, is_crowded
-from trackbench.report.results import Results, as_figure, catch_plugin_errors
+from trackbench.report.results import Results, as_figure, as_table, catch_errors
 from trackbench.report.table import Table
 from trackbench.report.verdicts.files import write_comparison, write_paired
 from trackbench.report.verdicts.numbers import Comparison, compare
@@ -130,9 +131,9 @@ def _set_ups() -> Iterator[Path]:
 def draw_figure(spec: FigureKind, results: Results, formats: Sequence[str]) -> Files:
     """Return a figure as the content of a file, for each format; none of tracks if every filter failed.
 
-    Raises OutputError if the code of a kind of one's own fails.
+    Raises OutputError if the drawing fails.
     """
-    with catch_plugin_errors(spec):
+    with catch_errors(spec):
         return _drawn(spec, results, formats)
 
 
@@ -210,40 +211,54 @@ def render(
     """
     with drawing_pool(results, style.forms(formats), processes, fresh) as draw:
         tables = write_tables(results, tex="tex" in formats)
-        write_paired(results)
-        comparison = compare(results)
-        write_comparison(results, comparison)
+        comparison = Comparison([], [], [])
+        with results.without("pairs"):
+            write_paired(results)
+        with results.without("verdicts"):
+            comparison = compare(results)
+            write_comparison(results, comparison)
         write_figures(results, formats, draw=draw)
     return tables, comparison
 
 
+def conclusions(results: Results) -> list[str]:
+    """Return the sentences on the filters; none if they fail."""
+    return results.attempt("conclusions", lambda: answer(results), [])
+
+
 def write_tables(results: Results, tex: bool = False) -> dict[str, Table]:
     """Write the tables as CSV, Markdown and, if wanted, LaTeX; return the tables by name."""
-    for place, table in _table_files(results):
-        group, _, name = place.rpartition("/")
-        folder = ensure_folder(within(results.target, group))
-        write_csv(folder / f"{name}.csv", table.csv_header, table.csv_rows())
-        write_text(folder / f"{name}.md", table.markdown())
-        if tex:
-            write_text(folder / f"{name}.tex", table.texts().tex(name))
-    for name in results.parts("tables").keys() - results.tables.keys():
-        _remove(results.target, "tables", name, TABLE_FORMS)
+    specs = results.parts("tables")
+    for name, spec in specs.items():
+        files: list[tuple[str, Table]] = []
+        with results.without(f"table {name}", spec):
+            files = [*_table_files(results, name, spec)]
+        for group, table in files:
+            folder = ensure_folder(within(results.target, group))
+            write_csv(folder / f"{name}.csv", table.csv_header, table.csv_rows())
+            write_text(folder / f"{name}.md", table.markdown())
+            if tex:
+                write_text(folder / f"{name}.tex", table.texts().tex(name))
+        if not files:
+            _remove(results.target, "tables", name, TABLE_FORMS)
     return results.tables
 
 
-def _table_files(results: Results) -> Iterator[tuple[str, Table]]:
-    """Yield tables by their paths in the folder, without the ending.
+def _table_files(results: Results, name: str, spec: TableKind) -> Iterator[tuple[str, Table]]:
+    """Yield a table by its folders; none if the table failed.
 
     A table with CPU times stands in ``run/tables/``, and without them in ``tables/``.
     """
-    specs = results.parts("tables")
-    for name, table in results.tables.items():
-        reproducible = specs[name].without_cpu_times()
-        if reproducible is not specs[name]:
-            yield f"run/tables/{name}", table
-            table = reproducible and results.with_units(reproducible.table(results))
-        if table is not None:
-            yield f"tables/{name}", table
+    table = results.tables.get(name)
+    if table is None:
+        return
+    reproducible = spec.without_cpu_times()
+    if reproducible is not spec:
+        yield "run/tables", table
+        if reproducible is None:
+            return
+        table = results.with_units(as_table(reproducible.table(results), spec))
+    yield "tables", table
 
 
 def _remove(target: Path, group: str, name: str, forms: Iterable[str]) -> None:

@@ -1,15 +1,15 @@
 """A results folder: its tables and figures by name, the points of its grid.
 
-A table or figure of a plugin that fails becomes an error with its place.
+A table or figure that fails becomes a line with its place; the others are made.
 """
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from trackbench.errors import Mark, Problem, RunError, UserError, counted
 from trackbench.evaluation.metric_expression import measure, measured
 from trackbench.extension_points import is_foreign
 from trackbench.metrics import unit_of
-from trackbench.plugins.errors import PluginError, message_of, plugin_code
+from trackbench.plugins.errors import PluginError, message_of, package_line, plugin_code
 from trackbench.registry import Group, kinds
 from trackbench.report.findings import phrases
 from trackbench.report.paired import Pair, pairs_at, primary_metrics
@@ -38,6 +38,8 @@ from trackbench.tuning.search import Record, read_tuning
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+
+T = TypeVar("T")
 
 _ERROR = re.compile(r"rms\((rmse(?:_(\w+))?)\)")
 _MOST_ROWS = 50
@@ -94,9 +96,7 @@ class Results(ResultFiles):
             return None
         from trackbench.report.plotting.canvas import png
 
-        with self.without(f"figure {self.key_figure}"), catch_plugin_errors(key):
-            return png(self.figure())
-        return None
+        return self.attempt(f"figure {self.key_figure}", lambda: png(self.figure()), None, key)
 
     def figure(self, name: str = "") -> "Figure":
         """Return a figure of the config, for matplotlib to go on with; the key figure if none is named.
@@ -153,7 +153,7 @@ class Results(ResultFiles):
         """Return the experiment's tables by name, without those of plugins that fail."""
         made = {}
         for name, spec in self.parts("tables").items():
-            with self.without(f"table {name}"), catch_plugin_errors(spec):
+            with self.without(f"table {name}", spec):
                 made[name] = self.with_units(as_table(spec.table(self), spec))
         return made
 
@@ -164,21 +164,28 @@ class Results(ResultFiles):
 
     @cached_property
     def unmade(self) -> dict[str, str]:
-        """Return the requested tables and figures of plugins that failed, with the reasons."""
+        """Return the tables, figures and other outputs that failed, with the reasons."""
         return {}
 
     @property
     def unmade_lines(self) -> list[str]:
-        """Return the failures of tables and figures, a line each."""
+        """Return the failures of tables, figures and other outputs, a line each."""
         return [f"{what} failed: {why}" for what, why in self.unmade.items()]
 
     @contextmanager
-    def without(self, what: str) -> Iterator[None]:
-        """Continue without a failing table or figure, and note the reason."""
+    def without(self, what: str, part: Any = None) -> Iterator[None]:
+        """Continue without a failing output, and note the reason; ``part`` is its table or figure."""
         try:
-            yield
+            with catch_errors(part):
+                yield
         except OutputError as error:
             self.unmade[what] = str(error)
+
+    def attempt(self, what: str, make: Callable[[], T], default: T, part: Any = None) -> T:
+        """Return what ``make`` returns; the default if it fails, and note the reason."""
+        with self.without(what, part):
+            return make()
+        return default
 
     @cached_property
     def pairs(self) -> list[tuple[GridPoint, list[Pair]]]:
@@ -245,7 +252,7 @@ class Results(ResultFiles):
 
 
 class OutputError(Exception):
-    """Why a table or figure is not there, in words: the error may not survive the way from a drawer."""
+    """Reason why an output is missing, as text: a drawing process may be unable to pickle the error."""
 
 
 class PartialReportError(RunError):
@@ -265,29 +272,33 @@ class WrongOutputError(RunError):
 
 
 @contextmanager
-def catch_plugin_errors(part: Any) -> Iterator[None]:
-    """Raise OutputError for an exception of a plugin; one of the package itself is a bug."""
-    if not is_foreign(part):
-        yield
-        return
+def catch_errors(part: Any = None) -> Iterator[None]:
+    """Raise OutputError for an exception of a plugin's table or figure, and for a bug of the package.
+
+    A finished run is worth more than any of its outputs. Errors with a line of their own pass.
+    """
     try:
-        with plugin_code(part):
+        with plugin_code(part) if is_foreign(part) else nullcontext():
             yield
     except PluginError as error:
         raise OutputError(str(error)) from None
+    except (OutputError, UserError, RunError, OSError):
+        raise
+    except Exception as error:
+        raise OutputError(package_line(error)) from error
 
 
 def as_table(found: object, part: Any) -> Table:
-    """Return a plugin's table; raises WrongOutputError if it is none, or cannot be written."""
+    """Return the table of a kind; raises WrongOutputError if it is none, or cannot be written."""
     if not isinstance(found, Table):
         raise WrongOutputError("table", f"table gives a {type(found).__name__}, not a Table")
-    if is_foreign(part):
-        try:
-            found.csv_rows(), found.markdown(), found.texts().tex("")
-        except Exception as error:
-            raise WrongOutputError(
-                "table", f"the table cannot be written: {message_of(error)}"
-            ) from None
+    try:
+        found.csv_rows(), found.markdown(), found.texts().tex("")
+    except Exception as error:
+        if not is_foreign(part):
+            raise
+        what = f"the table cannot be written: {message_of(error)}"
+        raise WrongOutputError("table", what) from None
     return found
 
 

@@ -15,7 +15,13 @@ from trackbench.config.published import Published
 from trackbench.evaluation.metric_expression import measured
 from trackbench.report.figures.sweep import SweepFigure
 from trackbench.report.findings import phrases
-from trackbench.report.findings.phrases import listed, metric_words, percent, two_digits, with_unit
+from trackbench.report.findings.phrases import (
+    listed,
+    metric_words,
+    percent_of,
+    two_digits,
+    with_unit,
+)
 from trackbench.report.findings.ranking import Candidate, Ranking, best_settings
 from trackbench.report.results import Results
 from trackbench.report.table import rounded
@@ -113,7 +119,8 @@ def _best(standing: Ranking, best: Candidate) -> Best:
         nearest, apart = standing.nearest.filter, standing.nearest.difference.value
         off, side = abs(apart), "smaller" if standing.more_is_better else "larger"
         score = metric.family[0].is_score
-        by = with_unit(two_digits(off), metric) if score else percent(off / best.overall.value)
+        share = "" if score else percent_of(off, best.overall.value)
+        by = share or with_unit(two_digits(off), metric)
         text += f"; {by} {side} at {nearest.setting}"
     return Best(
         filter=best.label,

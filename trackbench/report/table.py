@@ -279,6 +279,9 @@ _STORED = 0.5e-7
 """Share of a value below which its error is rounding: a tenth of what seven digits leave open."""
 
 
+_USUAL_DIGITS = 4
+
+
 def rounded(value: float, stderr: float, digits: int) -> str:
     """Return the value and standard error to the same decimal place, the error with one digit or two."""
     if not isfinite(value):
@@ -288,24 +291,30 @@ def rounded(value: float, stderr: float, digits: int) -> str:
         place = -_exponent(stderr)  # of the error's first digit, which is never cut to a zero
         decimals = min(max(decimals, place), place + 1) if value else place + 1
     decimals = max(decimals, 0)
-    if decimals > 7 or abs(value) >= 1e6:
-        return _with_exponents(value, stderr)
+    if decimals > max(7, digits + 3) or abs(value) >= 1e6:
+        return _with_exponents(value, stderr, digits)
     if not isfinite(stderr):
         return f"{value:.{decimals}f}"
     return f"{value:.{decimals}f} ± {stderr:.{decimals}f}"
 
 
-def _with_exponents(value: float, stderr: float) -> str:
+def _with_exponents(value: float, stderr: float, digits: int) -> str:
     if not isfinite(stderr):
-        return f"{value:.2e}"
-    return f"{value:.{_places(value, stderr)}e} ± {stderr:.1e}"
+        return f"{value:.{_exact_places(digits)}e}"
+    return f"{value:.{_places(value, stderr, digits)}e} ± {stderr:.1e}"
 
 
-def _places(value: float, stderr: float) -> int:
-    """Return the digits of a value down to its error's second digit, at most six."""
+def _places(value: float, stderr: float, digits: int) -> int:
+    """Return the places of a value down to its error's second digit, at most six or the digits."""
+    exact = _exact_places(digits)
     if not stderr > 0.0:
-        return 2
-    return min(max(2, _exponent(value) - _exponent(stderr) + 1), 6)
+        return exact
+    return min(max(2, _exponent(value) - _exponent(stderr) + 1), max(6, exact))
+
+
+def _exact_places(digits: int) -> int:
+    """Return the places of a number with an exponent and no error: three digits, or more than four."""
+    return digits - 1 if digits > _USUAL_DIGITS else 2
 
 
 def in_tex(value: float, stderr: float, digits: int) -> str:
@@ -316,8 +325,8 @@ def in_tex(value: float, stderr: float, digits: int) -> str:
     exponent = _exponent(max(abs(value), stderr if isfinite(stderr) else 0.0))
     scaled, error = value / 10.0**exponent, stderr / 10.0**exponent
     if not isfinite(stderr):
-        return rf"\num{{{scaled:.2f} e{exponent}}}"
-    places = max(1 - _exponent(error), 0) if error else 2
+        return rf"\num{{{scaled:.{_exact_places(digits)}f} e{exponent}}}"
+    places = max(1 - _exponent(error), 0) if error else _exact_places(digits)
     return rf"\num{{{scaled:.{places}f} +- {error:.{places}f} e{exponent}}}"
 
 

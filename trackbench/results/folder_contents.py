@@ -101,12 +101,10 @@ def is_in_git(name: str) -> bool:
 def remove_outputs(folder: Path, keep: Collection[str]) -> None:
     """Remove what earlier runs wrote, the manifest last, and no file of the user.
 
-    The manifest names these files. Those of an interrupted run, which has none, and of older versions
-    are named by the config. ``keep`` are names of files that the next run reads.
+    The manifest names these files. The config names those of an interrupted run, whose manifest lists
+    only the data or is missing. ``keep`` are names of files that the next run reads.
     """
-    named = set(_recorded(folder))
-    if "config.yaml" not in named:
-        named |= set(_named_by_config(folder))
+    named = {*_recorded(folder), *_named_by_config(folder)}
     names = {*named, *RUN_FILES, *DERIVED_FILES, *_OLD_FILES, MACHINE}.difference(keep)
     paths = (folder / name for name in names)
     for path in (*_leftovers(folder), *paths, folder / MANIFEST):

@@ -1,1 +1,1 @@
-"""Floor 2: truth, sensor and prior. Never imports filters."""
+"""Truth, sensor and prior. Never imports filters."""

@@ -13,7 +13,7 @@ from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import ranking, sentences
 from trackbench.report.kinds import FigureKind
-from trackbench.report.plotting import style
+from trackbench.report.plotting import scales, style
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.results import Results
 from trackbench.report.verdicts.claims import point_of
@@ -74,7 +74,7 @@ class Bars(FigureKind):
             ax.set_title(head)
             ax.set_xlabel(self.x_label or str(self.metric))
             if self.log:
-                ax.set_xscale("log")
+                scales.log_scale(ax.xaxis)
             ax.grid(visible=False, axis="y")
         # The first filter is on top.
         axes[0][0].set_yticks(range(len(labels)), [style.wrap_label(b) for b in labels])

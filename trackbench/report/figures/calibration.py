@@ -169,6 +169,7 @@ class Reliability(Curves):
                 name, ends = f"{100 * self.level:g} % band", np.array([0.0, 1.0])
                 ax.fill_between(ends, ends - width, ends + width, label=name, **style.BAND)
             ax.set(xlim=(0, 1), ylim=(0, 1), aspect="equal")
+        self.keep_possible_scales(figure)
         style.legend_outside(figure)
         return figure
 

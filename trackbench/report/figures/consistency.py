@@ -123,6 +123,7 @@ class Bias(OverTime):
                     ax.set_yscale("symlog", linthresh=self.linear_within)
         for ax, head in zip(panels[0][0], self.rows, strict=True):
             ax.set_ylabel(head)
+        self.keep_possible_scales(figure)
         style.legend_outside(figure)
         return figure
 

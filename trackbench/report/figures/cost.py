@@ -25,7 +25,7 @@ from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import joined
 from trackbench.report.kinds import FigureKind
-from trackbench.report.plotting import style
+from trackbench.report.plotting import scales, style
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.results import Results, points_of, scenes
 from trackbench.results.point_facts import GridPoint
@@ -107,12 +107,9 @@ class AccuracyVsCost(FigureKind):
         least = self._least(results, points_of(results, scene)[0], floor)
         if np.isfinite(least):
             ax.axhline(least, label=floor, **style.FLOOR)
-        if every:  # nothing, where every filter failed, has no logarithm
-            ax.set_xscale("log")
-            style.plain_log_axis(ax.xaxis)
-        if every and self.log:
-            ax.set_yscale("log")
-            style.plain_log_axis(ax.yaxis)
+        scales.plain_log_axis(ax.xaxis)
+        if self.log:
+            scales.plain_log_axis(ax.yaxis)
 
     def _floor(self, results: Results) -> str:
         return self.floor or str(results.config.get("reference"))

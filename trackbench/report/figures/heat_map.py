@@ -17,6 +17,7 @@ from trackbench.report.kinds import FigureKind
 from trackbench.report.paired import Pair
 from trackbench.report.plotting import style
 from trackbench.report.plotting.page_formats import sheet
+from trackbench.report.plotting.scales import has_logarithm
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.results import Results, missing_paths, points_of
 from trackbench.results.point_facts import GridPoint
@@ -99,9 +100,10 @@ class HeatMap(FigureKind):
         from matplotlib.colors import LogNorm, Normalize
 
         finite = np.concatenate([a[np.isfinite(a)] for a in panels.values()])
-        norm = (LogNorm if self.log else Normalize)(
-            *((finite.min(), finite.max()) if len(finite) else (1, 2))
-        )
+        norm = Normalize(*((finite.min(), finite.max()) if len(finite) else (1, 2)))
+        if self.log and has_logarithm(finite):
+            # Clipped: zero has the color of the least positive value.
+            norm = LogNorm(finite[finite > 0.0].min(), finite.max(), clip=True)
         shown = dict(list(panels.items())[: style.MOST_PANELS])
         figure, axes = style.panels(len(shown), 1, 1.2 + 0.28 * len(levels), sharey=True)
         cell_in = (sheet().width_in - 2.0) / min(len(shown), sheet().across) / len(columns)

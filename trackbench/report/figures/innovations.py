@@ -103,6 +103,7 @@ class Autocorrelation(Curves):
             if widths and min(widths) < np.inf:
                 ax.axhspan(-min(widths), min(widths), label="95 % band", **style.BAND)
             ax.set_xticks(lags)
+        self.keep_possible_scales(figure)
         style.legend_outside(figure)
         return figure
 

@@ -7,13 +7,14 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.metric_expression import Measure, OfStep, measure
+from trackbench.evaluation.metric_expression import Measure, OfStep, measure, measured
 from trackbench.field_types import Count
 from trackbench.registry import register
+from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import ranking
 from trackbench.report.kinds import FigureKind
-from trackbench.report.plotting import style
+from trackbench.report.plotting import scales, style
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.result_files import Columns
 from trackbench.report.results import Results
@@ -91,11 +92,17 @@ class Curves(FigureKind):
         """Return the figure with legible vertical axes and a legend of all labels but the ``titles``."""
         for ax in figure.axes:
             if self.log:
-                style.plain_log_axis(ax.yaxis)
-            else:
+                scales.plain_log_axis(ax.yaxis)
+            elif not (scales.drawn_values(ax.yaxis) < 0.0).any():
                 ax.set_ylim(bottom=0)
         style.legend_outside(figure, titles)
         return figure
+
+    def keep_possible_scales(self, figure: Figure) -> None:
+        """Leave only those vertical axes logarithmic that can show what is drawn."""
+        for ax in figure.axes:
+            if ax.get_yscale() == "log":
+                scales.log_scale(ax.yaxis)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -178,6 +185,15 @@ class OverTime(Curves):
         return True
 
 
+def _shown_statistic(results: Results, metric: Measure) -> str:
+    """Return the statistic over runs by which tables show a metric: of errors the rms, else the mean."""
+    tables = [t for t in results.config["tables"].values() if t["kind"] == "metrics"]
+    for m in (measured(text) for table in tables for text in table["columns"].values()):
+        if m == Measure(str(metric), statistic=m.statistic) and m.statistic in ("rms", "mean"):
+            return m.statistic
+    return "rms" if metric.family[0].over_steps == "rms" else "mean"
+
+
 @register("figures", "rmse-vs-time")
 @dataclass(frozen=True, kw_only=True)
 class RmseVsTime(OverTime):
@@ -190,18 +206,18 @@ class RmseVsTime(OverTime):
     """metric of per_step.csv"""
 
     def default_caption(self, results: Results) -> str:
-        """Return which filter's average over the steps is best."""
+        """Return which filter is best over the whole run, by the number that the tables show."""
         point = results.points()[0]
-        found = self.lines(results, point, self.metric)
-        rivals = {look["label"]: rows["value"] for rows, look in found}
-        averages = {
-            b: float(np.nanmean(values))
-            for b, values in rivals.items()
-            if np.isfinite(values).any() and b not in (self.floor, self.baseline, *results.exact)
-        }
+        statistic = _shown_statistic(results, self.metric)
+        over_runs, there = Evaluator(results, point), dict[str, float]()
+        for label in results.chosen(self.filters):
+            for m in (measured(f"{statistic}({self.metric})"), self.metric):
+                value = over_runs.term(m.of(label)).value
+                if label not in (self.floor, self.baseline) and np.isfinite(value):
+                    there.setdefault(label, value)
         where = f" at {phrases.heading(point)}" if point else ""
-        better = self.metric.family[0].better
-        return ranking(averages, better, f"Averaged over the steps{where}")
+        words = f"By {phrases.statistic_words(statistic, self.metric)}{where}"
+        return ranking(there, self.metric.family[0].better, words)
 
     def draw(self, results: Results) -> Figure:
         """Return one line per filter."""
@@ -212,7 +228,7 @@ class RmseVsTime(OverTime):
             number = 1 if titles else len(lines)
             for i, (rows, look) in enumerate(lines):
                 k, value, stderr = self.series(rows)
-                if self.log and len(value):
+                if self.log and scales.has_logarithm(value):
                     # What is known exactly, as a first state may be, has only rounding for an error.
                     value = np.where(value > _ROUNDING * np.nanmax(value), value, np.nan)
                 if self.curve(ax, (k, value), look, title, titles):
@@ -256,10 +272,11 @@ class EstimatesOfOneRun(OverTime):
                 curves = _without_jumps(arrays, c, run) if is_angle else arrays
                 self._panel(axes, results, curves, c, run, title, titles)
         if known and titles:
-            figure.supylabel("Estimate - truth")
+            figure.supylabel(f"{self.y_label}\nEstimate - truth".lstrip())
         elif known:
             panels[0][0][1].set_ylabel("Estimate - truth")
             figure.align_ylabels()
+        self.keep_possible_scales(figure)
         style.legend_outside(figure, titles)
         return figure
 

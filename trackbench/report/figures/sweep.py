@@ -17,6 +17,7 @@ from trackbench.report.findings.phrases import mean_of, named, three_digits
 from trackbench.report.findings.ranking import ranking_metrics
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
+from trackbench.report.plotting.scales import drawn_values, has_logarithm, plain_log_axis
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.result_files import Columns
 from trackbench.report.results import Results, missing_paths
@@ -29,6 +30,7 @@ _GAP = 0.2  # of a decade's factor: where zero stands on a logarithmic axis, lef
 class RmseVsParameter(FigureKind):
     """A metric of summary.csv against a grid parameter, a line per filter, each best value marked.
 
+    Linked paths with equal values are one parameter.
     Of a key of the scenario, which changes the problem, no value is the best.
     Bars are two standard errors. A filter that the parameter does not touch is a horizontal line. Zero
     on a logarithmic axis stands at the left, apart.
@@ -54,7 +56,7 @@ class RmseVsParameter(FigureKind):
         path = self.parameter or next(iter(points[0].values), "")
         found = missing_paths(points, parameter=path)
         values = [point.values[path] for point in points] if not found else []
-        words = [value for value in values if not is_number(value)]
+        words = [value for value in values if _common_number(value) is None]
         return {"parameter": f"{words[0]!r} in the grid of {path} is no number"} if words else found
 
     def default_caption(self, results: Results) -> str:
@@ -64,7 +66,8 @@ class RmseVsParameter(FigureKind):
         told = []
         for label in results.chosen(self.filters) if not is_of_scenario(path) else ():
             rows = shown.where(filter=label)
-            x, y = (rows[c][np.isfinite(rows["value"])] for c in (path, "value"))
+            rows = rows.chosen(np.isfinite(rows["value"]))
+            x, y = _abscissas(results, path, rows), rows["value"]
             if len(y) and np.ptp(y) > 0.0:
                 best = best_place(y, self.metric)
                 number = three_digits(float(y[best]))
@@ -81,22 +84,27 @@ class RmseVsParameter(FigureKind):
         """Return one panel; other paths of the grid are held at their first values."""
         path, shown = self._shown(results)
         figure, ax = style.subplots(1, 1, 3.6)
+        every_x = _abscissas(results, path, shown)
+        log_x = self.log_x and has_logarithm(every_x)
         labels = results.chosen(self.filters)
         for label in labels:
             rows = shown.where(filter=label)
-            rows = rows.chosen(np.argsort(rows[path], kind="stable"))
-            x, y, stderr = (rows[c].astype(float) for c in (path, "value", "stderr"))
-            self._line(ax, x, y, stderr, label, results.line_style(label))
+            rows = rows.chosen(np.argsort(_abscissas(results, path, rows), kind="stable"))
+            x, y, stderr = _abscissas(results, path, rows), rows["value"], rows["stderr"]
+            shown_x = _moved_zero(x) if log_x else x
+            self._line(ax, shown_x, y, stderr, label, results.line_style(label))
             if np.isfinite(y).any() and np.ptp(y) != 0.0 and not is_of_scenario(path):
-                best, shown_x = best_place(y, self.metric), _moved_zero(x) if self.log_x else x
+                best = best_place(y, self.metric)
                 color = results.line_style(label)["color"]
                 ax.plot(shown_x[best], y[best], "o", color=color, markersize=5, zorder=3,
                         label=f"_{label}")  # fmt: skip
-        if self.log_x and len(shown):
-            _logarithmic(ax, np.unique(shown[path].astype(float)))
-        if self.log_y and len(shown):  # nothing, where every filter failed, has no logarithm
-            ax.set_yscale("log")
-            style.plain_log_axis(ax.yaxis, most=float("inf"))
+        if log_x:
+            _logarithmic(ax, np.unique(every_x))
+        if self.log_y:
+            plain_log_axis(ax.yaxis, most=float("inf"))
+        ends = _moved_zero(every_x) if log_x else every_x
+        if not len(drawn_values(ax.xaxis)) and len(np.unique(ends)) > 1:  # horizontal lines alone
+            ax.set_xlim(ends.min(), ends.max())
         ax.set_xlabel(self.x_label or results.axis(path))
         ax.set_ylabel(self.y_label or phrases.error_of(self.metric))
         style.title(figure, self.title)
@@ -106,14 +114,26 @@ class RmseVsParameter(FigureKind):
     def _line(
         self, ax: Axes, x: Array, y: Array, stderr: Array, label: str, look: LineStyle
     ) -> None:
-        shown = _moved_zero(x) if self.log_x else x
         if len(y) and np.ptp(y) == 0.0:
             ax.axhline(y[0], label=label, **look | {"linewidth": 0.9})
             return
-        ax.plot(shown, y, label=label, **look)
+        ax.plot(x, y, label=label, **look)
         bars = 2.0 * stderr
-        ax.errorbar(shown, y, bars, fmt="none", color=look["color"], capsize=1.5, elinewidth=0.8,
+        ax.errorbar(x, y, bars, fmt="none", color=look["color"], capsize=1.5, elinewidth=0.8,
                     label=f"_{label}")  # fmt: skip
+
+
+def _common_number(value: object) -> float | None:
+    """Return the number of a grid value; of linked paths the one that all of them have."""
+    values = value if isinstance(value, list) else [value]
+    first = values[0] if values and is_number(values[0]) else None
+    return first if all(other == first for other in values) else None
+
+
+def _abscissas(results: Results, path: str, rows: Columns) -> Array:
+    """Return the numbers (n,) of a path in rows of a file, which has lists as texts."""
+    given = {str(point[path]): _common_number(point[path]) for point in results.grid_points}
+    return np.array([given.get(str(value), value) for value in rows[path]], dtype=float)
 
 
 def best_place(values: Array, metric: Measure) -> int:
@@ -261,8 +281,7 @@ def _lines(
         _scale(ax, values, numeric)
         heights = [float(row[-2]) for label in drawn for row in held.of(label, metric)]
         if heights and 0.0 < _DECADE * min(heights) < max(heights):
-            ax.set_yscale("log")
-            style.plain_log_axis(ax.yaxis, most=np.inf)
+            plain_log_axis(ax.yaxis, most=np.inf)
         ax.set(xlabel=held.results.axis(path), ylabel=words)
     style.title(figure, title)
     style.legend_outside(figure)

@@ -98,6 +98,11 @@ def percent(share: float) -> str:
     return f"{two_digits(100 * share)} %"
 
 
+def percent_of(part: float, whole: float) -> str:
+    """Return ``2.3 %``; an empty text if the whole is zero."""
+    return percent(part / whole) if whole else ""
+
+
 def two_digits(x: float) -> str:
     """Return a number with two digits: ``1.6``, ``13``, ``5800``."""
     return f"{float(f'{x:.2g}'):g}"

@@ -23,6 +23,7 @@ from trackbench.report.findings.phrases import (
     multiple,
     named,
     percent,
+    percent_of,
     run_count,
     statistic_words,
     two_digits,
@@ -203,8 +204,8 @@ def _value(standing: Ranking) -> str:
         found.difference.value > 0.0 and rules.is_significant(found.difference)
     ):
         return text
-    above = percent(found.ratio.value - 1.0)
-    return f"{text}, {above} above the reference {reference.name}"
+    above = f"{percent_of(found.difference.value, found.b.value)} above".lstrip()
+    return f"{text}, {above} the reference {reference.name}"
 
 
 def _runs_needed(standing: Ranking) -> str:
@@ -329,8 +330,9 @@ def _sentence(results: Results, mine: Candidate, found: Ranking) -> str:
     beside = {rival.filter.name: rival for rival in found.rivals}
     if found.best is not None and (rival := beside.get(mine.name)) and rival.difference.stderr:
         apart = with_unit(rounded(*rival.difference.estimate, 3), found.metric)
-        if not found.metric.family[0].is_score and found.best.overall.value:
-            apart += f", {percent(rival.difference.value / found.best.overall.value)}"
+        if not found.metric.family[0].is_score:
+            share = percent_of(rival.difference.value, found.best.overall.value)
+            apart += f", {share}" if share else ""
         text += f"; its difference from {found.best.name}, the best, is {apart}"
         text += "" if rival in found.worse else ", which is not significant"
     return f"{text}{''.join(_ratios(results, mine, found))}."
@@ -348,7 +350,7 @@ def _ratios(results: Results, mine: Candidate, found: Ranking) -> Iterator[str]:
                 metric=f"{statistic}({metric.metric})"
             )
             values = [rows.where(filter=name)["value"].tolist() for name in (mine.label, label)]
-            if all(values) and label != mine.label:
+            if all(values) and label != mine.label and values[1][0]:
                 ratio = two_digits(values[0][0] / values[1][0])
                 words = f"{statistic} {metric_words(metric)}"
                 yield f"; its {words} is {ratio} times that of {named(str(label))}"

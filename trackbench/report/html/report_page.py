@@ -13,11 +13,11 @@ from trackbench.atomic_files import write_text
 from trackbench.config.dump import as_yaml
 from trackbench.config.grid import single_paths
 from trackbench.report.findings import phrases
-from trackbench.report.findings.sentences import HOW_DECIDED, answer
+from trackbench.report.findings.sentences import HOW_DECIDED
 from trackbench.report.html.svg import inline
 from trackbench.report.kinds import FigureKind, figure_folder
-from trackbench.report.render import draw_figure
-from trackbench.report.results import Results, catch_plugin_errors
+from trackbench.report.render import conclusions, draw_figure
+from trackbench.report.results import Results
 from trackbench.report.table import Text, TextTable, rounded
 from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts
 from trackbench.report.verdicts.files import bars, summary_lines, verdict_tables
@@ -34,7 +34,7 @@ def write_report(
     """Write report.html into the results folder, or another file."""
     comparison = comparison or compare(results)
     tables = [table.texts() for table in results.tables.values()]
-    pairs = _pairs(results)
+    pairs = results.attempt("pairs", lambda: _pairs(results), TextTable("", []))
     verdicts = verdict_tables(comparison)
     figures, times = drawings(results), time_tables(time_verdicts(results))
     sections = (
@@ -51,7 +51,7 @@ def write_report(
         live=bool(figures),
         name=results.config["name"],
         title=results.title,
-        answer=answer(results),
+        answer=conclusions(results),
         how_decided=HOW_DECIDED,
         counted=bars(comparison),
         key=figures[0] if figures else None,
@@ -156,10 +156,14 @@ def drawings(results: Results) -> list[Drawing]:
 
 def _caption(results: Results, name: str, spec: FigureKind | None) -> str:
     """Return the figure's caption, if it has one."""
-    if spec is not None:
-        with results.without(f"caption of figure {name}"), catch_plugin_errors(spec):
-            return spec.with_best(results).default_caption(results)
-    return ""
+    if spec is None:
+        return ""
+    return results.attempt(
+        f"caption of figure {name}",
+        lambda: spec.with_best(results).default_caption(results),
+        "",
+        spec,
+    )
 
 
 def key_picture(results: Results) -> bytes | None:

@@ -240,18 +240,6 @@ def wrapped(text: str, across: int = 1) -> str:
     return wrap_label(text, int(_LETTERS_PER_IN * sheet().width_in) // across)
 
 
-def plain_log_axis(axis: Axis, most: float = 100.0) -> None:
-    """Write 200 instead of 2 x 10^2 on a logarithmic axis of at most this span."""
-    from matplotlib.ticker import FuncFormatter, LogLocator
-
-    low, high = axis.get_view_interval()
-    if high > most * low:
-        return
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.set_minor_formatter(FuncFormatter(lambda value, _: ""))
-
-
 def wrap_label(label: str, width: int = 24) -> str:
     """Return a label as it is written, in lines of so many characters; a dollar starts no formula."""
     return "\n".join(textwrap.wrap(label, width)).replace("$", r"\$")
@@ -276,7 +264,7 @@ def forms(formats: Iterable[str]) -> list[str]:
 
 
 def content(figure: Figure, form: str) -> bytes:
-    """Return the figure as a file's content in one of the `saving.FORMATS`."""
+    """Return the figure as a file's content in one of the `FORMATS`."""
     if form != "svg":
         return saved(figure, form)
     labels = svg.mark(figure)

@@ -1,0 +1,155 @@
+"""Logarithmic axes and colors show what has a logarithm, and are linear for the rest."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from tests.commands import trackbench
+from tests.conftest import PLANE
+from trackbench import api
+from trackbench.evaluation.metric_expression import measure
+from trackbench.report.figures.bars import Bars
+from trackbench.report.figures.heat_map import HeatMap
+from trackbench.report.figures.innovations import Autocorrelation
+from trackbench.report.figures.over_time import EstimatesOfOneRun, RmseVsTime
+from trackbench.report.figures.sweep import RmseVsParameter
+from trackbench.report.kinds import FigureKind
+from trackbench.report.plotting import scales, style
+from trackbench.report.render import draw_figure
+from trackbench.report.results import Results
+from trackbench.report.table import rounded
+
+KEYS: dict[str, Any] = {
+    "name": "c",
+    "runs": 4,
+    **yaml.safe_load(PLANE),
+    "filters": {"KF": {"kind": "kf"}, "PF": {"kind": "pf", "N": 20}},
+    "tables": {"t": {"kind": "metrics", "columns": {"Score": "mean(log_score)"}}},
+    "figures": {
+        "f": {"kind": "estimates"},
+        "b": {"kind": "bias", "rows": {"x": "bias_x"}},
+        "a": {"kind": "autocorrelation"},
+    },
+}
+SPEED = "scenario.target.launch.vx"
+
+
+def results_of(folder: Path, **keys: Any) -> Results:
+    config = folder / "c.yaml"
+    config.write_text(yaml.safe_dump(KEYS | keys))
+    return api.run(config, engine="serial", quiet=True, out=folder / "out", formats=()).results
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Results:
+    return results_of(tmp_path_factory.mktemp("plain"))
+
+
+@pytest.fixture(scope="module")
+def signed(tmp_path_factory: pytest.TempPathFactory) -> Results:
+    return results_of(tmp_path_factory.mktemp("signed"), grid={SPEED: [-20, -10, 10, 20]})
+
+
+def test_what_has_a_logarithm() -> None:
+    assert scales.has_logarithm(np.array([0.0, 1.0, np.nan]))
+    for values in ([], [0.0], [np.nan], [-1.0, 2.0], [np.inf]):
+        assert not scales.has_logarithm(np.array(values))
+
+
+def test_a_parameter_below_zero_has_a_linear_axis(signed: Results) -> None:
+    figure = RmseVsParameter(metric=measure("mean(rmse_position)")).draw(signed)
+    (ax,) = figure.axes
+    assert (ax.get_xscale(), ax.get_yscale()) == ("linear", "log")
+    low, high = ax.get_xlim()
+    assert low <= -20 < 20 <= high
+    assert draw_figure(RmseVsParameter(metric=measure("mean(log_score)")), signed, ["svg"])
+    style.close(figure)
+
+
+def test_colors_of_negative_numbers_are_linear(signed: Results) -> None:
+    figure = HeatMap(metric=measure("mean(log_score)"), log=True).draw(signed)
+    values = signed.summary.query("metric == 'mean(log_score)'")["value"]
+    image = figure.axes[0].images[0]
+    assert (image.norm.vmin, image.norm.vmax) == pytest.approx((values.min(), values.max()))
+    assert image.norm(values.mean()) == pytest.approx(
+        (values.mean() - values.min()) / np.ptp(values), abs=1e-4
+    )
+    style.close(figure)
+    assert draw_figure(HeatMap(metric=measure("mean(log_score)"), log=True), signed, ["svg"])
+
+
+@pytest.mark.parametrize(
+    "spec",
+    [
+        Bars(metric=measure("mean(log_score)"), log=True),
+        RmseVsTime(metric=measure("bias_x"), log=True),
+        EstimatesOfOneRun(log=True, component=4),
+        Autocorrelation(log=True),
+    ],
+    ids=lambda spec: spec.kind,
+)
+def test_curves_below_zero_have_linear_axes(plain: Results, spec: FigureKind) -> None:
+    with style.rc_context():
+        figure = spec.draw(plain)
+    for ax in figure.axes[-1:]:  # the errors, of estimates
+        name = "x" if isinstance(spec, Bars) else "y"
+        values = scales.drawn_values(ax.xaxis if name == "x" else ax.yaxis)
+        assert (values < 0.0).any()
+        assert (ax.get_xscale() if name == "x" else ax.get_yscale()) == "linear"
+        low, high = ax.get_xlim() if name == "x" else ax.get_ylim()
+        assert low <= values.min() < values.max() <= high
+    style.close(figure)
+
+
+def test_a_linear_axis_shows_what_is_negative(plain: Results) -> None:
+    figure = RmseVsTime(metric=measure("bias_x")).draw(plain)
+    values = scales.drawn_values(figure.axes[0].yaxis)
+    assert figure.axes[0].get_ylim()[0] < values.min() < 0.0
+    style.close(figure)
+
+
+def test_linked_paths_with_equal_numbers_are_one_parameter(tmp_path: Path) -> None:
+    filters = {"A": {"kind": "pf", "N": 10}, "B": {"kind": "rpf", "N": 10}}
+    grid = {"filters.A.N & filters.B.N": [[10, 10], [30, 30], [90, 90]]}
+    figures = {"n": {"kind": "rmse-vs-parameter", "metric": "rms(rmse_position)"}}
+    results = results_of(tmp_path, filters=filters, grid=grid, figures=figures)
+    figure = results.parts("figures")["n"].draw(results)
+    rows = results.summary.query("metric == 'rms(rmse_position)'")
+    for label in filters:
+        (line,) = (x for x in figure.axes[0].lines if x.get_label() == label)
+        assert line.get_xdata().tolist() == [10, 30, 90]
+        np.testing.assert_array_equal(line.get_ydata(), rows[rows["filter"] == label]["value"])
+    assert "B " in results.parts("figures")["n"].default_caption(results)
+    style.close(figure)
+    grid["filters.A.N & filters.B.N"][1] = [30, 31]
+    keys = {"filters": filters, "grid": grid, "figures": figures}
+    (tmp_path / "d.yaml").write_text(yaml.safe_dump(KEYS | keys))
+    assert "[30, 31] in the grid" in trackbench("check", tmp_path / "d.yaml").stderr
+
+
+def test_a_label_of_the_user_stays(tmp_path: Path) -> None:
+    filters = {f"F{i}": {"kind": "kf"} for i in range(6)}
+    results = results_of(tmp_path, filters=filters, scenario=KEYS["scenario"] | {"last": 160})
+    figure = EstimatesOfOneRun(y_label="Easting (m)").draw(results)
+    assert "Easting (m)" in figure.get_supylabel().split("\n")
+    style.close(figure)
+
+
+def test_tuning_is_shown_where_filters_are_tuned(tmp_path: Path) -> None:
+    for group, keys in (("tables", {}), ("figures", {"filter": "KF"})):
+        (tmp_path / "c.yaml").write_text(
+            yaml.safe_dump(KEYS | {group: {"t": {"kind": "tuning"} | keys}})
+        )
+        done = trackbench("check", tmp_path / "c.yaml")
+        assert done.returncode == 2
+        assert "name its keys under `tune`" in done.stderr
+
+
+def test_as_many_digits_as_asked() -> None:
+    assert rounded(0.12345678912, np.nan, 8) == "0.12345679"
+    assert rounded(1.2345678912e-9, np.nan, 8) == "1.2345679e-09"
+    assert rounded(12345678.912, 0.0, 10).startswith("1.234567891e+07")
+    assert rounded(1.2345e-9, np.nan, 4) == "1.23e-09"

@@ -1,0 +1,68 @@
+"""Logarithmic axes: which numbers they can show, and how they are labeled."""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
+else:
+    Axes = Axis = Any
+
+
+def has_logarithm(values: Array) -> bool:
+    """Return whether a logarithmic axis can show numbers: one is positive, and none is negative."""
+    finite = values[np.isfinite(values)]
+    return bool((finite > 0.0).any() and not (finite < 0.0).any())
+
+
+def drawn_values(axis: Any) -> Array:
+    """Return the finite coordinates (n,) of all lines on an axis and on those that share it.
+
+    Ends of error bars do not count: on a logarithmic axis they are cut off.
+    """
+    ax, name = axis.axes, axis.axis_name
+    alike = ax.get_shared_x_axes() if name == "x" else ax.get_shared_y_axes()
+    found = [np.empty(0)]
+    for other in alike.get_siblings(ax):
+        found += list(_coordinates(other, name))
+    values = np.concatenate(found)
+    return values[np.isfinite(values)]
+
+
+def _coordinates(ax: Axes, name: str) -> Iterator[Array]:
+    bars: list[Any] = [b for b in ax.containers if hasattr(b, "has_yerr")]
+    caps = [cap for bar in bars for cap in bar.lines[1]]
+    for line in ax.lines:
+        in_data = line.get_transform().contains_branch_seperately(ax.transData)
+        if line not in caps and in_data[name == "y"]:
+            values = line.get_xdata() if name == "x" else line.get_ydata()
+            yield np.asarray(values, dtype=float)
+
+
+def log_scale(axis: Any) -> bool:
+    """Make an axis logarithmic if what is drawn has logarithms, else linear; return which."""
+    fits = has_logarithm(drawn_values(axis))
+    scale = "log" if fits else "linear"
+    if axis.get_scale() != scale:
+        set_scale = axis.axes.set_xscale if axis.axis_name == "x" else axis.axes.set_yscale
+        set_scale(scale)
+    return fits
+
+
+def plain_log_axis(axis: Axis, most: float = 100.0) -> None:
+    """Make an axis logarithmic as far as it can be; write 200 instead of 2 x 10^2 up to this span."""
+    from matplotlib.ticker import FuncFormatter, LogLocator
+
+    if not log_scale(axis):
+        return
+    low, high = axis.get_view_interval()
+    if high > most * low:
+        return
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(FuncFormatter(lambda value, _: ""))
