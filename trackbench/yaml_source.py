@@ -42,8 +42,6 @@ _PLAIN_TAGS = [
     for name in ("str", "int", "float", "bool", "null", "timestamp", "merge", "value")
 ]
 _WORDS: dict[str, bool | None] = {"true": True, "false": False, "null": None, "~": None, "": None}
-
-
 _NOWHERE = Mark("config")
 
 
@@ -237,11 +235,9 @@ def parse(text: str, name: str) -> Source:
     except yaml.MarkedYAMLError as error:
         at = error.problem_mark or error.context_mark
         mark = Mark(name, at.line + 1, at.column + 1) if at else Mark(name)
-        what = _TOO_MANY if isinstance(error, _TooManyError) else f"not valid YAML: {error.problem}"
-        if error.problem == "mapping values are not allowed here":
-            what += (
-                "; indent this line as the keys beside it, or put a value that holds `: ` in quotes"
-            )
+        hint = "; mind this line's indent" if "mapping values" in (error.problem or "") else ""
+        what = f"not valid YAML: {error.problem}{hint}"
+        what = _TOO_MANY if isinstance(error, _TooManyError) else what
     except yaml.YAMLError as error:
         what = f"not valid YAML: {str(error).splitlines()[0]}"
     except RecursionError:

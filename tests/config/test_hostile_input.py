@@ -151,7 +151,7 @@ def test_a_csv_without_line_breaks_is_not_read_into_memory(tmp_path: Path) -> No
     with (tmp_path / "z.csv").open("wb") as file:
         file.truncate(10**12)  # a hole, which takes no room on the disk
     err = refused(tmp_path, GOOD.replace(SCENARIO, RECORDED % "z.csv"))
-    assert "z.csv:1:1: scenario: not a CSV: field larger than field limit" in err
+    assert "z.csv:1:1: scenario: is not a text file" in err
 
 
 NUMBERS = "paper,table,filter,metric,value,label,expression\n"

@@ -40,6 +40,13 @@ def test_an_entry_of_that_label_stays(tmp_path: Path) -> None:
     assert getattr(smoothed, "lag", None) == 3
 
 
+@pytest.mark.parametrize("keys", ["", ", smooth: true, alpha: 2"])
+def test_another_filter_of_that_label_is_refused(tmp_path: Path, keys: str) -> None:
+    filters = f"filters: {{A: {{kind: ukf}}, 'A, smoothed': {{kind: ukf{keys}}}}}\n"
+    with pytest.raises(UserError, match=r"smoothed\.0: there is another filter 'A, smoothed'"):
+        load(config(tmp_path, "smoothed: [A]", filters))
+
+
 @pytest.mark.parametrize(
     ("keys", "what"),
     [

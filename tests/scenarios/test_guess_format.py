@@ -57,7 +57,7 @@ def test_its_numbers_are_near(tmp_path: Path) -> None:
         "y": "y (km)",
     }
     assert guess.units == {"x": "km", "y": "km"}
-    assert 2.0 <= guess.sigma[0] <= 4.0
+    assert 2.0 <= guess.sigmas[""][0] <= 4.0
     assert guess.speed == 20.0  # 22.4 to one digit
     guess = recognized(str(table(tmp_path / "m.csv", *TABLES["a radar"])))
     assert (guess.units["time"], guess.units["azimuth"]) == ("ms", "deg")

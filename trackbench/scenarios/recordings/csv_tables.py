@@ -272,7 +272,7 @@ class _Reading:
         what = f"{first.what}: {cell[:40]!r} is no number of seconds and no date in ISO 8601"
         if self.form:
             what = f"{first.what}: {cell[:40]!r} is not a time as {self.form}"
-        way = 'say how dates are written, `time_format: "%d/%m/%Y %H:%M:%S"` (or %m/%d/%Y, %H:%M:%S.%f)'
+        way = 'say how it is written, `time_format: "%d/%m/%Y %H:%M:%S"` (or %m/%d/%Y, %H:%M:%S.%f)'
         raise DataError(first._replace(what=f"{what}: {way}"))
 
     def _labeled(self, name: str, cells: Sequence[str]) -> tuple[Column, list[tuple[int, str]]]:

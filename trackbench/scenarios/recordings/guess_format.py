@@ -4,20 +4,37 @@ import json
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_mapping import UNITS, Naming
-from trackbench.scenarios.recordings.csv_tables import header
+from trackbench.scenarios.recordings.column_mapping import UNITS, Naming, outlying
+from trackbench.scenarios.recordings.csv_lines import table_lines
+from trackbench.scenarios.recordings.csv_tables import header, instant, is_instant, number, parsed
 from trackbench.scenarios.recordings.row_order import in_order
-from trackbench.scenarios.recordings.rows import Gathered, chosen_runs, read_rows
+from trackbench.scenarios.recordings.rows import Gathered, Rows, chosen_runs, read_rows
 
 _CALLED = {
-    "time": ("time", "timestamp", "t", "datetime", "date", "utc", "timeutc", "utctime", "epoch"),
+    "time": (
+        *("time", "timestamp", "t", "datetime", "utc", "timeutc", "utctime", "epoch"),
+        *("basedatetime", "datetimeutc", "unixtime", "gpstime", "systime", "timeofday"),
+    ),
+    "date": ("date", "day", "dateutc", "utcdate"),
     "step": ("step", "k", "frame", "scan"),
+    "sensor": (
+        "sensor",
+        "sensorid",
+        "anchor",
+        "anchorid",
+        "beacon",
+        "beaconid",
+        "radar",
+        "station",
+    ),
     "run": ("run", "id", "trackid", "mmsi", "vessel", "object", "icao24", "icao", "callsign"),
     "latitude": ("latitude", "lat"),
     "longitude": ("longitude", "lon", "lng", "long"),
@@ -25,7 +42,7 @@ _CALLED = {
     "y": ("y", "py", "posy", "north", "northing"),
     "vx": ("vx", "velx", "eastspeed"),
     "vy": ("vy", "vely", "northspeed"),
-    "range": ("range", "rmsd", "rho"),
+    "range": ("range", "rmsd", "rho", "distance"),
     "azimuth": ("azimuth", "bearing", "theta"),
     "speed": ("speed", "sog", "groundspeed"),
     "course": ("course", "cog", "heading"),
@@ -36,9 +53,15 @@ _WRITTEN = {
         for unit in ("m", "km", "ft", "nmi", "deg", "rad", "mrad", "kn", "s", "ms", "us", "ns", "h")
     },
     **{"feet": "ft", "nm": "nmi", "degrees": "deg", "knots": "kn", "kts": "kn", "kmh": "km/h"},
+    **{"e7": "degE7", "dege7": "degE7"},
     **{"seconds": "s", "millis": "ms", "mps": "m/s", "meters": "m", "metres": "m"},
 }
 _TURN = 2.0 * np.pi
+_SMALLEST_E7 = 1e6  # deg: angles beyond are whole numbers of 1e-7 deg
+_SAMPLE = 10_000  # rows
+_DAYS = ("%d/%m/%Y", "%m/%d/%Y", "%d.%m.%Y", "%d-%m-%Y", "%m-%d-%Y", "%Y/%m/%d", "%Y.%m.%d")
+_TIMES = ("%H:%M:%S", "%H:%M:%S.%f", "%I:%M:%S %p", "%H:%M")
+_FORMS = [*_TIMES, *(f"{day} {time}" for day in _DAYS for time in _TIMES)]
 _MILLISECONDS = 1e11  # since 1970: from 1973 on; in seconds it would be the year 5138
 _ONE_SIGMA = 0.683  # of a normal law's values are within its standard deviation
 
@@ -52,14 +75,16 @@ class Found(NamedTuple):
 
 @dataclass(frozen=True)
 class Guess:
-    """Guess at a table: columns by quantity, units, and noise levels for a first try."""
+    """Guess at a table: columns by quantity, units, and noise levels by sensor for a first try."""
 
     columns: dict[str, Found]
     units: dict[str, str]
     why: dict[str, str]
     runs: list[tuple[str, int]]
-    sigma: tuple[float, float]
+    sigmas: dict[str, tuple[float, float]]
     speed: float
+    time_format: str
+    missing: list[float]
 
     @property
     def places(self) -> tuple[str, str]:
@@ -69,9 +94,10 @@ class Guess:
     @property
     def moves(self) -> bool:
         """Return whether velocities are measured, too."""
+        if self.places == ("range", "azimuth") or "sensor" in self.columns:
+            return False
         both = [("vx", "vy"), ("speed", "course")]
-        polar = self.places == ("range", "azimuth")
-        return not polar and any(all(name in self.columns for name in pair) for pair in both)
+        return any(all(name in self.columns for name in pair) for pair in both)
 
 
 def places_of(columns: dict[str, Found]) -> tuple[str, str]:
@@ -87,41 +113,125 @@ def recognized(path: str) -> Guess:
     # Step 1: find time and position by the columns' names.
     names = header(path)
     columns, there = dict(_recognized(names)), ", ".join(names)[:200]
+    if "date" in columns and "time" not in columns:
+        columns["time"] = columns.pop("date")
     if "time" not in columns and "step" not in columns:
         what = f"no column looks like a time or a step; there are {there}"
         raise DataError(Place(path, 1, 1, what))
+    sample = _Sample(path, names)
+    sensors = sample.words(columns["sensor"].column) if "sensor" in columns else []
+    if len(sensors) < 2:
+        columns.pop("sensor", None)
     try:
         pair = places_of(columns)
     except KeyError:
-        what = (
-            f"no columns look like x and y, latitude and longitude, or range and azimuth: {there}"
-        )
-        raise DataError(Place(path, 1, 1, what)) from None
-    # Step 2: take the units from the columns' names.
+        raise DataError(Place(path, 1, 1, _no_position(columns, sensors, there))) from None
+    # Step 2: take the units from the columns' names, or from values that are impossible otherwise.
     units = {name: found.unit for name, found in columns.items() if found.unit is not None}
     why = dict.fromkeys(units, "as the column's name says")
     if "speed" in columns and columns["speed"].column.lower() == "sog" and "speed" not in units:
         units["speed"], why["speed"] = "kn", "guess: speed over ground mostly is in knots"
-    # Step 3: read the run that has most rows.
-    naming = Naming(columns={name: f.column for name, f in columns.items()}, units=units)
+    for name in {"latitude", "longitude"} & {*pair} - {*units}:
+        if (np.abs(sample.numbers(columns[name].column)) > _SMALLEST_E7).any():
+            units[name], why[name] = "degE7", "guess: degrees would be impossible"
+    # Step 3: read all rows.
+    missing = [float(v) for name in pair for v in outlying(sample.numbers(columns[name].column))]
+    missing = [value for value in dict.fromkeys(missing) if value % 1 == 0]
+    form = _time_format(sample, columns)
+    named = {name: f.column for name, f in columns.items()}
+    naming = Naming(columns=named, units=units, time_format=form, missing=tuple(missing))
     found, wanted = Gathered(naming), pair if pair == ("range", "azimuth") else ("x", "y")
-    (rows,) = chosen_runs(found, read_rows(found, [path], [wanted]), ())
-    sizes = np.bincount(rows.run, minlength=len(found.runs))
-    own = in_order(found, rows.at(np.flatnonzero(rows.run == sizes.argmax())))
-    whole = np.flatnonzero(np.isfinite(own.values).all(axis=0))
-    time, (one, two) = own.time[whole], own.values[:, whole]
+    every = read_rows(found, [path], [wanted] * max(len(sensors), 1), names=sensors)
+    every = chosen_runs(found, every, ())
     # Step 4: guess further units from the values.
-    if "time" in columns and not found.dated and np.abs(time).max(initial=0.0) > _MILLISECONDS:
+    latest = max(float(np.abs(rows.time).max(initial=0.0)) for rows in every)
+    if "time" in columns and not found.dated and latest > _MILLISECONDS:
         units["time"], why["time"] = "ms", "guess: seconds would be thousands of years"
-        time = time / 1000.0
-    if "azimuth" in wanted and "azimuth" not in units and np.abs(two).max(initial=0.0) > _TURN:
+    widest = max(float(np.abs(rows.values[1]).max(initial=0.0)) for rows in every)
+    if "azimuth" in wanted and "azimuth" not in naming.units and widest > _TURN:
         units["azimuth"], why["azimuth"] = "deg", "guess: there are angles beyond 2 pi"
-        two = two * UNITS["deg"]
     # Step 5: sort the runs by length; noise and speed are those of the longest.
+    sizes = np.sum([np.bincount(rows.run, minlength=len(found.runs)) for rows in every], axis=0)
     runs = sorted(zip(found.runs, sizes.tolist(), strict=True), key=lambda run: -run[1])
-    sigma = _scatter(time, one), _scatter(time, np.unwrap(two) if "azimuth" in wanted else two)
-    place = (one * np.cos(two), one * np.sin(two)) if "azimuth" in wanted else (one, two)
-    return Guess(columns, units, why, runs, sigma, _speed(time, *place))
+    sigmas, speed = {}, 1.0
+    for sensor, rows in zip(sensors or [""], every, strict=True):
+        own = in_order(found, rows.at(np.flatnonzero(rows.run == sizes.argmax())))
+        own = own.at(np.flatnonzero(np.isfinite(own.values).all(axis=0)))
+        if sensor and not len(own.time):
+            raise DataError(Place(path, 1, 1, _no_position(columns, sensors, there, sensor)))
+        sigmas[sensor], speed = _levels(own, units, "azimuth" in wanted)
+    return Guess(columns, units, why, runs, sigmas, speed, form, missing)
+
+
+def _levels(rows: Rows, units: dict[str, str], polar: bool) -> tuple[tuple[float, float], float]:
+    """Return deviations of both quantities and the usual speed, of whole rows in order."""
+    time, (one, two) = rows.time, rows.values
+    if units.get("time") == "ms" and np.abs(time).max(initial=0.0) > _MILLISECONDS:
+        time = time / 1000.0
+    if not polar:
+        return (_scatter(time, one), _scatter(time, two)), _speed(time, one, two)
+    if np.abs(two).max(initial=0.0) > _TURN:
+        two = two * UNITS["deg"]
+    sigma = _scatter(time, one), _scatter(time, np.unwrap(two))
+    return sigma, _speed(time, one * np.cos(two), one * np.sin(two))
+
+
+def _no_position(
+    columns: dict[str, Found], sensors: list[str], there: str, sensor: str = ""
+) -> str:
+    """Return what to write where a table, or one of its sensors, holds no positions."""
+    if len(sensors) < 2:
+        pairs = "x and y, latitude and longitude, or range and azimuth"
+        return f"no columns look like {pairs}: {there}"
+    who = f"sensor {sensor}" if sensor else "a sensor"
+    what = f"column {columns['sensor'].column} names {len(sensors)} sensors, and {who} has no positions"
+    way = (
+        f"`columns: {{sensor: {columns['sensor'].column}}}`, `sensors: [{', '.join(sensors[:8])}]`"
+    )
+    return f"{what}: write a config with {way} and a sensor for each, such as `function` from its place"
+
+
+class _Sample:
+    """First rows of a table, as text."""
+
+    def __init__(self, path: str, names: list[str]) -> None:
+        self._names, self._rows = names, []
+        if not path.lower().endswith((".parquet", ".pq")):
+            rows = islice(table_lines(path), 1, _SAMPLE)
+            self._rows = [cells for _, cells, _ in rows if len(cells) == len(names)]
+
+    def cells(self, column: str) -> list[str]:
+        """Return the cells of a column."""
+        return [cells[self._names.index(column)].strip() for cells in self._rows]
+
+    def words(self, column: str) -> list[str]:
+        """Return the words in a column."""
+        return list(dict.fromkeys(self.cells(column)))
+
+    def numbers(self, column: str) -> Array:
+        """Return the numbers of a column, NaN for what is none."""
+        values, _ = parsed(number, [cell.replace(",", ".") for cell in self.cells(column)])
+        return values
+
+
+def _time_format(sample: _Sample, columns: dict[str, Found]) -> str:
+    """Return the form of dates that are neither numbers nor in ISO 8601: that of the shortest span."""
+    if "time" not in columns:
+        return ""
+    cells = sample.cells(columns["time"].column)
+    if "date" in columns:
+        dates = sample.cells(columns["date"].column)
+        cells = [f"{date} {cell}" for date, cell in zip(dates, cells, strict=True)]
+    if not cells or is_instant(cells[0]):
+        return ""
+    if not parsed(number, [cells[0].replace(",", ".")])[1]:
+        return ""
+    spans = {}
+    for form in _FORMS:
+        times, mistakes = parsed(partial(instant, form=form), cells)
+        if not mistakes:
+            spans[form] = float(np.ptp(times))
+    return min(spans, key=lambda form: spans[form]) if spans else ""
 
 
 def _recognized(names: list[str]) -> Iterator[tuple[str, Found]]:
@@ -147,7 +257,9 @@ def _scatter(time: Array, value: Array) -> float:
     off = value[1:-1] - (1.0 - share) * value[:-2] - share * value[2:]
     size = np.abs(off) / np.sqrt(1.0 + np.square(share) + np.square(1.0 - share))
     # 68.3 % of the scaled |e| are below sigma.
-    return float(f"{np.nanquantile(size, _ONE_SIGMA):.1g}") or 1.0
+    sigma = float(np.nanquantile(size, _ONE_SIGMA))
+    # A straight line leaves rounding errors alone.
+    return float(f"{sigma:.1g}") if sigma > 1e-12 * np.abs(value).max() else 1.0
 
 
 def _speed(time: Array, x: Array, y: Array) -> float:
@@ -175,6 +287,7 @@ def config_parts(guess: Guess) -> dict[str, str]:
         "@SENSOR@": "\n".join(f"    {line}" for line in _sensor_lines(guess)),
         "@START@": f"  start: {{kind: one-scan, sigma_velocity: {2 * speed:g}}}  # guess",
         "@Q@": f"{q:g}",
+        "@HOLD@": f"{max(2, min(5, guess.runs[0][1] // 2))}",
         "@FILTERS@": "\n".join(lines),
         "@SHOWN@": f"{each[0].upper()}, IMM",
     }
@@ -184,13 +297,20 @@ def _target_lines(guess: Guess) -> Iterator[str]:
     yield "columns:  # guess, from their names"
     # Only what the sensors below measure: a file of several sensors has further columns.
     velocity = ("vx", "vy", "speed", "course") if guess.moves else ()
-    read = {"time", "step", "run", *guess.places, *velocity}
+    read = {"time", "date", "step", "run", "sensor", *guess.places, *velocity}
     columns = {name: found.column for name, found in guess.columns.items() if name in read}
     yield from (f"  {name}: {_quoted(column)}" for name, column in columns.items())
     units = {name: unit for name, unit in guess.units.items() if name in read}
     if units:
         yield "units:"
         yield from (f"  {name}: {unit}  # {guess.why[name]}" for name, unit in units.items())
+    if guess.time_format:
+        yield f"time_format: {json.dumps(guess.time_format)}  # guess: %d is the day, %m the month"
+    if guess.missing:
+        numbers = ", ".join(f"{value:.9g}" for value in guess.missing)
+        yield f"missing: [{numbers}]  # guess: far outside the others"
+    if "sensor" in guess.columns:
+        yield f"sensors: [{', '.join(map(_quoted, guess.sigmas))}]"
     if "latitude" in guess.places:
         yield "# x and y are metres east and north of the first position, or of `origin: [lat, lon]`"
     if len(guess.runs) > 1:
@@ -201,15 +321,13 @@ def _target_lines(guess: Guess) -> Iterator[str]:
 
 def _sensor_lines(guess: Guess) -> Iterator[str]:
     told = "guess: how far measurements are from the line between their neighbors"
-    one, two = guess.sigma
-    if guess.places == ("range", "azimuth"):
-        mrad = float(f"{1000.0 * two:.3g}")
-        yield f"kind: range-azimuth  # {told}"
-        yield f"sigma_range: {one:g}"
-        yield f"sigma_azimuth_mrad: {mrad:g}"
-        return
-    position = f"{{kind: position, sigma: {max(one, two):g}}}  # {told}"
-    yield f"- {position}"
+    polar = guess.places == ("range", "azimuth")
+    for one, two in guess.sigmas.values():
+        if polar:
+            keys = f"sigma_range: {one:g}, sigma_azimuth_mrad: {float(f'{1000.0 * two:.3g}'):g}"
+            yield f"- {{kind: range-azimuth, {keys}}}  # {told}"
+        else:
+            yield f"- {{kind: position, sigma: {max(one, two):g}}}  # {told}"
     if guess.moves:
         velocity = float(f"{max(0.05 * guess.speed, 0.05):.1g}")
         yield f"- {{kind: velocity, sigma: {velocity:g}}}  # guess: 5 % of the usual speed"

@@ -1,0 +1,222 @@
+"""Tables as loggers and spreadsheets write them: read, or refused with what to write."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from tests.commands import trackbench
+from tests.scenarios.test_clocks import config
+from trackbench.config.load import load
+from trackbench.errors import UserError
+from trackbench.scenarios.recordings.column_mapping import outlying
+
+T = np.arange(20)
+X, Y = 10.0 + 0.5 * T, 5.0 - 0.25 * T
+PLAIN = [(f"{t}", f"{x}", f"{y}") for t, x, y in zip(T, X, Y, strict=True)]
+
+
+def text(*rows: tuple[str, ...], head: str = "time,x,y", separator: str = ",") -> str:
+    return "\n".join([head.replace(",", separator), *(separator.join(row) for row in rows)]) + "\n"
+
+
+def seen(path: Path) -> Any:
+    """Return the measurements of a config's only run."""
+    return load(path).points[0].scenario.target._recording.seen[..., 0]
+
+
+def of_time(form: str) -> list[tuple[str, str, str]]:
+    return [(form.format(k), x, y) for k, (_, x, y) in enumerate(PLAIN)]
+
+
+COMMAS = [tuple(cell.replace(".", ",") for cell in row) for row in PLAIN]
+FORMATS = {
+    "semicolons": text(*PLAIN, separator=";"),
+    "tabs": text(*PLAIN, separator="\t"),
+    "white space": text(*PLAIN, separator="  "),
+    "decimal commas": "\ufeff" + text(*COMMAS, separator=";"),
+    "comments": "# logger v2, unit 7\n# sensor: gps\n" + text(*PLAIN),
+    "a header behind #": text(*PLAIN, head="# time,x,y"),
+    "a separator by name": "sep=;\n" + text(*PLAIN, separator=";"),
+    "latin-1": text(*((*row, "90") for row in PLAIN), head="time,x,y,Kurs (\u00b0)"),
+    "days first": text(*of_time("31/12/2024 10:00:{:02}")),
+    "months first": text(*of_time("12/31/2024 10:00:{:02}")),
+    "either first": text(*of_time("03/09/2024 10:00:{:02}")),
+    "time of day": text(*of_time("10:00:{:02}")),
+    "zone in words": text(*of_time("2024-12-31 10:00:{:02} UTC")),
+    "two columns": text(
+        *(("2024-12-31", *row) for row in of_time("10:00:{:02}")), head="date,time,x,y"
+    ),
+    "base date time": text(*of_time("2024-12-31T10:00:{:02}"), head="BaseDateTime,x,y"),
+}
+
+
+@pytest.mark.parametrize("what", FORMATS)
+def test_a_table_is_read(tmp_path: Path, what: str) -> None:
+    encoding = "latin-1" if what == "latin-1" else "utf-8"
+    (tmp_path / "m.csv").write_bytes(FORMATS[what].encode(encoding))
+    made = trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path)
+    assert made.returncode == 0, made.stderr
+    scenario = load(tmp_path / "m.yaml").points[0].scenario
+    np.testing.assert_array_equal(scenario.target._recording.seen[..., 0], [X[1:], Y[1:]])
+    np.testing.assert_array_equal(np.diff(scenario.times), 1.0)
+
+
+def test_whole_numbers_of_degrees(tmp_path: Path) -> None:
+    rows = [(f"{t}", f"{52 * 10**7 + 9 * t}", f"{-4 * 10**7}") for t in T]
+    (tmp_path / "m.csv").write_text(text(*rows, head="time,lat,lon"))
+    assert trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path).returncode == 0
+    x, y = seen(tmp_path / "m.yaml")
+    # The radius of curvature of the meridian at 52 degrees is 6 375 km.
+    np.testing.assert_allclose(y, np.radians(9e-7 * T[1:]) * 6.375e6, rtol=1e-3)
+    np.testing.assert_allclose(x, 0.0, atol=1e-6)
+    columns = {"latitude": "lat", "longitude": "lon"}
+    with pytest.raises(UserError, match=r"units: \{latitude: degE7\}"):
+        load(config(tmp_path, {"measurements": "m.csv", "columns": columns}))
+
+
+def test_numbers_for_missing_cells(tmp_path: Path) -> None:
+    rows = [
+        (t, "-9999", "-9999") if i in (4, 5) else (t, x, y) for i, (t, x, y) in enumerate(PLAIN)
+    ]
+    (tmp_path / "m.csv").write_text(text(*rows))
+    noted = load(config(tmp_path, {"measurements": "m.csv"})).points[0].scenario.cautions
+    assert len(noted) == 2
+    assert "x: 2 cells are -9999, far outside the others" in noted[0]
+    assert "`missing: [-9999]`" in noted[0]
+    assert trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path).returncode == 0
+    assert np.isnan(seen(tmp_path / "m.yaml")[:, [3, 4]]).all()
+    assert np.isfinite(seen(tmp_path / "m.yaml")).sum() == 2 * 17
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        ([*range(20), 32767, -32768], {-32768.0: 1, 32767.0: 1}),
+        ([52.0, 52.1, 52.2, 52.3, 52.4, 52.5, 0.0, 0.0], {0.0: 2}),
+        ([*range(0, 20000, 500), -9999], {-9999.0: 1}),
+        ([*range(-9999, 20000, 500)], {}),
+        ([1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0], {}),
+        ([5.0] * 20 + [6.0], {}),
+    ],
+)
+def test_numbers_far_outside(values: list[float], expected: dict[float, int]) -> None:
+    assert outlying(np.array(values, dtype=float)) == expected
+
+
+POINT = ("4", "1.234", "1")
+OPENED = ("3", '"1', "2")
+MISTAKES = {
+    "dates": (
+        text(*of_time("03/09/2024 10:00:{:02}")),
+        "m.csv:2:1: scenario: time: '03/09/2024 10:00:00' is no number of seconds and no date in ISO "
+        '8601: say how it is written, `time_format: "%d/%m/%Y %H:%M:%S"`',
+    ),
+    "marks": (
+        text(*COMMAS[:4], POINT, separator=";"),
+        "m.csv:6:1: scenario: x: '1.234' is not a number with a decimal comma",
+    ),
+    "quote": (
+        text(*PLAIN[:3], OPENED, *PLAIN[4:9], ("9", '"4', "5")),
+        "m.csv:5:1: scenario: a quote that opens in this line closes in line 11",
+    ),
+    "last quote": (
+        text(*PLAIN[:3], OPENED, *PLAIN[4:9]),
+        "m.csv:5:1: scenario: a quote that opens in this line",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", MISTAKES)
+def test_what_cannot_be_read_is_one_line(tmp_path: Path, what: str) -> None:
+    rows, expected = MISTAKES[what]
+    (tmp_path / "m.csv").write_text(rows)
+    with pytest.raises(UserError) as caught:
+        load(config(tmp_path, {"measurements": "m.csv"}))
+    (line,) = str(caught.value).splitlines()
+    assert expected in line
+
+
+def test_a_cell_of_two_lines_is_read(tmp_path: Path) -> None:
+    rows = [(*row, '"a note\nof two lines"') for row in PLAIN]
+    (tmp_path / "m.csv").write_text(text(*rows, head="time,x,y,note"))
+    assert seen(config(tmp_path, {"measurements": "m.csv"})).shape == (2, 19)
+
+
+def test_a_file_of_that_very_name_comes_first(tmp_path: Path) -> None:
+    folder = tmp_path / "data [old]"
+    folder.mkdir()
+    (folder / "run[1].csv").write_text(text(*PLAIN))
+    (folder / "run1.csv").write_text(text(*PLAIN[:5]))
+    path = config(tmp_path, {"measurements": "data [old]/run[1].csv"})
+    assert seen(path).shape == (2, 19)
+    path = config(tmp_path, {"measurements": "data [old]/run1*.csv"})
+    assert seen(path).shape == (2, 4)
+
+
+def sensors(*names: str) -> str:
+    """Return a table in which two sensors take turns; the second is 100 m off."""
+    rows = [
+        (t, names[i % 2], f"{float(x) + 100 * (i % 2)}", y) for i, (t, x, y) in enumerate(PLAIN)
+    ]
+    return text(*rows, head="time,sensor,x,y")
+
+
+POSITION = {"kind": "position", "sigma": 5}
+
+
+@pytest.mark.parametrize("names", [("1", "2"), ("gps", "radar")])
+def test_a_column_of_sensors_beside_one_sensor_is_refused(
+    tmp_path: Path, names: tuple[str, str]
+) -> None:
+    (tmp_path / "m.csv").write_text(sensors(*names))
+    with pytest.raises(UserError, match=r"names 2 sensors .*, and the config has 1"):
+        load(config(tmp_path, {"measurements": "m.csv"}))
+    one = config(tmp_path, {"measurements": "m.csv", "sensors": [names[1]]})
+    np.testing.assert_array_equal(seen(one)[0], X[3::2] + 100)
+    assert load(one).points[0].scenario.cautions == (
+        f"10 rows of {names[0]} were left out (`sensors`)",
+    )
+    both = {"measurements": "m.csv", "sensors": [*names]}
+    values = seen(config(tmp_path, both, sensor=[POSITION, POSITION]))
+    assert np.isfinite(values).sum(axis=1).tolist() == [9, 9, 10, 10]
+    mixed = {"measurements": "m.csv", "columns": {"sensor": ""}}
+    assert seen(config(tmp_path, mixed)).shape == (2, 19)
+
+
+def test_a_config_has_a_sensor_for_each_name(tmp_path: Path) -> None:
+    (tmp_path / "m.csv").write_text(sensors("gps", "radar"))
+    assert trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path).returncode == 0
+    target = yaml.safe_load((tmp_path / "m.yaml").read_text())["scenario"]["target"]
+    assert target["sensors"] == ["gps", "radar"]
+    assert np.isfinite(seen(tmp_path / "m.yaml")).sum() == 2 * 19
+
+
+def test_ranges_to_anchors_are_refused_with_the_way(tmp_path: Path) -> None:
+    rows = [(f"{t}", f"A{t % 3}", "7.5") for t in T]
+    (tmp_path / "m.csv").write_text(text(*rows, head="t,anchor,distance"))
+    done = trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path)
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert "`columns: {sensor: anchor}`, `sensors: [A0, A1, A2]`" in line
+    places = [
+        {"kind": "function", "h": {"range": f"sqrt((px-{i})**2 + py**2)"}, "R": 1}
+        for i in (0, 9, 5)
+    ]
+    columns = {"time": "t", "sensor": "anchor", "range": "distance"}
+    target = {"measurements": "m.csv", "columns": columns, "sensors": ["A0", "A1", "A2"]}
+    start = {"kind": "given", "mean": [0, 0, 5, 0], "sigma": [9, 1, 9, 1]}
+    filters = {"EKF": {"kind": "ekf"}}
+    values = seen(config(tmp_path, target, sensor=places, start=start, filters=filters))
+    assert np.isfinite(values).sum() == len(T)
+
+
+def test_two_vessels_are_not_one_run(tmp_path: Path) -> None:
+    rows = [(t, f"{219000111 + i % 2}", x, y) for i, (t, x, y) in enumerate(PLAIN)]
+    (tmp_path / "m.csv").write_text(text(*rows, head="time,MMSI,x,y"))
+    with pytest.raises(UserError, match="column MMSI has 2 values, which would be one run"):
+        load(config(tmp_path, {"measurements": "m.csv"}))
+    each = config(tmp_path, {"measurements": "m.csv", "columns": {"run": "MMSI"}})
+    assert load(each).points[0].scenario.recorded_runs == 2
