@@ -204,7 +204,7 @@ def ellipse(mean: Array, cov: Array, deviations: float) -> Array:
 def _root(cov: Array) -> Array:
     """Return a square root (2, 2) of a covariance, which may be singular but for rounding."""
     try:
-        return np.linalg.cholesky(cov)
+        return np.asarray(np.linalg.cholesky(cov))
     except np.linalg.LinAlgError:
         variances, axes = np.linalg.eigh(cov)
         return np.asarray(axes * np.sqrt(np.maximum(variances, 0.0)))
