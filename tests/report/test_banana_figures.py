@@ -8,7 +8,7 @@ from tests.config.test_bad_input import mistakes
 from tests.papers import banana_text
 from trackbench.api import run
 from trackbench.core.distributions import Gaussian
-from trackbench.report.figures.banana import predicted_position
+from trackbench.report.figures.banana import ellipse, predicted_position
 
 EXPERIMENT = """name: one
 runs: 4
@@ -41,3 +41,11 @@ def test_it_is_drawn_and_its_label_checked(tmp_path: Path) -> None:
     assert "Predicted, 2" in drawn
     expected = "6:52: figures.f.predicted: 'UKF' is not a filter here; did you mean EKF?"
     assert mistakes(tmp_path, EXPERIMENT.replace("predicted: EKF", "predicted: UKF")) == [expected]
+
+
+def test_an_ellipse_may_be_a_line_or_a_point() -> None:
+    line = ellipse(np.array([1.0, 2.0]), np.array([[4.0, 0.0], [0.0, 0.0]]), 2.0)
+    np.testing.assert_allclose(line[1], 2.0)
+    np.testing.assert_allclose([line[0].min(), line[0].max()], [-3.0, 5.0], atol=1e-3)
+    point = ellipse(np.array([1.0, 2.0]), np.zeros((2, 2)), 2.0)
+    np.testing.assert_array_equal(point.T, np.tile([1.0, 2.0], (201, 1)))

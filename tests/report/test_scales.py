@@ -81,6 +81,16 @@ def test_colors_of_negative_numbers_are_linear(signed: Results) -> None:
     assert draw_figure(HeatMap(metric=measure("mean(log_score)"), log=True), signed, ["svg"])
 
 
+def test_equal_numbers_have_a_logarithmic_color(tmp_path: Path) -> None:
+    filters = {"KF": {"kind": "kf"}, "U": {"kind": "ukf"}}
+    grid = {"filters.U.kappa": [1, 2]}
+    results = results_of(tmp_path, filters=filters, grid=grid)
+    spec = HeatMap(filters=("KF",), metric=measure("mean(rmse_position)"), log=True)
+    ((_, content),) = draw_figure(spec, results, ["svg"])
+    value = results.summary.query("metric == 'mean(rmse_position)' and filter == 'KF'")["value"]
+    assert f"{value.iloc[0]:.3g}".encode() in content
+
+
 @pytest.mark.parametrize(
     "spec",
     [

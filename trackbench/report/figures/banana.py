@@ -198,4 +198,13 @@ def ellipse(mean: Array, cov: Array, deviations: float) -> Array:
     """Return points (2, 201) of the curve of constant density that many standard deviations out."""
     angle = np.linspace(0.0, 2.0 * np.pi, 201)
     circle = np.stack([np.cos(angle), np.sin(angle)])
-    return np.asarray(mean[:, None] + deviations * np.linalg.cholesky(cov) @ circle)
+    return np.asarray(mean[:, None] + deviations * _root(cov) @ circle)
+
+
+def _root(cov: Array) -> Array:
+    """Return a square root (2, 2) of a covariance, which may be singular but for rounding."""
+    try:
+        return np.asarray(np.linalg.cholesky(cov))
+    except np.linalg.LinAlgError:
+        variances, axes = np.linalg.eigh(cov)
+        return np.asarray(axes * np.sqrt(np.maximum(variances, 0.0)))

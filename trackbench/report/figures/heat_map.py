@@ -153,9 +153,10 @@ def _numbers(ax: Axes, values: Array, texts: list[list[str]], image: Any, cell_i
     """Write the numbers into the cells, black or white; none if there is no room."""
     if max(len(text) for row in texts for text in row) * _DIGIT_IN > cell_in:
         return
+    colors = image.cmap(image.norm(values))
     for (i, j), value in np.ndenumerate(values):
         if np.isfinite(value):
-            r, g, b, _ = image.cmap(image.norm(value))
+            r, g, b, _ = colors[i, j]
             dark = 0.299 * r + 0.587 * g + 0.114 * b < 0.5
             ax.text(j, i, texts[i][j], ha="center", va="center", fontsize=6.5,
                     color="white" if dark else "black")  # fmt: skip
