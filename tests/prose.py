@@ -5,7 +5,7 @@ in a results folder. A third part gives the values of a point of the grid (``0.1
 front asks for its z from zero. ``[holds](../../results/hdepf/ "claim; TEXT OF THE CLAIM")`` is the
 verdict on a claim, ``"number; TABLE; ROW; FILTER; METRIC"`` that on a printed number. ``count; numbers;
 agrees; fragile`` counts verdicts of a folder, or of all (``results/``): of ``numbers``, ``words`` on a
-bias or ``claims``. The word and the mark may be left out. ``python -m tests.prose`` (in ``make
+bias or ``claims``. The word may be left out; in place of ``fragile`` may stand a paper. ``python -m tests.prose`` (in ``make
 reproduce``) lists what changed, and records the numbers that need the runs in ``results/quoted.csv``;
 ``--write`` writes the texts anew, with as many decimals as they had.
 """
@@ -76,9 +76,11 @@ def like(match: re.Match[str], value: float) -> str:
 
 
 def count(folder: str, what: str, word: str = "", mark: str = "") -> int:
-    """Return how many verdicts of a folder, or of all, have the word and the mark."""
+    """Return how many verdicts of a folder, or of all, have the word; ``mark``: fragile, or a paper."""
     found = [row for row in _verdicts(folder, what) if word in ("", row["verdict"])]
-    return sum(not mark or row["fragile"] == "yes" for row in found)
+    if mark == "fragile":
+        return sum(row["fragile"] == "yes" for row in found)
+    return sum(mark in ("", row["paper"]) for row in found)
 
 
 @cache
