@@ -1,5 +1,6 @@
 """A target, sensor or start of one's own that is wrong: said in a line with its file and line."""
 
+import sys
 from pathlib import Path
 from typing import Generic
 
@@ -153,8 +154,10 @@ WHOLE = {
 
 @pytest.mark.parametrize("method", WHOLE)
 def test_a_scenario_of_ones_own(method: str, tmp_path: Path) -> None:
-    trackbench("new", "scenario", "own-radar", cwd=tmp_path)
+    sys.modules.pop("own_radar", None)  # of the test before
+    made = trackbench("new", "scenario", "own-radar", cwd=tmp_path)
     good, bad, said = WHOLE[method]
+    assert made.returncode == 0, made.stderr
     text = (tmp_path / "own_radar.py").read_text()
     (tmp_path / "own_radar.py").write_text(text.replace(good, bad))
     done = trackbench("check", "own_radar.yaml", "--allow-plugins", cwd=tmp_path)

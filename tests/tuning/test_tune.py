@@ -85,7 +85,7 @@ def test_tuned_filters_stand_beside_the_others(report: api.Report) -> None:
     values = [cells[0].estimate.value for cells in report.tables["rmse"].cells]
     assert values[1] < 0.9 * values[0]
     paired = (report.folder / "paired.csv").read_text()
-    assert "KF (tuned),Kind (tuned),rmse_position" in paired
+    assert "KF (tuned),Kind (tuned),rms(rmse_position)" in paired
     entry = report.results.config["filters"]["KF (tuned)"]
     best = report.results.tuning["KF"].best.values["assume.motion.q"]
     assert entry["assume"]["motion"] == {"kind": "cwna", "q": best}

@@ -167,7 +167,7 @@ def write_manifest(folder: Path, facts: Mapping[str, Any], written: Iterable[Pat
     for path in written:
         name = path.relative_to(folder).as_posix()
         digests.pop(name, None)
-        if path.is_file():
+        if path.is_file() and name not in (MACHINE, MANIFEST):
             digests[name] = _digest(path)
     facts = {**facts, "format": FORMAT}
     for name in (MACHINE, MANIFEST):
