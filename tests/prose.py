@@ -6,7 +6,8 @@ front asks for its z from zero. ``[holds](../../results/hdepf/ "claim; TEXT OF T
 verdict on a claim, ``"number; TABLE; ROW; FILTER; METRIC"`` that on a printed number. ``count; numbers;
 agrees; fragile`` counts verdicts of a folder, or of all (``results/``): of ``numbers``, ``words`` on a
 bias or ``claims``. The word may be left out; a paper may stand in place of ``fragile``.
-``python -m tests.prose`` (in ``make reproduce``) lists what changed, and records the numbers that need the runs in ``results/quoted.csv``;
+``python -m tests.prose`` (in ``make reproduce``) lists what changed, and records the numbers that
+need the runs in ``results/quoted.csv``;
 ``--write`` writes the texts anew, with as many decimals as they had.
 """
 
