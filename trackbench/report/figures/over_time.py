@@ -14,6 +14,7 @@ from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import ranking
 from trackbench.report.kinds import FigureKind
+from trackbench.report.paired import compared_statistic
 from trackbench.report.plotting import scales, style
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.result_files import Columns
@@ -185,15 +186,6 @@ class OverTime(Curves):
         return True
 
 
-def _shown_statistic(results: Results, metric: Measure) -> str:
-    """Return the statistic over runs by which tables show a metric: of errors the rms, else the mean."""
-    tables = [t for t in results.config["tables"].values() if t["kind"] == "metrics"]
-    for m in (measured(text) for table in tables for text in table["columns"].values()):
-        if m == Measure(str(metric), statistic=m.statistic) and m.statistic in ("rms", "mean"):
-            return m.statistic
-    return "rms" if metric.family[0].over_steps == "rms" else "mean"
-
-
 @register("figures", "rmse-vs-time")
 @dataclass(frozen=True, kw_only=True)
 class RmseVsTime(OverTime):
@@ -208,7 +200,7 @@ class RmseVsTime(OverTime):
     def default_caption(self, results: Results) -> str:
         """Return which filter is best over the whole run, by the number that the tables show."""
         point = results.points()[0]
-        statistic = _shown_statistic(results, self.metric)
+        statistic = compared_statistic(results.config, str(self.metric))
         over_runs, there = Evaluator(results, point), dict[str, float]()
         for label in results.chosen(self.filters):
             for m in (measured(f"{statistic}({self.metric})"), self.metric):
