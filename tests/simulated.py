@@ -30,9 +30,6 @@ LAWS: dict[str, Callable[[Rng, tuple[int, ...]], Array]] = {
     "lognormal": lambda rng, shape: rng.lognormal(size=shape) - np.exp(0.5),
     "UPF": lambda rng, shape: _resampled(rng, ERRORS["UPF"], shape),
     "HDEPF": lambda rng, shape: _resampled(rng, ERRORS["HDEPF"], shape),
-    "rare": lambda rng, shape: (
-        rng.normal(size=shape) + np.where(rng.random(shape) < 0.02, -9.8, 0.2)
-    ),
 }
 """Runs of mean zero; those of filters are drawn from the shipped ones."""
 DIFFERENCES = LAWS | {

@@ -138,7 +138,7 @@ def test_colors_are_those_of_tables_on_a_terminal(tmp_path: Path) -> None:
     """Help and mistakes have none; a terminal without colors, and one that wants none, get none."""
     import pty
 
-    run = ["run", "merwe2000", "--runs", "4", "--only", "UKF", "--only", "EKF"]
+    run = ["run", "merwe2000", "--runs", "6", "--only", "UKF", "--only", "EKF"]
     run += ["--set", "figures={}"]
     for words, settings, colors in (
         (["--help"], {}, False),

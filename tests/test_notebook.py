@@ -47,7 +47,7 @@ def test_a_mapping_is_a_config(report: trackbench.Report, tmp_path: Path) -> Non
 def test_a_mapping_is_left_as_it_was(tmp_path: Path) -> None:
     config = {**CONFIG, "filters": {"UKF": {"kind": "ukf"}}}
     swept = trackbench.sweep(
-        *(config, QUIET), set=["runs=6"], grid=["filters.UKF.Q=1,2"], out=tmp_path / "s"
+        *(config, QUIET), set=["runs=2"], grid=["filters.UKF.Q=1,2"], out=tmp_path / "s"
     )
     assert "grid" not in config
     assert config["filters"] == {"UKF": {"kind": "ukf"}}

@@ -9,6 +9,7 @@ import pytest
 from trackbench import api
 from trackbench.execution.cache import cache_folder, cache_size, clear_cache
 from trackbench.report import render
+from trackbench.report.paired import compared_statistics
 from trackbench.report.render import KeptFigures, draw_figure, drawing_pool
 from trackbench.report.results import Results
 
@@ -91,13 +92,16 @@ def test_the_looks_of_lines_are_those_that_any_figure_gives_them(folder: Path) -
         assert set(keys(folder).values()).isdisjoint(before.values())
 
 
-def test_of_other_figures_and_tables_a_figure_takes_nothing_but_looks(folder: Path) -> None:
+def test_of_other_figures_and_tables_a_figure_takes_looks_and_statistics(folder: Path) -> None:
+    """The statistic of a table's column decides by which one a figure of pairs compares."""
     before = files(folder, processes=1)
     results = api.load(folder).results
     figures = results.parts("figures")
     assert results._references
-    for key in ("figures", "tables"):
-        del results.config[key]
+    statistics = compared_statistics(results.config)
+    columns = {name: f"{statistic}({name})" for name, statistic in statistics.items()}
+    del results.config["figures"]
+    results.config["tables"] = {"other": {"kind": "metrics", "columns": columns}}
     assert before == {name: draw_figure(spec, results, ["svg"]) for name, spec in figures.items()}
 
 

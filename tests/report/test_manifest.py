@@ -108,9 +108,17 @@ def test_a_killed_run_leaves_nothing_of_the_one_before(folder: Path, where: str)
     done = subprocess.run([*command, "--seed", "5"])
     assert done.returncode == -9
     left = files(folder)
-    assert not left & {"manifest.json", "tables/t.csv", "tables/t.tex", "tracks.npz"}
+    assert not left & {"tables/t.csv", "tables/t.tex", "tracks.npz"}
     assert not left & {"figures/f.svg", "figures/f.png"}
     assert set(OWN) < before & left
+    # The manifest of the data is written before anything follows from them.
+    assert ("manifest.json" in left) == (where != "write_manifest")
+    if "manifest.json" in left:
+        assert manifest(folder)["files"].keys() >= {"per_run.csv", "summary.csv", "config.yaml"}
+        assert not [name for name in manifest(folder)["files"] if name.startswith(("t", "f"))]
+        assert trackbench("report", folder).returncode == 0
+        assert (folder / "report.html").is_file()
+        return
     for command in ("compare", "plot", "report", "verify"):
         done = trackbench(command, folder)
         assert done.returncode == (1 if command == "verify" else 2)

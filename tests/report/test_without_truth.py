@@ -235,8 +235,8 @@ def test_one_recording_is_decided_by_its_steps(tmp_path: Path) -> None:
     )
     report = api.run(tmp_path / "one.yaml", out=tmp_path / "out", quiet=True, formats=())
     first, *_, last = report.answer
-    assert "Same shows no significant difference (equal at every step)" in first
-    assert "that of Bad is smaller by" in first
+    assert "without a significant difference: Same (equal at every step)" in first
+    assert "significantly smaller: Bad by" in first
     assert last.startswith("One recording: its steps decide")
     quick = api.run(tmp_path / "one.yaml", out=tmp_path / "q", quiet=True, formats=(), quick=True)
     assert "\nruns: 1\n" in (quick.folder / "config.yaml").read_text()

@@ -43,7 +43,7 @@ def one_more(x):
 DERIVED = {
     "a table": (["tables/table1.csv", ["PF"], "Mean", more], "tables/table1.csv: 1 rows "),
     "published": (
-        ["comparison.csv", ["MCMC"], "published", "2.0"],
+        ["comparison.csv", ["PF50"], "published", "2.0"],
         "comparison.csv: 1 rows ",
     ),
     "measured": (["comparison.csv", ["PF50"], "measured", more], "comparison.csv: 1 rows "),

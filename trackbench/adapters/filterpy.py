@@ -46,7 +46,8 @@ class FilterPy(PerRun):
     def start(self, mean: Array, cov: Array) -> None:
         """Make the object, and set its state and those of the filters in it."""
         self._object, self._keywords = self._make(self.dt)
-        self._by_dt, self._diagnostics = {self.dt: self._object}, {"nis": np.nan}
+        self._by_dt: dict[float, Foreign] = {}
+        self._diagnostics = {"nis": np.nan}
         self._is_measured: Mask | None = None
         for part in (*_bank_of(self._object), self._object):
             if np.size(part.x) != len(mean):
@@ -59,10 +60,11 @@ class FilterPy(PerRun):
     def predict(self, dt: float) -> Pair:
         """Call the object's prediction, with the motion of this interval."""
         self._diagnostics, self._is_measured = dict.fromkeys(self._diagnostics, np.nan), None
-        # The object keeps its state; only the motion comes from the object made for this interval.
-        if dt not in self._by_dt:
-            self._by_dt[dt], _ = self._make(dt)
-        if dt != self.dt or len(self._by_dt) > 1:
+        # The object keeps its state; once an interval was another one than the first, the motion comes
+        # from an object made for the interval.
+        if dt != self.dt or self._by_dt:
+            if dt not in self._by_dt:
+                self._by_dt[dt], _ = self._make(dt)
             _copy_motion(self._by_dt[dt], self._object)
         self._object.predict(**({"dt": dt} if self._takes_dt else {}))
         return self._object.x, self._object.P

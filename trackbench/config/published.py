@@ -82,8 +82,7 @@ class PublishedNumber:
     label: str = ""
     """labels of the filter there, separated by semicolons"""
     reading: str = ""
-    """how this row interprets the number, in a few words: needed where several rows measure one number,
-    whose verdict is that of the best"""
+    """interpretation, in a few words: needed where several rows measure one number; the best counts"""
     expression: Measure | None = None
     """what to measure: `mean(rmse)`, `rmse@20`, `ratio(cpu_s_per_run, PF)`, `gain(...)`, `minus(...)`,
     `win_rate(rmse, PF)`: the share of the runs in which it is less than PF's; `controlled(...)`"""
@@ -137,7 +136,7 @@ class Claim:
     tolerance: NonNegative = 0.0
     """share of the right side that `~` allows"""
     printed: Finite | None = None
-    """percent by which the left side is below the right one, as printed"""
+    """percent by which the left side is below the right one"""
     point: str = ""
     """point of the experiment's grid"""
     source: str = ""
@@ -377,12 +376,11 @@ def _check_reading(row: PublishedNumber, source: Source, before: list[PublishedN
         same = "an earlier row has this paper, table, row, filter, metric and point, too"
         if other.value != row.value:
             source.add_problem(("value",), f"is {row.value} here and {other.value} there: {same}")
-        elif row.reading == other.reading or not (row.reading and other.reading):
+            return
+        if row.reading == other.reading or not (row.reading and other.reading):
             what = f"{same}: give each a `reading` of its own, or leave one out"
             source.add_problem(("reading",), what)
-        else:
-            continue
-        return
+            return
 
 
 def _check_claim(row: Claim, source: Source) -> None:

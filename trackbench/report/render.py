@@ -35,6 +35,7 @@ from trackbench.field_types import require_regular_file
 from trackbench.registry import is_plugin
 from trackbench.report.findings.sentences import answer
 from trackbench.report.kinds import FigureKind, TableKind, figure_folder
+from trackbench.report.paired import compared_statistics
 from trackbench.report.plotting import style
 from trackbench.report.plotting.page_formats import SHEETS, Style, drawing_for, is_crowded
 from trackbench.report.results import Results, as_figure, as_table, catch_errors
@@ -46,7 +47,7 @@ from trackbench.results.folder_contents import FIGURE_FORMS, RUN_FILES, TABLE_FO
 Files: TypeAlias = list[tuple[str, bytes]]
 """Format and content."""
 _PARTS = ("tables", "figures")
-"""Each is made by its own keys alone, and a figure by the lines' looks."""
+"""Each is made by its own keys alone, and a figure by looks of lines and statistics of columns, too."""
 _FACTS = ("steps", "loops_over_runs", "deterministic", "failed")
 """What figures take from the manifest."""
 
@@ -69,7 +70,7 @@ class KeptFigures:
         looks = {
             label: results.line_style(label) for label in results.labels
         }  # of all figures' keys
-        made_by = [libraries, words, facts, looks, _sources()]
+        made_by = [libraries, words, facts, looks, compared_statistics(results.config), _sources()]
         digest = hashlib.sha256(json.dumps(made_by, default=str).encode())
         names = (*RUN_FILES, "tuning.csv", *results.config.get("published", ()))
         _add(digest, (results.folder / name for name in names))

@@ -111,8 +111,8 @@ def _best(standing: Ranking, best: Candidate) -> Best:
     text = f"{best.name}{', ' if where else ''}{where}: "
     text += f"mean {metric_words(metric)} {with_unit(rounded(*best.overall, 4), metric)}"
     # The settings without a significant difference, and how far off the nearest other one is.
-    if standing.ties:
-        settings = listed([rival.filter.setting for rival in standing.ties])
+    if standing.not_worse:
+        settings = listed([rival.filter.setting for rival in standing.not_worse])
         text += f"; no significant difference: {settings}"
     nearest, apart = None, nan
     if standing.nearest is not None:
@@ -128,7 +128,7 @@ def _best(standing: Ranking, best: Candidate) -> Best:
         metric=f"mean({metric})",
         value=best.overall.value,
         stderr=best.overall.stderr,
-        ties=[rival.filter.own for rival in standing.ties],
+        ties=[rival.filter.own for rival in standing.not_worse],
         next={} if nearest is None else nearest.own,
         difference=apart,
         difference_stderr=nan if standing.nearest is None else standing.nearest.difference.stderr,

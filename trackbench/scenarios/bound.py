@@ -56,9 +56,12 @@ def along(course: Course, path: Array) -> Bound:
 def over_paths(course: Course, first: Callable[[int, Streams], Array]) -> Bound | None:
     """Return the bound with ``E[H' R^-1 H]`` over the paths that the motion draws.
 
-    ``first`` draws so many first states (n, N). The result is None if all paths are one. Each of the
-    bounds without a batch of paths has the expectation over the others; they give its standard error.
+    ``first`` draws so many first states (n, N). The result is None if all paths are one, or have one
+    information since the sensor is linear. Each of the bounds without a batch of paths has the
+    expectation over the others; they give its standard error.
     """
+    if hasattr(course.sensor, "H"):
+        return None
     rng, motion = block_stream(0, 0), course.motion
     start = first(BATCHES * _PATHS, rng)
     n = len(start)

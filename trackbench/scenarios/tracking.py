@@ -1,7 +1,7 @@
 """Scenario `tracking`: any target, seen by any sensors, from any start."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Annotated
 
@@ -9,16 +9,22 @@ import numpy as np
 
 from trackbench.core import linalg
 from trackbench.core.angles import near
-from trackbench.core.arrays import Array, Index, Mask, fixed
+from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.cramer_rao import largest_deviation
 from trackbench.core.distributions import Distribution, PointMass
 from trackbench.core.random_streams import Streams
 from trackbench.field_types import Finite, InvalidKeyError, Natural, Positive, Registered, Unit
-from trackbench.models.base import Model, Motion, SampledMotion
-from trackbench.models.motions.irregular import Irregular
+from trackbench.models.base import Model, SampledMotion
 from trackbench.models.motions.kinematic import ConstantVelocity, Linear
 from trackbench.models.motions.nonlinear import AngledMotion
-from trackbench.models.sensors.base import Assume, SensorBase, Sensors, sensors_of, stack
+from trackbench.models.sensors.base import (
+    Assume,
+    SensorBase,
+    Sensors,
+    check_assumed,
+    sensors_of,
+    stack,
+)
 from trackbench.registry import register
 from trackbench.scenarios.base import Scenario, Simulation
 from trackbench.scenarios.bound import Bound, Course, along, over_paths
@@ -187,7 +193,9 @@ class Tracking(Scenario):
             what = "name the motion that filters assume: the target has none of its own"
             raise InvalidKeyError(what, "assume")
         # The motion's first components are the target's; more may follow.
-        sampled = self._sampled(motion)
+        if isinstance(motion, AngledMotion) and self.angles:
+            motion = motion.with_angles(self.angles, self.target.axes)
+        sampled = self._timeline.sampled(motion, self.target.axes)
         if sampled.components[: len(self.components)] != self.components:
             what = f"a motion of {', '.join(sampled.components)} for {', '.join(self.components)}"
             raise InvalidKeyError(what, "assume")
@@ -195,33 +203,10 @@ class Tracking(Scenario):
         sensor = self.true_sensor
         if self.assume.sensor is not None:
             sensor = self._stacked(self.assume.sensor, "assume", "sensor")
-            self._check_assumed(self.assume.sensor)
+            check_assumed(self.assume.sensor)
         if sensor.components != self.true_sensor.components:
             raise InvalidKeyError("the assumed sensor measures something else", "assume", "sensor")
         return Model(sampled, sensor)
-
-    def _check_assumed(self, sensors: SensorBase | tuple[SensorBase, ...]) -> None:
-        """Raise InvalidKeyError for a property of the true measurements that filters do not model."""
-        for i, sensor in enumerate(sensors if isinstance(sensors, tuple) else (sensors,)):
-            index = (i,) if isinstance(sensors, tuple) else ()
-            for name in (key.name for key in fields(SensorBase)):
-                if getattr(sensor, name) != getattr(SensorBase, name):
-                    what = (
-                        "has no effect: no filter models it; set it at the scenario's own `sensor`"
-                    )
-                    raise InvalidKeyError(what, "assume", "sensor", *index, name)
-
-    def _sampled(self, motion: Motion) -> SampledMotion:
-        """Return the motion from step to step."""
-        line, axes = self._timeline, self.target.axes
-        if isinstance(motion, AngledMotion) and self.angles:
-            motion = motion.with_angles(self.angles, axes)
-        if line.equal:
-            return motion.sampled(line.T, axes)
-        if motion.uses_time:
-            what = "the motion depends on the time t = k T, and these steps are not equal"
-            raise InvalidKeyError(what, "assume")
-        return Irregular(motion, axes, int(line.steps[1]), fixed(np.diff(line.times)))
 
     def with_assumptions(self, assume: Assume) -> "Tracking":
         """Return the scenario with a filter's assumptions."""
@@ -361,19 +346,12 @@ class Tracking(Scenario):
         """Return the posterior Cramer-Rao bound, over the paths of a driven target."""
         motion, line, path = self._motion, self._timeline, self.target.path(self._timeline)
         assert isinstance(motion, Linear)
-        initial = self._start.bound(
-            path, self.first, self.true_sensor, self.T, self.target.diffusion
-        )
-        course = Course(
-            line.steps.tolist()[self._skipped :],
-            motion,
-            self.true_sensor,
-            initial,
-            partial(self.score.squares, self.true_sensor, self.components),
-        )
-        # A linear sensor has one information along every path.
-        own = self.target.own_motion is not None and not hasattr(self.true_sensor, "H")
-        found = over_paths(course, self._first_states) if own else None
+        sensor, steps = self.true_sensor, line.steps.tolist()[self._skipped :]
+        initial = self._start.bound(path, self.first, sensor, self.T, self.target.diffusion)
+        squares = partial(self.score.squares, sensor, self.components)
+        course = Course(steps, motion, sensor, initial, squares)
+        driven = self.target.own_motion is not None
+        found = over_paths(course, self._first_states) if driven else None
         return found or along(course, path[:, self._skipped :])
 
     def _first_states(self, number: int, rng: Streams) -> Array:

@@ -5,7 +5,7 @@ A base sensor has measurement times, and errors that filters do not model.
 
 from abc import abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from itertools import pairwise
 from typing import Annotated, ClassVar, Literal, TypeAlias
@@ -303,3 +303,13 @@ def sensors_of(sensor: Sensors) -> tuple[SensorBase, ...]:
 def rows_of(sensor: Sensors) -> list[slice]:
     """Return the rows of each sensor's components in a measurement."""
     return sensor.rows if isinstance(sensor, StackedSensor) else [slice(None)]
+
+
+def check_assumed(sensors: SensorBase | tuple[SensorBase, ...]) -> None:
+    """Raise InvalidKeyError for a property of true measurements that filters do not model."""
+    for i, sensor in enumerate(sensors if isinstance(sensors, tuple) else (sensors,)):
+        index = (i,) if isinstance(sensors, tuple) else ()
+        for name in (key.name for key in fields(SensorBase)):
+            if getattr(sensor, name) != getattr(SensorBase, name):
+                what = "has no effect: no filter models it; set it at the scenario's own `sensor`"
+                raise InvalidKeyError(what, "assume", "sensor", *index, name)

@@ -65,9 +65,9 @@ class Candidate:
         """Return what is compared with other filters."""
         return Sample(self.values, self.statistic, self.steps)
 
-    def has_error(self, alone: bool) -> bool:
-        """Return whether its number has an error that differences can be tested by, or it is alone."""
-        enough = 2 if alone else FEWEST_RUNS
+    def has_error(self, untested: bool) -> bool:
+        """Return whether its number has an error; unless ``untested``, one that differences need."""
+        enough = 2 if untested else FEWEST_RUNS
         return self.steps is not None or np.isfinite(self.values).sum() >= enough
 
     @cached_property
@@ -127,7 +127,12 @@ class Ranking(NamedTuple):
     @property
     def rivals(self) -> "list[Rival]":
         """Return every filter that is compared with the best."""
-        return [*self.ties, *self.worse, *self.undecided]
+        return [*self.not_worse, *self.worse]
+
+    @property
+    def not_worse(self) -> "list[Rival]":
+        """Return the filters that are not significantly worse than the best."""
+        return [*self.ties, *self.undecided]
 
     @property
     def nearest(self) -> "Rival | None":
@@ -213,7 +218,7 @@ def ranking_of(
     losing += [c for c in ranked if c not in rivals and c not in losing and c.losses]
     chosen, runs = len(tried) > len(ranked), max((len(c.lost) for c in ranked), default=0)
     found = Ranking({}, measure, None, [], [], [], losing, floor, rivals, chosen, runs)
-    if not rivals or not rivals[0].has_error(alone=not rivals[1:]):
+    if not rivals or not rivals[0].has_error(untested=apart or not rivals[1:]):
         return found
     # Step 3: compare the first of the others with all the rest on common runs.
     best, beside = rivals[0], [floor] if floor is not None else []

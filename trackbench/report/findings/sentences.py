@@ -134,7 +134,7 @@ def _ratio(standing: Ranking, rival: Rival, matters: float) -> str:
     """Return the ratio to the best with its 95 % interval; of scores the difference."""
     comparison = rival.comparison
     if comparison.is_equal:
-        return "(equal in every run)"
+        return f"(equal {'at every step' if standing.runs == 1 else 'in every run'})"
     if standing.metric.family[0].is_score:
         nats = abs(comparison.difference.value)
         ends = sorted(map(abs, comparison.difference.interval()))

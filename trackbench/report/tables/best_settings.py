@@ -46,7 +46,7 @@ class BestSettings(TableKind):
 
 def _keys(standing: Ranking) -> list[str]:
     assert standing.best is not None
-    ties = [rival.filter.setting for rival in standing.ties]
+    ties = [rival.filter.setting for rival in standing.not_worse]
     more = len(ties) - _MOST
     shown = ", ".join(ties[:_MOST]) + (f", {more} more" if more > 0 else "")
     return [standing.best.label, standing.best.setting, shown or "none"]

@@ -7,12 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trackbench.core.arrays import Array, Index, Mask
+from trackbench.core.arrays import Array, Index, Mask, fixed
 from trackbench.core.random_streams import RunStreams, Streams
 from trackbench.extension_points import Part
 from trackbench.field_types import MOST_STEPS, Finite, InvalidKeyError
 from trackbench.metrics import in_window
-from trackbench.models.base import Motion, position_velocity_names
+from trackbench.models.base import Motion, SampledMotion, position_velocity_names
+from trackbench.models.motions.irregular import Irregular
 from trackbench.models.sensors.base import Sensors
 from trackbench.scenarios.starts.base import Start
 
@@ -32,6 +33,15 @@ class Timeline(NamedTuple):
     T: float
     equal: bool = True
     apart: Array | float | None = None
+
+    def sampled(self, motion: Motion, axes: int) -> SampledMotion:
+        """Return a motion from step to step; raises InvalidKeyError."""
+        if self.equal:
+            return motion.sampled(self.T, axes)
+        if motion.uses_time:
+            what = "the motion depends on the time t = k T, and these steps are not equal"
+            raise InvalidKeyError(what, "assume")
+        return Irregular(motion, axes, int(self.steps[1]), fixed(np.diff(self.times)))
 
 
 class Flight(NamedTuple):
