@@ -18,7 +18,7 @@ from trackbench.report.html import report_page
 from trackbench.report.tables.metrics import Metrics
 
 CONFIG = f"""name: small
-runs: 4
+runs: 6
 {PLANE}
 filters: {{KF: {{kind: kf}}, UKF: {{kind: ukf}}}}
 tables:

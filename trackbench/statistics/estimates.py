@@ -212,6 +212,12 @@ class OfSteps(RunEstimate):
         """Return a number from what each step adds to it; NaN steps have no value."""
         return cls(value, series_mean(steps).stderr, steps - value, 1)
 
+    @property
+    def series(self) -> Array:
+        """Return what each step (T,) adds to the number."""
+        assert self.influences is not None
+        return self.influences + self.value
+
     def minus(self, other: "OfSteps", factor: float = 1.0) -> "OfSteps":
         """Return the difference, step by step."""
         assert self.influences is not None
