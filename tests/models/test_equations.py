@@ -146,6 +146,10 @@ def test_linear_equations_are_a_linear_motion_and_sensor() -> None:
         assert not hasattr(FunctionSensor(h={"z": h}, R=1.0).for_state(("a", "b")), "H")
 
 
+CHAIN = {"a0": "sin(x)"} | {f"a{i}": f"sin(a{i - 1})" for i in range(1, 900)}
+"""Parts, each the sine of the one above: 900 levels."""
+
+
 @pytest.mark.parametrize(
     ("changes", "path", "what"),
     [
@@ -163,6 +167,7 @@ def test_linear_equations_are_a_linear_motion_and_sensor() -> None:
         ({"parameters": {"pi": 3.0}}, ("parameters", "pi"), "the name 'pi' is taken"),
         ({"where": {"x": "y"}}, ("where", "x"), "the name 'x' is taken"),
         ({"where": {"w": "x +"}}, ("where", "w"), "this is not an arithmetic"),
+        ({"where": CHAIN}, ("where", "a99"), "more than 200 levels"),
     ],
 )
 def test_a_mistake_is_found_at_its_key(changes: Any, path: tuple[Any, ...], what: str) -> None:

@@ -115,6 +115,9 @@ class Program:
         return [values[slot] for slot in self._outputs]
 
 
+MOST_LEVELS = 200
+"""Operations within each other; a worker process cannot be sent much deeper trees."""
+
 Term: TypeAlias = Finite | str
 """A number or an expression."""
 Covariance: TypeAlias = Term | dict[str, Term] | tuple[Term | tuple[Term, ...], ...]
@@ -175,9 +178,16 @@ class Equations:
     def parse(self, term: Term, *path: str | int) -> Node:
         """Return an expression's tree; raises InvalidKeyError at this key."""
         try:
-            return parse(term, self.names)
+            node = parse(term, self.names)
         except ExpressionError as error:
             raise InvalidKeyError(str(error), *path) from None
+        levels: dict[int, int] = {}
+        for part in in_order([node]):
+            levels[id(part)] = 1 + max((levels[id(a)] for a in part.arguments), default=0)
+        if levels[id(node)] > MOST_LEVELS:
+            why = "with the parts that it names; put brackets about parts of a sum"
+            raise InvalidKeyError(f"nested more than {MOST_LEVELS} levels deep, {why}", *path)
+        return node
 
     def program(self, nodes: Iterable[Node]) -> Program:
         """Return the nodes' values as a function of the components and scalars."""
