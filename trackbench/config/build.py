@@ -182,10 +182,6 @@ def _problems(
         if inner is cls:
             known += also
         word = str(item["loc"][-1])
-        renamed = inner.renamed_keys if inner is not None and issubclass(inner, Part) else {}
-        if word in renamed:
-            what = f"`{word}` is now `{renamed[word]}`"
-            return [Problem(source.key_mark(where), dotted(where[:-1]), what)]
         if inner is not None and issubclass(inner, Part) and word in inner.unsupported_keys:
             return [Problem(source.key_mark(where), dotted(where), inner.unsupported_keys[word])]
         what = f"unknown key; {unknown(word, known)}" if known else "unknown key"
@@ -257,14 +253,6 @@ def _show(value: object) -> str:
     return text if len(text) < 60 else text[:57] + "..."
 
 
-_REPLACED_KINDS = {
-    ("scenarios", "recorded"): "recorded data are a target now: {kind: tracking, target: {kind: "
-    "measured, measurements: m.csv, truth: t.csv}, sensor: ..., start: one-scan, assume: {motion: "
-    "...}}; prior_mean and prior_sigma are the start {kind: given, mean: [...], sigma: [...]}"
-}
-"""Hints for kinds of earlier versions."""
-
-
 def build_kind(group: Group, source: Source, keys: Keys) -> Any:
     """Return the registered dataclass that the mapping at ``keys`` asks for by its ``kind``."""
     # Step 1: find the class.
@@ -278,7 +266,6 @@ def build_kind(group: Group, source: Source, keys: Keys) -> Any:
     cls = of_kind(group, kind) if isinstance(kind, str) else None
     if cls is None:
         what = f"{kind!r} is not a kind of {group[:-1]}; {unknown(str(kind), list(kinds(group)))}"
-        what = _REPLACED_KINDS.get((group, kind), what) if isinstance(kind, str) else what
         source.add_problem((*keys, "kind"), what)
         return None
     # Step 2: complete the keys by the preset, and build.
