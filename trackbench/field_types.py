@@ -131,7 +131,8 @@ class Registered:
         key = handler.field_name
 
         def read(value: object, info: "ValidationInfo") -> object:
-            return info.context.read(self.group, key, value, source)
+            reader: Any = info.context
+            return reader.read(self.group, key, value, source)
 
         return core_schema.with_info_plain_validator_function(
             read, json_schema_input_schema=core_schema.any_schema()

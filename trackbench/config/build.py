@@ -310,16 +310,21 @@ class _Reader(NamedTuple):
         keys = (*self.keys, key)
         if value is None and _may_be(hint, type(None)):
             return None
-        several = isinstance(value, list) and _may_be(hint, tuple)
-        items = [((*keys, i), item) for i, item in enumerate(value)] if several else [(keys, value)]
-        built = [self._part(group, item, where) for where, item in items]
-        if not built:
+        if not isinstance(value, list) or not _may_be(hint, tuple):
+            return self._components(group, {keys: value})[0]
+        if not value:
             self.source.add_problem(keys, f"is empty: name at least one of {group}")
-        if not built or None in built:
+        return self._components(group, {(*keys, i): item for i, item in enumerate(value)})
+
+    def _components(self, group: Group, entries: Mapping[Keys, object]) -> tuple[Part, ...]:
+        """Return a component for each entry, or raise if the source has mistakes of one."""
+        built = [self._part(group, entry, keys) for keys, entry in entries.items()]
+        parts = [part for part in built if part is not None]
+        if not parts or len(parts) < len(entries):
             raise PydanticCustomError(_REPORTED, "has mistakes")
-        self.parts.extend(built)
+        self.parts.extend(parts)
         check_sensors(self.parts)
-        return tuple(built) if several else built[0]
+        return tuple(parts)
 
     def _part(self, group: Group, value: object, keys: Keys) -> Part | None:
         """Return the component of a mapping; a word is a kind without keys of its own."""
