@@ -136,8 +136,6 @@ class Mine:
     [
         ("filters", "diagnostic", "`diagnostic` is no hook; did you mean `diagnostics`?"),
         ("filters", "max_particle_count", "`max_particle_count` is no method"),
-        ("filters", "counts", "the hook `counts` is now `summed_diagnostics`"),
-        ("scenarios", "no_bound", "the hook `no_bound` is now `why_no_bound`"),
         ("scenarios", "bound", "`bound` is no hook; did you mean `bounds`?"),
         ("scenarios", "run_metric", "`run_metric` is no hook; did you mean `run_metrics`?"),
         ("targets", "span", "`span` is no hook; did you mean `spans`?"),

@@ -256,26 +256,6 @@ def test_the_line_says_what_makes_the_key_idle(tmp_path: Path) -> None:
     ]
 
 
-@pytest.mark.parametrize(
-    ("keys", "expected"),
-    [
-        ({"kind": "hdepf", "bounds": "cloud"}, ["filters.F: `bounds` is now `reading.bounds`"]),
-        ({"kind": "hdepf", "select": "greedy"}, ["filters.F: `select` is now `reading.select`"]),
-        ({"kind": "pfde", "weights": "log"}, ["filters.F: `weights` is now `reading.weights`"]),
-        (
-            {"kind": "pfde", "proposal": "ukf"},
-            ["filters.F: `proposal` is now `{kind: hdepf, reading: {select: greedy}}`"],
-        ),
-    ],
-)
-def test_a_former_key_is_one_line_that_names_the_new_one(
-    tmp_path: Path, keys: Keys, expected: list[str]
-) -> None:
-    assert told(tmp_path, keys) == expected
-    kind, (key, value) = {"kind": keys["kind"]}, list(keys.items())[1]
-    assert told(tmp_path, kind, grid={f"filters.F.{key}": [value]}) == expected
-
-
 def test_a_grid_varies_a_nested_key_of_a_filter_without_the_mapping(tmp_path: Path) -> None:
     assert (
         told(tmp_path, {"kind": "hdepf"}, grid={"filters.F.reading.bounds": ["none", "cloud"]})

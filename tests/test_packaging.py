@@ -1,12 +1,14 @@
 """The wheel stands alone, and what pyproject.toml and the lock files say of it is true."""
 
+import ast
 import os
 import re
 import subprocess
 import sys
 import tomllib
+from collections.abc import Iterator
 from email import message_from_string
-from importlib.metadata import version
+from importlib.metadata import packages_distributions, version
 from pathlib import Path
 from zipfile import ZipFile
 
@@ -130,3 +132,49 @@ def test_types_are_shipped() -> None:
 
 def _name(requirement: str) -> str:
     return re.split(r"[\[><=]", requirement)[0].lower().replace("_", "-")
+
+
+def _imported(tree: ast.AST) -> Iterator[str]:
+    """Top-level names that a module imports, but for type checkers or where it may be missing."""
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name.partition(".")[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            yield str(node.module).partition(".")[0]
+        elif isinstance(node, ast.Try) and "ImportError" in map(ast.unparse, _caught(node)):
+            continue
+        elif not (isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"):
+            yield from _imported(node)
+
+
+def _caught(node: ast.Try) -> list[ast.expr]:
+    return [handler.type for handler in node.handlers if handler.type is not None]
+
+
+def test_every_import_is_a_named_dependency() -> None:
+    extras = PROJECT["optional-dependencies"]
+    named = [*PROJECT["dependencies"], *PYPROJECT["build-system"]["requires"]]
+    named += [*extras["dask"], *extras["filterpy"], *extras["stonesoup"]]
+    known = {_name(requirement) for requirement in named}
+    distributions = packages_distributions()
+    for path in (ROOT / "trackbench").rglob("*.py"):
+        for module in _imported(ast.parse(path.read_text(encoding="utf-8"))):
+            if module not in (*sys.stdlib_module_names, "trackbench"):
+                owners = {_name(owner) for owner in distributions.get(module, [module])}
+                assert owners & known, f"{path} imports {module}"
+
+
+CONFIGS = (".ci/run", ".github/workflows/ci.yml", ".pre-commit-config.yaml", "Makefile")
+REPOSITORY_PATH = re.compile(
+    r"(?<![\w/.$)-])(?:benchmarks|docs|experiments|paper|requirements|results|tests|trackbench)"
+    r"/[\w./*-]*(?![\w./*-]*[$%])"
+)
+
+
+@pytest.mark.parametrize("name", [*CONFIGS, "pyproject.toml"])
+def test_paths_in_the_repositorys_own_configs_exist(name: str) -> None:
+    text = (ROOT / name).read_text(encoding="utf-8")
+    in_the_wheel = PYPROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"]
+    paths = set(REPOSITORY_PATH.findall(text)) - {*in_the_wheel.values()}
+    missing = [path for path in paths if not [*ROOT.glob(path.rstrip("."))]]
+    assert not missing

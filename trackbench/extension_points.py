@@ -17,22 +17,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-FORMER_HOOKS = {
-    "needs": "requires",
-    "counts": "summed_diagnostics",
-    "excused": "contract_exemptions",
-    "one_by_one": "loops_over_runs",
-    "notes": "diagnostic_names",
-    "held": "extra_memory",
-    "told": "notices",
-    "tells_likelihood": "has_likelihood",
-    "besides": "optional_capabilities",
-    "prior_kind": "prior_type",
-    "no_bound": "why_no_bound",
-    "believing": "with_assumptions",
-    "unscored": "without_scoring",
-}
-"""Hooks by their former names."""
 _ALIKE = 0.8  # of two names: `bound` and `bounds` are 0.91, `estimated` and `estimate` 0.94
 _NOTHING = object()
 
@@ -47,8 +31,6 @@ class Part:
     """the name under which the class is registered"""
     presets: ClassVar[dict[str, dict[str, object]]] = {}
     """named sets of keys, chosen in a config by ``preset: NAME``"""
-    renamed_keys: ClassVar[dict[str, str]] = {}
-    """former names of keys, each with what to write instead"""
     unsupported_keys: ClassVar[dict[str, str]] = {}
     """keys that a user may expect, each with the reason why it is rejected"""
     optional_capabilities: ClassVar[tuple[type, ...]] = ()
@@ -185,13 +167,10 @@ def mistakes(cls: type, base: type[Part]) -> Iterator[tuple[str, int, str]]:
             yield *_place(cls, name), f"the key `{name}` is a hook, too: give it a default"
         if isinstance(declared, property) and inspect.isfunction(actual):
             yield *_place(cls, name), f"`{name}` is no method: put @property above it"
-    # Names that are former or misspelt hooks.
+    # Names that are nearly those of hooks.
     for owner in set(cls.__mro__) - set(base.__mro__):
         names = {*vars(owner), *inspect.get_annotations(owner)} - known.keys() - keys.keys()
         for name in (n for n in names if not n.startswith("_")):
-            if FORMER_HOOKS.get(name) in known:
-                yield *_place(owner, name), f"the hook `{name}` is now `{FORMER_HOOKS[name]}`"
-                continue
             near = get_close_matches(name, known, 1, _ALIKE)
             what = f"`{name}` is no hook; did you mean `{''.join(near)}`? Helpers begin with _"
             yield from [(*_place(owner, name), what)] if near else []

@@ -4,7 +4,6 @@ import errno
 import os
 import re
 import stat
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeAlias, TypeGuard
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeAlias, TypeGua
 from annotated_types import Ge, Gt, Interval
 
 if TYPE_CHECKING:
+    from pydantic import GetCoreSchemaHandler
     from pydantic_core.core_schema import CoreSchema, ValidationInfo
 
 Count = Annotated[int, Interval(ge=1, le=10**15)]
@@ -115,25 +115,28 @@ ByComponent: TypeAlias = dict[str, Finite] | tuple[Finite, ...]
 class Registered:
     """Mark of a key that holds components: ``Annotated[Motion, Registered("motions")]``.
 
-    A config gives a mapping with a ``kind``, or the kind alone. The reader of the config builds the
-    components first and puts numbers in their place, which the validator replaces by the components.
+    A config gives a mapping with a ``kind``, or the kind alone. The validator's context reads it: it
+    looks up the kind in the registry.
     """
 
     group: str
     """registry group of the component"""
 
-    def __get_pydantic_core_schema__(self, source: object, handler: object) -> "CoreSchema":
-        """Return a schema of any value: the registry checks the components."""
+    def __get_pydantic_core_schema__(
+        self, source: object, handler: "GetCoreSchemaHandler"
+    ) -> "CoreSchema":
+        """Return a schema of any value: the context of the validation builds the components."""
         from pydantic_core import core_schema
 
+        key = handler.field_name
+
+        def read(value: object, info: "ValidationInfo") -> object:
+            reader: Any = info.context
+            return reader.read(self.group, key, value, source)
+
         return core_schema.with_info_plain_validator_function(
-            _prebuilt, json_schema_input_schema=core_schema.any_schema()
+            read, json_schema_input_schema=core_schema.any_schema()
         )
-
-
-def _prebuilt(number: object, info: "ValidationInfo") -> object:
-    parts: Sequence[object] = info.context or ()
-    return parts[number] if isinstance(number, int) else None
 
 
 def is_number(value: object) -> TypeGuard[float]:

@@ -234,26 +234,3 @@ _OF_SERIES = {
 }
 """The metrics that a series of errors is made into."""
 _PACKAGE = frozenset(METRICS)
-FORMER_NAMES = {
-    "strayed": "beyond_10_sigma",
-    "missed": "missed_maneuvers",
-    "already_on": "already_maneuvering",
-    "delay_s": "detection_delay_s",
-    "false_alarms_per_1000": "false_maneuvers_per_1000",
-    "onset_off_s": "onset_abs_error_s",
-    "dead_steps": "collapsed_steps",
-    "distinct": "distinct_particles",
-    "acceptance": "acceptance_rate",
-    "outside": "outside_region",
-    "evidence": "likelihood_ratio",
-    "distance": "rmsd",
-}
-"""New names of renamed metrics, for the message about an old one."""
-
-
-def new_name(name: str) -> str | None:
-    """Return the new name of a renamed metric, with its quantity; None for other names."""
-    head, _, quantity = name.partition("_")
-    if name in FORMER_NAMES:
-        return FORMER_NAMES[name]
-    return joined(FORMER_NAMES[head], quantity) if head == "distance" else None

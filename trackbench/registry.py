@@ -1,23 +1,21 @@
 """Registry of the classes that a config names by ``kind``: filters, scenarios, tables, figures, ...
 
-A decorator registers a class. The registry finds its module in the package, through an entry point of
-an installed package, or in a plugin file. A YAML never names an import path.
+A decorator registers a class. The registry finds its module by the decorator in the package's source
+text, through an entry point of an installed package, or in a plugin file. A YAML never names an import
+path.
 """
 
-import ast
 import atexit
 import gc
 import importlib
-import pkgutil
 import re
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import is_dataclass
 from functools import cache
 from importlib.metadata import EntryPoints, entry_points
-from importlib.util import find_spec
 from pathlib import Path
-from typing import Literal, TypeVar, cast, get_args
+from typing import Literal, NamedTuple, TypeVar, cast, get_args
 
 from trackbench.extension_points import Part, rebase
 
@@ -125,8 +123,9 @@ def is_plugin(module: str) -> bool:
 
 def of_kind(group: Group, kind: str) -> type[Part] | None:
     """Return the class of a kind; for a kind of the package, import only its file."""
-    if kind not in _kinds[group] and group not in _scanned and kind in _homes(group):
-        importlib.import_module(_homes(group)[kind])
+    home = _homes(group).get(kind)
+    if kind not in _kinds[group] and home is not None:
+        importlib.import_module(home.module)
     return _kinds[group].get(kind) or kinds(group).get(kind)
 
 
@@ -134,7 +133,7 @@ def kinds(group: Group) -> dict[str, type[Part]]:
     """Return every registered class of a group by its kind, sorted."""
     if group not in _scanned:
         _scanned.add(group)
-        _scan(_PACKAGES[group])
+        import_own(group)
         for entry in _entries(group):
             restore_normal_exit()
             entry.load()
@@ -146,16 +145,29 @@ def is_builtin(group: Group, kind: str) -> bool:
     return kind in _homes(group)
 
 
+class _Home(NamedTuple):
+    """Place of a kind of the package: its module, and the docstring of its class."""
+
+    module: str
+    doc: str
+
+
+_REGISTRATION = re.compile(
+    r'^@register\("(\w+)", "([^"]+)"\)\n(?:@[^\n]*\n)*class [^:]*:\n    """(.*?)"""', re.S | re.M
+)
+
+
 @cache
-def _homes(group: Group) -> dict[str, str]:
-    """Return the modules of the package that register kinds of a group, by kind."""
-    # Found in the source text, so that nothing needs to be imported.
-    mark = re.compile(rf'@register\(\s*"{group}",\s*"([^"]+)"')
-    homes: dict[str, str] = {}
-    for file in _files(group):
-        module = file.parent.name if file.stem == "__init__" else file.stem
-        for kind in mark.findall(file.read_text(encoding="utf-8")):
-            homes[kind] = f"{_PACKAGES[group]}.{module}"
+def _homes(group: Group) -> dict[str, _Home]:
+    """Return the package's kinds of a group, read from the source text: nothing is imported."""
+    package = _PACKAGES[group]
+    folder = Path(__file__).parents[1].joinpath(*package.split("."))
+    homes: dict[str, _Home] = {}
+    for file in [*folder.glob("*.py"), *folder.glob("*/__init__.py")]:
+        name = file.parent.name if file.stem == "__init__" else file.stem
+        for of_group, kind, doc in _REGISTRATION.findall(file.read_text(encoding="utf-8")):
+            if of_group == group:
+                homes[kind] = _Home(f"{package}.{name}", doc)
     return homes
 
 
@@ -163,40 +175,15 @@ def documentation(group: Group) -> dict[str, str]:
     """Return the docstring of every kind of a group, sorted, without importing them."""
     if group in _scanned or _entries(group):
         return {kind: cls.__doc__ or "" for kind, cls in kinds(group).items()}
-    return dict(sorted(pair for file in _files(group) for pair in _documented(file)))
-
-
-def _files(group: Group) -> list[Path]:
-    """Return the source files of a group's package."""
-    spec = find_spec(_PACKAGES[group])
-    assert spec is not None
-    folders = spec.submodule_search_locations or ()
-    forms = ("*.py", "*/__init__.py")
-    return [file for folder in folders for form in forms for file in Path(folder).glob(form)]
-
-
-def _documented(file: Path) -> Iterator[tuple[str, str]]:
-    """Yield the kind and docstring of each class that a source file registers."""
-    text = file.read_text(encoding="utf-8")
-    for node in ast.parse(text).body if "@register(" in text else ():
-        if not isinstance(node, ast.ClassDef):
-            continue
-        for mark in node.decorator_list:
-            if isinstance(mark, ast.Call) and ast.unparse(mark.func) == "register":
-                yield ast.literal_eval(mark.args[1]), ast.get_docstring(node) or ""
+    return {kind: home.doc for kind, home in sorted(_homes(group).items())}
 
 
 def import_own(*groups: Group) -> None:
-    """Import the package's own files of these groups."""
+    """Import the package's own files that register kinds of these groups."""
     for group in groups:
-        _scan(_PACKAGES[group])
+        for module in sorted({home.module for home in _homes(group).values()}):
+            importlib.import_module(module)
 
 
 def _entries(group: Group) -> EntryPoints:
     return entry_points(group=f"trackbench.{group}")
-
-
-def _scan(package: str) -> None:
-    parent = importlib.import_module(package)
-    for module in pkgutil.iter_modules(parent.__path__):
-        importlib.import_module(f"{package}.{module.name}")

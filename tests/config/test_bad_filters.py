@@ -155,9 +155,6 @@ BAD: dict[str, tuple[str, int, str, str]] = {
     "one run: a key in the way": (
         one("    model: str = 'cv'\n    def step(self, z, dt):\n        return self.x, self.P\n"),
         INPUT, "class Bad(PerRun", "a key cannot be called 'model'"),
-    "one run: a former hook": (
-        one("    excused = {}\n    def step(self, z, dt):\n        return self.x, self.P\n"),
-        INPUT, "class Bad(PerRun", "Bad: the hook `excused` is now `contract_exemptions`"),
     "one run: raises": (one("    def step(self, z, dt):\n        return z[7], self.P\n"), RUN,
                         "z[7]", "IndexError: index 7 is out of bounds"),
     "one run: another sensor": (

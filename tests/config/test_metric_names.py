@@ -11,7 +11,6 @@ from tests.papers import merwe_text
 from trackbench import api
 from trackbench.config import metric_names
 from trackbench.errors import UserError
-from trackbench.evaluation.metric_expression import measure
 from trackbench.filters.base import declares_diagnostics
 from trackbench.filters.particle_filters import PF
 from trackbench.registry import kinds
@@ -207,18 +206,3 @@ def test_notes_are_believed_of_the_diagnostics_that_they_are_of() -> None:
         diagnostic_names = frozenset({"collapsed_steps", "ess", "distinct_particles", "mine"})
 
     assert [declares_diagnostics(cls) for cls in (PF, More, Told)] == [True, False, True]
-
-
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [("mean(strayed)", "beyond_10_sigma"), ("rms(distance_position)", "rmsd_position")],
-)
-def test_an_old_name_is_one_line_with_the_new_one(tmp_path: Path, old: str, new: str) -> None:
-    more = f"tables: {{t: {{kind: metrics, columns: {{A: {old}}}}}}}\n"
-    (line,) = prepared(tmp_path, more)
-    assert f"is now `{new}`" in line
-
-
-def test_an_old_comparison_is_one_line_with_the_new_one() -> None:
-    with pytest.raises(ValueError, match=r"is now `win_rate\(rmse, PF\)`"):
-        measure("below(rmse, PF)")

@@ -111,6 +111,12 @@ def test_a_path_leads_through_an_item_that_is_no_mapping(tmp_path: Path) -> None
         )
 
 
+def test_a_filter_within_an_imm_has_no_model_of_its_own(tmp_path: Path) -> None:
+    imm = "IMM: {kind: imm, motions: [cv], transition: [[1]], filter: {kind: ekf, assume: {}}}"
+    found = mistakes(tmp_path, CONFIG.replace("UKF: {kind: ukf}", imm))
+    assert any("filters.IMM.filter.assume: unknown key" in line for line in found)
+
+
 def test_a_value_of_a_grid_that_is_given_twice(tmp_path: Path) -> None:
     text = CONFIG + "grid: {filters.PF.N: [20, 5, 20]}\n"
     (found,) = mistakes(tmp_path, text)

@@ -246,7 +246,6 @@ def test_every_mistake_in_a_file_is_said(tmp_path: Path) -> None:
         ("begin: 1", "first: 1", "scenario.first: the recorded data say it"),
         ("begin: 1", "last: 13", "scenario.last: what is recorded is measured in steps 2 to 12"),
         ("start: {kind: given, mean: [1.0], sigma: [0.75]}", "start: known", "or as `given`"),
-        ("kind: tracking", "kind: recorded", "recorded data are a target now"),
         ('"R": 0.1', '"R": 0.1, "detection": 0.5', "are of simulated measurements"),
     ],
 )

@@ -14,7 +14,7 @@ from trackbench.adapters.components import Order, Pair, as_numbers, component_mi
 from trackbench.core.arrays import Array, Mask, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.random_streams import NoiseGenerator
-from trackbench.extension_points import FORMER_HOOKS, field_values
+from trackbench.extension_points import field_values
 from trackbench.filters.base import Filter, WrongReturnError
 from trackbench.models.base import Model, Scene
 from trackbench.models.motions.irregular import Irregular
@@ -238,10 +238,6 @@ class PerRun:
         if reserved:
             what = f"a key cannot be called {reserved[0]!r}: PerRun has an attribute of that name"
             raise TypeError(what)
-        former = [name for name in FORMER_HOOKS if name in vars(cls) and name not in names]
-        if former:
-            new = FORMER_HOOKS[former[0]]
-            raise TypeError(f"{cls.__name__}: the hook `{former[0]}` is now `{new}`")
         if kind is not None:
             if cls.step is PerRun.step and cls.predict is PerRun.predict:
                 raise TypeError(f"{cls.__name__} has no step(z, dt), and no predict(dt)")

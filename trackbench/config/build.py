@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, cast, get_args, get_origin, get_type_hints
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
-from pydantic_core import ErrorDetails
+from pydantic_core import ErrorDetails, PydanticCustomError
 
 from trackbench.config.includes import deep_merge
 from trackbench.errors import Mark, Problem
@@ -21,7 +21,6 @@ from trackbench.field_types import (
     DataError,
     InvalidKeyError,
     annotations_of,
-    part_group,
 )
 from trackbench.models.sensors.base import Assume
 from trackbench.plugins.checks import check_sensors
@@ -108,37 +107,30 @@ def _configure(hint: object, config: ConfigDict, done: set[type]) -> None:
 
 
 def build(
-    cls: type[T],
-    source: Source,
-    keys: Keys,
-    data: object = None,
-    parts: Sequence[object] = (),
-    also: Sequence[str] = (),
+    cls: type[T], source: Source, keys: Keys, data: object = None, also: Sequence[str] = ()
 ) -> T | None:
     """Return the dataclass from the mapping at ``keys``, or None, with its mistakes in ``source``.
 
-    ``data`` replaces that mapping: a number stands in it for each of the prebuilt ``parts``, which are
-    None where they have mistakes. ``also`` names keys that stand beside those of the dataclass.
+    ``data`` replaces that mapping. ``also`` names keys that stand beside those of the dataclass.
     """
     data = source.at(keys) if data is None else data
     if not isinstance(data, dict):
         source.add_problem(keys, f"{_show(data)} is not a mapping")
         return None
+    reader = _Reader(source, keys, [])
     try:
-        # JSON mode is pydantic's strict mode for plain data: no "3" for 3, but lists for tuples.
-        return adapter(cls).validate_json(json.dumps(data), strict=True, context=parts)
-    except (AttributeError, TypeError):
-        if None in parts:  # the mistakes of that part are reported
-            return None
-        raise
-    except ValidationError as error:
-        problems: dict[Problem, None] = {}
-        for item in error.errors(include_url=False):
-            if None in parts and item["type"] == "value_error":  # perhaps for lack of that part
-                continue
-            problems |= dict.fromkeys(_problems(item, source, keys, cls, also))
-        source.problems += _without_unions(problems)
-        return None
+        with plugin_code(cls, reader.parts):
+            try:
+                # JSON mode is pydantic's strict mode for plain data: no "3" for 3, but lists for tuples.
+                return adapter(cls).validate_json(json.dumps(data), strict=True, context=reader)
+            except ValidationError as error:
+                problems: dict[Problem, None] = {}
+                for item in error.errors(include_url=False):
+                    problems |= dict.fromkeys(_problems(item, source, keys, cls, also))
+                source.problems += _without_unions(problems)
+    except PluginError as error:
+        source.add_problem(keys, str(error))
+    return None
 
 
 def unknown(word: str, known: list[str]) -> str:
@@ -167,6 +159,8 @@ def _problems(
     item: ErrorDetails, source: Source, keys: Keys, cls: type, also: Sequence[str]
 ) -> list[Problem]:
     kind, ctx, value = item["type"], item.get("ctx", {}), item["input"]
+    if kind == _REPORTED:
+        return []
     error = ctx.get("error")
     if isinstance(error, DataError):
         return [Problem(Mark(p.file, p.line, p.column), dotted(keys), p.what) for p in error.places]
@@ -182,10 +176,6 @@ def _problems(
         if inner is cls:
             known += also
         word = str(item["loc"][-1])
-        renamed = inner.renamed_keys if inner is not None and issubclass(inner, Part) else {}
-        if word in renamed:
-            what = f"`{word}` is now `{renamed[word]}`"
-            return [Problem(source.key_mark(where), dotted(where[:-1]), what)]
         if inner is not None and issubclass(inner, Part) and word in inner.unsupported_keys:
             return [Problem(source.key_mark(where), dotted(where), inner.unsupported_keys[word])]
         what = f"unknown key; {unknown(word, known)}" if known else "unknown key"
@@ -257,18 +247,13 @@ def _show(value: object) -> str:
     return text if len(text) < 60 else text[:57] + "..."
 
 
-_REPLACED_KINDS = {
-    ("scenarios", "recorded"): "recorded data are a target now: {kind: tracking, target: {kind: "
-    "measured, measurements: m.csv, truth: t.csv}, sensor: ..., start: one-scan, assume: {motion: "
-    "...}}; prior_mean and prior_sigma are the start {kind: given, mean: [...], sigma: [...]}"
-}
-"""Hints for kinds of earlier versions."""
-
-
 def build_kind(group: Group, source: Source, keys: Keys) -> Any:
     """Return the registered dataclass that the mapping at ``keys`` asks for by its ``kind``."""
+    return _component(group, source.at(keys), source, keys)
+
+
+def _component(group: Group, data: object, source: Source, keys: Keys) -> Part | None:
     # Step 1: find the class.
-    data = source.at(keys)
     if not isinstance(data, dict) or "kind" not in data:
         needs = "needs a kind" if isinstance(data, dict) else "is not a mapping with a kind"
         if not any(p.path == dotted(keys) for p in source.problems):  # else it has been said
@@ -278,21 +263,20 @@ def build_kind(group: Group, source: Source, keys: Keys) -> Any:
     cls = of_kind(group, kind) if isinstance(kind, str) else None
     if cls is None:
         what = f"{kind!r} is not a kind of {group[:-1]}; {unknown(str(kind), list(kinds(group)))}"
-        what = _REPLACED_KINDS.get((group, kind), what) if isinstance(kind, str) else what
         source.add_problem((*keys, "kind"), what)
         return None
     # Step 2: complete the keys by the preset, and build.
-    values = _with_preset(cls, source, keys)
+    values = _with_preset(cls, data, source, keys)
     _make_paths_absolute(cls, source, keys, values)
     also = ["preset"] if cls.presets else []
-    if group == "filters":  # a key of every filter: see `read_assumed`
+    if keys[:-1] == ("filters",):  # a key of every filter's entry: see `read_assumed`
         values.pop("assume", None)
         also.append("assume")
         if isinstance(values.get("start"), dict):
             what = "the prior of one filter is `assume: {start: {kind: ...}}`"
             source.add_key_problem((*keys, "start"), what)
             return None
-    return _build_with_parts(cls, values, source, keys, also)
+    return build(cls, source, keys, values, also)
 
 
 def read_assumed(source: Source, label: str) -> Assume | None:
@@ -306,70 +290,55 @@ def read_assumed(source: Source, label: str) -> Assume | None:
     if not isinstance(entry["assume"], dict):
         source.add_problem(keys, "is not a mapping")
         return None
-    return _build_with_parts(Assume, entry["assume"], source, keys)
+    return build(Assume, source, keys)
 
 
-def _build_with_parts(
-    cls: type[T], data: dict[str, object], source: Source, keys: Keys, also: Sequence[str] = ()
-) -> T | None:
-    # Build the components within first; numbers stand for them while the validator reads the rest.
-    inner = _InnerParts(source, [])
-    numbered = inner.numbered(cls, data, keys)
-    try:
-        check_sensors(inner.parts)
-        with plugin_code(cls, *inner.parts):
-            built = build(cls, source, keys, numbered, inner.parts, also)
-    except PluginError as error:
-        source.add_problem(keys, str(error))
-        return None
-    return None if None in inner.parts else built
+_REPORTED = "reported"
+"""Type of the validator's error for a component whose mistakes are in the source."""
 
 
-class _InnerParts(NamedTuple):
-    """The components within a component, in the order of their placeholders."""
+class _Reader(NamedTuple):
+    """Context of a component's validator: builds the components that the keys of it hold."""
 
     source: Source
+    keys: Keys
     parts: list[object]
+    """components that it has built"""
 
-    def numbered(self, cls: type, data: dict[str, object], keys: Keys) -> dict[str, object]:
-        """Build the components in the mapping of a dataclass; return it with their numbers."""
-        hints, out = hints_of(cls), dict(data)
-        for key in hints.keys() & data.keys():
-            out[key] = self._value(hints[key], data[key], (*keys, key))
-        return out
+    def read(self, group: Group, key: str, value: object, hint: object) -> object:
+        """Return what the key holds: a component, several, or None where its type allows these."""
+        keys = (*self.keys, key)
+        if value is None and _may_be(hint, type(None)):
+            return None
+        if not isinstance(value, list) or not _may_be(hint, tuple):
+            return self._components(group, {keys: value})[0]
+        if not value:
+            self.source.add_problem(keys, f"is empty: name at least one of {group}")
+        return self._components(group, {(*keys, i): item for i, item in enumerate(value)})
 
-    def _value(self, hint: object, value: object, keys: Keys) -> object:
-        group = part_group(hint)
-        if group is not None and not (value is None and _may_be(hint, type(None))):
-            return self._number(cast(Group, group), hint, value, keys)
-        inner = [h for h in (hint, *get_args(hint)) if isinstance(h, type) and is_dataclass(h)]
-        if len(inner) == 1 and isinstance(value, dict):
-            return self.numbered(inner[0], value, keys)
-        return value
+    def _components(self, group: Group, entries: Mapping[Keys, object]) -> tuple[Part, ...]:
+        """Return a component for each entry, or raise if the source has mistakes of one."""
+        built = [self._part(group, entry, keys) for keys, entry in entries.items()]
+        parts = [part for part in built if part is not None]
+        if not parts or len(parts) < len(entries):
+            raise PydanticCustomError(_REPORTED, "has mistakes")
+        self.parts.extend(parts)
+        check_sensors(self.parts)
+        return tuple(parts)
 
-    def _number(self, group: Group, hint: object, value: object, keys: Keys) -> int:
-        if isinstance(value, list) and _may_be(hint, tuple):
-            if not value:
-                self.source.add_problem(keys, f"is empty: name at least one of {group}")
-            items = [self._part(group, (*keys, i)) for i in range(len(value))]
-            self.parts.append(None if None in items or not items else tuple(items))
-        else:
-            self.parts.append(self._part(group, keys))
-        return len(self.parts) - 1
-
-    def _part(self, group: Group, keys: Keys) -> object:
-        """Return the part at ``keys``; a word is a kind without keys of its own."""
-        value = self.source.at(keys)
+    def _part(self, group: Group, value: object, keys: Keys) -> Part | None:
+        """Return the component of a mapping; a word is a kind without keys of its own."""
         if isinstance(value, str):
-            mark = self.source.mark(keys)
-            put(self.source.at(keys[:-1]), keys[-1], marked({"kind": value}, mark), mark)
-        return build_kind(group, self.source, keys)
+            value = {"kind": value}
+            if self.source.has(keys):
+                mark = self.source.mark(keys)
+                put(self.source.at(keys[:-1]), keys[-1], marked(value, mark), mark)
+        return _component(group, value, self.source, keys)
 
 
 def _may_be(hint: object, cls: type) -> bool:
     """Return whether a key of this type may hold an instance of the class."""
-    options = (hint, *get_args(hint), *(o for inner in get_args(hint) for o in get_args(inner)))
-    return any(cls in (option, get_origin(option)) for option in options)
+    return any(cls in (option, get_origin(option)) for option in (hint, *get_args(hint)))
 
 
 def _make_paths_absolute(cls: type, source: Source, keys: Keys, values: dict[str, object]) -> None:
@@ -383,9 +352,11 @@ def _make_paths_absolute(cls: type, source: Source, keys: Keys, values: dict[str
             values[key] = [str((folder / p).absolute()) if isinstance(p, str) else p for p in paths]
 
 
-def _with_preset(cls: type[Part], source: Source, keys: Keys) -> dict[str, object]:
+def _with_preset(
+    cls: type[Part], entry: Mapping[str, object], source: Source, keys: Keys
+) -> dict[str, object]:
     """Return the values of a component's keys, those of its preset below them."""
-    presets, data = cls.presets, {k: v for k, v in source.at(keys).items() if k != "kind"}
+    presets, data = cls.presets, {k: v for k, v in entry.items() if k != "kind"}
     name = data.pop("preset", None) if presets else None
     if name is None:
         return data

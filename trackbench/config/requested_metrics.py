@@ -18,7 +18,6 @@ from trackbench.evaluation.metric_expression import Measure, measured, role_of
 from trackbench.evaluation.summary import series_of
 from trackbench.extension_points import field_values
 from trackbench.filters.base import AnyFilter
-from trackbench.metrics import new_name
 from trackbench.registry import Group
 from trackbench.statistics.over_runs import STATISTICS
 from trackbench.yaml_source import Keys, Source
@@ -150,9 +149,7 @@ def _unknown(request: MetricRequest, names: Names, settings: Settings) -> str | 
         return "likelihood_ratio is relative to an exact filter; name one under `reference`"
     if word in known or not request.named or names.could_be_diagnostic(request.measure.metric):
         return None
-    # Names that are unknown: former, or misspelt.
-    if new_name(m.metric):
-        return f"the metric `{m.metric}` is now `{new_name(m.metric)}`"
+    # Names that are unknown.
     near = get_close_matches(word, sorted(known), 1, 0.5)
     short = sorted({measured(name).base for name in known})
     hint = f"did you mean {near[0]}?" if near else unknown("", short)

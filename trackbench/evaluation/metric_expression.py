@@ -170,8 +170,6 @@ class Measure(NamedTuple):
 @cache
 def measure(text: str) -> Measure:
     """Parse an expression; raises ValueError."""
-    if text.startswith("below("):
-        raise ValueError(f"`{text}` is now `win_rate({text[6:]}`")
     found = _GRAMMAR.fullmatch(text)
     if found is None:
         raise ValueError(

@@ -134,9 +134,6 @@ class EvolutionFilter(ProposalFilter):
     """generations per step"""
     reading: Reading = Reading()
     """interpretations of what the paper leaves open"""
-    renamed_keys: ClassVar[dict[str, str]] = {
-        key: f"reading.{key}" for key in Reading.__dataclass_fields__
-    }
     _extra_diagnostics: ClassVar[frozenset[str]] = frozenset({"acceptance_rate", "spread_ratio"})
     _reading_path: ClassVar[str] = "reading."
     contract_exemptions: ClassVar[dict[str, str]] = {
@@ -266,10 +263,6 @@ class PFDE(EvolutionFilter):
     ``{kind: hdepf, reading: {select: greedy}}``.
     """
 
-    renamed_keys: ClassVar[dict[str, str]] = EvolutionFilter.renamed_keys | {
-        "proposal": "{kind: hdepf, reading: {select: greedy}}"
-    }
-
     @property
     def selection(self) -> Selection:
         """Selection of strictly better trials."""
@@ -301,9 +294,6 @@ class HDEPF(UnscentedProposal, EvolutionFilter, KalmanProposalFilter):
     """cooling factor per generation"""
     reading: HybridReading = HybridReading()
     """interpretations of what the paper leaves open"""
-    renamed_keys: ClassVar[dict[str, str]] = EvolutionFilter.renamed_keys | {
-        "select": "reading.select"
-    }
     presets: ClassVar[dict[str, dict[str, object]]] = {
         "matched": {},
         "merwe-demo": MERWE_PROPOSAL,

@@ -37,15 +37,16 @@ class PluginError(Exception):
 def plugin_code(*parts: object) -> Iterator[None]:
     """Run code of these components; what it raises becomes a PluginError if a plugin is among them.
 
-    An error of the package's own components is a bug, and stays as it is.
+    An error of the package's own components is a bug, and stays as it is. A list among the parts may
+    grow meanwhile.
     """
-    foreign = foreign_parts(parts)
     try:
         with guarded():
             yield
     except PluginError:
         raise
     except Exception as error:
+        foreign = foreign_parts(parts)
         if not foreign:
             raise
         # The place is in the component that defines the method which returned something wrong.
