@@ -23,6 +23,7 @@ from trackbench.field_types import is_number
 from trackbench.report.expressions import Evaluator
 from trackbench.report.results import Results, named_form, points_of
 from trackbench.results.point_facts import GridPoint
+from trackbench.statistics.comparison import Comparison, compare_estimates
 from trackbench.statistics.estimates import RunEstimate, ignore_float_errors, linear_combination
 
 _TIME = measure("cpu_s_per_run")
@@ -194,10 +195,9 @@ def _second_difference(x: Sequence[float], y: Sequence[RunEstimate], i: int) -> 
     return float((second - first) / (x[i + 2] - x[i]))
 
 
-def beside(a: AtCost, b: AtCost) -> tuple[RunEstimate, float]:
-    """Return the log ratio of two errors, paired by runs, and its further uncertainty."""
-    difference = linear_combination(a.error.value - b.error.value, a.error, b.error, 1.0, -1.0)
-    return difference, float(np.hypot(a.other, b.other))
+def compare_at(a: AtCost, b: AtCost) -> Comparison:
+    """Return the comparison of the logarithms of two errors, with their further uncertainty."""
+    return compare_estimates(a.error, b.error, float(np.hypot(a.other, b.other)))
 
 
 def front(spots: Sequence[Spot], higher: bool = False) -> Iterator[Spot]:

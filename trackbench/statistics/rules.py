@@ -18,12 +18,19 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.statistics.estimates import OfSteps, RunEstimate
-from trackbench.statistics.intervals import deviations, holm, two_sided
+from trackbench.statistics.intervals import deviations, holm, normal_of_t, sign_test, two_sided
+from trackbench.statistics.over_runs import Estimate, z_score
 
 LEVEL = 0.01
 """Probability that any of the filters of a family without a difference are called different."""
 FEWEST_RUNS = 5
 """Runs from which on a difference of filters is tested."""
+LOSSES_LEVEL = 0.05
+"""Probability that chance alone makes any filter of an experiment lose more runs than another."""
+NOT_CHANCE = 4.0
+"""Standard errors from which a number that should be zero, one of some dozens, is not."""
+EQUAL, BETTER, WORSE = "equal", "better", "worse"
+ALIKE, UNTESTED = "no significant difference", "untested"
 DECIDED = 5.0
 """Standard errors of all runs from which a difference is decided."""
 SURE = 3.0
@@ -66,9 +73,22 @@ class Verdict(NamedTuple):
     """whether another seed, a run that was drawn or three that were not could well turn the word"""
 
 
-def adjusted(zs: Sequence[float]) -> Array:
-    """Return two-sided p-values (n,) of a family of tests by Holm; a NaN is no test."""
-    return holm(np.array([two_sided(z) for z in zs], dtype=float))
+def adjusted(zs: Sequence[float], tests: int = 0) -> Array:
+    """Return two-sided p-values (n,) by Holm of a family of n, or of more ``tests``; NaN is no test."""
+    return holm(np.array([two_sided(z) for z in zs], dtype=float), tests)
+
+
+def beyond(zs: Sequence[float], sigmas: float) -> tuple[Array, list[int]]:
+    """Return p-values (n,) of "larger" by Holm, and the signs of what lies beyond the normal tail.
+
+    For a gate, whose user gives the limit. The probability that any of the numbers without a difference
+    is called larger is about the tail or less, for any dependence of the numbers (docs/statistics.md).
+    """
+    from scipy.special import ndtr
+
+    tail, z = ndtr(-sigmas), np.array(zs, dtype=float)
+    larger, smaller = holm(ndtr(-z)), holm(ndtr(z))
+    return larger, [*((larger <= tail) * 1 - (smaller <= tail)).tolist()]
 
 
 def is_tested(difference: RunEstimate) -> bool:
@@ -76,9 +96,33 @@ def is_tested(difference: RunEstimate) -> bool:
     return isinstance(difference, OfSteps) or difference.runs >= FEWEST_RUNS
 
 
-def is_significant(difference: RunEstimate) -> bool:
+def is_significant(z: float) -> bool:
     """Return whether a difference that is the only one of its family is significant."""
-    return is_tested(difference) and two_sided(difference.z()) < LEVEL
+    return two_sided(z) < LEVEL
+
+
+def loses_more(a: Array, b: Array, filters: int) -> bool:
+    """Return whether one of so many filters loses more of the same runs, by codes (M,).
+
+    A sign test of the runs that only one of the two loses, with Bonferroni's correction for all pairs.
+    """
+    pairs = 0.5 * filters * (filters - 1)
+    z = sign_test(a > 0, b > 0)
+    return z > 0.0 and two_sided(z) * pairs < LOSSES_LEVEL
+
+
+def is_no_chance(number: Estimate, runs: int) -> bool:
+    """Return whether a number that should be zero is not: by Student's t, for few runs have errors."""
+    return abs(normal_of_t(z_score(number), max(runs - 1.0, 1.0))) > NOT_CHANCE
+
+
+def credibility(low: float, high: float) -> str:
+    """Return the word on a filter from the 95 % interval of its ANEES or ANIS; empty if undecided."""
+    if not isfinite(low + high):
+        return ""
+    if low >= 1.0 - NEAR and high <= 1.0 + NEAR:
+        return "calibrated"
+    return "overconfident" if low > 1.0 else "underconfident" if high < 1.0 else ""
 
 
 def runs_that_decide(runs: int, z: float, tests: int) -> float:

@@ -20,11 +20,10 @@ from trackbench.report.findings.phrases import named
 from trackbench.report.paired import compared_statistic, compared_statistics, primary_metrics
 from trackbench.report.results import Results, own_values, points_of, scenes
 from trackbench.results.point_facts import GridPoint
+from trackbench.statistics import rules
 from trackbench.statistics.comparison import Comparison, Sample, compare_all
 from trackbench.statistics.estimates import OfSteps, RunEstimate
-from trackbench.statistics.intervals import loses_more
 from trackbench.statistics.over_runs import STATISTICS, Estimate
-from trackbench.statistics.rules import FEWEST_RUNS
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +66,7 @@ class Candidate:
 
     def has_error(self, untested: bool) -> bool:
         """Return whether its number has an error; unless ``untested``, one that differences need."""
-        enough = 2 if untested else FEWEST_RUNS
+        enough = 2 if untested else rules.FEWEST_RUNS
         return self.steps is not None or np.isfinite(self.values).sum() >= enough
 
     @cached_property
@@ -276,7 +275,7 @@ def _losing(found: Sequence[Candidate]) -> list[Candidate]:
         a
         for a in found
         if any(
-            len(a.lost) == len(b.lost) and loses_more(a.lost, b.lost, len(found))
+            len(a.lost) == len(b.lost) and rules.loses_more(a.lost, b.lost, len(found))
             for b in found
             if b is not a
         )

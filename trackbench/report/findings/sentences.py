@@ -34,7 +34,7 @@ from trackbench.report.findings.ranking import Candidate, Ranking, Rival, rankin
 from trackbench.report.results import Results
 from trackbench.report.table import rounded
 from trackbench.statistics import rules
-from trackbench.statistics.comparison import compare
+from trackbench.statistics.comparison import compare_all
 from trackbench.statistics.estimates import in_words
 
 HOW_DECIDED = (
@@ -199,10 +199,9 @@ def _value(standing: Ranking) -> str:
     if reference is None or standing.metric.family[0].is_score:
         return text
     # The reference is named only if the best is significantly above it on common runs.
-    found = compare(best.sample, reference.sample)
-    if found is None or not (
-        found.difference.value > 0.0 and rules.is_significant(found.difference)
-    ):
+    pair = {"best": best.sample, "reference": reference.sample}
+    found = compare_all(pair).between("best", "reference")
+    if found is None or found.sign <= 0:
         return text
     above = f"{percent_of(found.difference.value, found.b.value)} above".lstrip()
     return f"{text}, {above} the reference {reference.name}"

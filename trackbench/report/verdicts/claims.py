@@ -11,7 +11,6 @@ from trackbench.report.results import Results
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import rules
 from trackbench.statistics.estimates import OfSteps, RunEstimate, gain, quotient
-from trackbench.statistics.intervals import loses_more, two_sided
 from trackbench.statistics.over_runs import Estimate, z_score
 from trackbench.statistics.rules import UNDECIDED, Verdict
 
@@ -144,7 +143,7 @@ def _why(whole: Evaluator, score: _Score) -> str:
 def _significance(verdict: Verdict, needed: float) -> str:
     """Return that an inconclusive claim is significant by the rule for filters, if it is."""
     z = verdict.z
-    if verdict.word != UNDECIDED or not two_sided(z) < rules.LEVEL or abs(z) >= needed:
+    if verdict.word != UNDECIDED or not rules.is_significant(z) or abs(z) >= needed:
         return ""
     way = "" if z > 0.0 else "against it "
     return f"{way}significant at {100 * rules.LEVEL:g} %, z {z:+.1f}; a verdict takes {needed:g}"
@@ -183,7 +182,7 @@ def _loses_more(expressions: Evaluator, claim: Claim, right: str) -> str:
     filters = sum(metric == "lost" for _, metric in expressions.runs)
     if claim.relation != better or a is None or b is None:
         return ""
-    if not loses_more(a, b, filters):
+    if not rules.loses_more(a, b, filters):
         return ""
     mine = counted(int((a > 0).sum()), "run")
     return f"{claim.left} loses {mine}, {right} {int((b > 0).sum())}"
