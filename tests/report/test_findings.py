@@ -19,6 +19,7 @@ from trackbench.report.findings.sentences import _leader_sentence, answer
 from trackbench.report.results import Results
 from trackbench.results.folder_contents import COLUMNS
 from trackbench.results.point_facts import PointFacts
+from trackbench.statistics.comparison import Sample
 from trackbench.yaml_source import read
 
 SIMILAR = {  # to a cheaper experiment: with the same tables and figures, and filters of the same kinds
@@ -144,8 +145,8 @@ def test_a_filter_that_loses_more_is_not_the_best(tmp_path, A) -> None:
 @pytest.mark.parametrize("apart", [False, True])
 def test_values_with_which_more_runs_are_lost_are_not_the_best(A, apart) -> None:
     lost = (np.arange(M) < 40).astype(float)
-    few = Candidate("A", {}, lost, np.where(lost > 0, np.nan, 0.5 * A), {"N": 2})
-    many = Candidate("A", {}, 0.0 * lost, A, {"N": 400})
+    few = Candidate("A", {}, lost, Sample(np.where(lost > 0, np.nan, 0.5 * A)), {"N": 2})
+    many = Candidate("A", {}, 0.0 * lost, Sample(A), {"N": 400})
     standing = ranking_of([few, many], "rmse", apart=apart)
     assert standing.best is many
     assert (few in standing.losing) == apart
@@ -281,7 +282,7 @@ def test_equal_filters_are_told_apart_in_one_experiment_of_twenty(rng) -> None:
     wrong, experiments = 0, 400
     for _ in range(experiments):
         errors = rng.gamma(4.0, size=(6, 40))
-        found = [Candidate(str(i), {}, np.zeros(40), x) for i, x in enumerate(errors)]
+        found = [Candidate(str(i), {}, np.zeros(40), Sample(x)) for i, x in enumerate(errors)]
         wrong += bool(ranking_of(found, "rmse").worse)
     assert wrong < experiments * 0.05 + 3 * (experiments * 0.05 * 0.95) ** 0.5
 
@@ -291,7 +292,10 @@ def test_equal_settings_are_told_apart_no_more_often(rng) -> None:
     wrong, experiments = 0, 200
     for _ in range(experiments):
         errors = rng.gamma(4.0, size=(20, 40))
-        found = [Candidate(str(i % 2), {}, np.zeros(40), x, {"k": i}) for i, x in enumerate(errors)]
+        found = [
+            Candidate(str(i % 2), {}, np.zeros(40), Sample(x), {"k": i})
+            for i, x in enumerate(errors)
+        ]
         standing = ranking_of(found, "rmse")
         assert standing.chosen
         wrong += bool(standing.worse)
@@ -304,7 +308,7 @@ def test_runs_that_are_lost_by_chance_take_no_filter_out(rng) -> None:
         lost = rng.random((6, 100)) < 0.1
         errors = np.where(lost, np.nan, 1.0 + rng.random((6, 100)))
         found = [
-            Candidate(str(i), {}, gone.astype(float), x)
+            Candidate(str(i), {}, gone.astype(float), Sample(x))
             for i, (gone, x) in enumerate(zip(lost, errors, strict=True))
         ]
         wrong += bool(ranking_of(found, "rmse").losing)

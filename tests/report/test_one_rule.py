@@ -136,12 +136,14 @@ def test_no_value_is_marked_that_is_larger_than_an_unmarked_one(tmp_path: Path, 
 @pytest.mark.parametrize(("metric", "word"), [("rmse", "worse"), ("log_score", "better")])
 def test_the_word_of_a_pair_knows_which_side_is_better(rng, metric: str, word: str) -> None:
     B = rng.random(M)
-    (pair,) = pairs_of(metric, {"A": B + 1.0 + 0.1 * rng.random(M), "B": B})
-    assert pair.word == word
-    (pair,) = pairs_of(metric, {"A": B[:1] + 1.0, "B": B[:1]})
-    assert pair.word == "untested"
-    (pair,) = pairs_of(metric, {"A": B, "B": B.copy()})
-    assert pair.word == "equal"
+    worse = B + 1.0 + 0.1 * rng.random(M)
+    for a, b, expected in (
+        (worse, B, word),
+        (B[:1] + 1.0, B[:1], "untested"),
+        (B, B.copy(), "equal"),
+    ):
+        (pair,) = pairs_of(metric, {"A": Sample(a), "B": Sample(b)})
+        assert pair.word == expected
 
 
 CLAIMS = """paper,claim,experiment,left,expression,relation,factor,right,tolerance

@@ -19,6 +19,7 @@ from trackbench.report.results import Results
 from trackbench.report.verdicts.claims import evidence_at, judge
 from trackbench.report.verdicts.files import bars, summary_lines, verdict_tables
 from trackbench.report.verdicts.numbers import Compared, Comparison, Reproduced, compare
+from trackbench.statistics.comparison import Sample
 from trackbench.statistics.estimates import MISSING, RunEstimate
 from trackbench.statistics.rules import Verdict, claim_verdict, combine_batches, number_verdict
 
@@ -360,11 +361,11 @@ def test_from_the_folder_alone(folder, command, monkeypatch):
 def test_pairs_need_common_runs():
     nan_first, nan_last = np.array([nan, 1.0, nan]), np.array([1.0, nan, nan])
     ones = np.ones(3)
-    values = {"a": nan_first, "b": nan_last, "c": ones}
-    found = pairs_of("rmse", values)
+    samples = {"a": Sample(nan_first), "b": Sample(nan_last), "c": Sample(ones)}
+    found = pairs_of("rmse", samples)
     runs = [(p.filter_a, p.filter_b, p.comparison.difference.runs) for p in found]
     assert runs == [("a", "c", 1), ("b", "c", 1)]
-    assert [*pairs_of("rmse", {"a": nan_first, "b": nan_last})] == []
+    assert pairs_of("rmse", {label: samples[label] for label in "ab"}) == []
 
 
 def test_a_bad_published_file_is_said_with_its_line(folder):

@@ -96,7 +96,7 @@ def _best_sentence(standing: Ranking, matters: float) -> str:
     best = standing.best
     if best is None:
         return _undecided(standing)
-    statistic = statistic_words(best.statistic, standing.metric)
+    statistic = statistic_words(best.sample.statistic, standing.metric)
     if not standing.rivals:
         return f"The {statistic} of {best.name} is {_value(standing)}."
     text = f"{best.name} has the {_extreme(standing)} {statistic}, {_value(standing)}"
@@ -152,15 +152,14 @@ def _undecided(standing: Ranking) -> str:
     if not standing.order:
         return ""
     first = standing.order[0]
-    statistic = statistic_words(first.statistic, standing.metric)
+    statistic = statistic_words(first.sample.statistic, standing.metric)
     text = f"which filter has the {_extreme(standing)} {statistic}"
     if standing.conflict is None:
         few = 1 < standing.runs < rules.FEWEST_RUNS and standing.order[1:]
         needed = f"; {rules.FEWEST_RUNS} are needed"
         return f"{counted(standing.runs, 'run')} do not decide {text}{needed}." if few else ""
-    first, other = standing.conflict
+    first, other, common = standing.conflict
     text = f"W{text[1:]} is inconclusive"
-    common = len(first.common_runs(other)[0])
     if not common:
         return f"{text}: {first.name} and {other.name} keep no run in common."
     return (
@@ -192,10 +191,10 @@ def _value(standing: Ranking) -> str:
     """Return ``43.3 ± 0.2 m over 400 runs``, and how far it is above the reference."""
     best, reference = standing.best, standing.reference
     assert best is not None
-    left = int(np.isfinite(best.values).sum())
-    kept = "" if left == len(best.values) else " that it keeps"
-    runs = counted(left, "run")
-    text = f"{with_unit(rounded(*best.overall, 4), standing.metric)} over {runs}{kept}"
+    values = best.sample.values
+    left = int(np.isfinite(values).sum())
+    runs = counted(left, "run") + ("" if left == len(values) else " that it keeps")
+    text = f"{with_unit(rounded(*best.overall, 4), standing.metric)} over {runs}"
     if reference is None or standing.metric.family[0].is_score:
         return text
     # The reference is named only if the best is significantly above it on common runs.
@@ -249,7 +248,7 @@ def _over_points(found: Sequence[Ranking]) -> str:
     (most, leaders), *rest = by_count.items()
     of = f"{most} of the {len(found)}" if most < len(found) else f"all {most}"
     candidate = next(c for standing in found for c in standing.among_the_best)
-    statistic = statistic_words(candidate.statistic, found[0].metric)
+    statistic = statistic_words(candidate.sample.statistic, found[0].metric)
     text = f"By {statistic} {listed(leaders)} {verb(leaders)} best, or"
     text += f" without a significant difference from the best, at {of} values of {paths}"
     return "; ".join([text, *(f"{listed(labels)} at {n}" for n, labels in rest)]) + "."
@@ -323,7 +322,7 @@ def _sentence(results: Results, mine: Candidate, found: Ranking) -> str:
     place = f"{', '.join(at)}, {mine.name}"
     text = (
         f"{place.removeprefix(', ')} ranks {1 + better} of {len(found.order)} by "
-        f"{statistic_words(mine.statistic, found.metric)}: "
+        f"{statistic_words(mine.sample.statistic, found.metric)}: "
         f"{with_unit(rounded(*mine.overall, 4), found.metric)}"
     )
     beside = {rival.filter.name: rival for rival in found.rivals}
