@@ -45,7 +45,8 @@ HOW_DECIDED = (
 
 def answer(results: Results) -> list[str]:
     """Return sentences on the filters of a results folder, a line each; none if nothing is decided."""
-    found, matters = rankings(results), share_that_matters(results)
+    found = rankings(results)
+    matters = rules.share_that_matters(results.config.get("matters"))
     # One ranking: sentences on its best filter. Several: at how many points each is best.
     if len(found) == 1:
         lines = [
@@ -79,17 +80,6 @@ _ONE_RUN = (
     "One recording: its steps decide, by an error of their mean difference that allows for "
     "autocorrelation."
 )
-
-
-def share_that_matters(results: Results) -> float:
-    """Return the share of a number below which a difference is tiny: the config's, else 1 %."""
-    text = results.config.get("matters")
-    if text is None:
-        return _TINY
-    return float(text) if not isinstance(text, str) else float(text.removesuffix("%")) / 100.0
-
-
-_TINY = 0.01
 
 
 def _best_sentence(standing: Ranking, matters: float) -> str:
@@ -208,16 +198,16 @@ def _value(standing: Ranking) -> str:
 
 def _runs_needed(standing: Ranking) -> str:
     """Return how many runs would decide the ties if the differences are as large as measured."""
-    needed = [
-        rules.runs_that_decide(rival.difference.runs, rival.comparison.z, rival.comparison.tests)
-        for rival in standing.ties
-        if isfinite(rival.comparison.z) and rival.comparison.z
-    ]
-    if not needed:
+    runs = []
+    for _, tie in standing.ties:
+        if isfinite(tie.z) and tie.z:
+            needed = rules.deviations_needed(tie.tests)
+            runs.append(rules.runs_that_decide(tie.difference.runs, tie.z, needed))
+    if not runs:
         return ""
-    long = " to ".join(dict.fromkeys(map(run_count, (min(needed), max(needed)))))
+    long = " to ".join(dict.fromkeys(map(run_count, (min(runs), max(runs)))))
     amount = f"a recording {long} times as long" if standing.runs == 1 else f"{long} runs"
-    size = "a difference" if len(needed) == 1 else "differences"
+    size = "a difference" if len(runs) == 1 else "differences"
     return f" ({amount} would decide {size} of this size)"
 
 

@@ -25,7 +25,6 @@ class ClaimVerdict(NamedTuple):
     paired: bool
     note: str
     is_measured: bool = True
-    is_exact: bool = False
 
 
 def judge(claim: Claim, evidence: Evaluator | None) -> ClaimVerdict:
@@ -53,10 +52,9 @@ def judge(claim: Claim, evidence: Evaluator | None) -> ClaimVerdict:
     steps = _of_steps(weakest, found) if len(single) > 1 else ""
     measured = not isnan(weakest.off.term.value)
     why = "" if measured else NOT_MEASURED
-    least = rules.SURE if exact or (claim.relation == "~" and z > 0.0) else rules.DECIDED
-    reasons = _size(evidence, weakest), _significance(verdict, least)
+    reasons = _size(evidence, weakest), _significance(verdict)
     note = noted(*losing, why, _why(evidence, weakest), *reasons, steps, claim.note)
-    return ClaimVerdict(claim, verdict, weakest.off.term.splits, note, measured, exact)
+    return ClaimVerdict(claim, verdict, weakest.off.term.splits, note, measured)
 
 
 def _unjudged(claim: Claim, why: str) -> ClaimVerdict:
@@ -140,13 +138,13 @@ def _why(whole: Evaluator, score: _Score) -> str:
     return noted(", ".join(why), score.off.term.why)
 
 
-def _significance(verdict: Verdict, needed: float) -> str:
+def _significance(verdict: Verdict) -> str:
     """Return that an inconclusive claim is significant by the rule for filters, if it is."""
     z = verdict.z
-    if verdict.word != UNDECIDED or not rules.is_significant(z) or abs(z) >= needed:
+    if verdict.word != UNDECIDED or not (rules.is_significant(z) and verdict.is_short):
         return ""
-    way = "" if z > 0.0 else "against it "
-    return f"{way}significant at {100 * rules.LEVEL:g} %, z {z:+.1f}; a verdict takes {needed:g}"
+    way, level = "" if z > 0.0 else "against it ", f"{100 * rules.LEVEL:g} %"
+    return f"{way}significant at {level}, z {z:+.1f}; a verdict takes {verdict.needed:g}"
 
 
 def _size(evidence: Evaluator, score: _Score) -> str:
@@ -165,7 +163,7 @@ def _size(evidence: Evaluator, score: _Score) -> str:
 def _of_steps(weakest: _Score, found: list[_Score]) -> str:
     """Return the weakest of comparisons at many steps, and how many are significant."""
     steps = weakest.claim.expression and weakest.claim.expression.steps
-    surely = sum(score.z >= rules.DECIDED for score in found)
+    surely = sum(rules.decided(score.z) > 0 for score in found)
     where = f"at step {steps.first}; " if steps else ""
     return f"{where}{surely} of {len(found)} comparisons hold by themselves"
 

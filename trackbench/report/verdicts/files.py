@@ -23,10 +23,9 @@ from trackbench.statistics.rules import (
     DECIDED,
     HOW_DECIDED,
     MEANINGS,
-    SURE,
     UNDECIDED,
     Verdict,
-    runs_needed,
+    runs_that_decide,
 )
 
 _VERBS = ("agrees", "differs", "holds", "fails")
@@ -242,18 +241,9 @@ def _parts(verdict: Verdict) -> str:
 
 def _claim_table(claims: list[ClaimVerdict]) -> TextTable:
     """Return claims with verdict and z."""
-    table = TextTable(
-        "Claims (z: standard errors in the claim's favor, weakest comparison)",
-        [
-            "Claim",
-            "Verdict",
-            "z",
-            "z without a batch",
-            "Paired",
-            "Weakest comparison; note",
-            "Source",
-        ],
-    )
+    title = "Claims (z: standard errors in the claim's favor, weakest comparison)"
+    heads = ["Claim", "Verdict", "z", "z without a batch", "Paired", "Weakest comparison; note"]
+    table = TextTable(title, [*heads, "Source"])
     for row in claims:
         source, z = f"{row.claim.paper}, {row.claim.source}".rstrip(", "), row.verdict.z
         cells = [row.claim.claim, row.verdict.word, _z(z), _parts(row.verdict), _yes(row.paired)]
@@ -274,17 +264,11 @@ def _rank_table(ranks: list[Ranked]) -> TextTable:
 
 def _left_out_table(comparison: Comparison) -> TextTable:
     """Return the printed numbers that nothing here measures, with the reason."""
-    rows = [
-        [
-            Text(f"{p.paper}, {p.table}"),
-            Text(p.filter),
-            Text(_place(p)),
-            Text(printed(p)),
-            Text(p.note),
-        ]
-        for p in comparison.left_out
-    ]
-    return TextTable("Left out", ["Table", "Filter", "Metric", "Published", "Why"], rows)
+    table = TextTable("Left out", ["Table", "Filter", "Metric", "Published", "Why"])
+    for p in comparison.left_out:
+        cells = f"{p.paper}, {p.table}", p.filter, _place(p), printed(p), p.note
+        table.rows.append([*map(Text, cells)])
+    return table
 
 
 def _place(number: PublishedNumber) -> str:
@@ -344,39 +328,19 @@ def _name_of_row(row: Compared | ClaimVerdict) -> str:
 
 
 def _reason(row: Compared | ClaimVerdict, runs: int) -> str:
-    verdict = row.verdict
-    z, needed = abs(verdict.z), _needed(row, verdict.z)
+    verdict, z = row.verdict, abs(row.verdict.z)
     if not isfinite(z) or (isinstance(row, Compared) and row.published.chosen):
         return row.note or "no standard error"
-    if needed is None:
+    if isnan(verdict.needed):
         return f"neither within its margin nor beyond it by {DECIDED:g} standard errors"
-    # Too few standard errors over all runs.
-    if z < needed:
-        text = f"{z:.2f} standard errors, and {needed:g} decide"
-        if z < _NO_SIGN:
+    if verdict.is_short:
+        text = f"{z:.2f} standard errors, and {verdict.needed:g} decide"
+        if not verdict.has_sign:
             return f"{text}; no sign of a difference"
-        most = runs_needed(runs, z, exact=needed == SURE)
-        what = (
-            f"{run_count(most)} runs"
-            if runs > 1
-            else f"a recording {run_count(most)} times as long"
-        )
+        more = run_count(runs_that_decide(runs, z, verdict.needed))
+        what = f"{more} runs" if runs > 1 else f"a recording {more} times as long"
         return f"{text}; a difference as large as measured needs about {what}"
-    # Enough over all runs, and too few without one of the batches.
-    least = min(verdict.parts, key=abs, default=verdict.z)
-    if abs(least) < SURE or least * verdict.z < 0.0:
-        return (
-            f"{z:.1f} standard errors over all runs, but {abs(least):.1f} without one batch of them"
-        )
-    return row.note
-
-
-_NO_SIGN = 0.5
-"""Standard errors below which a measured difference says nothing about its size."""
-
-
-def _needed(row: Compared | ClaimVerdict, z: float) -> float | None:
-    """Return the standard errors that decide; None of a bias, which is compared with a margin."""
-    if isinstance(row, Compared):
-        return None if isinstance(row.published.value, str) else DECIDED
-    return SURE if row.is_exact or (z > 0.0 and row.claim.relation == "~") else DECIDED
+    part = verdict.weak_part
+    if part is None:
+        return row.note
+    return f"{z:.1f} standard errors over all runs, but {abs(part):.1f} without one batch of them"
