@@ -245,14 +245,8 @@ def test_a_factor_multiplies_the_measured_number_and_its_standard_error(folder):
 
 def test_claims_are_decided_by_paired_z(made):
     judged = compare(Results(made)).claims
-    assert [j.verdict.word for j in judged] == [
-        "holds",
-        "fails",
-        "holds",
-        "fails",
-        "holds",
-        "inconclusive",
-    ]
+    words = [j.verdict.word for j in judged]
+    assert words == [*("holds", "fails") * 2, "holds", "inconclusive"]
     assert all(j.paired and not isnan(j.verdict.z) for j in judged[:5])
 
 
@@ -324,18 +318,8 @@ def test_comparison_files_have_the_promised_columns(made):
     def header(name):
         return (made / name).read_text().splitlines()[0].split(",")
 
-    promised = [
-        "table",
-        "filter",
-        "metric",
-        "published",
-        "measured",
-        "stderr",
-        "z",
-        "verdict",
-        "note",
-    ]
-    assert header("comparison.csv")[:9] == promised
+    promised = "table filter metric published measured stderr z verdict note"
+    assert header("comparison.csv")[:9] == promised.split()
     assert header("paired.csv") == [
         *("filter_a", "filter_b", "metric", "difference", "stderr", "z", "runs"),
     ]
