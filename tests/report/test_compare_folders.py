@@ -171,6 +171,8 @@ def test_shares_and_infinities() -> None:
     (lost,) = rows_of(({}, "A", "lost"), Sample(zero), Sample(six), True, False)
     p = binomtest(6, 6, alternative="greater").pvalue
     assert norm.sf(lost.worse.z) == pytest.approx(p, rel=1e-6)
+    (independent,) = rows_of(({}, "A", "lost"), Sample(zero), Sample(six), False, False)
+    assert 2.0 < independent.worse.z == independent.change.z
     nees = np.linspace(0.5, 1.5, 40)
     collapsed = np.where(six > 0.0, np.inf, nees)
     infinite, rest = rows_of(({}, "A", "anees"), Sample(nees), Sample(collapsed), True, False)

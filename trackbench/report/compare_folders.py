@@ -234,7 +234,7 @@ def _infinite(difference: float) -> float:
 def _worse(metric: str, change: Comparison, compared: Callable[..., Comparison]) -> Comparison:
     """Return the comparison of how far both numbers of a change are from the best value."""
     better = measured(metric).family[0].better
-    if better == "lower" or change.is_equal:
+    if better == "lower" or is_event(metric) or change.is_equal:
         return change
     if better == "higher":
         return change.swapped

@@ -8,6 +8,7 @@ the best.
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import chain
 from math import isfinite
 from typing import NamedTuple
 
@@ -164,6 +165,11 @@ def best_settings(results: Results) -> list[Ranking]:
                 ranking = ranking_of(mine, metric, apart=True)
                 found.append(ranking._replace(scene=where))
     return found
+
+
+def leaders(found: Collection[Ranking]) -> list[Candidate]:
+    """Return the filters among the best of each ranking, one after the other."""
+    return list(chain.from_iterable(ranking.among_the_best for ranking in found))
 
 
 def ranking_metrics(results: Results) -> list[str]:

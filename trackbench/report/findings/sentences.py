@@ -30,7 +30,14 @@ from trackbench.report.findings.phrases import (
     verb,
     with_unit,
 )
-from trackbench.report.findings.ranking import Candidate, Ranking, Rival, ranking_metrics, rankings
+from trackbench.report.findings.ranking import (
+    Candidate,
+    Ranking,
+    Rival,
+    leaders,
+    ranking_metrics,
+    rankings,
+)
 from trackbench.report.results import Results
 from trackbench.report.table import rounded
 from trackbench.statistics import rules
@@ -49,26 +56,12 @@ def answer(results: Results) -> list[str]:
     matters = rules.share_that_matters(results.config.get("matters"))
     # One ranking: sentences on its best filter. Several: at how many points each is best.
     if len(found) == 1:
-        lines = [
-            _best_sentence(found[0], matters),
-            _tuned(results, found[0]),
-            _other_metrics(results, found[0]),
-            _losing(found),
-            _failed(results),
-        ]
-        lines += [
-            *plugin_ranks(results),
-            cost(results, found[0]),
-            calibration(results, found[0]),
-        ]
+        first = [_best_sentence(found[0], matters), _tuned(results, found[0])]
+        first += [_other_metrics(results, found[0])]
+        last = [cost(results, found[0]), calibration(results, found[0])]
     else:
-        lines = [
-            _over_points(found),
-            _losing(found),
-            _failed(results),
-            *plugin_ranks(results),
-            *_leader_sentence(results, found),
-        ]
+        first, last = [_over_points(found)], _leader_sentence(results, found)
+    lines = [*first, _losing(found), _failed(results), *plugin_ranks(results), *last]
     if found and max(standing.runs for standing in found) == 1:
         decided = any(s.ties or s.worse or s.undecided for s in found)
         lines.append(_ONE_RUN if decided else _NO_ERROR)
@@ -227,7 +220,8 @@ def _other_metrics(results: Results, standing: Ranking) -> str:
 
 def _over_points(found: Sequence[Ranking]) -> str:
     """Return at how many points each filter is among the best."""
-    counts = Counter(c.label for standing in found for c in standing.among_the_best)
+    first = leaders(found)
+    counts = Counter(candidate.label for candidate in first)
     # Filters by the number of points at which they are among the best.
     by_count: dict[int, list[str]] = {}
     for label, n in counts.most_common():
@@ -235,22 +229,21 @@ def _over_points(found: Sequence[Ranking]) -> str:
     if not by_count:
         return ""
     paths = " and ".join(phrases.axis(path) for path in found[0].scene)
-    (most, leaders), *rest = by_count.items()
+    (most, best), *rest = by_count.items()
     of = f"{most} of the {len(found)}" if most < len(found) else f"all {most}"
-    candidate = next(c for standing in found for c in standing.among_the_best)
-    statistic = statistic_words(candidate.sample.statistic, found[0].metric)
-    text = f"By {statistic} {listed(leaders)} {verb(leaders)} best, or"
+    statistic = statistic_words(first[0].sample.statistic, found[0].metric)
+    text = f"By {statistic} {listed(best)} {verb(best)} best, or"
     text += f" without a significant difference from the best, at {of} values of {paths}"
     return "; ".join([text, *(f"{listed(labels)} at {n}" for n, labels in rest)]) + "."
 
 
 def _leader_sentence(results: Results, found: Sequence[Ranking]) -> list[str]:
     """Return cost and calibration of the filter that is best at most points, if any."""
-    leaders: dict[str, list[Candidate]] = {}
-    for candidate in (c for standing in found for c in standing.among_the_best):
-        leaders.setdefault(candidate.label, []).append(candidate)
+    by_label: dict[str, list[Candidate]] = {}
+    for candidate in leaders(found):
+        by_label.setdefault(candidate.label, []).append(candidate)
     # A single filter must lead: two with as many points have no leader.
-    ranked = sorted(leaders.values(), key=len, reverse=True)
+    ranked = sorted(by_label.values(), key=len, reverse=True)
     if not ranked or (ranked[1:] and len(ranked[1]) == len(ranked[0])):
         return []
     return over_points(results, ranked[0])

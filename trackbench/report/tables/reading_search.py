@@ -5,7 +5,6 @@
 
 import itertools
 from dataclasses import dataclass, replace
-from itertools import compress
 from math import comb, inf, isfinite, nan
 from typing import Any, Literal, NamedTuple
 
@@ -84,7 +83,8 @@ class Readings(TableKind):
         """Return the table from a results folder."""
         # Step 1: printed numbers, distinct points of the grid, ways to measure the numbers.
         numbers = self._numbers(results)
-        labels = [b for b in results.filters if any(b in n.labels for n in numbers)]
+        measured = set[str]().union(*(number.labels for number in numbers))
+        labels = [label for label in results.filters if label in measured]
         heads, points = readings(results, labels)
         more, ways = ways_to_measure(numbers, self.statistics)
         heads += more
@@ -94,9 +94,9 @@ class Readings(TableKind):
         for shown, point in points:
             expressions = Evaluator(results, point)
             for way, chosen in ways:
-                there = _measured(expressions, chosen)
-                parts = [distance([n for n in there if n.label == label]) for label in labels]
-                found.append(([*shown, *way], distance(there), parts))
+                every = _measured(expressions, chosen)
+                parts = [distance(_of_filter(every, label)) for label in labels]
+                found.append(([*shown, *way], distance(every), parts))
         found.sort(key=lambda reading: reading[1].estimate.value)
         # Step 3: a row per reading; of several filters also the distance of each.
         columns = ["Distance", *labels] if len(labels) > 1 else ["Distance"]
@@ -189,12 +189,18 @@ def _is_average(m: Measure) -> bool:
 
 
 def _measured(expressions: Evaluator, numbers: list[PublishedNumber]) -> list[Number]:
-    return [
-        Number(label, float(number.value), expressions.term(m.of(label)), m.statistic == "variance")
-        for number in numbers
-        for label in number.labels
-        if (m := number.expression) is not None
-    ]
+    found = []
+    for number in numbers:
+        if (m := number.expression) is not None:
+            printed, is_variance = float(number.value), m.statistic == "variance"
+            for label in number.labels:
+                term = expressions.term(m.of(label))
+                found.append(Number(label, printed, term, is_variance))
+    return found
+
+
+def _of_filter(numbers: list[Number], label: str) -> list[Number]:
+    return [number for number in numbers if number.label == label]
 
 
 def readings(
@@ -294,25 +300,26 @@ class ClaimReadings(TableKind):
     def _claims(self, results: Results) -> list[Claim]:
         """Return the claims about the experiment's filters."""
         published = read_published(results.folder, results.config.get("published", []), self.of)
-        here = set(results.filters)
-        return [
-            claim
-            for claim in published.claims
-            if claim.labels
-            and set(claim.labels) <= here
-            and not any(m.metric.startswith("cpu_s") for m in claim.expressions)
-        ]
+        found = []
+        for claim in published.claims:
+            is_of_time = any(m.metric.startswith("cpu_s") for m in claim.expressions)
+            if claim.labels and set(claim.labels) <= {*results.filters} and not is_of_time:
+                found.append(claim)
+        return found
 
 
 def _judged(
     results: Results, claims: list[Claim], points: list[GridPoint]
 ) -> tuple[list[Claim], list[list[str]]]:
-    """Return the claims that any point decides, and the words on each of them at every point."""
+    """Return the claims that any point measures, and the words on each of them at every point."""
     evidence = [Evaluator(results, point) for point in points]
-    found = [[judge(claim, there) for claim in claims] for there in evidence]
-    measured = [any(at[i].is_measured for at in found) for i in range(len(claims))]
-    words = [[judged.verdict.word for judged in compress(at, measured)] for at in found]
-    return list(compress(claims, measured)), words
+    measured, by_claim = [], []
+    for claim in claims:
+        verdicts = [judge(claim, at_point) for at_point in evidence]
+        if any(judged.is_measured for judged in verdicts):
+            measured.append(claim)
+            by_claim.append([judged.verdict.word for judged in verdicts])
+    return measured, [list(words) for words in zip(*by_claim, strict=True)]
 
 
 def _claim_notes(heads: list[str], claims: list[Claim], found: list[_Reading]) -> list[str]:
