@@ -18,7 +18,7 @@ from trackbench.report.paired import pairs_of
 from trackbench.report.results import Results
 from trackbench.report.verdicts.claims import evidence_at, judge
 from trackbench.report.verdicts.files import bars, summary_lines, verdict_tables
-from trackbench.report.verdicts.numbers import Compared, Comparison, Reproduced, compare
+from trackbench.report.verdicts.numbers import Compared, Reproduced, Verdicts, compare
 from trackbench.statistics.comparison import Sample
 from trackbench.statistics.estimates import MISSING, RunEstimate
 from trackbench.statistics.rules import Verdict, claim_verdict, combine_batches, number_verdict
@@ -461,7 +461,7 @@ def test_words_on_a_bias_are_counted_by_themselves() -> None:
         Compared(number(value, row=str(value)), "", MISSING, Verdict("agrees", 0.0), "")
         for value in (1.0, "biased", "unbiased")
     ]
-    assert [bar.words for bar in bars(Comparison(rows, [], []))] == [
+    assert [bar.words for bar in bars(Verdicts(rows, [], []))] == [
         "1 published number: 1 agrees",
         "2 published words on a bias, by a margin chosen here: 2 agree",
     ]

@@ -17,7 +17,7 @@ from trackbench.report.results import Results
 from trackbench.report.table import Text, TextTable, rounded
 from trackbench.report.verdicts.claims import ClaimVerdict, noted
 from trackbench.report.verdicts.cpu_times import time_verdicts, write_time_verdicts
-from trackbench.report.verdicts.numbers import Compared, Comparison, Ranked, Reproduced
+from trackbench.report.verdicts.numbers import Compared, Ranked, Reproduced, Verdicts
 from trackbench.results.folder_contents import DIGITS, TIME_VERDICTS
 from trackbench.statistics.rules import (
     DECIDED,
@@ -68,7 +68,7 @@ def parts(found: Iterable[Compared | ClaimVerdict]) -> list[Tally]:
     ]
 
 
-def bars(comparison: Comparison) -> list[Bar]:
+def bars(comparison: Verdicts) -> list[Bar]:
     """Return a bar of the numbers, one of the words on a bias, one of the claims, without empty ones."""
     best, claims = [number.best for number in comparison.numbers], comparison.claims
     # Words on a bias are counted apart from numbers.
@@ -97,7 +97,7 @@ CLAIM_HEADER = [
 FILES = ("comparison.csv", "comparison.md", "claims.csv")
 
 
-def write_comparison(results: Results, comparison: Comparison) -> None:
+def write_comparison(results: Results, comparison: Verdicts) -> None:
     """Write the verdicts, or take away old ones if nothing is published about the experiment."""
     folder = results.target
     write_time_verdicts(results)
@@ -117,7 +117,7 @@ def write_paired(results: Results) -> None:
     write_csv(results.target / "paired.csv", [*results.grid, *COLUMNS], rows)
 
 
-def number_rows(comparison: Comparison) -> list[dict[str, object]]:
+def number_rows(comparison: Verdicts) -> list[dict[str, object]]:
     """Return rows of comparison.csv: every reading of every number, the best ones marked."""
     rows: list[dict[str, object]] = []
     # A number counts by its best reading; every reading is a row.
@@ -134,7 +134,7 @@ def number_rows(comparison: Comparison) -> list[dict[str, object]]:
     return rows
 
 
-def claim_rows(comparison: Comparison) -> list[dict[str, object]]:
+def claim_rows(comparison: Verdicts) -> list[dict[str, object]]:
     """Return rows of claims.csv."""
     rows = []
     for judged in comparison.claims:
@@ -149,7 +149,7 @@ def _yes(flag: bool) -> str:
     return "yes" if flag else "no"
 
 
-def summary_lines(comparison: Comparison) -> list[str]:
+def summary_lines(comparison: Verdicts) -> list[str]:
     """Return a line each on numbers, counted once, words on a bias, claims, and numbers left out."""
     lines = [bar.words for bar in bars(comparison)]
     tried = [number for number in comparison.numbers if number.readings > 1]
@@ -163,7 +163,7 @@ def summary_lines(comparison: Comparison) -> list[str]:
     return lines
 
 
-def markdown(results: Results, comparison: Comparison) -> str:
+def markdown(results: Results, comparison: Verdicts) -> str:
     """Return counts, published numbers per table, rank agreement, claims."""
     counts = "\n".join(f"- {line}" for line in summary_lines(comparison))
     parts = [f"# Published and measured: {results.title}", counts]
@@ -186,7 +186,7 @@ def _explained(table: TextTable, verdicts: Sequence[Verdict]) -> TextTable:
     return table
 
 
-def verdict_tables(comparison: Comparison) -> list[TextTable]:
+def verdict_tables(comparison: Verdicts) -> list[TextTable]:
     """Return numbers per published table, agreement of orders, claims, numbers left out."""
     tables = _number_tables(comparison)
     tables += [_rank_table(comparison.ranks)] if comparison.ranks else []
@@ -194,7 +194,7 @@ def verdict_tables(comparison: Comparison) -> list[TextTable]:
     return [*tables, _left_out_table(comparison)] if comparison.left_out else tables
 
 
-def _number_tables(comparison: Comparison) -> list[TextTable]:
+def _number_tables(comparison: Verdicts) -> list[TextTable]:
     """Return a table of verdicts per published table, and of those with several readings all of them."""
     places: dict[str, list[Reproduced]] = {}
     for number in comparison.numbers:
@@ -262,7 +262,7 @@ def _rank_table(ranks: list[Ranked]) -> TextTable:
     return table
 
 
-def _left_out_table(comparison: Comparison) -> TextTable:
+def _left_out_table(comparison: Verdicts) -> TextTable:
     """Return the printed numbers that nothing here measures, with the reason."""
     table = TextTable("Left out", ["Table", "Filter", "Metric", "Published", "Why"])
     for p in comparison.left_out:
@@ -303,7 +303,7 @@ _MOST_REASONS = 5
 """Longer lists are cut; comparison.md has all verdicts."""
 
 
-def reasons(comparison: Comparison, runs: int) -> list[str]:
+def reasons(comparison: Verdicts, runs: int) -> list[str]:
     """Return why numbers and claims are inconclusive, a line each; ``runs`` of each filter."""
     lines = [
         f"inconclusive: {_name_of_row(row)}: {_reason(row, runs)}"
@@ -316,7 +316,7 @@ def reasons(comparison: Comparison, runs: int) -> list[str]:
     return [*lines[:_MOST_REASONS], f"inconclusive: {more} more: comparison.md"]
 
 
-def _judged_rows(comparison: Comparison) -> Iterator[Compared | ClaimVerdict]:
+def _judged_rows(comparison: Verdicts) -> Iterator[Compared | ClaimVerdict]:
     yield from (number.best for number in comparison.numbers)
     yield from comparison.claims
 
