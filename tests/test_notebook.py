@@ -97,7 +97,7 @@ def test_a_report_is_a_line_at_a_prompt(report: trackbench.Report) -> None:
     assert repr(report) == f"<Report in {report.folder}: {what}>"
     assert repr(trackbench.load(report.folder)) == repr(report)
     assert repr(report.tables["t"]) == "<Table 'Of <all>': 2 rows>"
-    assert repr(report.comparison) == "<Comparison of 0 numbers and 0 claims>"
+    assert repr(report.comparison) == "<Verdicts on 0 numbers and 0 claims>"
 
 
 def test_a_report_is_a_page_in_a_notebook(report: trackbench.Report) -> None:

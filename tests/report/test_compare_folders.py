@@ -11,9 +11,9 @@ from tests.commands import trackbench
 from tests.conftest import PLANE
 from trackbench import api
 from trackbench.commands.gate import Limit, judge
-from trackbench.report.compare_folders import Row, Stored, compare_folders, rows_of
+from trackbench.report.compare_folders import Row, compare_folders, rows_of
 from trackbench.report.results import Results
-from trackbench.statistics.over_runs import mean
+from trackbench.statistics.comparison import Sample
 
 CONFIG = f"""
 name: plane
@@ -72,15 +72,17 @@ def test_common_runs_are_paired(folders: dict[str, Path]) -> None:
     assert {r.how for r in rows if r.filter != "Loose"} == {"equal"}
     found = row(rows, "Loose", "rms(rmse_position)")  # the statistic of the default table
     a, b = (values(folders[name], "Loose", "rmse_position") for name in ("first", "tight"))
-    assert found.difference == pytest.approx(rms(b) - rms(a))
+    assert found.difference.value == pytest.approx(rms(b) - rms(a))
     left_out = np.array([rms(np.delete(b, i)) - rms(np.delete(a, i)) for i in range(30)])
-    assert found.stderr == pytest.approx(np.sqrt(29 * left_out.var()))
+    assert found.difference.stderr == pytest.approx(np.sqrt(29 * left_out.var()))
     p = ttest_rel(a, b).pvalue  # of the means, without the corrections for skewness and heavy tails
-    assert np.log(2 * norm.sf(abs(found.z))) == pytest.approx(np.log(p), rel=0.3)
-    assert (found.verdict, found.runs) == ("better", 30)
+    assert np.log(2 * norm.sf(abs(found.change.z))) == pytest.approx(np.log(p), rel=0.3)
+    assert (found.verdict, found.difference.runs) == ("better", 30)
     size = 4  # of the state
     anees = row(rows, "Loose", "anees")
-    assert anees.a == pytest.approx(values(folders["first"], "Loose", "nees").mean() / size)
+    assert anees.change.b.value == pytest.approx(
+        values(folders["first"], "Loose", "nees").mean() / size
+    )
 
 
 def test_another_seed_or_scenario_has_independent_errors(folders: dict[str, Path]) -> None:
@@ -92,10 +94,12 @@ def test_another_seed_or_scenario_has_independent_errors(folders: dict[str, Path
         assert why == reason
         found = row(rows, "KF", "rms(rmse_position)")
         a, b = (values(folders[f], "KF", "rmse_position") for f in ("first", name))
-        assert found.stderr == pytest.approx(np.hypot(rms_error(a), rms_error(b)), rel=0.05)
+        assert found.difference.stderr == pytest.approx(
+            np.hypot(rms_error(a), rms_error(b)), rel=0.05
+        )
         # Welch's test has at most twice the degrees of freedom.
         T = (rms(b) - rms(a)) / np.hypot(rms_error(a), rms_error(b))
-        assert found.z == pytest.approx(norm.isf(t.sf(T, 29)), rel=0.1)
+        assert found.change.z == pytest.approx(norm.isf(t.sf(T, 29)), rel=0.1)
 
 
 def test_a_clone_is_compared_by_its_summary(folders: dict[str, Path], tmp_path: Path) -> None:
@@ -109,14 +113,15 @@ def test_a_clone_is_compared_by_its_summary(folders: dict[str, Path], tmp_path: 
     rows, _ = compare_folders(Results(folders["first"]), Results(clone))
     paired, _ = compare_folders(Results(folders["first"]), Results(folders["tight"]))
     a, b = (row(of, "Loose", "rms(rmse_position)") for of in (rows, paired))
-    assert a.difference == pytest.approx(b.difference, rel=1e-5)
-    assert a.stderr > b.stderr
+    assert a.difference.value == pytest.approx(b.difference.value, rel=1e-5)
+    assert a.difference.stderr > b.difference.stderr
     assert row(rows, "KF", "anees").how == "equal"
 
 
 def test_more_runs_are_compared_on_the_common_ones(folders: dict[str, Path]) -> None:
     rows, _ = compare_folders(Results(folders["first"]), Results(folders["fewer"]))
-    assert row(rows, "KF", "rms(rmse_position)")[5:7] == (20, "equal")
+    found = row(rows, "KF", "rms(rmse_position)")
+    assert (found.difference.runs, found.how) == (20, "equal")
     assert row(rows, "PF", "rms(rmse_position)").how == "paired"  # its noise depends on the block
 
 
@@ -160,22 +165,20 @@ def test_history_over_folders(folders: dict[str, Path], tmp_path: Path) -> None:
     assert trackbench("history", tmp_path / "nothing").returncode == 2
 
 
-def samples(values: np.ndarray) -> Stored:
-    return Stored(mean(values), len(values), values)
-
-
 def test_shares_and_infinities() -> None:
     """A loss by the sign test, and a collapse that no mean shows."""
     zero, six = np.zeros(40), np.repeat([1.0, 0.0], [6, 34])
-    (lost,) = rows_of(({}, "A", "lost"), samples(zero), samples(six), True, False)
+    (lost,) = rows_of(({}, "A", "lost"), Sample(zero), Sample(six), True, False)
     p = binomtest(6, 6, alternative="greater").pvalue
-    assert norm.sf(lost.z_worse) == pytest.approx(p, rel=1e-6)
+    assert norm.sf(lost.worse.z) == pytest.approx(p, rel=1e-6)
+    (independent,) = rows_of(({}, "A", "lost"), Sample(zero), Sample(six), False, False)
+    assert 2.0 < independent.worse.z == independent.change.z
     nees = np.linspace(0.5, 1.5, 40)
     collapsed = np.where(six > 0.0, np.inf, nees)
-    infinite, rest = rows_of(({}, "A", "anees"), samples(nees), samples(collapsed), True, False)
+    infinite, rest = rows_of(({}, "A", "anees"), Sample(nees), Sample(collapsed), True, False)
     assert infinite.metric == "anees infinite"
-    assert infinite.z_worse == lost.z_worse
-    assert (rest.runs, rest.difference) == (34, 0.0)
+    assert infinite.worse.z == lost.worse.z
+    assert (rest.difference.runs, rest.difference.value) == (34, 0.0)
 
 
 def test_anees_is_worse_if_further_from_one() -> None:
@@ -183,15 +186,15 @@ def test_anees_is_worse_if_further_from_one() -> None:
     x = rng.chisquare(4, 200)
     x /= x.mean()
     for factor, before, worse in ((0.6, 1.02, True), (1.25, 1.02, True), (0.8, 1.4, False)):
-        a, b = samples(before * x), samples(factor * before * x * rng.uniform(0.99, 1.01, 200))
+        a, b = Sample(before * x), Sample(factor * before * x * rng.uniform(0.99, 1.01, 200))
         (found,) = rows_of(({}, "A", "anees"), a, b, True, False)
-        assert abs(found.z_worse) > 3
-        assert (found.z_worse > 0) == worse
+        assert abs(found.worse.z) > 3
+        assert (found.worse.z > 0) == worse
 
 
 def test_one_recording_is_exact_or_untested() -> None:
     """One run has no standard error: a filter without random numbers is compared as it is."""
-    one, two = samples(np.array([2.0])), samples(np.array([2.1]))
+    one, two = Sample(np.array([2.0])), Sample(np.array([2.1]))
     key = ({}, "A", "rmse_position")
     for first, second, is_exact, limit, word in (
         (one, two, True, 0.0, "worse"),
@@ -221,9 +224,9 @@ def false_alarms(
                 a, b = (a > 1.5) * 1.0, (b > 1.5) * 1.0
             else:
                 a, b = (np.exp(tail * x) if tail else x + 10.0 for x in (a, b))
-            rows += rows_of(({}, f"{metric} {i}", metric), samples(a), samples(b), True, False)
+            rows += rows_of(({}, f"{metric} {i}", metric), Sample(a), Sample(b), True, False)
         corrected += any(r.verdict == "worse" for r in judge(rows, Limit(sigmas, 0.0)))
-        plain += any(r.z_worse > sigmas for r in rows)
+        plain += any(r.worse.z > sigmas for r in rows)
     return corrected, plain
 
 

@@ -12,7 +12,7 @@ from tests.papers import merwe_text
 from trackbench import api
 from trackbench.errors import UserError
 from trackbench.evaluation.metric_expression import measure
-from trackbench.report.costs import Curve, Spot, beside, curves, front
+from trackbench.report.costs import Curve, Spot, compare_at, curves, front
 from trackbench.report.expressions import Evaluator
 from trackbench.report.results import Results, own_values
 from trackbench.report.tables.efficiency import EqualCost
@@ -98,7 +98,7 @@ def test_the_error_at_a_cost_is_that_of_repeated_batches():
         assert at is not None
         assert other is not None
         found.append((at.error.value, np.hypot(at.error.stderr, at.of_times)))
-        difference, _ = beside(at, other)
+        difference = compare_at(at, other).difference
         whole = np.sqrt(difference.stderr**2 + at.of_times**2 + other.of_times**2)
         pairs.append((difference.value, whole))
     for rows, known in ((found, -0.5 * np.log(50)), (pairs, 0.3 * np.log(50))):

@@ -3,6 +3,7 @@
 Rankings, marks, lists of pairs, captions and `compare` give one answer on the same two filters.
 """
 
+import ast
 import csv
 from itertools import combinations
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+import trackbench
 from tests.report.test_findings import M, folder
 from tests.simulated import filters_differ
 from trackbench import api
@@ -136,14 +138,17 @@ def test_no_value_is_marked_that_is_larger_than_an_unmarked_one(tmp_path: Path, 
 @pytest.mark.parametrize(("metric", "word"), [("rmse", "worse"), ("log_score", "better")])
 def test_the_word_of_a_pair_knows_which_side_is_better(rng, metric: str, word: str) -> None:
     B = rng.random(M)
-    (pair,) = pairs_of(metric, {"A": B + 1.0 + 0.1 * rng.random(M), "B": B})
-    assert pair.word == word
-    (pair,) = pairs_of(metric, {"A": B[:1] + 1.0, "B": B[:1]})
-    assert pair.word == "untested"
-    (pair,) = pairs_of(metric, {"A": B, "B": B.copy()})
-    assert pair.word == "equal"
+    worse = B + 1.0 + 0.1 * rng.random(M)
+    for a, b, expected in (
+        (worse, B, word),
+        (B[:1] + 1.0, B[:1], "untested"),
+        (B, B.copy(), "equal"),
+    ):
+        (pair,) = pairs_of(metric, {"A": Sample(a), "B": Sample(b)})
+        assert pair.word == expected
 
 
+PACKAGE = Path(trackbench.__file__).parent
 CLAIMS = """paper,claim,experiment,left,expression,relation,factor,right,tolerance
 p,position,car-track,"KF, smoothed",rms(rmse_position),<,1,KF,
 p,opposite,car-track,KF,rms(rmse_position),<,1,"KF, smoothed",
@@ -183,3 +188,41 @@ def test_claims_on_a_recording_are_decided_by_its_steps(tmp_path: Path) -> None:
     assert 0.0 < low < difference.value < high
     assert high - low > 2 * 1.96 * difference.stderr  # Student's t of few degrees of freedom
     assert not np.isnan(difference.stderr)
+
+
+OTHER_QUESTIONS = {"report/tables/calibration.py", "report/figures/critical_difference.py"}
+"""Tests of uniformity and of mean ranks: their level is a key of the table or figure."""
+JUDGED = {"z", "p", "p_holm", "z_worse", "z_score", "stderr"}
+THRESHOLDS = {"LEVEL", "DECIDED", "SURE", "NOT_CHANCE", "LOSSES_LEVEL"}
+
+
+def _compared_names(node: ast.Compare) -> set[str]:
+    found = set()
+    for part in ast.walk(node):
+        if isinstance(part, ast.Name | ast.Attribute):
+            found.add(part.id if isinstance(part, ast.Name) else part.attr)
+    return found
+
+
+def _has_threshold(node: ast.Compare) -> bool:
+    """A number other than zero; those from 20 on are of printed digits."""
+    numbers = [part.value for part in ast.walk(node) if isinstance(part, ast.Constant)]
+    return any(isinstance(x, int | float) and 0.0 < x < 20.0 for x in numbers)
+
+
+@pytest.mark.parametrize("room", ["report", "commands", "cli", "tuning", "results"])
+def test_thresholds_of_significance_stand_in_one_module(room: str) -> None:
+    for path in sorted((PACKAGE / room).rglob("*.py")):
+        where = str(path.relative_to(PACKAGE))
+        tree = ast.parse(path.read_text())
+        imported = {
+            a.name for n in ast.walk(tree) if isinstance(n, ast.ImportFrom) for a in n.names
+        }
+        if where not in OTHER_QUESTIONS:
+            assert not imported & {"holm", "two_sided", "p_value", "ndtr", "ndtri"}, where
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Compare):
+                names = _compared_names(node)
+                text = f"{where}:{node.lineno}: {ast.unparse(node)}"
+                assert not names & THRESHOLDS, text
+                assert not (names & JUDGED and _has_threshold(node)), text

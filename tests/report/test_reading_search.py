@@ -18,6 +18,7 @@ from trackbench.report.tables.reading_search import (
     ways_to_measure,
 )
 from trackbench.statistics.estimates import RunEstimate
+from trackbench.statistics.over_runs import mean
 
 CONFIG = """
 name: search
@@ -203,8 +204,8 @@ def test_standard_error_is_that_of_many_repetitions(rng: np.random.Generator) ->
                 ),
             ]
         )
-        values.append(found.value)
-        errors.append(found.cell.estimate.stderr)
+        values.append(found.estimate.value)
+        errors.append(found.estimate.stderr)
     assert np.mean(errors) == pytest.approx(np.std(values), rel=5 / sqrt(2 * 400))
 
 
@@ -212,9 +213,9 @@ def test_a_reading_that_is_lost_is_infinitely_far() -> None:
     good = Number("A", 1.0, RunEstimate(1.0, 0.1, np.zeros(10), 10))
     gone = Number("A", 1.0, RunEstimate(1.0, 0.1, np.zeros(10), 4, lost=6))
     nothing = Number("A", 1.0, RunEstimate(np.nan, np.nan, None, 0, lost=10))
-    assert distance([good]).value == 0.0
-    assert distance([good, gone]).value == np.inf
-    assert distance([good, nothing]).value == np.inf
+    assert distance([good]).estimate.value == 0.0
+    assert distance([good, gone]).estimate.value == np.inf
+    assert distance([good, nothing]).estimate.value == np.inf
 
 
 def test_a_gain_is_that_of_its_column(results: Results) -> None:
@@ -226,11 +227,24 @@ def test_a_gain_is_that_of_its_column(results: Results) -> None:
     assert rms == pytest.approx(100 * (1 - np.sqrt((apf**2).mean() / (pf**2).mean())))
 
 
+def reading(value: float, near: int, off: np.ndarray) -> Distance:
+    return Distance(RunEstimate(value, mean(off).stderr, off, len(off)), near)
+
+
 def test_the_reading_that_meets_most_numbers_is_named_beside_the_nearest() -> None:
     """One number far off makes a reading with all others at the printed ones the farther one."""
     found = [
-        (["100"], Distance(0.2, np.full(4, 0.2), 1, 0)),
-        (["200"], Distance(0.3, np.full(4, 0.3), 3, 0)),
+        (["100"], reading(0.2, 1, np.full(4, 0.2))),
+        (["200"], reading(0.3, 3, np.full(4, 0.3))),
     ]
     assert _notes(["scans"], found, 4)[-1] == "Most numbers within 10 %: scans 200; 3 of 4."
     assert len(_notes(["scans"], found[:1], 4)) == 2
+
+
+def test_readings_differ_by_the_rule_for_filters(rng: np.random.Generator) -> None:
+    """Of ten readings one is nearer than the others in every run; then four runs of them."""
+    noise = [0.1 * rng.standard_normal(200) for _ in range(10)]
+    for runs, alike in ((200, 1), (4, 10)):
+        offs = [x[:runs] - x[:runs].mean() for x in noise]
+        found = [([str(i)], reading(0.2 + 0.1 * (i > 0), 1, x)) for i, x in enumerate(offs)]
+        assert _notes(["scans"], found, 4)[1].endswith(f"itself counted: {alike}.")

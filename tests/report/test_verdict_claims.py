@@ -18,6 +18,7 @@ from trackbench.report.verdicts.claims import judge
 from trackbench.statistics import intervals as inference
 from trackbench.statistics import over_runs as st
 from trackbench.statistics import rules
+from trackbench.statistics.comparison import Sample
 from trackbench.statistics.estimates import RunEstimate, Share
 from trackbench.statistics.intervals import studentized
 from trackbench.statistics.rules import Verdict
@@ -144,7 +145,7 @@ def test_parts_of_a_bar_have_the_order_of_the_words_and_their_verbs():
 def test_values_of_a_grid_are_each_a_filter_of_their_own(rng):
     common = rng.gamma(4.0, size=100)
     found = [
-        Candidate("A", {}, np.zeros(100), common + off, {"N": n})
+        Candidate("A", {}, np.zeros(100), Sample(common + off), {"N": n})
         for n, off in ((1, 0.5), (2, 0.0), (3, 0.9))
     ]
     standing = ranking_of(found, "rmse", apart=True)

@@ -18,7 +18,8 @@ from trackbench.report.paired import pairs_of
 from trackbench.report.results import Results
 from trackbench.report.verdicts.claims import evidence_at, judge
 from trackbench.report.verdicts.files import bars, summary_lines, verdict_tables
-from trackbench.report.verdicts.numbers import Compared, Comparison, Reproduced, compare
+from trackbench.report.verdicts.numbers import Compared, Reproduced, Verdicts, compare
+from trackbench.statistics.comparison import Sample
 from trackbench.statistics.estimates import MISSING, RunEstimate
 from trackbench.statistics.rules import Verdict, claim_verdict, combine_batches, number_verdict
 
@@ -244,14 +245,8 @@ def test_a_factor_multiplies_the_measured_number_and_its_standard_error(folder):
 
 def test_claims_are_decided_by_paired_z(made):
     judged = compare(Results(made)).claims
-    assert [j.verdict.word for j in judged] == [
-        "holds",
-        "fails",
-        "holds",
-        "fails",
-        "holds",
-        "inconclusive",
-    ]
+    words = [j.verdict.word for j in judged]
+    assert words == [*("holds", "fails") * 2, "holds", "inconclusive"]
     assert all(j.paired and not isnan(j.verdict.z) for j in judged[:5])
 
 
@@ -323,18 +318,8 @@ def test_comparison_files_have_the_promised_columns(made):
     def header(name):
         return (made / name).read_text().splitlines()[0].split(",")
 
-    promised = [
-        "table",
-        "filter",
-        "metric",
-        "published",
-        "measured",
-        "stderr",
-        "z",
-        "verdict",
-        "note",
-    ]
-    assert header("comparison.csv")[:9] == promised
+    promised = "table filter metric published measured stderr z verdict note"
+    assert header("comparison.csv")[:9] == promised.split()
     assert header("paired.csv") == [
         *("filter_a", "filter_b", "metric", "difference", "stderr", "z", "runs"),
     ]
@@ -360,11 +345,11 @@ def test_from_the_folder_alone(folder, command, monkeypatch):
 def test_pairs_need_common_runs():
     nan_first, nan_last = np.array([nan, 1.0, nan]), np.array([1.0, nan, nan])
     ones = np.ones(3)
-    values = {"a": nan_first, "b": nan_last, "c": ones}
-    found = pairs_of("rmse", values)
+    samples = {"a": Sample(nan_first), "b": Sample(nan_last), "c": Sample(ones)}
+    found = pairs_of("rmse", samples)
     runs = [(p.filter_a, p.filter_b, p.comparison.difference.runs) for p in found]
     assert runs == [("a", "c", 1), ("b", "c", 1)]
-    assert [*pairs_of("rmse", {"a": nan_first, "b": nan_last})] == []
+    assert pairs_of("rmse", {label: samples[label] for label in "ab"}) == []
 
 
 def test_a_bad_published_file_is_said_with_its_line(folder):
@@ -476,7 +461,7 @@ def test_words_on_a_bias_are_counted_by_themselves() -> None:
         Compared(number(value, row=str(value)), "", MISSING, Verdict("agrees", 0.0), "")
         for value in (1.0, "biased", "unbiased")
     ]
-    assert [bar.words for bar in bars(Comparison(rows, [], []))] == [
+    assert [bar.words for bar in bars(Verdicts(rows, [], []))] == [
         "1 published number: 1 agrees",
         "2 published words on a bias, by a margin chosen here: 2 agree",
     ]

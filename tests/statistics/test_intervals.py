@@ -11,7 +11,6 @@ from trackbench.statistics.intervals import (
     deviations,
     holm,
     interval_of,
-    loses_more,
     p_value,
     share_interval,
     share_z,
@@ -20,6 +19,7 @@ from trackbench.statistics.intervals import (
     studentized,
     two_sided,
 )
+from trackbench.statistics.rules import loses_more
 
 REPETITIONS = 200
 RUNS = 100

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trackbench.config.tuning import Axis, Score, read_axis
+from trackbench.config.tuning import Axis, read_axis
+from trackbench.statistics.estimates import RunEstimate
 from trackbench.tuning.search import Record, Trial, read_tuning, write_tuning
 
 
@@ -55,7 +56,7 @@ def test_remarks(trials: list[tuple[float, float]], said: str) -> None:
 def test_what_is_written_is_read_back(tmp_path: Path) -> None:
     axes = (Axis("assume.motion.q", 0.0, 1.0), Axis("kind", choices=("cv", "cwna")))
     influences = np.array([1.0, -1.0, np.nan])
-    good = Trial.of({axes[0].key: 0.25, "kind": "cv"}, Score(1, 3.0, influences))
+    good = Trial.of({axes[0].key: 0.25, "kind": "cv"}, RunEstimate(3.0, 1.0, influences, 2, 1))
     tuned = Record(axes, [good, Trial.of({axes[0].key: 1.0, "kind": "cwna"}, None)])
     write_tuning(tmp_path / "tuning.csv", {"A, B": tuned})
     text = (tmp_path / "tuning.csv").read_text()

@@ -47,8 +47,9 @@ def compare_two(
     """Print how the numbers of two folders differ, and draw a figure."""
     from trackbench.errors import UserError, counted
     from trackbench.report import compare_folders as comparison
-    from trackbench.report.compare_folders import EQUAL, compare_folders
+    from trackbench.report.compare_folders import compare_folders
     from trackbench.report.open import open_with_notes
+    from trackbench.statistics.rules import EQUAL
 
     a, b = open_with_notes(first), open_with_notes(second)
     rows, why = compare_folders(a, b)
@@ -60,7 +61,7 @@ def compare_two(
     if json:
         _echo_rows(rows)
         return
-    paired = f"paired on {counted(max(row.runs for row in rows), 'common run')}"
+    paired = f"paired on {counted(max(row.difference.runs for row in rows), 'common run')}"
     title = f"{names[1]} against {names[0]}, {f'independent: {why}' if why else paired}"
     changed = [row for row in rows if row.how != EQUAL]
     main = [row for row in changed if row.is_primary] or changed
@@ -116,11 +117,11 @@ def _gate_table(verdict: "Verdict", name: str, worse: str) -> "TextTable":
     """Return the numbers of the changed filters, with a headline and notes."""
     from trackbench.errors import counted
     from trackbench.report import compare_folders as comparison
-    from trackbench.report.compare_folders import EQUAL, WORSE
     from trackbench.report.findings import phrases
+    from trackbench.statistics.rules import EQUAL, WORSE
 
     bad = comparison.changes(verdict.rows, WORSE) + verdict.failed
-    tests = [row.runs for row in verdict.rows if not isnan(row.p_holm)]
+    tests = [row.difference.runs for row in verdict.rows if not isnan(row.change.p)]
     same = all(row.how == EQUAL for row in verdict.rows)
     title = f"worse: {phrases.listed(bad)}" if bad else "unchanged" if same else "not worse"
     table = comparison.table_of(f"{verdict.name} is {title}", verdict.rows, (name, "now"))
@@ -133,7 +134,7 @@ def _gate_table(verdict: "Verdict", name: str, worse: str) -> "TextTable":
 
 def _echo_rows(rows: "Sequence[Row]") -> None:
     for row in rows:
-        echo_line(row._asdict())
+        echo_line(row.fields)
 
 
 def history(folders: Folders, metric: Metric = "", out: Figure = None, json: Json = False) -> None:

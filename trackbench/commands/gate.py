@@ -11,26 +11,19 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
-import numpy as np
-
 from trackbench.commands.prepare import Options, file_of, prepare
 from trackbench.commands.run_experiment import run_all
 from trackbench.errors import Mark, Problem, UserError
-from trackbench.report.compare_folders import (
-    ALIKE,
-    BETTER,
-    EQUAL,
-    NEGLIGIBLE,
-    UNTESTED,
-    WORSE,
-    Row,
-    compare_folders,
-)
+from trackbench.report.compare_folders import Row, compare_folders, is_event
 from trackbench.report.open import open_results
 from trackbench.report.results import Results
 from trackbench.results.folder_contents import TIMING
-from trackbench.statistics.intervals import holm
+from trackbench.statistics import rules
+from trackbench.statistics.comparison import compare_independent
+from trackbench.statistics.estimates import RunEstimate
+from trackbench.statistics.rules import ALIKE, BETTER, EQUAL, UNTESTED, WORSE
 
+NEGLIGIBLE = "negligible"
 _LIMIT = re.compile(r"(\d+(?:\.\d+)?)sigma(?:,(\d+(?:\.\d+)?)%)?")
 
 
@@ -158,23 +151,17 @@ def _judged(stored: Results, now: Results, limit: Limit, cost: float) -> Verdict
 
 
 def judge(rows: Sequence[Row], limit: Limit) -> list[Row]:
-    """Return the rows with one-sided p-values by Holm, and a verdict each.
-
-    The probability that any number of equally good filters is called worse is about the normal tail
-    beyond the limit or less, for any dependence of the numbers (docs/statistics.md).
-    """
-    from scipy.special import ndtr
-
-    z = np.array([nan if row.how == EQUAL else row.z_worse for row in rows])
-    worse, better = (holm(ndtr(sign * z)).tolist() for sign in (-1.0, 1.0))
-    tail = float(ndtr(-limit.sigmas))
+    """Return the rows with one-sided p-values by Holm, and a verdict each."""
+    zs = [nan if row.how == EQUAL else row.worse.z for row in rows]
     judged = []
-    for row, p, q in zip(rows, worse, better, strict=True):
-        word = UNTESTED if isnan(row.z_worse) else ALIKE
-        if min(p, q) <= tail:
-            matters = row.is_event or abs(row.difference) > limit.share * abs(row.a)
-            word = NEGLIGIBLE if not matters else WORSE if p <= tail else BETTER
-        judged.append(row._replace(p_holm=p, verdict=EQUAL if row.how == EQUAL else word))
+    for row, z, p, sign in zip(rows, zs, *rules.beyond(zs, limit.sigmas), strict=True):
+        word = UNTESTED if isnan(z) else ALIKE
+        if sign:
+            least = limit.share * abs(row.change.b.value)
+            matters = is_event(row.metric) or abs(row.difference.value) > least
+            word = ("", WORSE, BETTER)[sign] if matters else NEGLIGIBLE
+        word = EQUAL if row.how == EQUAL else word
+        judged.append(row._replace(change=row.change._replace(p=float(p)), verdict=word))
     return judged
 
 
@@ -195,5 +182,7 @@ def _costs(stored: Results, now: Results, most: float) -> list[Row]:
             point = dict(zip(now.grid, key, strict=False))
             word = WORSE if b > most * a else EQUAL if a == b else ALIKE
             how = EQUAL if a == b else "cost"
-            rows.append(Row(point, key[-1], kind, a, b, 1, how, b - a, nan, verdict=word))
-    return [row for row in rows if row.a > 0.0]
+            change = compare_independent(*(RunEstimate(x, nan, None, 1) for x in (b, a)))
+            if a > 0.0:
+                rows.append(Row(point, key[-1], kind, how, change, change, word))
+    return rows

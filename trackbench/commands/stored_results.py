@@ -32,7 +32,7 @@ from trackbench.report.sweep import Best, best_points
 from trackbench.report.table import Table, results_html
 from trackbench.report.verdicts.cpu_times import time_line
 from trackbench.report.verdicts.files import reasons, summary_lines, write_comparison, write_paired
-from trackbench.report.verdicts.numbers import Comparison
+from trackbench.report.verdicts.numbers import Verdicts
 from trackbench.report.verdicts.numbers import compare as hold_against_published
 from trackbench.results.folder_contents import locked, write_manifest
 from trackbench.results.point_facts import GridPoint
@@ -53,7 +53,7 @@ class Report:
     failed_filters: list[str]
     """filters that failed, a line each"""
     run_notes: list[str] = field(default_factory=list)
-    _compared: Comparison | None = None
+    _compared: Verdicts | None = None
 
     def __dir__(self) -> list[str]:
         return [name for name in dir(type(self)) if not name.startswith("_")]
@@ -101,7 +101,7 @@ class Report:
         return self.results.tables
 
     @cached_property
-    def comparison(self) -> Comparison:
+    def comparison(self) -> Verdicts:
         """Return the verdicts on published numbers and claims."""
         return self._compared or hold_against_published(self.results)
 
@@ -175,7 +175,7 @@ def load(folder: Path | str) -> Report:
 
 
 @with_known_keywords()
-def compare(folder: Path | str) -> Comparison:
+def compare(folder: Path | str) -> Verdicts:
     """Compare a results folder with the published numbers; writes comparison.csv and paired.csv.
 
     The current published files are used and recorded in the manifest. A read-only folder stays

@@ -14,6 +14,7 @@ from trackbench.evaluation.metric_expression import Measure, measured
 from trackbench.field_types import Count, Finite, is_number
 from trackbench.metrics import in_window, joined
 from trackbench.scenarios.base import Scenario
+from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.over_runs import STATISTICS, influence, mean
 
 SUFFIX = " (tuned)"
@@ -130,23 +131,6 @@ _TARGETS = {"one": 1.0, "zero": 0.0}
 """Statistics that say where a metric lies, and where it is to be if not as low as can be."""
 
 
-class Score(NamedTuple):
-    """Number of lost runs, and the metric of the others with each run's influence (M,).
-
-    Smaller is better.
-    """
-
-    lost: int
-    value: float
-    influences: Array
-    """NaN of lost runs"""
-
-    @property
-    def stderr(self) -> float:
-        """Return the standard error of the value."""
-        return mean(self.influences[~np.isnan(self.influences)]).stderr
-
-
 class Objective(NamedTuple):
     """A weighted sum of statistics over runs, and the state's components by the name of each NEES."""
 
@@ -163,8 +147,8 @@ class Objective(NamedTuple):
         """Return names of the values per run that it takes."""
         return [_per_run(_read(word)) for word in self.weights]
 
-    def score(self, per_run: Mapping[str, Array]) -> Score:
-        """Return the score of values (M,) by name, NaN for lost runs."""
+    def score(self, per_run: Mapping[str, Array]) -> RunEstimate:
+        """Return the objective of values (M,) by name, NaN for lost runs; smaller is better."""
         # The influences of a weighted sum are the weighted sum of its terms' influences.
         with np.errstate(all="ignore"):
             terms = [self._term(word, per_run) for word in self.weights]
@@ -172,7 +156,9 @@ class Objective(NamedTuple):
             value, influences = 0.0, np.zeros(len(per_run["lost"]))
             for weight, (part, moved) in zip(weights, terms, strict=True):
                 value, influences = value + weight * part, influences + weight * moved
-        return Score(int((per_run["lost"] != 0).sum()), value, influences)
+        lost = int((per_run["lost"] != 0).sum())
+        stderr = mean(influences[~np.isnan(influences)]).stderr
+        return RunEstimate(value, stderr, influences, len(influences) - lost, lost)
 
     def _term(self, word: str, per_run: Mapping[str, Array]) -> tuple[float, Array]:
         """Return the minimized value and its influences: a value, or its distance to a target."""

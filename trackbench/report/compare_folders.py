@@ -9,14 +9,13 @@ another seed or scenario, the numbers of both folders are independent, and their
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
-from math import copysign, hypot, inf, isfinite, isnan, nan
+from math import copysign, inf, isfinite, nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from trackbench.atomic_files import write_bytes
-from trackbench.core.arrays import Array
 from trackbench.core.elementary import log
 from trackbench.errors import Mark, Problem, UserError, counted
 from trackbench.evaluation.metric_expression import measured
@@ -29,60 +28,45 @@ from trackbench.report.results import Results
 from trackbench.report.table import Text, TextTable, rounded
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import rules
-from trackbench.statistics.comparison import difference_of
-from trackbench.statistics.intervals import (
-    Events,
-    Sides,
-    normal_of_t,
-    share_z,
-    studentized,
-    studentized_difference,
+from trackbench.statistics.comparison import (
+    Comparison,
+    Sample,
+    as_family,
+    compare,
+    compare_estimates,
+    compare_independent,
 )
-from trackbench.statistics.over_runs import STATISTICS, Estimate, influence, mean
+from trackbench.statistics.estimates import RunEstimate, Share
+from trackbench.statistics.intervals import sign_test
+from trackbench.statistics.rules import ALIKE, BETTER, EQUAL, UNTESTED, WORSE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-EQUAL, WORSE, BETTER, DIFFERS = "equal", "worse", "better", "differs"
-ALIKE, UNTESTED, NEGLIGIBLE = "no significant difference", "untested", "negligible"
+DIFFERS = "differs"
 INFINITE = " infinite"
 """End of the name of a row: share of the runs in which the metric is infinite."""
 
 
-class Stored(NamedTuple):
-    """Statistic of a metric over runs, and its values per run (M,) if they are stored."""
-
-    estimate: Estimate
-    runs: int
-    values: Array | None = None
-    statistic: str = "mean"
-
-
 class Row(NamedTuple):
-    """A metric of a filter in both folders, ``difference = b - a``."""
+    """A metric of a filter in both folders, and how the second folder compares with the first."""
 
     point: GridPoint
     filter: str
     metric: str
-    a: float
-    b: float
-    runs: int
-    how: str = EQUAL
-    """equal (byte for byte), paired or independent"""
-    difference: float = 0.0
-    stderr: float = 0.0
-    z: float = nan
-    """of no difference"""
-    z_worse: float = nan
-    """of ``b`` no worse than ``a``: positive if it is worse; NaN if neither direction is better"""
-    p_holm: float = nan
+    how: str
+    """equal (byte for byte), paired, independent or cost"""
+    change: Comparison
+    """of the second folder with the first"""
+    worse: Comparison
+    """of how far both are from the best value; without z if neither direction is better"""
     verdict: str = EQUAL
 
     @property
-    def is_event(self) -> bool:
-        """Return whether the metric is a share of runs."""
-        return self.metric.endswith(INFINITE) or measured(self.metric).family[0].is_event
+    def difference(self) -> RunEstimate:
+        """Return the second folder's number less that of the first."""
+        return self.change.difference
 
     @property
     def is_primary(self) -> bool:
@@ -90,7 +74,23 @@ class Row(NamedTuple):
         of = measured(self.metric)
         if of.window:
             return False
-        return self.is_event or self.metric == "anees" or bool(primary_metrics([of.metric]))
+        whole = is_event(self.metric) or self.metric == "anees"
+        return whole or bool(primary_metrics([of.metric]))
+
+    @property
+    def fields(self) -> dict[str, Any]:
+        """Return the row for programs, ``difference = b - a``."""
+        number = self.difference
+        named = {"point": self.point, "filter": self.filter, "metric": self.metric}
+        values = {"a": self.change.b.value, "b": self.change.a.value, "runs": number.runs}
+        apart = {"how": self.how, "difference": number.value, "stderr": number.stderr}
+        tests = {"z": self.change.z, "z_worse": self.worse.z, "p_holm": self.change.p}
+        return {**named, **values, **apart, **tests, "verdict": self.verdict}
+
+
+def is_event(metric: str) -> bool:
+    """Return whether a metric is a share of runs."""
+    return metric.endswith(INFINITE) or measured(metric).family[0].is_event
 
 
 def compare_folders(a: Results, b: Results) -> tuple[list[Row], str]:
@@ -103,32 +103,32 @@ def compare_folders(a: Results, b: Results) -> tuple[list[Row], str]:
     for point in points:
         sizes = [len(x) for r in (a, b) if not why for x in r.runs(point).values()]
         runs = min(sizes, default=None)
-        first, second = (_samples(results, point, stored, runs, statistics) for results in (a, b))
+        first, second = (_numbers(results, point, stored, runs, statistics) for results in (a, b))
         for (label, metric), sample in first.items():
             if other := second.get((label, metric)):
                 rows += rows_of((point, label, metric), sample, other, not why, label in exact)
-    return _judged(rows), why
+    return judged(rows), why
 
 
-def _judged(rows: Sequence[Row]) -> list[Row]:
+def judged(rows: Sequence[Row]) -> list[Row]:
     """Return the rows with verdicts by the rule for filters; the rows of a metric are a family."""
-    z = np.array([row.z if row.runs >= rules.FEWEST_RUNS else nan for row in rows])
-    p = np.full(len(rows), nan)
+    found = dict(enumerate(rows))
     for metric in dict.fromkeys(row.metric for row in rows):
-        of = np.array([row.metric == metric for row in rows])
-        p[of] = rules.adjusted(z[of].tolist())
-    return [
-        row._replace(p_holm=value, verdict=_verdict(row, value))
-        for row, value in zip(rows, p.tolist(), strict=True)
-    ]
+        of = {i: row for i, row in found.items() if row.metric == metric}
+        changes = as_family({i: row.change for i, row in of.items()})
+        worse = as_family({i: row.worse for i, row in of.items()})
+        for i, row in of.items():
+            found[i] = row._replace(change=changes[i], worse=worse[i])
+    return [row._replace(verdict=_verdict(row)) for row in found.values()]
 
 
-def _verdict(row: Row, p: float) -> str:
-    if row.how == EQUAL or isnan(p) or p >= rules.LEVEL:
-        return EQUAL if row.how == EQUAL else UNTESTED if isnan(p) else ALIKE
-    if not abs(row.z_worse) > 2.0:  # neither direction is better, or both are as far from one
-        return DIFFERS
-    return WORSE if row.z_worse > 0.0 else BETTER
+def _verdict(row: Row) -> str:
+    if row.how == EQUAL:
+        return EQUAL
+    if not row.change.sign:
+        return ALIKE if row.change.is_tested else UNTESTED
+    # Neither direction may be better, or both be as far from the best value.
+    return (DIFFERS, WORSE, BETTER)[row.worse.sign]
 
 
 def _why_unpaired(a: Results, b: Results, points: Iterable[GridPoint]) -> str:
@@ -157,106 +157,94 @@ def _agree(a: Any, b: Any, home_a: Path, home_b: Path) -> bool:
     return bool(a == b)
 
 
-def _samples(
+def _numbers(
     results: Results,
     point: GridPoint,
     stored: bool,
     most: int | None,
     statistics: Callable[[str], str],
-) -> dict[tuple[str, str], Stored]:
-    """Return the metrics of each filter over the first runs, ``anees`` in place of ``nees``.
+) -> dict[tuple[str, str], Sample | RunEstimate]:
+    """Return the metrics of each filter, ``anees`` in place of ``nees``, by filter and name.
 
-    ``statistics`` returns the one by which a metric is compared.
+    Values of the first runs if they are ``stored``, else the rows of summary.csv. ``statistics`` returns
+    the statistic by which a metric is compared.
     """
-    samples, sizes = {}, results.facts(point).sizes
+    found, sizes = dict[tuple[str, str], Sample | RunEstimate](), results.facts(point).sizes
     for (label, metric), x in results.runs(point).items() if stored else ():
         values = ((x != 0.0) * 1.0 if metric == "lost" else x)[:most]
         columns = {row: values / n for row, n in per_component(measured(metric), sizes)}
         for name, column in (columns or {metric: values}).items():
-            finite, statistic = column[np.isfinite(column)], statistics(name)
-            estimate = STATISTICS[statistic](finite)
-            samples[label, name] = Stored(estimate, len(finite), column, statistic)
+            found[label, name] = Sample(column, statistics(name))
     for row in results.columns("summary", point).records() if not stored else ():
         of, label, runs = measured(row["metric"]), row["filter"], row["runs"]
         if label in results.filters and (of.is_row or of.statistic == statistics(of.metric)):
-            estimate = Estimate(row["value"], row["stderr"])
-            samples[label, of.name] = Stored(estimate, runs, None, of.statistic or "mean")
+            name = of.name if of.statistic in ("", "mean") else str(of)
+            found[label, name] = RunEstimate(row["value"], row["stderr"], None, runs)
             every = runs + row["lost"]
-            samples[label, "lost"] = Stored(Estimate(row["lost"] / every, nan), every)
-    return samples
+            found[label, "lost"] = RunEstimate(row["lost"] / every, nan, None, every)
+    return found
 
 
 @np.errstate(all="ignore")
 def rows_of(
-    key: tuple[GridPoint, str, str], a: Stored, b: Stored, paired: bool, is_exact: bool
+    key: tuple[GridPoint, str, str],
+    a: Sample | RunEstimate,
+    b: Sample | RunEstimate,
+    paired: bool,
+    is_exact: bool,
 ) -> Iterator[Row]:
     """Yield the metric's row, before it one of the share of infinite values if these differ."""
     point, label, metric = key
-    name = metric if a.statistic == "mean" else f"{a.statistic}({metric})"
-    row = Row(point, label, name, a.estimate.value, b.estimate.value, min(a.runs, b.runs))
-    if a.values is None or b.values is None:
-        equal = a.runs == b.runs and np.array_equal(a.estimate, b.estimate, equal_nan=True)
-    else:
+    first, second = (of.overall if isinstance(of, Sample) else of for of in (a, b))
+    equal = np.array_equal((*first.estimate, first.runs), (*second.estimate, second.runs), True)
+    if isinstance(a, Sample) and isinstance(b, Sample):
         equal = np.array_equal(a.values, b.values, equal_nan=True)
-        x, y = (np.isinf(values) * 1.0 for values in (a.values, b.values))
-        if (x.any() or y.any()) and not np.array_equal(x, y) and not row.is_event:
-            shares = Stored(mean(x), len(x), x), Stored(mean(y), len(y), y)
-            yield from rows_of((*key[:2], key[2] + INFINITE), *shares, paired, is_exact)
+        x, y = (np.isinf(of.values) * 1.0 for of in (a, b))
+        if (x.any() or y.any()) and not np.array_equal(x, y) and not is_event(metric):
+            shares = Sample(x), Sample(y)
+            yield from rows_of((point, label, metric + INFINITE), *shares, paired, is_exact)
+        metric = metric if a.statistic == "mean" else f"{a.statistic}({metric})"
     if equal:
-        yield row
-    elif paired and a.values is not None and b.values is not None:
-        both = np.isfinite(a.values) & np.isfinite(b.values)
-        if both.any():
-            yield _paired(row, a.values[both], b.values[both], is_exact, a.statistic)
-    else:
-        yield _independent(row, a, b)
-
-
-def _paired(row: Row, x: Array, y: Array, is_exact: bool, statistic: str) -> Row:
-    """Return the row with its tests from values of common runs (M,)."""
-    of_x, of_y = (influence(statistic, values) for values in (x, y))
-    difference = difference_of(statistic, y, x)
-
-    def z_of(value: float, of_a: float, of_b: float) -> float:
+        none = RunEstimate(0.0, 0.0, None, min(first.runs, second.runs))
+        unchanged = Comparison(second, first, none, nan)
+        yield Row(point, label, metric, EQUAL, unchanged, unchanged)
+    elif paired and isinstance(a, Sample) and isinstance(b, Sample):
+        on_common_runs = compare(b, a)
+        if on_common_runs is None:
+            return
+        change = on_common_runs
+        worse = _worse(metric, change, compare_estimates)
         if is_exact:  # a difference of numbers without randomness is real
-            return copysign(inf, value) if value else 0.0
-        if row.is_event:  # the sign test
-            up, down = int((y > x).sum()), int((y < x).sum())
-            return share_z(up, up + down, 0.5) if up + down else 0.0
-        return studentized(value, of_b * of_y - of_a * of_x)
-
-    over = STATISTICS[statistic]
-    row = row._replace(a=over(x).value, b=over(y).value, runs=len(x), how="paired")
-    return _with_tests(row, difference.stderr, z_of)
-
-
-def _independent(row: Row, a: Stored, b: Stored) -> Row:
-    """Return the row with its tests from two independent estimates."""
-    errors = a.estimate.stderr, b.estimate.stderr
-
-    def z_of(value: float, of_a: float, of_b: float) -> float:
-        if row.is_event:
-            first, second = (Events(round(s.estimate.value * s.runs), s.runs) for s in (a, b))
-            return studentized_difference(value, Sides(second, first))
-        error = hypot(of_a * errors[0], of_b * errors[1])
-        return normal_of_t(float(np.divide(value, error)), max(row.runs - 1, 1))
-
-    return _with_tests(row._replace(how="independent"), hypot(*errors), z_of)
-
-
-def _with_tests(row: Row, stderr: float, z_of: Callable[[float, float, float], float]) -> Row:
-    """Return the row with z; ``z_of`` takes a change and its derivatives by both means."""
-    a, b, better = row.a, row.b, measured(row.metric).family[0].better
-    z = z_of(b - a, 1.0, 1.0)
-    if better == "one" and a > 0.0 and b > 0.0:  # further from one: |log b| - |log a|
-        u, v = float(log(a)), float(log(b))
-        z_worse = z_of(abs(v) - abs(u), copysign(1.0 / a, u), copysign(1.0 / b, v))
-    elif better == "zero":
-        z_worse = z_of(abs(b) - abs(a), copysign(1.0, a), copysign(1.0, b))
+            change, worse = (c._replace(z=_infinite(c.difference.value)) for c in (change, worse))
+        elif is_event(metric):
+            change = worse = change._replace(z=sign_test(b.values, a.values))
+        yield Row(point, label, metric, "paired", change, worse)
     else:
-        direction = {"lower": 1.0, "higher": -1.0}.get(better, nan)
-        z_worse = z if row.is_event else direction * z
-    return row._replace(difference=b - a, stderr=stderr, z=z, z_worse=z_worse)
+        if is_event(metric):
+            first, second = Share(*first), Share(*second)
+        change = compare_independent(second, first)
+        worse = _worse(metric, change, compare_independent)
+        yield Row(point, label, metric, "independent", change, worse)
+
+
+def _infinite(difference: float) -> float:
+    return difference * inf if difference else 0.0
+
+
+def _worse(metric: str, change: Comparison, compared: Callable[..., Comparison]) -> Comparison:
+    """Return the comparison of how far both numbers of a change are from the best value."""
+    better = measured(metric).family[0].better
+    if better == "lower" or is_event(metric) or change.is_equal:
+        return change
+    if better == "higher":
+        return change.swapped
+    if better == "zero":
+        return compared(*(x.scaled(abs(x.value), copysign(1.0, x.value)) for x in change[:2]))
+    if better == "one" and change.a.value > 0.0 < change.b.value:
+        logs = (float(log(x.value)) for x in change[:2])
+        pairs = zip(change[:2], logs, strict=True)
+        return compared(*(x.scaled(abs(u), copysign(1.0, u), x.value) for x, u in pairs))
+    return change._replace(z=nan)
 
 
 def table_of(title: str, rows: Sequence[Row], names: tuple[str, str]) -> TextTable:
@@ -265,9 +253,10 @@ def table_of(title: str, rows: Sequence[Row], names: tuple[str, str]) -> TextTab
     table = TextTable(title, heads)
     for row in rows:
         if row.how != EQUAL:
-            cells = [rounded(row.a, nan, 4), rounded(row.b, nan, 4)]
-            cells += [rounded(row.difference, row.stderr, 2), _change(row)]
-            cells += [f"{row.z:+.1f}" if isfinite(row.z) else "–"]
+            numbers, z = (row.change.b, row.change.a), row.change.z
+            cells = [rounded(number.value, nan, 4) for number in numbers]
+            cells += [rounded(*row.difference.estimate, 2), _change(row)]
+            cells += [f"{z:+.1f}" if isfinite(z) else "–"]
             words = _series(row), _with_unit(row.metric)
             texts = [*map(Text, words), *(Text(cell, 0.0) for cell in cells), Text(row.verdict)]
             table.rows.append(texts)
@@ -291,18 +280,19 @@ def _series(row: Row) -> str:
 
 def _change(row: Row) -> str:
     """Return the change in percent; that of a share in percent of the runs, of a score nothing."""
-    if not isfinite(row.difference):
+    difference, before = row.difference.value, row.change.b.value
+    if not isfinite(difference):
         return "–"
-    if not row.is_event and (not row.a > 0.0 or "score" in row.metric):
-        return f"{row.difference:+.2g}"
-    share = row.difference / (1.0 if row.is_event else row.a)
-    text = phrases.percent(share) + " of runs" * row.is_event
+    if not is_event(row.metric) and (not before > 0.0 or "score" in row.metric):
+        return f"{difference:+.2g}"
+    share = difference / (1.0 if is_event(row.metric) else before)
+    text = phrases.percent(share) + " of runs" * is_event(row.metric)
     return text if share < 0.0 else f"+{text}"
 
 
 def changes(rows: Sequence[Row], verdict: str) -> list[str]:
     """Return ``rmse_position of UKF (+4.1 %)`` of the rows with a verdict, the surest first."""
-    chosen = sorted((r for r in rows if r.verdict == verdict), key=lambda row: -abs(row.z))
+    chosen = sorted((r for r in rows if r.verdict == verdict), key=lambda row: -abs(row.change.z))
     return [f"{r.metric} of {phrases.named(_series(r))} ({_change(r)})" for r in chosen]
 
 
@@ -311,7 +301,7 @@ def conclusion(rows: Sequence[Row], names: tuple[str, str]) -> str:
     same = sum(row.how == EQUAL for row in rows)
     if same == len(rows):
         return f"All {counted(same, 'number')} are equal, byte for byte."
-    apart = sum(row.p_holm < rules.LEVEL for row in rows)
+    apart = sum(row.change.sign != 0 for row in rows)
     text = f"Of {counted(len(rows), 'number')} {same} are equal, byte for byte, and {apart} of the "
     text += (
         f"others differ significantly (at {100 * rules.LEVEL:g} % over the numbers of a metric)."
@@ -325,7 +315,7 @@ def conclusion(rows: Sequence[Row], names: tuple[str, str]) -> str:
 
 def draw(rows: Sequence[Row], names: tuple[str, str]) -> "Figure":
     """Return a panel for each primary metric that changed: differences of the filters that did."""
-    primary = [row for row in rows if row.is_primary and isfinite(row.difference)]
+    primary = [row for row in rows if row.is_primary and isfinite(row.difference.value)]
     shown = [row for row in primary if row.how != EQUAL] or primary
     metrics = list(dict.fromkeys(row.metric for row in shown))[: style.MOST_PANELS]
     colors = {WORSE: style.COLORS[1], BETTER: style.COLORS[2]}
@@ -335,9 +325,10 @@ def draw(rows: Sequence[Row], names: tuple[str, str]) -> "Figure":
         for ax, metric in zip(axes, metrics, strict=False):
             of = [row for row in shown if row.metric == metric]
             for i, row in enumerate(of):
-                color, error = colors.get(row.verdict, "#777777"), 2.0 * row.stderr
-                error = error if isfinite(error) else 0.0
-                ax.errorbar(row.difference, i, xerr=error, fmt="o", ms=4, color=color)
+                value, stderr = row.difference.estimate
+                error = 2.0 * stderr if isfinite(stderr) else 0.0
+                color = colors.get(row.verdict, "#777777")
+                ax.errorbar(value, i, xerr=error, fmt="o", ms=4, color=color)
             ax.axvline(0.0, color="black", linewidth=0.8)
             ax.set_yticks(range(len(of)), [style.wrap_label(_series(row)) for row in of])
             ax.set_ylim(len(of) - 0.5, -0.5)

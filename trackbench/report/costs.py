@@ -23,6 +23,7 @@ from trackbench.field_types import is_number
 from trackbench.report.expressions import Evaluator
 from trackbench.report.results import Results, named_form, points_of
 from trackbench.results.point_facts import GridPoint
+from trackbench.statistics.comparison import Comparison, compare_estimates
 from trackbench.statistics.estimates import RunEstimate, ignore_float_errors, linear_combination
 
 _TIME = measure("cpu_s_per_run")
@@ -156,16 +157,15 @@ def curves(
             _, spots = found.setdefault((label, json.dumps(keys)), (keys, {}))
             if size not in spots:
                 spots[size] = _spot(expressions, label, metric, size)
-    made = [
-        Curve(label, keys, tuple(spots[size] for size in sorted(spots) if _is_there(spots[size])))
-        for (label, _), (keys, spots) in found.items()
-    ]
-    forms = {label: [c.keys for c in made if c.label == label] for label in labels}
-    return [
-        replace(curve, name=named_form(curve.label, curve.keys, forms[curve.label]))
-        for curve in made
-        if curve.spots
-    ]
+    every: list[Curve] = []
+    for (label, _), (keys, spots) in found.items():
+        in_order = [spots[size] for size in sorted(spots)]
+        every.append(Curve(label, keys, tuple(filter(_has_worked, in_order))))
+    named = []
+    for curve in filter(lambda curve: curve.spots, every):
+        forms = [other.keys for other in every if other.label == curve.label]
+        named.append(replace(curve, name=named_form(curve.label, curve.keys, forms)))
+    return named
 
 
 def _spot(expressions: Evaluator, label: str, metric: Measure, size: float) -> Spot:
@@ -176,8 +176,8 @@ def _spot(expressions: Evaluator, label: str, metric: Measure, size: float) -> S
     return Spot(size, cost, expressions.term(metric.of(label)), lost)
 
 
-def _is_there(spot: Spot) -> bool:
-    """Return whether the filter did not fail there."""
+def _has_worked(spot: Spot) -> bool:
+    """Return whether the filter did not fail at a size."""
     values = spot.cost.value, spot.error.value
     return all(0.0 < value < np.inf for value in values)
 
@@ -194,10 +194,9 @@ def _second_difference(x: Sequence[float], y: Sequence[RunEstimate], i: int) -> 
     return float((second - first) / (x[i + 2] - x[i]))
 
 
-def beside(a: AtCost, b: AtCost) -> tuple[RunEstimate, float]:
-    """Return the log ratio of two errors, paired by runs, and its further uncertainty."""
-    difference = linear_combination(a.error.value - b.error.value, a.error, b.error, 1.0, -1.0)
-    return difference, float(np.hypot(a.other, b.other))
+def compare_at(a: AtCost, b: AtCost) -> Comparison:
+    """Return the comparison of the logarithms of two errors, with their further uncertainty."""
+    return compare_estimates(a.error, b.error, float(np.hypot(a.other, b.other)))
 
 
 def front(spots: Sequence[Spot], higher: bool = False) -> Iterator[Spot]:

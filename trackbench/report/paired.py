@@ -1,38 +1,37 @@
 """Differences of every two filters on common runs, with the word of the rule for filters; paired.csv."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import measured
 from trackbench.results.folder_contents import TRACK
 from trackbench.statistics.comparison import Comparison, Sample, compare_all
-from trackbench.statistics.estimates import OfSteps
 
 
 class Pair(NamedTuple):
-    """Two filters with the comparison of a metric, and the word on filter a."""
+    """Two filters with the comparison of a metric."""
 
     filter_a: str
     filter_b: str
     metric: str
     """`rmse` of the mean over the runs, `rms(rmse)` of another statistic"""
     comparison: Comparison
-    word: str
-    """better, worse, no significant difference, equal, or untested if there is no standard error"""
+
+    @property
+    def word(self) -> str:
+        """Return better, worse, no significant difference, equal or untested: the word on a."""
+        return self.comparison.word(measured(self.metric).family[0].more_is_better)
 
     @property
     def cells(self) -> list[Any]:
         """Return the columns of paired.csv after those of the grid."""
-        of = self.comparison.difference
-        names = self.filter_a, self.filter_b, self.metric
+        names, of = (self.filter_a, self.filter_b, self.metric), self.comparison.difference
         return [*names, of.value, of.stderr, self.comparison.z, of.runs]
 
 
 COLUMNS = ("filter_a", "filter_b", "metric", "difference", "stderr", "z", "runs")
 """Columns of paired.csv after those of the grid."""
-ALIKE = "no significant difference"
 
 
 def primary_metrics(metrics: list[str]) -> list[str]:
@@ -76,43 +75,20 @@ def pairs_at(
 
     ``steps`` are those of the only run, if it is a recording.
     """
-    found: list[Pair] = []
+    pairs: list[Pair] = []
     for metric in primary_metrics(list(dict.fromkeys(m for _, m in runs))):
-        there = [label for label in labels if (label, metric) in runs]
-        values, series = (
-            {label: of[label, metric] for label in there if (label, metric) in of}
-            for of in (runs, steps)
-        )
         statistic = compared_statistic(config, metric)
-        found += pairs_of(metric, values, series, statistic)
-    return found
+        samples = {
+            label: Sample.of(runs[label, metric], statistic, steps.get((label, metric)))
+            for label in labels
+            if (label, metric) in runs
+        }
+        pairs += pairs_of(metric, samples)
+    return pairs
 
 
-def pairs_of(
-    metric: str,
-    values: Mapping[str, Array],
-    steps: Mapping[str, Array] = MappingProxyType({}),
-    statistic: str = "mean",
-) -> Iterator[Pair]:
-    """Yield every two filters with common runs, from a metric's values per run (M,) by label.
-
-    One run alone is judged by its ``steps`` (T,), whose mean is the value.
-    """
-    samples = {
-        label: Sample(
-            x, statistic, OfSteps.of(float(x[0]), steps[label]) if label in steps else None
-        )
-        for label, x in values.items()
-    }
-    better = 1 if measured(metric).family[0].more_is_better else -1
+def pairs_of(metric: str, samples: Mapping[str, Sample]) -> list[Pair]:
+    """Return every two filters with common runs, from their samples of a metric by label."""
+    statistic = next((sample.statistic for sample in samples.values()), "mean")
     name = metric if statistic == "mean" else f"{statistic}({metric})"
-    for (a, b), comparison in compare_all(samples).items():
-        yield Pair(a, b, name, comparison, _word(comparison, better))
-
-
-def _word(comparison: Comparison, better: int) -> str:
-    if comparison.is_equal:
-        return "equal"
-    if not comparison.is_tested:
-        return "untested"
-    return (ALIKE, "better", "worse")[better * comparison.sign]
+    return [Pair(a, b, name, found) for (a, b), found in compare_all(samples).items()]

@@ -41,7 +41,7 @@ from trackbench.report.plotting.page_formats import SHEETS, Style, drawing_for, 
 from trackbench.report.results import Results, as_figure, as_table, catch_errors
 from trackbench.report.table import Table
 from trackbench.report.verdicts.files import write_comparison, write_paired
-from trackbench.report.verdicts.numbers import Comparison, compare
+from trackbench.report.verdicts.numbers import Verdicts, compare
 from trackbench.results.folder_contents import FIGURE_FORMS, RUN_FILES, TABLE_FORMS
 
 Files: TypeAlias = list[tuple[str, bytes]]
@@ -205,14 +205,14 @@ def _draw(spec: FigureKind, formats: Sequence[str]) -> Files:
 
 def render(
     results: Results, formats: Collection[str], processes: int = 1, fresh: bool = True
-) -> tuple[dict[str, Table], Comparison]:
+) -> tuple[dict[str, Table], Verdicts]:
     """Write all of it, with so many processes; returns the tables by name and the verdicts.
 
     Unless ``fresh``, figures that were drawn before are taken as they were.
     """
     with drawing_pool(results, style.forms(formats), processes, fresh) as draw:
         tables = write_tables(results, tex="tex" in formats)
-        comparison = Comparison([], [], [])
+        comparison = Verdicts([], [], [])
         with results.without("pairs"):
             write_paired(results)
         with results.without("verdicts"):

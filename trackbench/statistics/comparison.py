@@ -1,12 +1,14 @@
-"""Comparison of filters by one statistic, on the runs or recorded steps that they have in common.
+"""Comparison of two numbers with their errors, the same record for all that is compared.
 
-`compare_all` tests every two of some filters as one family: Holm's correction is for all of them. So a
-filter that is the best of many is compared with its rivals at a level that allows for its choice.
+`compare` pairs two filters by the runs or recorded steps that they have in common, `compare_estimates`
+two numbers by their influences, `compare_independent` numbers of other runs. `as_family` tests several
+comparisons together: Holm's correction is for all of them. `compare_all` does so for every two of some
+filters, so that the best of many is compared with its rivals at a level that allows for its choice.
 """
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from itertools import combinations
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -15,10 +17,15 @@ from trackbench.statistics import rules
 from trackbench.statistics.estimates import (
     OfSteps,
     RunEstimate,
+    Share,
     as_difference_of_variances,
+    linear_combination,
     quotient,
 )
+from trackbench.statistics.intervals import Events, Sides, normal_of_t, studentized_difference
 from trackbench.statistics.over_runs import STATISTICS, influence, mean, without_rounding
+
+Key = TypeVar("Key", bound=Hashable)
 
 
 class Sample(NamedTuple):
@@ -31,9 +38,21 @@ class Sample(NamedTuple):
     steps: OfSteps | None = None
     """the metric of the only run with its steps, if that is a recording"""
 
+    @classmethod
+    def of(cls, values: Array, statistic: str, steps: Array | None = None) -> "Sample":
+        """Return the sample of values (M,); of one recording with what each step (T,) adds to it."""
+        of_steps = None if steps is None else OfSteps.of(float(values[0]), steps)
+        return cls(values, statistic, of_steps)
+
+    @property
+    def overall(self) -> RunEstimate:
+        """Return the statistic over the runs with a finite value."""
+        x = self.values[np.isfinite(self.values)]
+        return RunEstimate(*STATISTICS[self.statistic](x), influence(self.statistic, x), len(x))
+
 
 class Comparison(NamedTuple):
-    """Numbers of two filters on what they have in common, and the test of their difference."""
+    """Two numbers, of filters on what they have in common, and the test of their difference."""
 
     a: RunEstimate
     b: RunEstimate
@@ -49,7 +68,7 @@ class Comparison(NamedTuple):
     @property
     def sign(self) -> int:
         """Return the sign of a significant difference, 0 of any other."""
-        return int(np.sign(self.difference.value)) if self.p < rules.LEVEL else 0
+        return int(np.sign(self.z)) if self.p < rules.LEVEL else 0
 
     @property
     def is_tested(self) -> bool:
@@ -66,6 +85,14 @@ class Comparison(NamedTuple):
     def ratio(self) -> RunEstimate:
         """Return ``a / b``, with its influences."""
         return quotient(self.a, self.b)
+
+    def word(self, more_is_better: bool = False) -> str:
+        """Return the word on a."""
+        if self.is_equal:
+            return rules.EQUAL
+        if not self.is_tested:
+            return rules.UNTESTED
+        return (rules.ALIKE, rules.BETTER, rules.WORSE)[self.sign if more_is_better else -self.sign]
 
     @property
     def swapped(self) -> "Comparison":
@@ -99,30 +126,53 @@ def compare(a: Sample, b: Sample) -> Comparison | None:
         return None
     # Step 2: runs are compared by their influences on the statistic.
     x, y = a.values[both], b.values[both]
-    first, second = (_estimate(a.statistic, values) for values in (x, y))
-    difference = difference_of(a.statistic, x, y)
+    first, second = a._replace(values=x).overall, b._replace(values=y).overall
+    difference = _difference_of(a.statistic, x, y)
     if a.statistic == "variance":
         difference = as_difference_of_variances(difference, first, second, 1.0)
     return Comparison(first, second, difference, difference.z())
 
 
+@np.errstate(all="ignore")
+def compare_estimates(a: RunEstimate, b: RunEstimate, other: float = 0.0) -> Comparison:
+    """Return the comparison of two numbers, paired if both have influences of the same runs.
+
+    ``other`` is the standard error of their difference that the runs do not show.
+    """
+    difference = linear_combination(a.value - b.value, a, b, 1.0, -1.0)
+    return Comparison(a, b, difference, difference.z(0.0, other))
+
+
+@np.errstate(all="ignore")
+def compare_independent(a: RunEstimate, b: RunEstimate) -> Comparison:
+    """Return the comparison of numbers of other runs: by Student's t, of shares by both limits."""
+    runs = min(a.runs, b.runs)
+    stderr = float(np.hypot(a.stderr, b.stderr))
+    difference = RunEstimate(a.value - b.value, stderr, None, runs)
+    if isinstance(a, Share) and isinstance(b, Share):
+        limits = Sides(Events(a.events, a.runs), Events(b.events, b.runs))
+        return Comparison(a, b, difference, studentized_difference(difference.value, limits))
+    return Comparison(a, b, difference, normal_of_t(difference.z(), max(runs - 1, 1)))
+
+
+def as_family(comparisons: Mapping[Key, Comparison], tests: int = 0) -> dict[Key, Comparison]:
+    """Return comparisons with p-values by Holm over all of them, or over so many ``tests``."""
+    zs = [c.z if rules.is_tested(c.difference) else np.nan for c in comparisons.values()]
+    adjusted = rules.adjusted(zs, tests)
+    tests = tests or int(np.sum(~np.isnan(adjusted)))
+    return {
+        key: comparison._replace(p=float(p), tests=tests)
+        for (key, comparison), p in zip(comparisons.items(), adjusted, strict=True)
+    }
+
+
 def compare_all(samples: Mapping[str, Sample]) -> Family:
     """Return the comparison of every two filters, as one family of tests."""
-    found = {
-        (a, b): comparison
-        for a, b in combinations(samples, 2)
-        if (comparison := compare(samples[a], samples[b])) is not None
-    }
-    tested = [c.z if rules.is_tested(c.difference) else np.nan for c in found.values()]
-    adjusted = rules.adjusted(tested)
-    tests = int(np.sum(~np.isnan(adjusted)))
-    return Family(
-        (pair, comparison._replace(p=float(p), tests=tests))
-        for (pair, comparison), p in zip(found.items(), adjusted, strict=True)
-    )
+    pairs = ((pair, compare(*map(samples.__getitem__, pair))) for pair in combinations(samples, 2))
+    return Family(as_family({pair: found for pair, found in pairs if found is not None}))
 
 
-def difference_of(statistic: str, a: Array, b: Array) -> RunEstimate:
+def _difference_of(statistic: str, a: Array, b: Array) -> RunEstimate:
     """Return the difference of a statistic over common runs (M,), with the runs' influences on it."""
     if statistic == "mean":
         differences = without_rounding(a, b)
@@ -131,7 +181,3 @@ def difference_of(statistic: str, a: Array, b: Array) -> RunEstimate:
     of = influence(statistic, a) - influence(statistic, b)
     over = STATISTICS[statistic]
     return RunEstimate(over(a).value - over(b).value, mean(of).stderr, of, len(a))
-
-
-def _estimate(statistic: str, x: Array) -> RunEstimate:
-    return RunEstimate(*STATISTICS[statistic](x), influence(statistic, x), len(x))

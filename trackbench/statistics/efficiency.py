@@ -8,32 +8,19 @@ coefficient 1 (Hammersley and Handscomb 1964, Monte Carlo Methods, section 5.5).
 only the distance to the exact mean varies, on the same measurements.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
 from trackbench.core import sums
 from trackbench.core.arrays import Array
-from trackbench.statistics.over_runs import Estimate, influence, influence_of_ratio, mean
+from trackbench.statistics.estimates import RunEstimate
+from trackbench.statistics.over_runs import influence, influence_of_ratio, mean
 
 _FEWEST_RUNS = 6
 """Runs from which a ratio of variances has a standard error."""
 
 
-class Jackknifed(NamedTuple):
-    """A number over the runs, and each run's influence (M,) on it."""
-
-    value: float
-    influences: Array
-
-    @property
-    def estimate(self) -> Estimate:
-        """Return the value and standard error."""
-        return Estimate(self.value, mean(self.influences).stderr)
-
-
 @np.errstate(all="ignore")
-def efficiency(floor: Array, distance: Array) -> Jackknifed:
+def efficiency(floor: Array, distance: Array) -> RunEstimate:
     """Return ``F / sqrt(F^2 + D^2)`` of the exact mean's RMSE and the distance to it in each run (M,).
 
     F and D are root mean squares over the runs. The ratio of squares leaves each run out in turn, the
@@ -43,38 +30,43 @@ def efficiency(floor: Array, distance: Array) -> Jackknifed:
 
 
 @np.errstate(all="ignore")
-def plain_efficiency(floor: Array, error: Array) -> Jackknifed:
+def plain_efficiency(floor: Array, error: Array) -> RunEstimate:
     """Return ``F / E``, the RMSE of the exact mean over the filter's (M,), uncontrolled."""
     return _root_share(np.square(floor), np.square(error))
 
 
-def cross_share(floor: Array, error: Array, distance: Array) -> Jackknifed:
+def cross_share(floor: Array, error: Array, distance: Array) -> RunEstimate:
     """Return the cross term over the mean square error: zero but for noise if the reference is exact."""
     # E^2 = F^2 + D^2 + cross term
     squares = np.square(error)
-    return _share(squares - np.square(floor) - np.square(distance), squares)
+    return _over_runs(*_share(squares - np.square(floor) - np.square(distance), squares))
 
 
-def runs_saved(plain: Jackknifed, controlled: Jackknifed) -> Jackknifed:
+def runs_saved(plain: RunEstimate, controlled: RunEstimate) -> RunEstimate:
     """Return how many times as many runs the plain ratio needs for the same standard error.
 
     Missing for fewer than six runs: a ratio of variances of M normal values is Fisher's F of M - 1 and
     M - 1 degrees of freedom, which has a standard error only if M - 1 is more than four.
     """
-    if len(plain.influences) < _FEWEST_RUNS:
-        return Jackknifed(np.nan, np.full(len(plain.influences), np.nan))
-    return _share(np.square(plain.influences), np.square(controlled.influences))
-
-
-def _root_share(part: Array, whole: Array) -> Jackknifed:
-    share, influences = _share(part, whole)
-    # d sqrt(s) = ds / (2 sqrt(s))
-    root = float(np.sqrt(share))
-    return Jackknifed(root, influences / (2.0 * root))
+    if plain.influences is None or controlled.influences is None or plain.runs < _FEWEST_RUNS:
+        return RunEstimate(np.nan, np.nan, None, plain.runs)
+    return _over_runs(*_share(np.square(plain.influences), np.square(controlled.influences)))
 
 
 @np.errstate(all="ignore")
-def _share(part: Array, whole: Array) -> Jackknifed:
+def _root_share(part: Array, whole: Array) -> RunEstimate:
+    share, influences = _share(part, whole)
+    # d sqrt(s) = ds / (2 sqrt(s))
+    root = float(np.sqrt(share))
+    return _over_runs(root, influences / (2.0 * root))
+
+
+@np.errstate(all="ignore")
+def _share(part: Array, whole: Array) -> tuple[float, Array]:
     a, b = float(sums.mean(part)), float(sums.mean(whole))
     of_a, of_b = influence("mean", part), influence("mean", whole)
-    return Jackknifed(float(np.divide(a, b)), influence_of_ratio(a, b, of_a, of_b))
+    return float(np.divide(a, b)), influence_of_ratio(a, b, of_a, of_b)
+
+
+def _over_runs(value: float, influences: Array) -> RunEstimate:
+    return RunEstimate(value, mean(influences).stderr, influences, len(influences))

@@ -21,8 +21,6 @@ from trackbench.statistics.intervals import (
 from trackbench.statistics.over_runs import Estimate, influence_of_ratio, mean, z_score
 from trackbench.statistics.series import series_mean
 
-"""Probability that chance alone makes any filter of an experiment lose more runs than another."""
-
 
 def in_words(lost: int, runs: int, what: str = " runs lost") -> str:
     """Return ``3 of 800 runs lost (0.077 to 1.1 %)``."""

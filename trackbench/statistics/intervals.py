@@ -22,7 +22,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, Mask
 from trackbench.core.elementary import exp, log, power
 from trackbench.core.sums import total
 
@@ -173,6 +173,12 @@ def share_z(events: int, runs: int, probability: float) -> float:
     return min(0.0, float(ndtri(bdtr(events, runs, probability))))
 
 
+def sign_test(a: Array | Mask, b: Array | Mask) -> float:
+    """Return the normal deviate of a more often larger than b in the same runs (M,); 0 if never."""
+    larger, smaller = int(np.sum(a > b)), int(np.sum(a < b))
+    return share_z(larger, larger + smaller, 0.5) if larger + smaller else 0.0
+
+
 class Spread(NamedTuple):
     """Standard error, Hall's ``a``, degrees of freedom."""
 
@@ -218,12 +224,12 @@ def p_value(z: float, runs: int) -> float:
     return float(2.0 * stdtr(max(runs - 1, 1), -abs(z)))
 
 
-def holm(p: Array) -> Array:
-    """Return p-values (n,) adjusted for n tests (Holm 1979), in the given order; NaN is no test."""
+def holm(p: Array, tests: int = 0) -> Array:
+    """Return p-values (n,) adjusted for n, or for more ``tests`` (Holm 1979); NaN is no test."""
     adjusted = np.full(len(p), np.nan)
     # The smallest p counts n times, the next n - 1 times, ...; none is less than the one before.
     order = np.argsort(p)[: int((~np.isnan(p)).sum())]
-    stepped = p[order] * np.arange(len(order), 0, -1)
+    stepped = p[order] * (max(tests, len(order)) - np.arange(len(order)))
     adjusted[order] = np.minimum(np.maximum.accumulate(stepped), 1.0)
     return adjusted
 
@@ -328,15 +334,3 @@ def _inverse(y: float, a: float) -> float:
     # T = 3 / a ((1 + a (y - a / 6))^(1/3) - 1)
     cube = 1.0 + a * (y - a / 6.0)
     return 3.0 / a * (float(np.copysign(power(abs(cube), 1.0 / 3.0), cube)) - 1.0)
-
-
-def loses_more(a: Array, b: Array, filters: int) -> bool:
-    """Return whether one of so many filters loses more of the same runs, by codes (M,).
-
-    A sign test of the runs that only one of the two loses, with Bonferroni's correction for all pairs.
-    """
-    from scipy.special import bdtrc  # the upper tail of a binomial distribution
-
-    alone, other = int(np.sum((a > 0) & (b == 0))), int(np.sum((b > 0) & (a == 0)))
-    chance = float(bdtrc(alone - 1, alone + other, 0.5)) if alone else 1.0
-    return chance * filters * (filters - 1) < 0.05

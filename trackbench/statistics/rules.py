@@ -18,18 +18,29 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.statistics.estimates import OfSteps, RunEstimate
-from trackbench.statistics.intervals import deviations, holm, two_sided
+from trackbench.statistics.intervals import deviations, holm, normal_of_t, sign_test, two_sided
+from trackbench.statistics.over_runs import Estimate, z_score
 
 LEVEL = 0.01
 """Probability that any of the filters of a family without a difference are called different."""
 FEWEST_RUNS = 5
 """Runs from which on a difference of filters is tested."""
+LOSSES_LEVEL = 0.05
+"""Probability that chance alone makes any filter of an experiment lose more runs than another."""
+TINY = 0.01
+"""Share of a number below which a significant difference is called tiny, unless the config has one."""
+NOT_CHANCE = 4.0
+"""Standard errors from which a number that should be zero, one of some dozens, is not."""
+EQUAL, BETTER, WORSE = "equal", "better", "worse"
+ALIKE, UNTESTED = "no significant difference", "untested"
 DECIDED = 5.0
 """Standard errors of all runs from which a difference is decided."""
 SURE = 3.0
 """Standard errors from which the runs without a batch show it, and all runs an agreement."""
 ANOTHER_SEED = 1.6449 * sqrt(2.0)
 """Standard errors within which nine in ten numbers of another seed lie."""
+NO_SIGN = 0.5
+"""Standard errors below which a measured difference says nothing about its size."""
 NEAR = 0.1
 """Share of a published number within which the difference must lie to be none."""
 UNDECIDED = "inconclusive"
@@ -64,11 +75,42 @@ class Verdict(NamedTuple):
     parts: tuple[float, ...] = ()
     fragile: bool = False
     """whether another seed, a run that was drawn or three that were not could well turn the word"""
+    needed: float = DECIDED
+    """standard errors of all runs that decide; NaN of a bias, which is compared with a margin"""
+
+    @property
+    def is_short(self) -> bool:
+        """Return whether all runs together show too little."""
+        return abs(self.z) < self.needed
+
+    @property
+    def has_sign(self) -> bool:
+        """Return whether a difference as large as measured means anything."""
+        return abs(self.z) >= NO_SIGN
+
+    @property
+    def weak_part(self) -> float | None:
+        """Return the least z without a batch of runs, if it does not show the difference."""
+        least = min(self.parts, key=abs, default=self.z)
+        return least if abs(least) < SURE or least * self.z < 0.0 else None
 
 
-def adjusted(zs: Sequence[float]) -> Array:
-    """Return two-sided p-values (n,) of a family of tests by Holm; a NaN is no test."""
-    return holm(np.array([two_sided(z) for z in zs], dtype=float))
+def adjusted(zs: Sequence[float], tests: int = 0) -> Array:
+    """Return two-sided p-values (n,) by Holm of a family of n, or of more ``tests``; NaN is no test."""
+    return holm(np.array([two_sided(z) for z in zs], dtype=float), tests)
+
+
+def beyond(zs: Sequence[float], sigmas: float) -> tuple[Array, list[int]]:
+    """Return p-values (n,) of "larger" by Holm, and the signs of what lies beyond the normal tail.
+
+    For a gate, whose user gives the limit. The probability that any of the numbers without a difference
+    is called larger is about the tail or less, for any dependence of the numbers (docs/statistics.md).
+    """
+    from scipy.special import ndtr
+
+    tail, z = ndtr(-sigmas), np.array(zs, dtype=float)
+    larger, smaller = holm(ndtr(-z)), holm(ndtr(z))
+    return larger, [*((larger <= tail) * 1 - (smaller <= tail)).tolist()]
 
 
 def is_tested(difference: RunEstimate) -> bool:
@@ -76,16 +118,52 @@ def is_tested(difference: RunEstimate) -> bool:
     return isinstance(difference, OfSteps) or difference.runs >= FEWEST_RUNS
 
 
-def is_significant(difference: RunEstimate) -> bool:
+def is_significant(z: float) -> bool:
     """Return whether a difference that is the only one of its family is significant."""
-    return is_tested(difference) and two_sided(difference.z()) < LEVEL
+    return two_sided(z) < LEVEL
 
 
-def runs_that_decide(runs: int, z: float, tests: int) -> float:
-    """Return the runs at which a difference as large as measured is significant in such a family."""
-    # To first order z grows with the root of the runs; Holm's first step is Bonferroni's.
-    needed = runs * (deviations(1.0 - LEVEL / tests) / z) ** 2
-    return max(needed, runs + 1.0) if runs > 1 else needed
+def loses_more(a: Array, b: Array, filters: int) -> bool:
+    """Return whether one of so many filters loses more of the same runs, by codes (M,).
+
+    A sign test of the runs that only one of the two loses, with Bonferroni's correction for all pairs.
+    """
+    pairs = 0.5 * filters * (filters - 1)
+    z = sign_test(a > 0, b > 0)
+    return z > 0.0 and two_sided(z) * pairs < LOSSES_LEVEL
+
+
+def is_no_chance(number: Estimate, runs: int) -> bool:
+    """Return whether a number that should be zero is not: by Student's t, for few runs have errors."""
+    return abs(normal_of_t(z_score(number), max(runs - 1.0, 1.0))) > NOT_CHANCE
+
+
+def credibility(low: float, high: float) -> str:
+    """Return the word on a filter from the 95 % interval of its ANEES or ANIS; empty if undecided."""
+    if not isfinite(low + high):
+        return ""
+    if low >= 1.0 - NEAR and high <= 1.0 + NEAR:
+        return "calibrated"
+    return "overconfident" if low > 1.0 else "underconfident" if high < 1.0 else ""
+
+
+def share_that_matters(of_config: float | str | None) -> float:
+    """Return the share of a number from which a difference matters: the config's, 0.05 or 5%."""
+    if isinstance(of_config, str):
+        return float(of_config.removesuffix("%")) / 100.0
+    return TINY if of_config is None else of_config
+
+
+def deviations_needed(tests: int) -> float:
+    """Return the z from which the first of so many filters' differences is significant."""
+    return deviations(1.0 - LEVEL / tests)  # Holm's first step is Bonferroni's
+
+
+def runs_that_decide(runs: int, z: float, needed: float) -> float:
+    """Return the runs at which a difference as large as measured has the z that is needed."""
+    # To first order z grows with the root of the runs.
+    wanted = runs * (needed / z) ** 2
+    return max(wanted, runs + 1.0) if runs > 1 else wanted
 
 
 def decided(z: float, parts: Sequence[float] = (), exact: bool = False) -> int:
@@ -105,16 +183,6 @@ def decided(z: float, parts: Sequence[float] = (), exact: bool = False) -> int:
 def difference_sign(term: RunEstimate, batches: int) -> int:
     """Return the sign of a measured difference if it is significant, else 0."""
     return decided(term.z(), [part.z() for part in term.parts(batches)], term.is_exact)
-
-
-def runs_needed(runs: int, z: float, parts: Sequence[float] = (), exact: bool = False) -> float:
-    """Return the runs that decide a difference as large as measured; infinite without a sign of it."""
-    if not abs(z) > 0.0 or (not exact and any(not part * z > 0.0 for part in parts)):
-        return inf
-    factors = [(SURE if exact else DECIDED) / abs(z)]
-    factors += [SURE / abs(part) for part in parts if not exact]
-    needed = runs * max(factors) ** 2
-    return max(needed, runs + 1.0) if runs > 1 else needed
 
 
 class Printed(Protocol):
@@ -162,7 +230,8 @@ def number_verdict(
         word = "agrees" if word == number.value else "differs"
     if number.chosen:
         word = UNDECIDED  # a value that was chosen for the number shows nothing
-    return Verdict(word, z, tuple(z for _, z in found), turns and word != UNDECIDED)
+    needed = nan if isinstance(number.value, str) else DECIDED
+    return Verdict(word, z, tuple(z for _, z in found), turns and word != UNDECIDED, needed)
 
 
 def _others(whole: RunEstimate) -> Iterator[RunEstimate]:
@@ -194,7 +263,8 @@ def claim_verdict(
     others = (z - ANOTHER_SEED, z + ANOTHER_SEED, *stressed)
     turns = any(claimed(other) != claimed(z) for other in others)
     word = claimed(z, parts)
-    return Verdict(word, z, tuple(parts), turns and word != UNDECIDED)
+    needed = SURE if exact or (equal and z > 0.0) else DECIDED
+    return Verdict(word, z, tuple(parts), turns and word != UNDECIDED, needed)
 
 
 def weakest(zs: Sequence[float], steps: int = 1) -> float:

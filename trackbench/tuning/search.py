@@ -18,8 +18,9 @@ from typing import Any, NamedTuple, TextIO, TypeAlias
 import numpy as np
 
 from trackbench.atomic_files import write_csv
-from trackbench.config.tuning import Axis, Score, read_axis
+from trackbench.config.tuning import Axis, read_axis
 from trackbench.core.arrays import Array
+from trackbench.statistics.estimates import RunEstimate
 from trackbench.yaml_source import scalar
 
 Values: TypeAlias = tuple[Any, ...]
@@ -183,7 +184,7 @@ class Trial(NamedTuple):
     lost: int
 
     @classmethod
-    def of(cls, values: Mapping[str, Any], score: Score | None) -> "Trial":
+    def of(cls, values: Mapping[str, Any], score: RunEstimate | None) -> "Trial":
         """Return the trial of these values; without a score the filter failed."""
         if score is None:
             return cls(values, nan, nan, _FAILED)

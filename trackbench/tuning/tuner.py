@@ -13,7 +13,7 @@ from trackbench.config import tuned_entries
 from trackbench.config.dump import as_config
 from trackbench.config.experiment import Experiment
 from trackbench.config.requested_metrics import predictions_for
-from trackbench.config.tuning import Axis, Objective, Score
+from trackbench.config.tuning import Axis, Objective
 from trackbench.core.arrays import Array
 from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockResult, BlockTask
@@ -24,6 +24,7 @@ from trackbench.execution.engines import OpenEngine
 from trackbench.execution.plan import block_width
 from trackbench.execution.queue import Queue, progress_bar
 from trackbench.execution.runner import stored_block
+from trackbench.statistics.estimates import RunEstimate
 from trackbench.tuning.search import Record, Search, Shares, Trial, Values
 
 
@@ -129,7 +130,7 @@ class _Tuner:
         keys = [axis.key for axis in self.record.axes]
         return Trial.of(dict(zip(keys, values, strict=True)), self._score(tasks))
 
-    def _score(self, tasks: list[BlockTask]) -> Score | None:
+    def _score(self, tasks: list[BlockTask]) -> RunEstimate | None:
         """Return the score of a trial's blocks; None for an invalid or failed filter."""
         there = [block for block in map(self._there.get, tasks) if block is not None]
         if not tasks or len(there) < len(tasks):
@@ -171,7 +172,7 @@ class Training:
             return []
         return [self._block(trial, i) for i in range(self._blocks(trial))]
 
-    def score(self, per_run: Mapping[str, Array]) -> Score:
+    def score(self, per_run: Mapping[str, Array]) -> RunEstimate:
         """Return the score that a trial's values per run give it.
 
         Raises UserError if a metric of the objective is missing.

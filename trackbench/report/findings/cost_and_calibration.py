@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 from itertools import islice
-from math import inf, isfinite
+from math import inf
 from operator import attrgetter
-from typing import Literal, NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,11 +13,10 @@ from trackbench.report.findings.ranking import Candidate, Ranking
 from trackbench.report.results import Results
 from trackbench.report.table import rounded
 from trackbench.report.verdicts.cpu_times import SCATTER
+from trackbench.statistics import rules
 from trackbench.statistics.estimates import collapsed_in_words
-from trackbench.statistics.over_runs import Estimate, interval, mean
-from trackbench.statistics.rules import NEAR
+from trackbench.statistics.over_runs import interval, mean
 
-Credibility: TypeAlias = Literal["calibrated", "overconfident", "underconfident"]
 _SECONDS = ((1.0, "s"), (1e3, "ms"), (1e6, "µs"))
 
 
@@ -74,7 +73,7 @@ def _beside_worse(results: Results, cheapest: Time, standing: Ranking) -> str:
 
 def calibration(results: Results, standing: Ranking) -> str:
     """Return which best filters are calibrated, overconfident or underconfident, with numbers."""
-    words: dict[Credibility, list[str]] = {}
+    words: dict[str, list[str]] = {}
     for candidate in standing.among_the_best:
         found = consistency(results, candidate)
         if found is not None:
@@ -91,7 +90,7 @@ def over_points(results: Results, candidates: Sequence[Candidate]) -> list[str]:
         name = f"{named(times[0].candidate.label)}{times[0].looped}"
         lines = [f"A run of {name} takes {' to '.join(ends)} ms of CPU time."]
     # Count the points at which the filter is calibrated, overconfident or underconfident.
-    words: dict[Credibility, int] = {}
+    words: dict[str, int] = {}
     for candidate in candidates:
         found = consistency(results, candidate)
         if found is not None:
@@ -100,11 +99,11 @@ def over_points(results: Results, candidates: Sequence[Candidate]) -> list[str]:
     return [*lines, f"{named(candidates[0].label)} is {', '.join(parts)}."] if parts else lines
 
 
-def _said(word: Credibility) -> str:
-    return f"calibrated within {100 * NEAR:g} %" if word == "calibrated" else word
+def _said(word: str) -> str:
+    return f"calibrated within {100 * rules.NEAR:g} %" if word == "calibrated" else word
 
 
-def consistency(results: Results, candidate: Candidate) -> tuple[Credibility, str] | None:
+def consistency(results: Results, candidate: Candidate) -> tuple[str, str] | None:
     """Return in a word whether the NEES is consistent, with the number; None if undecided."""
     runs = results.runs(candidate.point)
     name = next((n for n in ("nees", "anis") if (candidate.label, n) in runs), None)
@@ -122,17 +121,8 @@ def consistency(results: Results, candidate: Candidate) -> tuple[Credibility, st
         return "overconfident", f"{word} infinite"
     # Judge by the 95 % interval of the mean over the runs.
     low, high = interval("mean", values)
-    return _judged(low, high, f"{word} {rounded(*Estimate(*found), 3)}")
-
-
-def _judged(low: float, high: float, number: str) -> tuple[Credibility, str] | None:
-    if not isfinite(low + high):
-        return None
-    if low >= 1.0 - NEAR and high <= 1.0 + NEAR:
-        return "calibrated", number
-    if low > 1.0:
-        return "overconfident", number
-    return ("underconfident", number) if high < 1.0 else None
+    judged = rules.credibility(low, high)
+    return (judged, f"{word} {rounded(*found, 3)}") if judged else None
 
 
 def _times(results: Results, candidates: Sequence[Candidate]) -> list[Time]:

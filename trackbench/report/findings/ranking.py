@@ -8,6 +8,7 @@ the best.
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import chain
 from math import isfinite
 from typing import NamedTuple
 
@@ -20,11 +21,10 @@ from trackbench.report.findings.phrases import named
 from trackbench.report.paired import compared_statistic, compared_statistics, primary_metrics
 from trackbench.report.results import Results, own_values, points_of, scenes
 from trackbench.results.point_facts import GridPoint
+from trackbench.statistics import rules
 from trackbench.statistics.comparison import Comparison, Sample, compare_all
-from trackbench.statistics.estimates import OfSteps, RunEstimate
-from trackbench.statistics.intervals import loses_more
-from trackbench.statistics.over_runs import STATISTICS, Estimate
-from trackbench.statistics.rules import FEWEST_RUNS
+from trackbench.statistics.estimates import RunEstimate
+from trackbench.statistics.over_runs import Estimate
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,14 +35,10 @@ class Candidate:
     point: GridPoint
     lost: Array
     """why each run (M,) is lost, 0 if it is not"""
-    values: Array
-    """the metric of each run (M,), NaN where it is lost"""
+    sample: Sample
+    """the metric of each run (M,), NaN where it is lost, and the statistic that decides"""
     own: GridPoint = field(default_factory=dict)
     """what the grid gives the filter, by path"""
-    statistic: str = "mean"
-    """over the runs: mean or rms"""
-    steps: OfSteps | None = None
-    """the metric of the only run with its steps, if that is a recording"""
 
     @cached_property
     def name(self) -> str:
@@ -58,27 +54,17 @@ class Candidate:
     @cached_property
     def overall(self) -> Estimate:
         """Return the statistic over the runs that are not lost."""
-        return STATISTICS[self.statistic](self.values[np.isfinite(self.values)])
-
-    @property
-    def sample(self) -> Sample:
-        """Return what is compared with other filters."""
-        return Sample(self.values, self.statistic, self.steps)
+        return self.sample.overall.estimate
 
     def has_error(self, untested: bool) -> bool:
         """Return whether its number has an error; unless ``untested``, one that differences need."""
-        enough = 2 if untested else FEWEST_RUNS
-        return self.steps is not None or np.isfinite(self.values).sum() >= enough
+        enough = 2 if untested else rules.FEWEST_RUNS
+        return self.sample.steps is not None or np.isfinite(self.sample.values).sum() >= enough
 
     @cached_property
     def losses(self) -> int:
         """Number of runs that are lost."""
         return int(np.count_nonzero(self.lost))
-
-    def common_runs(self, other: "Candidate") -> tuple[Array, Array]:
-        """Return the values of both on the runs that neither loses."""
-        both = np.isfinite(self.values) & np.isfinite(other.values)
-        return self.values[both], other.values[both]
 
 
 class Rival(NamedTuple):
@@ -116,8 +102,9 @@ class Ranking(NamedTuple):
     chosen: bool
     """whether a filter is there with the best of several values that the grid gives it"""
     runs: int
-    conflict: tuple[Candidate, Candidate] | None = None
-    """the filter that leads over its runs, and the one whose common runs with it contradict that"""
+    conflict: tuple[Candidate, Candidate, int] | None = None
+    """the filter that leads over its runs, the one whose common runs with it contradict that, and the
+    number of these"""
 
     @property
     def among_the_best(self) -> list[Candidate]:
@@ -152,7 +139,9 @@ def rankings(
 
     ``labels`` are those of the ranked filters; by default all.
     """
-    metric = metric or _ranked_by(results)
+    known = ranking_metrics(results)
+    shown = [name for name in compared_statistics(results.config) if name in known]
+    metric = metric or next(iter([*shown, *known]), "")
     found, labels = [], results.filters if labels is None else labels
     for where in scenes(results) if metric else []:
         statistic = compared_statistic(results.config, metric)
@@ -161,13 +150,6 @@ def rankings(
         reference = results.config.get("reference")
         found.append(ranking_of(settings, metric, reference)._replace(scene=where))
     return found
-
-
-def _ranked_by(results: Results) -> str:
-    """Return the metric that decides: that of the first column that shows one over the whole run."""
-    known = ranking_metrics(results)
-    shown = (metric for metric in compared_statistics(results.config) if metric in known)
-    return next(shown, next(iter(known), ""))
 
 
 def best_settings(results: Results) -> list[Ranking]:
@@ -185,14 +167,18 @@ def best_settings(results: Results) -> list[Ranking]:
     return found
 
 
+def leaders(found: Collection[Ranking]) -> list[Candidate]:
+    """Return the filters among the best of each ranking, one after the other."""
+    return list(chain.from_iterable(ranking.among_the_best for ranking in found))
+
+
 def ranking_metrics(results: Results) -> list[str]:
     """Return the metrics that filters are ranked by, the first one first."""
     points = results.points()
     names = dict.fromkeys(metric for point in points for _, metric in results.runs(point))
     found = primary_metrics(list(names))
     errors = [name for name in found if measured(name).is_error]
-    told = [name for name in ("held_log_score", "log_score") if name in found]
-    return [*errors, *told]
+    return [*errors, *(name for name in ("held_log_score", "log_score") if name in found)]
 
 
 def ranking_of(
@@ -209,7 +195,7 @@ def ranking_of(
     measure = measured(metric)
     sign = -1 if measure.family[0].more_is_better else 1
     # Step 1: set the reference apart; sort the filters, each at its best values.
-    floor = next((c for c in settings if c.label == reference), None)
+    exact = next((c for c in settings if c.label == reference), None)
     tried = [c for c in settings if c.label != reference]
     ranked = sorted(tried if apart else _best_of_each(tried, sign), key=lambda c: _rank(c, sign))
     # Step 2: take out filters that lose more runs, and those without a value.
@@ -217,18 +203,19 @@ def ranking_of(
     rivals = [c for c in ranked if c not in losing and isfinite(c.overall.value)]
     losing += [c for c in ranked if c not in rivals and c not in losing and c.losses]
     chosen, runs = len(tried) > len(ranked), max((len(c.lost) for c in ranked), default=0)
-    found = Ranking({}, measure, None, [], [], [], losing, floor, rivals, chosen, runs)
+    found = Ranking({}, measure, None, [], [], [], losing, exact, rivals, chosen, runs)
     if not rivals or not rivals[0].has_error(untested=apart or not rivals[1:]):
         return found
     # Step 3: compare the first of the others with all the rest on common runs.
-    best, beside = rivals[0], [floor] if floor is not None else []
+    best, beside = rivals[0], [exact] if exact is not None else []
     family = compare_all({c.name: c.sample for c in (*ranked, *beside, *unranked)})
     ties, worse, undecided = list[Rival](), list[Rival](), list[Rival]()
     for rival in rivals[1:]:
         comparison = family.between(rival.name, best.name)
         if comparison is None or sign * comparison.sign < 0:
             # No runs in common; or on these the other is the better one.
-            return found._replace(conflict=(best, rival))
+            common = 0 if comparison is None else comparison.difference.runs
+            return found._replace(conflict=(best, rival, common))
         tested = comparison.is_tested or comparison.is_equal
         # A filter further off than one that is no tie is no tie either.
         tie = ties if tested and not (worse or undecided) else undecided
@@ -241,17 +228,16 @@ def _settings(
 ) -> Iterator[Candidate]:
     """Yield each filter with each of the values that the grid gives it, once."""
     for label in results.filters:
-        seen = set()
+        yielded = set()
         for point in points:
             runs, own = results.runs(point), own_values(results, point, label)
             # Each set of values counts once, at the first point that has it.
-            if str(own) not in seen and (label, "lost") in runs:
-                seen.add(str(own))
+            if str(own) not in yielded and (label, "lost") in runs:
+                yielded.add(str(own))
                 lost = runs[label, "lost"]
                 values = runs.get((label, metric), np.full(len(lost), np.nan))
                 steps = results.judged_steps(point).get((label, metric))
-                of_steps = None if steps is None else OfSteps.of(float(values[0]), steps)
-                yield Candidate(label, point, lost, values, own, statistic, of_steps)
+                yield Candidate(label, point, lost, Sample.of(values, statistic, steps), own)
 
 
 def _rank(candidate: Candidate, sign: float) -> tuple[bool, float]:
@@ -272,12 +258,9 @@ def _best_of_each(settings: Sequence[Candidate], sign: float) -> list[Candidate]
 
 def _losing(found: Sequence[Candidate]) -> list[Candidate]:
     """Return the filters that lose significantly more of the same runs than another."""
-    return [
-        a
-        for a in found
-        if any(
-            len(a.lost) == len(b.lost) and loses_more(a.lost, b.lost, len(found))
-            for b in found
-            if b is not a
-        )
-    ]
+    losing = []
+    for a in found:
+        others = (b.lost for b in found if b is not a and len(b.lost) == len(a.lost))
+        if any(rules.loses_more(a.lost, lost, len(found)) for lost in others):
+            losing.append(a)
+    return losing

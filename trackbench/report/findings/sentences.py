@@ -30,11 +30,18 @@ from trackbench.report.findings.phrases import (
     verb,
     with_unit,
 )
-from trackbench.report.findings.ranking import Candidate, Ranking, Rival, ranking_metrics, rankings
+from trackbench.report.findings.ranking import (
+    Candidate,
+    Ranking,
+    Rival,
+    leaders,
+    ranking_metrics,
+    rankings,
+)
 from trackbench.report.results import Results
 from trackbench.report.table import rounded
 from trackbench.statistics import rules
-from trackbench.statistics.comparison import compare
+from trackbench.statistics.comparison import compare_all
 from trackbench.statistics.estimates import in_words
 
 HOW_DECIDED = (
@@ -45,29 +52,16 @@ HOW_DECIDED = (
 
 def answer(results: Results) -> list[str]:
     """Return sentences on the filters of a results folder, a line each; none if nothing is decided."""
-    found, matters = rankings(results), share_that_matters(results)
+    found = rankings(results)
+    matters = rules.share_that_matters(results.config.get("matters"))
     # One ranking: sentences on its best filter. Several: at how many points each is best.
     if len(found) == 1:
-        lines = [
-            _best_sentence(found[0], matters),
-            _tuned(results, found[0]),
-            _other_metrics(results, found[0]),
-            _losing(found),
-            _failed(results),
-        ]
-        lines += [
-            *plugin_ranks(results),
-            cost(results, found[0]),
-            calibration(results, found[0]),
-        ]
+        first = [_best_sentence(found[0], matters), _tuned(results, found[0])]
+        first += [_other_metrics(results, found[0])]
+        last = [cost(results, found[0]), calibration(results, found[0])]
     else:
-        lines = [
-            _over_points(found),
-            _losing(found),
-            _failed(results),
-            *plugin_ranks(results),
-            *_leader_sentence(results, found),
-        ]
+        first, last = [_over_points(found)], _leader_sentence(results, found)
+    lines = [*first, _losing(found), _failed(results), *plugin_ranks(results), *last]
     if found and max(standing.runs for standing in found) == 1:
         decided = any(s.ties or s.worse or s.undecided for s in found)
         lines.append(_ONE_RUN if decided else _NO_ERROR)
@@ -81,22 +75,11 @@ _ONE_RUN = (
 )
 
 
-def share_that_matters(results: Results) -> float:
-    """Return the share of a number below which a difference is tiny: the config's, else 1 %."""
-    text = results.config.get("matters")
-    if text is None:
-        return _TINY
-    return float(text) if not isinstance(text, str) else float(text.removesuffix("%")) / 100.0
-
-
-_TINY = 0.01
-
-
 def _best_sentence(standing: Ranking, matters: float) -> str:
     best = standing.best
     if best is None:
         return _undecided(standing)
-    statistic = statistic_words(best.statistic, standing.metric)
+    statistic = statistic_words(best.sample.statistic, standing.metric)
     if not standing.rivals:
         return f"The {statistic} of {best.name} is {_value(standing)}."
     text = f"{best.name} has the {_extreme(standing)} {statistic}, {_value(standing)}"
@@ -152,15 +135,14 @@ def _undecided(standing: Ranking) -> str:
     if not standing.order:
         return ""
     first = standing.order[0]
-    statistic = statistic_words(first.statistic, standing.metric)
+    statistic = statistic_words(first.sample.statistic, standing.metric)
     text = f"which filter has the {_extreme(standing)} {statistic}"
     if standing.conflict is None:
         few = 1 < standing.runs < rules.FEWEST_RUNS and standing.order[1:]
         needed = f"; {rules.FEWEST_RUNS} are needed"
         return f"{counted(standing.runs, 'run')} do not decide {text}{needed}." if few else ""
-    first, other = standing.conflict
+    first, other, common = standing.conflict
     text = f"W{text[1:]} is inconclusive"
-    common = len(first.common_runs(other)[0])
     if not common:
         return f"{text}: {first.name} and {other.name} keep no run in common."
     return (
@@ -192,17 +174,16 @@ def _value(standing: Ranking) -> str:
     """Return ``43.3 ± 0.2 m over 400 runs``, and how far it is above the reference."""
     best, reference = standing.best, standing.reference
     assert best is not None
-    left = int(np.isfinite(best.values).sum())
-    kept = "" if left == len(best.values) else " that it keeps"
-    runs = counted(left, "run")
-    text = f"{with_unit(rounded(*best.overall, 4), standing.metric)} over {runs}{kept}"
+    values = best.sample.values
+    left = int(np.isfinite(values).sum())
+    runs = counted(left, "run") + ("" if left == len(values) else " that it keeps")
+    text = f"{with_unit(rounded(*best.overall, 4), standing.metric)} over {runs}"
     if reference is None or standing.metric.family[0].is_score:
         return text
     # The reference is named only if the best is significantly above it on common runs.
-    found = compare(best.sample, reference.sample)
-    if found is None or not (
-        found.difference.value > 0.0 and rules.is_significant(found.difference)
-    ):
+    pair = {"best": best.sample, "reference": reference.sample}
+    found = compare_all(pair).between("best", "reference")
+    if found is None or found.sign <= 0:
         return text
     above = f"{percent_of(found.difference.value, found.b.value)} above".lstrip()
     return f"{text}, {above} the reference {reference.name}"
@@ -210,16 +191,16 @@ def _value(standing: Ranking) -> str:
 
 def _runs_needed(standing: Ranking) -> str:
     """Return how many runs would decide the ties if the differences are as large as measured."""
-    needed = [
-        rules.runs_that_decide(rival.difference.runs, rival.comparison.z, rival.comparison.tests)
-        for rival in standing.ties
-        if isfinite(rival.comparison.z) and rival.comparison.z
-    ]
-    if not needed:
+    runs = []
+    for _, tie in standing.ties:
+        if isfinite(tie.z) and tie.z:
+            needed = rules.deviations_needed(tie.tests)
+            runs.append(rules.runs_that_decide(tie.difference.runs, tie.z, needed))
+    if not runs:
         return ""
-    long = " to ".join(dict.fromkeys(map(run_count, (min(needed), max(needed)))))
+    long = " to ".join(dict.fromkeys(map(run_count, (min(runs), max(runs)))))
     amount = f"a recording {long} times as long" if standing.runs == 1 else f"{long} runs"
-    size = "a difference" if len(needed) == 1 else "differences"
+    size = "a difference" if len(runs) == 1 else "differences"
     return f" ({amount} would decide {size} of this size)"
 
 
@@ -239,7 +220,8 @@ def _other_metrics(results: Results, standing: Ranking) -> str:
 
 def _over_points(found: Sequence[Ranking]) -> str:
     """Return at how many points each filter is among the best."""
-    counts = Counter(c.label for standing in found for c in standing.among_the_best)
+    first = leaders(found)
+    counts = Counter(candidate.label for candidate in first)
     # Filters by the number of points at which they are among the best.
     by_count: dict[int, list[str]] = {}
     for label, n in counts.most_common():
@@ -247,22 +229,21 @@ def _over_points(found: Sequence[Ranking]) -> str:
     if not by_count:
         return ""
     paths = " and ".join(phrases.axis(path) for path in found[0].scene)
-    (most, leaders), *rest = by_count.items()
+    (most, best), *rest = by_count.items()
     of = f"{most} of the {len(found)}" if most < len(found) else f"all {most}"
-    candidate = next(c for standing in found for c in standing.among_the_best)
-    statistic = statistic_words(candidate.statistic, found[0].metric)
-    text = f"By {statistic} {listed(leaders)} {verb(leaders)} best, or"
+    statistic = statistic_words(first[0].sample.statistic, found[0].metric)
+    text = f"By {statistic} {listed(best)} {verb(best)} best, or"
     text += f" without a significant difference from the best, at {of} values of {paths}"
     return "; ".join([text, *(f"{listed(labels)} at {n}" for n, labels in rest)]) + "."
 
 
 def _leader_sentence(results: Results, found: Sequence[Ranking]) -> list[str]:
     """Return cost and calibration of the filter that is best at most points, if any."""
-    leaders: dict[str, list[Candidate]] = {}
-    for candidate in (c for standing in found for c in standing.among_the_best):
-        leaders.setdefault(candidate.label, []).append(candidate)
+    by_label: dict[str, list[Candidate]] = {}
+    for candidate in leaders(found):
+        by_label.setdefault(candidate.label, []).append(candidate)
     # A single filter must lead: two with as many points have no leader.
-    ranked = sorted(leaders.values(), key=len, reverse=True)
+    ranked = sorted(by_label.values(), key=len, reverse=True)
     if not ranked or (ranked[1:] and len(ranked[1]) == len(ranked[0])):
         return []
     return over_points(results, ranked[0])
@@ -324,7 +305,7 @@ def _sentence(results: Results, mine: Candidate, found: Ranking) -> str:
     place = f"{', '.join(at)}, {mine.name}"
     text = (
         f"{place.removeprefix(', ')} ranks {1 + better} of {len(found.order)} by "
-        f"{statistic_words(mine.statistic, found.metric)}: "
+        f"{statistic_words(mine.sample.statistic, found.metric)}: "
         f"{with_unit(rounded(*mine.overall, 4), found.metric)}"
     )
     beside = {rival.filter.name: rival for rival in found.rivals}

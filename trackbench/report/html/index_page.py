@@ -19,7 +19,7 @@ from trackbench.report.open import explain_content_errors, open_with_notes
 from trackbench.report.results import Results
 from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts
 from trackbench.report.verdicts.files import Bar, bars, summary_lines, verdict_tables
-from trackbench.report.verdicts.numbers import Comparison, compare
+from trackbench.report.verdicts.numbers import Verdicts, compare
 
 _SVG = "{http://www.w3.org/2000/svg}"
 _APART = 2.0
@@ -78,7 +78,7 @@ def _coarse(d: str) -> str:
     return "".join(parts)
 
 
-Overview: TypeAlias = list[tuple[Results, Comparison]]
+Overview: TypeAlias = list[tuple[Results, Verdicts]]
 
 _HEAD = """# Published and measured
 
@@ -121,7 +121,7 @@ def write_overview(folder: Path) -> list[Path]:
     return [index, ledger]
 
 
-def _write_index(folder: Path, found: Overview, everything: Comparison) -> Path:
+def _write_index(folder: Path, found: Overview, everything: Verdicts) -> Path:
     # The verdicts on CPU times of all experiments are counted separately.
     times = (verdict for results, _ in found for verdict in time_verdicts(results))
     return write_page(
@@ -139,7 +139,7 @@ def _write_index(folder: Path, found: Overview, everything: Comparison) -> Path:
     )
 
 
-def _card(folder: Path, results: Results, comparison: Comparison) -> Card:
+def _card(folder: Path, results: Results, comparison: Verdicts) -> Card:
     from markupsafe import Markup
 
     config, report = results.config, results.folder / "report.html"
@@ -208,9 +208,9 @@ def short_answer(found: Sequence[Ranking]) -> str:
     )
 
 
-def _together(comparisons: list[Comparison]) -> Comparison:
+def _together(comparisons: list[Verdicts]) -> Verdicts:
     """Return the summary over several experiments."""
-    return Comparison(
+    return Verdicts(
         [row for c in comparisons for row in c.rows],
         [row for c in comparisons for row in c.claims],
         [row for c in comparisons for row in c.ranks],
@@ -243,7 +243,7 @@ def _opened(folder: Path) -> tuple[Overview, int]:
     return opened, len(without_runs)
 
 
-def _ledger(folder: Path, found: Overview, everything: Comparison) -> str:
+def _ledger(folder: Path, found: Overview, everything: Verdicts) -> str:
     lines = [f"- {line}" for line in summary_lines(everything)]
     parts = [_HEAD.rstrip(), "\n".join(lines) or "Nothing is published about these experiments."]
     for topic, group in _by_topic(found).items():

@@ -21,7 +21,7 @@ from trackbench.report.results import Results
 from trackbench.report.table import Text, TextTable, rounded
 from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts
 from trackbench.report.verdicts.files import bars, summary_lines, verdict_tables
-from trackbench.report.verdicts.numbers import Comparison, compare
+from trackbench.report.verdicts.numbers import Verdicts, compare
 from trackbench.statistics import rules
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 def write_report(
-    results: Results, comparison: Comparison | None = None, path: Path | None = None
+    results: Results, comparison: Verdicts | None = None, path: Path | None = None
 ) -> Path:
     """Write report.html into the results folder, or another file."""
     comparison = comparison or compare(results)

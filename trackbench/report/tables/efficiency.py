@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from math import nan
 from typing import Any, ClassVar
 
 import numpy as np
@@ -19,7 +18,7 @@ from trackbench.report.costs import (
     AtCost,
     Curve,
     Spot,
-    beside,
+    compare_at,
     cost_conflicts,
     curves,
     logged,
@@ -32,12 +31,10 @@ from trackbench.report.results import Results, named_form, points_of, scenes
 from trackbench.report.table import Cell, Table
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import rules
+from trackbench.statistics.comparison import as_family
 from trackbench.statistics.efficiency import cross_share, efficiency, plain_efficiency, runs_saved
-from trackbench.statistics.intervals import loses_more, normal_of_t
-from trackbench.statistics.over_runs import Estimate, z_score
+from trackbench.statistics.over_runs import Estimate
 
-_NOT_ZERO = 4.0
-"""Standard errors from which a cross term is not chance among some dozens."""
 _NOT_EXACT = "the cross term is not zero, the reference is no exact mean: take the one without"
 
 
@@ -73,7 +70,7 @@ class EfficiencyTable(TableKind):
                     keys = [*map(phrases.number, scene.values()), name]
                     table.add(keys, cells)
                     # A cross term beyond chance shows that the reference is not the exact mean.
-                    if _is_not_zero(cells[-1]):
+                    if rules.is_no_chance(cells[-1].estimate, cells[-1].runs):
                         table.notes.append(f"{' '.join(keys)}: {_NOT_EXACT}.")
         return table
 
@@ -105,12 +102,6 @@ def _forms(results: Results, scene: GridPoint, label: str) -> Iterator[tuple[str
             found.append(keys)
             points.append(point)
     yield from zip((named_form(label, keys, found) for keys in found), points, strict=True)
-
-
-def _is_not_zero(cross: Cell) -> bool:
-    """Test by Student's t, as the error of two or three runs may be small by chance."""
-    z = normal_of_t(z_score(cross.estimate), max(cross.runs - 1.0, 1.0))
-    return abs(z) > _NOT_ZERO
 
 
 @register("tables", "equal-cost")
@@ -186,7 +177,8 @@ class EqualCost(TableKind):
 
 def _cells(at: AtCost, own: AtCost) -> list[Cell]:
     """Return size, error, interpolation error, and the ratio to the named filter's error."""
-    value, (difference, other) = float(exp(at.error.value)), beside(at, own)
+    value, difference = float(exp(at.error.value)), compare_at(at, own).difference
+    other = float(np.hypot(at.other, own.other))
     ratio = float(exp(difference.value))
     lost = int((at.lost > 0).sum())
     # Of logarithms: relative errors from the runs and from the times add in squares.
@@ -204,15 +196,12 @@ def _compared(found: dict[str, AtCost], higher: bool) -> tuple[list[str], list[s
     """Return the best filter, those that may be as good, and worse ones that lose fewer runs."""
     sign = -1.0 if higher else 1.0
     order = sorted(found, key=lambda name: sign * found[name].error.value)
-    pairs = list(combinations(order, 2))
-    apart = [beside(found[b], found[a]) for a, b in pairs]
-    p = rules.adjusted([d.z(0.0, other) if rules.is_tested(d) else nan for d, other in apart])
-    worse = {pair for pair, chance in zip(pairs, p, strict=True) if chance < rules.LEVEL}
+    family = as_family({(a, b): compare_at(found[b], found[a]) for a, b in combinations(order, 2)})
     best, open_, fewer = order[:1], list[str](), list[str]()
     for name in order[1:]:
         # Those behind a worse one are no ties. A worse filter may still lose fewer runs.
-        if (best[0], name) not in worse and len(open_) == order.index(name) - 1:
+        if not family[best[0], name].sign and len(open_) == order.index(name) - 1:
             open_.append(name)
-        elif loses_more(found[best[0]].lost, found[name].lost, len(found)):
+        elif rules.loses_more(found[best[0]].lost, found[name].lost, len(found)):
             fewer.append(name)
     return best, open_, fewer

@@ -20,6 +20,7 @@ from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
 from trackbench.results.point_facts import GridPoint
+from trackbench.statistics.comparison import Sample
 from trackbench.statistics.intervals import tail_index
 from trackbench.statistics.over_runs import STATISTICS, influence, interval
 
@@ -127,8 +128,7 @@ def _candidate(expressions: Evaluator, m: Measure) -> Iterator[Candidate]:
     if statistic not in STATISTICS:  # no ranking is by it
         return
     point, lost = expressions.point, expressions.runs.get((m.filter, "lost"), np.zeros(len(values)))
-    steps = expressions.of_steps(m)
-    yield Candidate(m.filter, point, lost, values, statistic=statistic, steps=steps)
+    yield Candidate(m.filter, point, lost, Sample(values, statistic, expressions.of_steps(m)))
 
 
 def _cell(expressions: Evaluator, m: Measure) -> Cell:

@@ -5,8 +5,7 @@
 
 import itertools
 from dataclasses import dataclass, replace
-from itertools import compress
-from math import hypot, inf, isfinite
+from math import comb, inf, isfinite, nan
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -25,6 +24,7 @@ from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table, rounded
 from trackbench.report.verdicts.claims import judge
 from trackbench.results.point_facts import GridPoint
+from trackbench.statistics.comparison import as_family, compare_estimates
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.over_runs import STATISTICS, Estimate, mean
 from trackbench.statistics.rules import CLAIM_WORDS, NEAR
@@ -45,18 +45,11 @@ class Number(NamedTuple):
 
 
 class Distance(NamedTuple):
-    """Root mean square of log(measured / printed), one influence per run (M,), numbers within 10 %."""
+    """Root mean square of log(measured / printed), and how many numbers are within 10 %."""
 
-    value: float
-    influences: np.ndarray
+    estimate: RunEstimate
+    """its error covers the runs, not the choice among interpretations"""
     near: int
-    lost: int
-
-    @property
-    def cell(self) -> Cell:
-        """Return the cell; its error covers the runs, not the choice among interpretations."""
-        runs = len(self.influences)
-        return Cell(Estimate(self.value, mean(self.influences).stderr), runs - self.lost, self.lost)
 
 
 @register("tables", "readings")
@@ -71,7 +64,7 @@ class Readings(TableKind):
     filters that do not count are one reading. Where the published files measure a number in several ways
     (the range of the mean, the mean range), each way is a reading of its own, one for all filters. The
     nearest of many readings is nearer than one chosen beforehand: the notes say how many were tried, and
-    how many of them are not farther than the nearest by two paired standard errors.
+    how many of them are not significantly farther, by the rule for filters over all pairs of readings.
     """
 
     of: str
@@ -90,7 +83,8 @@ class Readings(TableKind):
         """Return the table from a results folder."""
         # Step 1: printed numbers, distinct points of the grid, ways to measure the numbers.
         numbers = self._numbers(results)
-        labels = [b for b in results.filters if any(b in n.labels for n in numbers)]
+        measured = set[str]().union(*(number.labels for number in numbers))
+        labels = [label for label in results.filters if label in measured]
         heads, points = readings(results, labels)
         more, ways = ways_to_measure(numbers, self.statistics)
         heads += more
@@ -100,16 +94,16 @@ class Readings(TableKind):
         for shown, point in points:
             expressions = Evaluator(results, point)
             for way, chosen in ways:
-                there = _measured(expressions, chosen)
-                parts = [distance([n for n in there if n.label == label]) for label in labels]
-                found.append(([*shown, *way], distance(there), parts))
-        found.sort(key=lambda reading: reading[1].value)
+                every = _measured(expressions, chosen)
+                parts = [distance(_of_filter(every, label)) for label in labels]
+                found.append(([*shown, *way], distance(every), parts))
+        found.sort(key=lambda reading: reading[1].estimate.value)
         # Step 3: a row per reading; of several filters also the distance of each.
         columns = ["Distance", *labels] if len(labels) > 1 else ["Distance"]
         table = Table(self.title, ["Rank", *heads], columns, self.digits)
         for rank, (shown, whole, parts) in enumerate(found[: self.rows], start=1):
             cells = [whole, *parts] if len(labels) > 1 else [whole]
-            table.add([str(rank), *shown], [d.cell for d in cells])
+            table.add([str(rank), *shown], [Cell.of(d.estimate) for d in cells])
         if numbers:
             table.notes += _notes(heads, [(shown, whole) for shown, whole, _ in found], printed)
         else:
@@ -140,7 +134,7 @@ def distance(numbers: list[Number]) -> Distance:
     for number in numbers:
         term, printed = number.measured, number.printed
         if not (isfinite(term.value) and term.value > 0.0 < printed) or term.lost > term.runs:
-            return Distance(inf, np.full(runs, np.nan), 0, lost)
+            return Distance(RunEstimate(inf, nan, None, runs - lost, lost), 0)
         # log(measured / printed), half of it for a variance
         off = number.power * float(elementary.log(term.value / printed))
         squares += off * off
@@ -150,7 +144,9 @@ def distance(numbers: list[Number]) -> Distance:
             share = runs / term.runs  # of survivors, each counts for more
             influences += off * number.power / term.value * share * np.nan_to_num(term.influences)
     value = float(np.sqrt(squares / max(len(numbers), 1)))
-    return Distance(value, influences / (len(numbers) * value) if value else influences, near, lost)
+    influences = influences / (len(numbers) * value) if value else influences
+    estimate = RunEstimate(value, mean(influences).stderr, influences, runs - lost, lost)
+    return Distance(estimate, near)
 
 
 def ways_to_measure(
@@ -193,12 +189,18 @@ def _is_average(m: Measure) -> bool:
 
 
 def _measured(expressions: Evaluator, numbers: list[PublishedNumber]) -> list[Number]:
-    return [
-        Number(label, float(number.value), expressions.term(m.of(label)), m.statistic == "variance")
-        for number in numbers
-        for label in number.labels
-        if (m := number.expression) is not None
-    ]
+    found = []
+    for number in numbers:
+        if (m := number.expression) is not None:
+            printed, is_variance = float(number.value), m.statistic == "variance"
+            for label in number.labels:
+                term = expressions.term(m.of(label))
+                found.append(Number(label, printed, term, is_variance))
+    return found
+
+
+def _of_filter(numbers: list[Number], label: str) -> list[Number]:
+    return [number for number in numbers if number.label == label]
 
 
 def readings(
@@ -224,16 +226,20 @@ def _concerns(results: Results, path: str, labels: list[str]) -> bool:
 
 def _notes(heads: list[str], found: list[tuple[list[str], Distance]], numbers: int) -> list[str]:
     shown, nearest = found[0]
-    lost = sum(not isfinite(d.value) for _, d in found)
+    finite = [d.estimate for _, d in found if isfinite(d.estimate.value)]
+    lost = len(found) - len(finite)
     notes = [
         f"{len(found)} readings, {lost} of which lose most runs of a filter; {numbers} printed numbers."
     ]
-    if isfinite(nearest.value):
-        alike = sum(_not_farther(d, nearest) for _, d in found)
+    if finite:
+        pairs = {i: compare_estimates(d, nearest.estimate) for i, d in enumerate(finite)}
+        # The nearest is one of many: the family is of all pairs.
+        family = as_family(pairs, tests=comb(len(finite), 2))
+        alike = sum(comparison.sign == 0 for comparison in family.values())
         notes.append(
-            f"Nearest: {_named(heads, shown)}; distance {rounded(*nearest.cell.estimate, 3)}, "
-            f"{nearest.near} of {numbers} numbers within 10 %. Within two paired standard errors of "
-            f"it: {alike}."
+            f"Nearest: {_named(heads, shown)}; distance {rounded(*nearest.estimate.estimate, 3)}, "
+            f"{nearest.near} of {numbers} numbers within 10 %. Not significantly farther, itself "
+            f"counted: {alike}."
         )
         shown, most = max(found, key=lambda reading: reading[1].near)
         if most.near > nearest.near:
@@ -244,17 +250,6 @@ def _notes(heads: list[str], found: list[tuple[list[str], Distance]], numbers: i
 
 def _named(heads: list[str], shown: list[str]) -> str:
     return ", ".join(f"{head} {value}" for head, value in zip(heads, shown, strict=True))
-
-
-def _not_farther(d: Distance, nearest: Distance) -> bool:
-    if not isfinite(d.value):
-        return False
-    # Paired on common runs; as independent if the numbers of runs differ.
-    if len(d.influences) != len(nearest.influences):
-        stderr = hypot(mean(d.influences).stderr, mean(nearest.influences).stderr)
-    else:
-        stderr = mean(d.influences - nearest.influences).stderr
-    return d.value - nearest.value <= 2.0 * stderr
 
 
 class _Reading(NamedTuple):
@@ -305,25 +300,26 @@ class ClaimReadings(TableKind):
     def _claims(self, results: Results) -> list[Claim]:
         """Return the claims about the experiment's filters."""
         published = read_published(results.folder, results.config.get("published", []), self.of)
-        here = set(results.filters)
-        return [
-            claim
-            for claim in published.claims
-            if claim.labels
-            and set(claim.labels) <= here
-            and not any(m.metric.startswith("cpu_s") for m in claim.expressions)
-        ]
+        found = []
+        for claim in published.claims:
+            is_of_time = any(m.metric.startswith("cpu_s") for m in claim.expressions)
+            if claim.labels and set(claim.labels) <= {*results.filters} and not is_of_time:
+                found.append(claim)
+        return found
 
 
 def _judged(
     results: Results, claims: list[Claim], points: list[GridPoint]
 ) -> tuple[list[Claim], list[list[str]]]:
-    """Return the claims that any point decides, and the words on each of them at every point."""
+    """Return the claims that any point measures, and the words on each of them at every point."""
     evidence = [Evaluator(results, point) for point in points]
-    found = [[judge(claim, there) for claim in claims] for there in evidence]
-    measured = [any(at[i].is_measured for at in found) for i in range(len(claims))]
-    words = [[judged.verdict.word for judged in compress(at, measured)] for at in found]
-    return list(compress(claims, measured)), words
+    measured, by_claim = [], []
+    for claim in claims:
+        verdicts = [judge(claim, at_point) for at_point in evidence]
+        if any(judged.is_measured for judged in verdicts):
+            measured.append(claim)
+            by_claim.append([judged.verdict.word for judged in verdicts])
+    return measured, [list(words) for words in zip(*by_claim, strict=True)]
 
 
 def _claim_notes(heads: list[str], claims: list[Claim], found: list[_Reading]) -> list[str]:

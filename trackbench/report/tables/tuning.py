@@ -2,11 +2,11 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from math import isfinite, nan
+from math import isfinite
 
 import numpy as np
 
-from trackbench.config.tuning import Objective, Score, objective_label, tuned_label
+from trackbench.config.tuning import Objective, objective_label, tuned_label
 from trackbench.errors import counted
 from trackbench.field_types import Digits
 from trackbench.registry import register
@@ -14,9 +14,9 @@ from trackbench.report.findings import phrases
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
-from trackbench.statistics import rules
-from trackbench.statistics.estimates import MISSING, RunEstimate
-from trackbench.statistics.over_runs import Estimate, mean
+from trackbench.statistics.comparison import Comparison, as_family, compare_estimates
+from trackbench.statistics.estimates import RunEstimate
+from trackbench.statistics.over_runs import Estimate
 from trackbench.tuning.search import Record
 
 _HEADS = ["Training", "Results", "Gap", "Untuned", "Gained"]
@@ -52,15 +52,18 @@ class TuningTable(TableKind):
             label: tuple(_score(objective, runs, of) for of in (tuned_label(label), label))
             for label in results.tuning
         }
-        gains = {label: _gained(*of) for label, of in scores.items()}
-        family = rules.adjusted([g.z() if rules.is_tested(g) else nan for g in gains.values()])
-        for (label, record), p in zip(results.tuning.items(), family, strict=True):
-            found, given = scores[label]
-            keys = [label, _found(record), str(len(record.trials))]
-            table.add(keys, [*_cells(record, found, given), Cell.of(gains[label])])
-            notes = [*record.remarks(tuning["runs"])]
-            if found is not None and given is not None:
-                notes += _on_results(found, given, gains[label], p < rules.LEVEL)
+        gains = {
+            label: compare_estimates(untuned, tuned)
+            for label, (tuned, untuned) in scores.items()
+            if tuned is not None and untuned is not None
+        }
+        family = as_family(gains)
+        for label, record in results.tuning.items():
+            gain = family.get(label)
+            keys = [label, _values(record), str(len(record.trials))]
+            gained = Cell.missing() if gain is None else Cell.of(gain.difference)
+            table.add(keys, [*_cells(record, *scores[label]), gained])
+            notes = [*record.remarks(tuning["runs"]), *(_on_results(gain) if gain else ())]
             table.notes += (f"{label}: {text}." for text in notes)
         return table
 
@@ -84,14 +87,14 @@ def words_of(metric: str | dict[str, float]) -> str:
 
 def _score(
     objective: Objective, runs: dict[tuple[str, str], np.ndarray], label: str
-) -> Score | None:
+) -> RunEstimate | None:
     """Return a filter's score on the runs of the results; none if it was not run, or failed."""
     mine = {metric: values for (of, metric), values in runs.items() if of == label}
     wanted = {*objective.metrics, "lost"}
     return objective.score(mine) if wanted <= mine.keys() else None
 
 
-def _found(record: Record) -> str:
+def _values(record: Record) -> str:
     parts = []
     for axis in record.axes:
         # The values within one standard error of the best: choices, or the ends of a range.
@@ -106,42 +109,23 @@ def _found(record: Record) -> str:
     return "; ".join(parts)
 
 
-def _cells(record: Record, found: Score | None, given: Score | None) -> list[Cell]:
+def _cells(record: Record, tuned: RunEstimate | None, untuned: RunEstimate | None) -> list[Cell]:
     best = record.best
     training = Cell(Estimate(best.objective, best.stderr), 1, best.lost)
-    result, untuned = _cell(found), _cell(given)
+    result, before = (Cell.missing() if of is None else Cell.of(of) for of in (tuned, untuned))
     # Gap = results - training; the standard errors add in squares.
     gap, stderr = result.estimate.value - best.objective, result.estimate.stderr
     difference = Cell(Estimate(gap, float(np.hypot(stderr, best.stderr))), result.runs, 0)
-    return [training, result, difference, untuned]
+    return [training, result, difference, before]
 
 
-def _cell(score: Score | None) -> Cell:
-    if score is None:
-        return Cell.missing()
-    runs = len(score.influences) - score.lost
-    return Cell(Estimate(score.value, score.stderr), runs, score.lost)
-
-
-def _gained(found: Score | None, given: Score | None) -> RunEstimate:
-    """Return the untuned less tuned, on common runs."""
-    if found is None or given is None:
-        return MISSING
-    # Each run's influence on untuned - tuned.
-    moved = given.influences - found.influences
-    both = ~np.isnan(moved)
-    stderr = mean(moved[both]).stderr
-    return RunEstimate(given.value - found.value, stderr, moved, int(both.sum()))
-
-
-def _on_results(
-    found: Score, given: Score, gained: RunEstimate, significant: bool
-) -> Iterator[str]:
+def _on_results(gain: Comparison) -> Iterator[str]:
     """Yield what tuning lost on the runs of the results, or that it gained nothing."""
-    if found.lost > given.lost:
-        lost = counted(found.lost, "run")
-        yield f"tuned, it loses {lost} of the results, and {given.lost} as it was"
+    untuned, tuned = gain.a, gain.b
+    if tuned.lost > untuned.lost:
+        lost = counted(tuned.lost, "run")
+        yield f"tuned, it loses {lost} of the results, and {untuned.lost} as it was"
     # An insignificant gain is none, unless fewer runs are lost.
-    if given.lost <= found.lost and not (significant and gained.value > 0.0):
-        worse = "worse" if significant else "not significantly better"
+    if untuned.lost <= tuned.lost and gain.sign <= 0:
+        worse = "worse" if gain.sign else "not significantly better"
         yield f"tuned, it is {worse} on the runs of the results than as it was"

@@ -11,7 +11,6 @@ from trackbench.report.results import Results
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import rules
 from trackbench.statistics.estimates import OfSteps, RunEstimate, gain, quotient
-from trackbench.statistics.intervals import loses_more, two_sided
 from trackbench.statistics.over_runs import Estimate, z_score
 from trackbench.statistics.rules import UNDECIDED, Verdict
 
@@ -26,38 +25,35 @@ class ClaimVerdict(NamedTuple):
     paired: bool
     note: str
     is_measured: bool = True
-    is_exact: bool = False
 
 
 def judge(claim: Claim, evidence: Evaluator | None) -> ClaimVerdict:
     """Return the verdict on a claim: it holds if it does against every filter that it names."""
     if evidence is None or not claim.left or not claim.expression:
         return _unjudged(claim, no_results(claim, evidence))
-    # Step 1: one comparison for each step and each filter on the right side.
-    single = _at_each_step(claim, evidence)
-    found = [_score(evidence, one, right) for one in single for right in claim.rights or [""]]
-    if not found:
+    # Step 1: one test for each step and each filter on the right side.
+    single, batches = _at_each_step(claim, evidence), evidence.results.batches
+    tests = [_test(evidence, one, right) for one in single for right in claim.rights or [""]]
+    if not tests:
         return _unjudged(claim, f"nothing is known of {claim.left}'s {claim.expression}")
-    # Step 2: z of the weakest comparison, of all runs, of the parts and under stress.
-    weakest = min(found, key=lambda score: -inf if isnan(score.z) else score.z)
-    z = rules.weakest([score.z for score in found], len(single))
-    parts, stressed = (
-        [rules.weakest(zs, len(single)) for zs in zip(*every, strict=True)] if all(every) else []
-        for every in ([score.parts for score in found], [score.stressed for score in found])
-    )
-    exact = weakest.off.term.is_exact  # and so are all that are measured
+    # Step 2: z of the weakest test, of all runs, of the parts and under stress.
+    zs = [test.in_favor(test.term) for test in tests]
+    weakest = tests[min(range(len(zs)), key=lambda i: -inf if isnan(zs[i]) else zs[i])]
+    z = rules.weakest(zs, len(single))
+    parts = _weakest(tests, [test.term.parts(batches) for test in tests], len(single))
+    stressed = _weakest(tests, [test.term.stressed() for test in tests], len(single))
+    exact = weakest.term.is_exact  # and so are all that are measured
     verdict = rules.claim_verdict(z, parts, stressed, claim.relation == "~", exact)
     # Step 3: a filter that loses more runs is no better, whatever its error.
     losing = [_loses_more(evidence, claim, right) for right in claim.rights]
     if verdict.word == "holds" and any(losing):
         verdict = verdict._replace(word=UNDECIDED, fragile=False)
-    steps = _of_steps(weakest, found) if len(single) > 1 else ""
-    measured = not isnan(weakest.off.term.value)
+    steps = _of_steps(weakest, zs) if len(single) > 1 else ""
+    measured = not isnan(weakest.term.value)
     why = "" if measured else NOT_MEASURED
-    least = rules.SURE if exact or (claim.relation == "~" and z > 0.0) else rules.DECIDED
-    reasons = _size(evidence, weakest), _significance(verdict, least)
+    reasons = _size(evidence, weakest), _significance(verdict)
     note = noted(*losing, why, _why(evidence, weakest), *reasons, steps, claim.note)
-    return ClaimVerdict(claim, verdict, weakest.off.term.splits, note, measured, exact)
+    return ClaimVerdict(claim, verdict, weakest.term.splits, note, measured)
 
 
 def _unjudged(claim: Claim, why: str) -> ClaimVerdict:
@@ -78,84 +74,73 @@ def _at_each_step(claim: Claim, whole: Evaluator) -> list[Claim]:
     ]
 
 
-class _Margin(NamedTuple):
-    """Margin of a claim: the left side's estimate, its value at the claim's edge, and its target."""
-
-    term: RunEstimate
-    edge: float
-    target: float
-
-    def margin(self, claim: Claim) -> float:
-        """Return the number's distance to the claim's edge, positive on the claim's side."""
-        off = self.term.value - self.edge
-        # left ~ right: tolerance |target| - |difference|
-        if claim.relation == "~":
-            return claim.tolerance * abs(self.target) - abs(off)
-        return -off if claim.relation == "<" else off
-
-    def in_favor(self, claim: Claim) -> float:
-        """Return z of the claim."""
-        if claim.relation == "~" and isinstance(self.term, OfSteps):
-            return self.term.z(self.term.value - self.margin(claim))
-        if claim.relation == "~":
-            return z_score(Estimate(self.margin(claim), self.term.stderr))
-        z = self.term.z(self.edge)
-        return -z if claim.relation == "<" else z
-
-
-class _Score(NamedTuple):
-    """The claim against one filter: z in its favor, of the parts and under stress too; how far off."""
+class _Test(NamedTuple):
+    """A claim against one filter of its right side, or against its factor if there is none."""
 
     claim: Claim
     right: str
-    z: float
-    parts: list[float]
-    stressed: list[float]
-    off: _Margin
+    term: RunEstimate
+    """the left side, less the right one"""
+    edge: float
+    """value of the term from which the claim holds"""
+    target: float
+    """what an equality is relative to"""
+
+    def in_favor(self, term: RunEstimate) -> float:
+        """Return z of the claim by a term of all runs, or of some of them."""
+        claim = self.claim
+        if claim.relation != "~":
+            z = term.z(self.edge)
+            return -z if claim.relation == "<" else z
+        # left ~ right: tolerance |target| - |difference|
+        margin = claim.tolerance * abs(self.target) - abs(term.value - self.edge)
+        if isinstance(term, OfSteps):
+            return term.z(term.value - margin)
+        return z_score(Estimate(margin, term.stderr))
 
 
-def _score(evidence: Evaluator, claim: Claim, right: str) -> _Score:
-    """Return the claim against one filter of its right side, or against its factor if there is none."""
-    off = _margin(evidence, claim, right)
-    parts, stressed = (
-        [off._replace(term=term).in_favor(claim) for term in terms]
-        for terms in (off.term.parts(evidence.results.batches), off.term.stressed())
-    )
-    return _Score(claim, right, off.in_favor(claim), parts, stressed, off)
-
-
-def _margin(expressions: Evaluator, claim: Claim, right: str) -> _Margin:
+def _test(expressions: Evaluator, claim: Claim, right: str) -> _Test:
     left, *others = claim.sides(right)
     if not others:
         term = expressions.of_steps(left) or expressions.term(left)
-        return _Margin(term, claim.factor, claim.factor)
+        return _Test(claim, right, term, claim.factor, claim.factor)
     target = claim.factor * expressions.term(others[0]).value
-    return _Margin(expressions.difference(left, others[0], claim.factor), 0.0, target)
+    term = expressions.difference(left, others[0], claim.factor)
+    return _Test(claim, right, term, 0.0, target)
 
 
-def _why(whole: Evaluator, score: _Score) -> str:
-    """Return both sides of a comparison, in words."""
-    claim, right = score.claim, score.right
+def _weakest(tests: list[_Test], terms: list[list[RunEstimate]], steps: int) -> list[float]:
+    """Return z of the weakest test by each part of the runs; none unless every test has parts."""
+    found = []
+    for part in zip(*terms, strict=True) if all(terms) else ():
+        zs = [test.in_favor(term) for test, term in zip(tests, part, strict=True)]
+        found.append(rules.weakest(zs, steps))
+    return found
+
+
+def _why(whole: Evaluator, test: _Test) -> str:
+    """Return both sides of a test, in words."""
+    claim, right = test.claim, test.right
     why = [_in_words(side.filter, whole.term(side)) for side in claim.sides(right)]
-    why += [] if right else [f"{score.off.target:g}"]
-    return noted(", ".join(why), score.off.term.why)
+    why += [] if right else [f"{test.target:g}"]
+    return noted(", ".join(why), test.term.why)
 
 
-def _significance(verdict: Verdict, needed: float) -> str:
+def _significance(verdict: Verdict) -> str:
     """Return that an inconclusive claim is significant by the rule for filters, if it is."""
     z = verdict.z
-    if verdict.word != UNDECIDED or not two_sided(z) < rules.LEVEL or abs(z) >= needed:
+    if verdict.word != UNDECIDED or not (rules.is_significant(z) and verdict.is_short):
         return ""
-    way = "" if z > 0.0 else "against it "
-    return f"{way}significant at {100 * rules.LEVEL:g} %, z {z:+.1f}; a verdict takes {needed:g}"
+    way, level = "" if z > 0.0 else "against it ", f"{100 * rules.LEVEL:g} %"
+    return f"{way}significant at {level}, z {z:+.1f}; a verdict takes {verdict.needed:g}"
 
 
-def _size(evidence: Evaluator, score: _Score) -> str:
+def _size(evidence: Evaluator, test: _Test) -> str:
     """Return that the printed size of a difference lies outside its 95 % interval, if it does."""
-    claim = score.claim
-    if claim.printed is None or not score.right or claim.expression is None:
+    claim = test.claim
+    if claim.printed is None or not test.right or claim.expression is None:
         return ""
-    ratio = quotient(*(evidence.term(side) for side in claim.sides(score.right)))
+    ratio = quotient(*(evidence.term(side) for side in claim.sides(test.right)))
     low, high = gain(ratio).interval()
     if low <= claim.printed <= high or isnan(low + high):
         return ""
@@ -163,12 +148,12 @@ def _size(evidence: Evaluator, score: _Score) -> str:
     return f"{limit} % (95 %), printed {claim.printed:g}"
 
 
-def _of_steps(weakest: _Score, found: list[_Score]) -> str:
-    """Return the weakest of comparisons at many steps, and how many are significant."""
+def _of_steps(weakest: _Test, zs: list[float]) -> str:
+    """Return the weakest of tests at many steps, and how many are significant."""
     steps = weakest.claim.expression and weakest.claim.expression.steps
-    surely = sum(score.z >= rules.DECIDED for score in found)
+    surely = sum(rules.decided(z) > 0 for z in zs)
     where = f"at step {steps.first}; " if steps else ""
-    return f"{where}{surely} of {len(found)} comparisons hold by themselves"
+    return f"{where}{surely} of {len(zs)} comparisons hold by themselves"
 
 
 def _in_words(label: str, term: RunEstimate) -> str:
@@ -183,7 +168,7 @@ def _loses_more(expressions: Evaluator, claim: Claim, right: str) -> str:
     filters = sum(metric == "lost" for _, metric in expressions.runs)
     if claim.relation != better or a is None or b is None:
         return ""
-    if not loses_more(a, b, filters):
+    if not rules.loses_more(a, b, filters):
         return ""
     mine = counted(int((a > 0).sum()), "run")
     return f"{claim.left} loses {mine}, {right} {int((b > 0).sum())}"

@@ -17,16 +17,15 @@ from trackbench.report.results import Results
 from trackbench.report.table import Text, TextTable, rounded
 from trackbench.report.verdicts.claims import ClaimVerdict, noted
 from trackbench.report.verdicts.cpu_times import time_verdicts, write_time_verdicts
-from trackbench.report.verdicts.numbers import Compared, Comparison, Ranked, Reproduced
+from trackbench.report.verdicts.numbers import Compared, Ranked, Reproduced, Verdicts
 from trackbench.results.folder_contents import DIGITS, TIME_VERDICTS
 from trackbench.statistics.rules import (
     DECIDED,
     HOW_DECIDED,
     MEANINGS,
-    SURE,
     UNDECIDED,
     Verdict,
-    runs_needed,
+    runs_that_decide,
 )
 
 _VERBS = ("agrees", "differs", "holds", "fails")
@@ -69,7 +68,7 @@ def parts(found: Iterable[Compared | ClaimVerdict]) -> list[Tally]:
     ]
 
 
-def bars(comparison: Comparison) -> list[Bar]:
+def bars(comparison: Verdicts) -> list[Bar]:
     """Return a bar of the numbers, one of the words on a bias, one of the claims, without empty ones."""
     best, claims = [number.best for number in comparison.numbers], comparison.claims
     # Words on a bias are counted apart from numbers.
@@ -98,7 +97,7 @@ CLAIM_HEADER = [
 FILES = ("comparison.csv", "comparison.md", "claims.csv")
 
 
-def write_comparison(results: Results, comparison: Comparison) -> None:
+def write_comparison(results: Results, comparison: Verdicts) -> None:
     """Write the verdicts, or take away old ones if nothing is published about the experiment."""
     folder = results.target
     write_time_verdicts(results)
@@ -118,7 +117,7 @@ def write_paired(results: Results) -> None:
     write_csv(results.target / "paired.csv", [*results.grid, *COLUMNS], rows)
 
 
-def number_rows(comparison: Comparison) -> list[dict[str, object]]:
+def number_rows(comparison: Verdicts) -> list[dict[str, object]]:
     """Return rows of comparison.csv: every reading of every number, the best ones marked."""
     rows: list[dict[str, object]] = []
     # A number counts by its best reading; every reading is a row.
@@ -135,7 +134,7 @@ def number_rows(comparison: Comparison) -> list[dict[str, object]]:
     return rows
 
 
-def claim_rows(comparison: Comparison) -> list[dict[str, object]]:
+def claim_rows(comparison: Verdicts) -> list[dict[str, object]]:
     """Return rows of claims.csv."""
     rows = []
     for judged in comparison.claims:
@@ -150,7 +149,7 @@ def _yes(flag: bool) -> str:
     return "yes" if flag else "no"
 
 
-def summary_lines(comparison: Comparison) -> list[str]:
+def summary_lines(comparison: Verdicts) -> list[str]:
     """Return a line each on numbers, counted once, words on a bias, claims, and numbers left out."""
     lines = [bar.words for bar in bars(comparison)]
     tried = [number for number in comparison.numbers if number.readings > 1]
@@ -164,7 +163,7 @@ def summary_lines(comparison: Comparison) -> list[str]:
     return lines
 
 
-def markdown(results: Results, comparison: Comparison) -> str:
+def markdown(results: Results, comparison: Verdicts) -> str:
     """Return counts, published numbers per table, rank agreement, claims."""
     counts = "\n".join(f"- {line}" for line in summary_lines(comparison))
     parts = [f"# Published and measured: {results.title}", counts]
@@ -187,7 +186,7 @@ def _explained(table: TextTable, verdicts: Sequence[Verdict]) -> TextTable:
     return table
 
 
-def verdict_tables(comparison: Comparison) -> list[TextTable]:
+def verdict_tables(comparison: Verdicts) -> list[TextTable]:
     """Return numbers per published table, agreement of orders, claims, numbers left out."""
     tables = _number_tables(comparison)
     tables += [_rank_table(comparison.ranks)] if comparison.ranks else []
@@ -195,7 +194,7 @@ def verdict_tables(comparison: Comparison) -> list[TextTable]:
     return [*tables, _left_out_table(comparison)] if comparison.left_out else tables
 
 
-def _number_tables(comparison: Comparison) -> list[TextTable]:
+def _number_tables(comparison: Verdicts) -> list[TextTable]:
     """Return a table of verdicts per published table, and of those with several readings all of them."""
     places: dict[str, list[Reproduced]] = {}
     for number in comparison.numbers:
@@ -242,18 +241,9 @@ def _parts(verdict: Verdict) -> str:
 
 def _claim_table(claims: list[ClaimVerdict]) -> TextTable:
     """Return claims with verdict and z."""
-    table = TextTable(
-        "Claims (z: standard errors in the claim's favor, weakest comparison)",
-        [
-            "Claim",
-            "Verdict",
-            "z",
-            "z without a batch",
-            "Paired",
-            "Weakest comparison; note",
-            "Source",
-        ],
-    )
+    title = "Claims (z: standard errors in the claim's favor, weakest comparison)"
+    heads = ["Claim", "Verdict", "z", "z without a batch", "Paired", "Weakest comparison; note"]
+    table = TextTable(title, [*heads, "Source"])
     for row in claims:
         source, z = f"{row.claim.paper}, {row.claim.source}".rstrip(", "), row.verdict.z
         cells = [row.claim.claim, row.verdict.word, _z(z), _parts(row.verdict), _yes(row.paired)]
@@ -272,19 +262,13 @@ def _rank_table(ranks: list[Ranked]) -> TextTable:
     return table
 
 
-def _left_out_table(comparison: Comparison) -> TextTable:
+def _left_out_table(comparison: Verdicts) -> TextTable:
     """Return the printed numbers that nothing here measures, with the reason."""
-    rows = [
-        [
-            Text(f"{p.paper}, {p.table}"),
-            Text(p.filter),
-            Text(_place(p)),
-            Text(printed(p)),
-            Text(p.note),
-        ]
-        for p in comparison.left_out
-    ]
-    return TextTable("Left out", ["Table", "Filter", "Metric", "Published", "Why"], rows)
+    table = TextTable("Left out", ["Table", "Filter", "Metric", "Published", "Why"])
+    for p in comparison.left_out:
+        cells = f"{p.paper}, {p.table}", p.filter, _place(p), printed(p), p.note
+        table.rows.append([*map(Text, cells)])
+    return table
 
 
 def _place(number: PublishedNumber) -> str:
@@ -319,7 +303,7 @@ _MOST_REASONS = 5
 """Longer lists are cut; comparison.md has all verdicts."""
 
 
-def reasons(comparison: Comparison, runs: int) -> list[str]:
+def reasons(comparison: Verdicts, runs: int) -> list[str]:
     """Return why numbers and claims are inconclusive, a line each; ``runs`` of each filter."""
     lines = [
         f"inconclusive: {_name_of_row(row)}: {_reason(row, runs)}"
@@ -332,7 +316,7 @@ def reasons(comparison: Comparison, runs: int) -> list[str]:
     return [*lines[:_MOST_REASONS], f"inconclusive: {more} more: comparison.md"]
 
 
-def _judged_rows(comparison: Comparison) -> Iterator[Compared | ClaimVerdict]:
+def _judged_rows(comparison: Verdicts) -> Iterator[Compared | ClaimVerdict]:
     yield from (number.best for number in comparison.numbers)
     yield from comparison.claims
 
@@ -344,39 +328,19 @@ def _name_of_row(row: Compared | ClaimVerdict) -> str:
 
 
 def _reason(row: Compared | ClaimVerdict, runs: int) -> str:
-    verdict = row.verdict
-    z, needed = abs(verdict.z), _needed(row, verdict.z)
+    verdict, z = row.verdict, abs(row.verdict.z)
     if not isfinite(z) or (isinstance(row, Compared) and row.published.chosen):
         return row.note or "no standard error"
-    if needed is None:
+    if isnan(verdict.needed):
         return f"neither within its margin nor beyond it by {DECIDED:g} standard errors"
-    # Too few standard errors over all runs.
-    if z < needed:
-        text = f"{z:.2f} standard errors, and {needed:g} decide"
-        if z < _NO_SIGN:
+    if verdict.is_short:
+        text = f"{z:.2f} standard errors, and {verdict.needed:g} decide"
+        if not verdict.has_sign:
             return f"{text}; no sign of a difference"
-        most = runs_needed(runs, z, exact=needed == SURE)
-        what = (
-            f"{run_count(most)} runs"
-            if runs > 1
-            else f"a recording {run_count(most)} times as long"
-        )
+        more = run_count(runs_that_decide(runs, z, verdict.needed))
+        what = f"{more} runs" if runs > 1 else f"a recording {more} times as long"
         return f"{text}; a difference as large as measured needs about {what}"
-    # Enough over all runs, and too few without one of the batches.
-    least = min(verdict.parts, key=abs, default=verdict.z)
-    if abs(least) < SURE or least * verdict.z < 0.0:
-        return (
-            f"{z:.1f} standard errors over all runs, but {abs(least):.1f} without one batch of them"
-        )
-    return row.note
-
-
-_NO_SIGN = 0.5
-"""Standard errors below which a measured difference says nothing about its size."""
-
-
-def _needed(row: Compared | ClaimVerdict, z: float) -> float | None:
-    """Return the standard errors that decide; None of a bias, which is compared with a margin."""
-    if isinstance(row, Compared):
-        return None if isinstance(row.published.value, str) else DECIDED
-    return SURE if row.is_exact or (z > 0.0 and row.claim.relation == "~") else DECIDED
+    part = verdict.weak_part
+    if part is None:
+        return row.note
+    return f"{z:.1f} standard errors over all runs, but {abs(part):.1f} without one batch of them"

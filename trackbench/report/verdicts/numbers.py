@@ -1,6 +1,6 @@
 """Does it reproduce? Published numbers and claims against a results folder.
 
-The rules are in `agreement`: all runs together, and without each of the experiment's batches.
+The rule is in `statistics.rules`: all runs together, and without each of the experiment's batches.
 """
 
 from collections import defaultdict
@@ -68,7 +68,7 @@ class Reproduced(NamedTuple):
 
 
 @dataclass(frozen=True, repr=False)
-class Comparison:
+class Verdicts:
     """Everything that is published about one experiment, with verdicts."""
 
     rows: list[Compared]
@@ -79,7 +79,7 @@ class Comparison:
 
     def __repr__(self) -> str:
         numbers, claims = counted(len(self.numbers), "number"), counted(len(self.claims), "claim")
-        return f"<Comparison of {numbers} and {claims}>"
+        return f"<Verdicts on {numbers} and {claims}>"
 
     @cached_property
     def numbers(self) -> list[Reproduced]:
@@ -98,14 +98,14 @@ def _rank(row: Compared) -> tuple[int, float]:
     return NUMBER_WORDS.index(row.verdict.word), off
 
 
-def compare(results: Results) -> Comparison:
+def compare(results: Results) -> Verdicts:
     """Hold the results against what is published about the experiment."""
     published, at = without_times(results.published), cache(partial(evidence_at, results))
     left_out = [number for number in published.numbers if not number.labels]
     measured = [number for number in published.numbers if number.labels]
     rows = [row for number in measured for row in _readings(number, at(number.point))]
     claims = [judge(claim, at(claim.point)) for claim in published.claims]
-    return Comparison(rows, claims, list(rank_agreement(rows)), left_out)
+    return Verdicts(rows, claims, list(rank_agreement(rows)), left_out)
 
 
 def rank_agreement(rows: list[Compared]) -> Iterator[Ranked]:
