@@ -16,7 +16,7 @@ from trackbench.report.figures.over_time import Curves
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import joined, named, percent, verb
 from trackbench.report.kinds import FigureKind
-from trackbench.report.plotting import style
+from trackbench.report.plotting import style, svg_file
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.results import Results
 from trackbench.report.tables.calibration import (
@@ -161,6 +161,7 @@ class Reliability(Curves):
                 level, share, error, runs = _coverage(results, point, label, self.metric)
                 if runs:
                     ax.plot(level, share, label=label, **look)
+                    svg_file.set_stderr(ax, label, error)
                     low, high = share - 2 * error, share + 2 * error
                     ax.vlines(level, low, high, color=look["color"], label=f"_{label}")
                     most = max(most, runs)

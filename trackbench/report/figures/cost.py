@@ -131,8 +131,8 @@ class AccuracyVsCost(FigureKind):
     def _curve(self, ax: Axes, curve: Curve, look: LineStyle) -> None:
         x, y = _values(curve.spots)
         ax.plot(x[0], y[0], markersize=3.5, label=curve.name, **look)
-        bars = {"fmt": "none", "color": look["color"], "elinewidth": 0.8, "capsize": 1.5}
-        ax.errorbar(x[0], y[0], 2.0 * y[1], 2.0 * x[1], **bars)
+        bars = {"elinewidth": 0.8, "capsize": 1.5, "xerr": 2.0 * x[1]}
+        style.error_bars(ax, x[0], y[0], y[1], curve.name, look["color"], **bars)
         for spot in curve.spots if not curve.is_fixed else ():
             place = (MICRO * spot.cost.value, spot.error.value)
             ax.annotate(phrases.number(spot.size), place, (2.5, 2.5), textcoords="offset points",

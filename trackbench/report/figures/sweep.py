@@ -118,9 +118,7 @@ class RmseVsParameter(FigureKind):
             ax.axhline(y[0], label=label, **look | {"linewidth": 0.9})
             return
         ax.plot(x, y, label=label, **look)
-        bars = 2.0 * stderr
-        ax.errorbar(x, y, bars, fmt="none", color=look["color"], capsize=1.5, elinewidth=0.8,
-                    label=f"_{label}")  # fmt: skip
+        style.error_bars(ax, x, y, stderr, label, look["color"], capsize=1.5, elinewidth=0.8)
 
 
 def _common_number(value: object) -> float | None:
@@ -306,14 +304,13 @@ def _line(
     if not varied:
         ax.axhline(rows[0][-2], label=label, **look | {"linewidth": 0.9})
         return
-    x = [row[0] if words is None else words.index(row[0]) for row in rows]
+    x = np.array([row[0] if words is None else words.index(row[0]) for row in rows], dtype=float)
     y, stderr = (np.array([row[i] for row in rows], dtype=float) for i in (-2, -1))
-    bars = np.where(np.isfinite(stderr), 2.0 * stderr, 0.0)
     ax.plot(x, y, label=label, marker="o", markersize=3, **look)
-    more: Any = {"color": look["color"], "label": f"_{label}"}
-    ax.errorbar(x, y, bars, fmt="none", capsize=2, **more)
+    style.error_bars(ax, x, y, stderr, label, look["color"], capsize=2)
     if not any(map(is_of_scenario, held.paths)):
         best = best_place(y, metric)
+        more: Any = {"color": look["color"], "label": f"_{label}"}
         ax.plot(x[best], y[best], "o", markersize=6, zorder=3, **more)
 
 

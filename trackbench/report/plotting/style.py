@@ -15,7 +15,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.report.findings import phrases
-from trackbench.report.html import svg
+from trackbench.report.plotting import svg_file
 from trackbench.report.plotting.page_formats import sheet
 from trackbench.results.point_facts import GridPoint
 
@@ -104,11 +104,7 @@ def error_band(
     A band; where there are more than three, which would lie over each other to a gray, bars at some
     of the x, no two lines' at the same. On a logarithmic axis none reaches below a tenth of the value.
     """
-    from trackbench.report.plotting.canvas import Canvas
-
-    figure = ax.get_figure()
-    if isinstance(figure, Canvas):
-        figure.errors[ax, look["label"]] = (x, stderr)
+    svg_file.set_stderr(ax, look["label"], stderr)
     low, high = value - 2 * stderr, value + 2 * stderr
     if log:
         low = np.maximum(low, 0.1 * value)
@@ -121,6 +117,14 @@ def error_band(
     chosen = slice(place * every // places, None, every)
     ax.vlines(x[chosen], low[chosen], high[chosen], linewidth=1.0, **whose)
     ax.plot([], [], linestyle="", color="#888888", marker="|", markersize=8, label=SPREAD)
+
+
+def error_bars(
+    ax: Axes, x: Array, value: Array, stderr: Array, label: str, color: str, **look: Any
+) -> None:
+    """Draw two standard errors as a bar at each point of the line ``label``, for the page too."""
+    svg_file.set_stderr(ax, label, stderr)
+    ax.errorbar(x, value, 2.0 * stderr, fmt="none", color=color, label=f"_{label}", **look)
 
 
 def with_gaps(steps: Array, *series: Array) -> tuple[Array, ...]:
@@ -267,8 +271,9 @@ def content(figure: Figure, form: str) -> bytes:
     """Return the figure as a file's content in one of the `FORMATS`."""
     if form != "svg":
         return saved(figure, form)
-    labels = svg.mark(figure)
-    return svg.marked(svg.compact(saved(figure, form).decode()), figure, labels).encode()
+    labels = svg_file.mark(figure)
+    svg = svg_file.compact(saved(figure, form).decode())
+    return svg_file.marked(svg, figure, labels).encode()
 
 
 def lay_out(figure: Figure) -> Figure:

@@ -1,5 +1,5 @@
-// Figures one can ask: hide a filter, read a value, zoom, linear or logarithmic. All of it is done on the
-// shapes that matplotlib drew: `data-live` says where the axes are, `data-of` whose a shape is.
+// Interactive figures: hide a filter, read a value, zoom, linear or logarithmic. `data-live` has the axes and
+// the values of the curves, `data-of` the curve of a shape. Zooming moves the shapes that matplotlib drew.
 (() => {
   const NS = "http://www.w3.org/2000/svg";
   const forward = (axis, value) => (axis.log ? Math.log10(Math.max(value, 1e-300)) : value);
@@ -48,14 +48,12 @@
       }
       const clip = this.shapes[0]?.element.getAttribute("clip-path") ?? this.shapes[0]?.element.parentNode.getAttribute("clip-path");
       for (const image of this.root.querySelectorAll("image")) this.keepImage(image, clip);
-      this.curves = [];
-      for (const shape of this.shapes) {
-        const owner = shape.element.closest("[data-of]");
-        if (!owner || !shape.path || this.curves.some((curve) => curve.owner === owner)) continue;
-        const points = shape.path.flatMap(([, at]) => at);
-        if (shape.path.some(([letter]) => letter === "z") || points.length < 3) continue;
-        this.curves.push({ owner, number: +owner.dataset.of, points, color: shape.element.style.stroke });
-      }
+      let abscissas;  // of the curve before, if one has none; an SVG of an older version has no curves
+      this.curves = (told.curves ?? []).map(({ of, color, x, y, stderr = [] }) => {
+        abscissas = x ?? abscissas;
+        const points = abscissas.map((value, i) => [value, y[i]]);
+        return { number: of, color, points, stderr };
+      });
       this.single = this.curves.every(({ points }) => points.every((p, i) => !i || p[0] >= points[i - 1][0]));
     }
     keep(element) {
@@ -79,17 +77,14 @@
       const { views } = this.figure;
       return [views[this.told.x.group], views[this.told.y.group]];
     }
-    // What was read off the drawing, and where it stands now.
-    value([x, y]) {
-      const [left, top, right, bottom] = this.box;
-      return [valueAt(this.told.x, left, right, x), valueAt(this.told.y, bottom, top, y)];
-    }
+    // The place of a value in the present view, and that of a point of the original drawing.
     now([x, y]) {
       const [left, top, right, bottom] = this.box, [across, up] = this.axes();
       return [place(across, left, right, x), Math.min(place(up, bottom, top, y), bottom + 1e4)];
     }
-    moved(point) {
-      return this.now(this.value(point));
+    moved([x, y]) {
+      const [left, top, right, bottom] = this.box;
+      return this.now([valueAt(this.told.x, left, right, x), valueAt(this.told.y, bottom, top, y)]);
     }
     draw() {
       const [across, up] = this.axes(), as = (view, told) => view.log === told.log && view.ends.every((end, i) => end === told.ends[i]);
@@ -135,28 +130,15 @@
       const [left, top, right, bottom] = this.box;
       return x >= left && x <= right && y >= top && y <= bottom;
     }
-    // The standard error of a curve at a point of its own.
-    error({ number }, x) {
-      const [values, errors] = this.told.errors[number] ?? [[], []], [left, , right] = this.box;
-      return errors[values.findIndex((value) => Math.abs(place(this.told.x, left, right, value) - x) < 0.05)];
-    }
-    // What the curves say at the abscissa of a point of the drawing; of tracks, the nearest point.
+    // The values of all curves at the abscissa nearest to a point of the drawing; of tracks, the nearest value.
     read([x, y]) {
-      const found = [], shown = this.curves.filter(({ number }) => !this.figure.hidden.has(number));
-      const placed = shown.map((curve) => [curve, curve.points.map((point) => this.moved(point))]);
+      const shown = this.curves.filter(({ number }) => !this.figure.hidden.has(number));
+      const placed = shown.map((curve) => [curve, curve.points.map((point) => this.now(point))]);
       const [, snapped] = nearest(placed.flatMap(([, points]) => points), (at) => (this.single ? Math.abs(at[0] - x) : Math.hypot(at[0] - x, at[1] - y)));
-      for (const [curve, points] of snapped ? placed : []) {
-        if (!this.single) {
-          const i = points.indexOf(snapped);
-          if (i >= 0) found.push({ curve, at: snapped, value: this.value(curve.points[i]) });
-          continue;
-        }
-        const i = points.findIndex((at) => at[0] >= snapped[0] - 1e-6);
-        if (i < 0 || (i === 0 && points[0][0] > snapped[0] + 1e-6)) continue;  // it does not reach so far
-        const here = points[i][0] - snapped[0] < 1e-6 ? 1 : (snapped[0] - points[i - 1][0]) / (points[i][0] - points[i - 1][0]);
-        const between = (list) => (here === 1 ? list[i] : list[i].map((b, k) => list[i - 1][k] + here * (b - list[i - 1][k])));
-        const error = here === 1 ? this.error(curve, curve.points[i][0]) : undefined;
-        found.push({ curve, at: between(points), value: this.value(between(curve.points)), error });
+      const found = [];
+      for (const [curve, points] of placed) {
+        const i = points.findIndex((at) => (this.single ? Math.abs(at[0] - snapped[0]) < 0.05 : at === snapped));
+        if (i >= 0) found.push({ curve, at: points[i], value: curve.points[i], error: curve.stderr[i] });
       }
       return found.sort((a, b) => b.value[1] - a.value[1]);
     }
@@ -247,13 +229,11 @@
         view.ends = [...y.ends];
         if (!view.log) view.ends[0] = Math.min(0, view.ends[0]);
         if (!view.log || y.log) continue;
-        let least = Infinity;
-        for (const panel of this.panels) {
-          if (panel.told.y.group !== y.group) continue;
-          const floor = 0.02 * (panel.box[3] - panel.box[1]) / 100;  // what is nearer to zero than the drawing tells
-          for (const curve of panel.curves) for (const p of curve.points) if (panel.box[3] - p[1] > floor) least = Math.min(least, panel.value(p)[1]);
-        }
-        view.ends[0] = least > 0 && least < view.ends[1] ? 0.9 * least : 1e-3 * view.ends[1];
+        const rounding = 1e-12 * view.ends[1];
+        const curves = this.panels.filter((panel) => panel.told.y.group === y.group).flatMap((panel) => panel.curves);
+        const values = curves.flatMap(({ points }) => points.map(([, value]) => value)).filter((value) => value > rounding);
+        const least = values.reduce((a, b) => Math.min(a, b), Infinity);
+        view.ends[0] = least < view.ends[1] ? 0.9 * least : 1e-3 * view.ends[1];
       }
     }
     keys() {
@@ -345,7 +325,7 @@
       event.preventDefault();
       const shown = panel.curves.find(({ number }) => !this.hidden.has(number));
       if (!shown) return;
-      const places = shown.points.map((p) => panel.moved(p)).filter((p) => panel.inside([p[0], panel.box[1]]));
+      const places = shown.points.map((p) => panel.now(p)).filter((p) => panel.inside([p[0], panel.box[1]]));
       const now = this.last ? places.findIndex((p) => p[0] >= this.last.x - 0.01) : step > 0 ? -1 : places.length;
       const next = places[Math.min(Math.max(now + step, 0), places.length - 1)];
       if (next) this.read(panel, next);
@@ -363,13 +343,13 @@
       for (const row of rows) if (panel.inside(row.at)) node("circle", { cx: row.at[0], cy: row.at[1], r: 2.2, fill: row.curve.color }, this.cursor);
       const lines = rows.map(({ curve, value, error }) => {
         const line = document.createElement("div"), dot = document.createElement("i"), number = document.createElement("b");
-        dot.style.background = curve.color;
+        dot.style.backgroundColor = curve.color;
         number.textContent = panel.single ? withError(value[1], error) : value.map(digits).join(", ");
         line.append(dot, `${this.told.labels[curve.number]} `, number);
         return line;
       });
       const head = document.createElement("div");
-      head.textContent = panel.single ? `at ${zero && Math.abs(first / zero - 1) < 0.01 ? 0 : digits(first)}` : "nearest point";
+      head.textContent = panel.single ? `at ${first === zero ? 0 : digits(first)}` : "nearest point";
       this.note.replaceChildren(head, ...lines);
       const home = this.element.getBoundingClientRect(), corner = new DOMPoint(x, Math.max(at[1], top)).matrixTransform(this.svg.getScreenCTM());
       const room = home.width - this.note.offsetWidth - 4, beside = corner.x - home.left + 14;
