@@ -117,8 +117,8 @@ class Bias(OverTime):
                 lines = list(self.lines(results, point, metric))
                 for i, (rows, look) in enumerate(lines):
                     k, value, stderr = self.series(rows)
-                    ax.plot(k, value, **look)
-                    style.error_band(ax, k, value, stderr, look, i, len(lines))
+                    if style.filter_line(ax, k, value, look):
+                        style.error_band(ax, k, value, stderr, look, i, len(lines))
                 if self.linear_within is not None:
                     ax.set_yscale("symlog", linthresh=self.linear_within)
         for ax, head in zip(panels[0][0], self.rows, strict=True):

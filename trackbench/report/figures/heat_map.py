@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -60,12 +61,8 @@ class HeatMap(FigureKind):
 
     def _shown_pairs(self, results: Results) -> list[Pair]:
         labels = results.chosen(self.filters)
-        found = [
-            p
-            for _, pairs in results.pairs
-            for p in pairs
-            if measured(p.metric).metric == self.metric.name
-        ]
+        every = chain.from_iterable(pairs for _, pairs in results.pairs)
+        found = [p for p in every if measured(p.metric).metric == self.metric.name]
         return [p for p in found if {p.filter_a, p.filter_b} <= {*labels}]
 
     def draw(self, results: Results) -> Figure:
@@ -77,17 +74,20 @@ class HeatMap(FigureKind):
         points = results.points()
         columns = list(dict.fromkeys(point[x] for point in points))
         if self.y is None:
-            rows = [[self._cell(results, {x: c}, b) for c in columns] for b in labels]
+            rows = [self._row(results, x, columns, {}, label) for label in labels]
             names = [style.wrap_label(b) for b in labels]
             return self._panels(results.axis(x), columns, "", names, {"": np.array(rows)})
         levels = list(dict.fromkeys(point[self.y] for point in points))
-        panels = {
-            b: np.array(
-                [[self._cell(results, {x: c, self.y: r}, b) for c in columns] for r in levels]
-            )
-            for b in labels
-        }
+        panels = {}
+        for label in labels:
+            rows = [self._row(results, x, columns, {self.y: r}, label) for r in levels]
+            panels[label] = np.array(rows)
         return self._panels(results.axis(x), columns, results.axis(self.y), levels, panels)
+
+    def _row(
+        self, results: Results, x: str, columns: list[Any], rest: GridPoint, label: str
+    ) -> list[float]:
+        return [self._cell(results, {x: value, **rest}, label) for value in columns]
 
     def _cell(self, results: Results, wanted: GridPoint, label: str) -> float:
         points = points_of(results, wanted)
@@ -113,7 +113,9 @@ class HeatMap(FigureKind):
             _ticks(ax, names, [phrases.number(v) for v in levels], cell_in)
             ax.set_title(style.wrap_label(name))
             ax.set_xlabel(x)
-            _numbers(ax, values, [[f"{v:.3g}" for v in row] for row in values], image, cell_in)
+            texts = [[f"{v:.3g}" for v in row] for row in values]
+            if _has_room(texts, cell_in):
+                write_cells(ax, values, texts, image)
         axes[0][0].set_ylabel(y)
         figure.colorbar(image, ax=list(axes[:, 0]), label=self.bar_label or str(self.metric))
         style.title(figure, self.title)
@@ -132,7 +134,8 @@ class HeatMap(FigureKind):
         for tick in ax.get_xticklabels():
             tick.set_ha("right")
         texts = [[f"{v:+.1f}" if abs(v) < 100 else f"{v:+.0f}" for v in r] for r in z]
-        _numbers(ax, z, texts, image, (sheet().width_in - 2.5) / len(labels))
+        if _has_room(texts, (sheet().width_in - 2.5) / len(labels)):
+            write_cells(ax, z, texts, image)
         ax.set(xlabel="less that of this filter", ylabel=f"{self.metric.name} of this filter")
         style.title(figure, self.title)
         figure.colorbar(image, ax=ax, extend="both", label="z (blue: left is smaller)")
@@ -149,14 +152,18 @@ def _ticks(ax: Axes, columns: list[str], rows: list[str], cell_in: float) -> Non
     ax.tick_params(length=0)
 
 
-def _numbers(ax: Axes, values: Array, texts: list[list[str]], image: Any, cell_in: float) -> None:
-    """Write the numbers into the cells, black or white; none if there is no room."""
-    if max(len(text) for row in texts for text in row) * _DIGIT_IN > cell_in:
-        return
+def _has_room(texts: list[list[str]], cell_in: float) -> bool:
+    return max(max(map(len, row)) for row in texts) * _DIGIT_IN <= cell_in
+
+
+def write_cells(
+    ax: Axes, values: Array, texts: list[list[str]], image: Any, size: float = 6.5
+) -> None:
+    """Write the texts of finite values (rows, columns) into the cells, black or white."""
     colors = image.cmap(image.norm(values))
     for (i, j), value in np.ndenumerate(values):
         if np.isfinite(value):
             r, g, b, _ = colors[i, j]
             dark = 0.299 * r + 0.587 * g + 0.114 * b < 0.5
-            ax.text(j, i, texts[i][j], ha="center", va="center", fontsize=6.5,
-                    color="white" if dark else "black")  # fmt: skip
+            look = {"fontsize": size, "color": "white" if dark else "black"}
+            ax.text(j, i, texts[i][j], ha="center", va="center", **look)

@@ -98,7 +98,8 @@ class Autocorrelation(Curves):
             for label, look in self.labels(results):
                 if (label, "innovations") in found:
                     value = [_mean(found.get((label, f"autocorrelation_{lag}"))) for lag in lags]
-                    ax.plot(lags, value, marker="o", markersize=3, **{"label": label, **look})
+                    look = {"label": label, "marker": "o", "markersize": 3, **look}
+                    style.filter_line(ax, lags, np.array(value), look)
                     widths.append(autocorrelation_band(found[label, "innovations"]))
             if widths and min(widths) < np.inf:
                 ax.axhspan(-min(widths), min(widths), label="95 % band", **style.BAND)

@@ -21,7 +21,6 @@ from trackbench.report.result_files import Columns
 from trackbench.report.results import Results
 from trackbench.results.point_facts import GridPoint
 
-_ROUNDING = 1e-12
 _MOST_CURVES, _MOST_STEPS = 5, 150
 """Most filters, or most steps, that are drawn in one panel."""
 
@@ -182,8 +181,7 @@ class OverTime(Curves):
         if label in titles and label != title:
             style.gray_line(ax, x, y, steps)
             return False
-        ax.plot(x, y, **look | {"linestyle": "-"} if label == title else look)
-        return True
+        return style.filter_line(ax, x, y, look | {"linestyle": "-"} if label == title else look)
 
 
 @register("figures", "rmse-vs-time")
@@ -221,8 +219,7 @@ class RmseVsTime(OverTime):
             for i, (rows, look) in enumerate(lines):
                 k, value, stderr = self.series(rows)
                 if self.log and scales.has_logarithm(value):
-                    # What is known exactly, as a first state may be, has only rounding for an error.
-                    value = np.where(value > _ROUNDING * np.nanmax(value), value, np.nan)
+                    value = scales.without_rounding(value)  # as the error of a known first state
                 if self.curve(ax, (k, value), look, title, titles):
                     style.error_band(ax, k, value, stderr, look, i, number, self.log)
         return self.finish(figure, titles)

@@ -10,6 +10,7 @@ from trackbench.evaluation.metric_expression import OfRun, measure
 from trackbench.registry import register
 from trackbench.report.figures.over_time import Curves
 from trackbench.report.findings.phrases import ranking
+from trackbench.report.plotting import style
 from trackbench.report.plotting.style import Figure
 from trackbench.report.results import Results
 
@@ -54,11 +55,12 @@ class RmsePerRun(Curves):
             runs = results.runs(point)
             for label, look in self.labels(results):
                 values = runs.get((label, str(self.metric)), np.empty(0))
+                look = look | {"label": label}
                 if self.form == "sorted":
-                    ax.plot(*_in_order(values), label=label, **look)
+                    style.filter_line(ax, *_in_order(values), look)
                     continue
                 number = np.arange(1, len(values) + 1)
-                ax.plot(number, values, label=label, **look | {"linewidth": 0.8})
+                style.filter_line(ax, number, values, look | {"linewidth": 0.8})
         return self.finish(figure)
 
 

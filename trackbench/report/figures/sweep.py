@@ -12,17 +12,15 @@ from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import Measure, OfSummary, measure, measured
 from trackbench.field_types import is_number
 from trackbench.registry import register
+from trackbench.report.figures.heat_map import write_cells
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import mean_of, named, three_digits
 from trackbench.report.findings.ranking import ranking_metrics
 from trackbench.report.kinds import FigureKind
-from trackbench.report.plotting import style
-from trackbench.report.plotting.scales import drawn_values, has_logarithm, plain_log_axis
+from trackbench.report.plotting import scales, style
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.result_files import Columns
 from trackbench.report.results import Results, missing_paths
-
-_GAP = 0.2  # of a decade's factor: where zero stands on a logarithmic axis, left of the least value
 
 
 @register("figures", "rmse-vs-parameter")
@@ -77,48 +75,56 @@ class RmseVsParameter(FigureKind):
     def _shown(self, results: Results) -> tuple[str, Columns]:
         """Return the horizontal axis's path and rows of summary.csv at the other paths' first values."""
         path = self.parameter or results.grid[0]
-        held = {p: v for p, v in results.points()[0].items() if p != path}
-        return path, results.columns("summary", held).where(metric=str(self.metric))
+        first_values = {p: v for p, v in results.points()[0].items() if p != path}
+        return path, results.columns("summary", first_values).where(metric=str(self.metric))
 
     def draw(self, results: Results) -> Figure:
         """Return one panel; other paths of the grid are held at their first values."""
         path, shown = self._shown(results)
         figure, ax = style.subplots(1, 1, 3.6)
-        every_x = _abscissas(results, path, shown)
-        log_x = self.log_x and has_logarithm(every_x)
-        labels = results.chosen(self.filters)
-        for label in labels:
-            rows = shown.where(filter=label)
-            rows = rows.chosen(np.argsort(_abscissas(results, path, rows), kind="stable"))
-            x, y, stderr = _abscissas(results, path, rows), rows["value"], rows["stderr"]
-            shown_x = _moved_zero(x) if log_x else x
-            self._line(ax, shown_x, y, stderr, label, results.line_style(label))
-            if np.isfinite(y).any() and np.ptp(y) != 0.0 and not is_of_scenario(path):
-                best = best_place(y, self.metric)
-                color = results.line_style(label)["color"]
-                ax.plot(shown_x[best], y[best], "o", color=color, markersize=5, zorder=3,
-                        label=f"_{label}")  # fmt: skip
+        x, y, stderr = _abscissas(results, path, shown), shown["value"], shown["stderr"]
+        log_x = self.log_x and scales.has_logarithm(x)
+        places = scales.moved_zero(x) if log_x else x
+        order = np.argsort(places, kind="stable")
+        marked = None if is_of_scenario(path) else self.metric
+        for label in results.chosen(self.filters):
+            rows, look = order[shown["filter"][order] == label], results.line_style(label)
+            if len(rows) and np.ptp(y[rows]) == 0.0:
+                ax.axhline(y[rows[0]], label=label, **look | {"linewidth": 0.9})
+            else:
+                estimates = places[rows], y[rows], stderr[rows]
+                _line(ax, estimates, label, look, marked, 5, capsize=1.5, elinewidth=0.8)
         if log_x:
-            _logarithmic(ax, np.unique(every_x))
+            scales.log_axis_with_zero(ax, np.unique(x))
         if self.log_y:
-            plain_log_axis(ax.yaxis, most=float("inf"))
-        ends = _moved_zero(every_x) if log_x else every_x
-        if not len(drawn_values(ax.xaxis)) and len(np.unique(ends)) > 1:  # horizontal lines alone
-            ax.set_xlim(ends.min(), ends.max())
+            scales.plain_log_axis(ax.yaxis, most=np.inf)
+        has_horizontal_lines_alone = not len(scales.drawn_values(ax.xaxis))
+        if has_horizontal_lines_alone and len(np.unique(places)) > 1:
+            ax.set_xlim(places.min(), places.max())
         ax.set_xlabel(self.x_label or results.axis(path))
         ax.set_ylabel(self.y_label or phrases.error_of(self.metric))
         style.title(figure, self.title)
         style.legend_outside(figure)
         return figure
 
-    def _line(
-        self, ax: Axes, x: Array, y: Array, stderr: Array, label: str, look: LineStyle
-    ) -> None:
-        if len(y) and np.ptp(y) == 0.0:
-            ax.axhline(y[0], label=label, **look | {"linewidth": 0.9})
-            return
-        ax.plot(x, y, label=label, **look)
-        style.error_bars(ax, x, y, stderr, label, look["color"], capsize=1.5, elinewidth=0.8)
+
+def _line(
+    ax: Axes,
+    estimates: Sequence[Array],
+    label: str,
+    look: LineStyle,
+    metric: Measure | None,
+    size: float,
+    **bars: Any,
+) -> None:
+    """Draw a filter's values and standard errors over x; mark the best value by ``metric``, if any."""
+    x, y, stderr = estimates
+    if not style.filter_line(ax, x, y, {"label": label, **look}):
+        return
+    style.error_bars(ax, x, y, stderr, label, look["color"], **bars)
+    if metric is not None:
+        best, color = best_place(y, metric), look["color"]
+        ax.plot(x[best], y[best], "o", color=color, markersize=size, zorder=3, label=f"_{label}")
 
 
 def _common_number(value: object) -> float | None:
@@ -143,34 +149,11 @@ def best_place(values: Array, metric: Measure) -> int:
     return int(np.nanargmin(values if ideal is None else np.abs(values - ideal)))
 
 
-def _moved_zero(x: Array) -> Array:
-    positive = x[x > 0.0]
-    return np.where(x > 0.0, x, _GAP * positive.min() if len(positive) else 1.0)
-
-
-def _logarithmic(ax: Axes, values: Array) -> None:
-    from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
-
-    from trackbench.report.plotting.canvas import power_of_ten
-
-    ax.set_xscale("log")
-    if values[0] > 0.0:
-        return
-    zero = _moved_zero(values)[0]
-    decades = np.unique(np.ceil(np.log10(values[1:]) - 1e-9))
-    ax.xaxis.set_major_locator(FixedLocator([zero, *10.0**decades]))
-    ax.xaxis.set_minor_locator(NullLocator())
-
-    def words(x: float, _: object) -> str:
-        return "0" if np.isclose(x, zero) else power_of_ten(round(np.log10(x)))
-
-    ax.xaxis.set_major_formatter(FuncFormatter(words))
-
-
 _ROW_IN = 2.6
 _MOST_ERRORS = 2
 _MOST_TEXT = 8  # values along an axis up to which a heat map says its numbers
-_DECADE = 10.0  # between the ends of an axis that is logarithmic
+_WIDE, _WIDE_X = 10.0, 50.0
+"""Ratio of the largest to the least value from which on an axis is logarithmic."""
 _FEW = 3  # filters that are not varied and drawn all
 
 
@@ -201,11 +184,11 @@ class SweepFigure(FigureKind):
 
     def default_caption(self, results: Results) -> str:
         """Return where each filter is best by the first metric."""
-        held, metrics = _Held(results, self.paths), list(self._metrics(results).values())
+        section, metrics = _Section(results, self.paths), list(self._metrics(results).values())
         told = []
         changes_problem = any(map(is_of_scenario, self.paths))
         for label in self._labels(results)[1] if metrics and not changes_problem else ():
-            rows = held.of(label, metrics[0])
+            rows = section.of(label, metrics[0])
             if rows:
                 best = rows[best_place(np.array([row[-2] for row in rows]), metrics[0])]
                 at = phrases.heading(dict(zip(self.paths, best, strict=False)))
@@ -214,11 +197,11 @@ class SweepFigure(FigureKind):
 
     def draw(self, results: Results) -> Figure:
         """Return panels of metrics, or of filters."""
-        held, metrics = _Held(results, self.paths), self._metrics(results)
+        section, metrics = _Section(results, self.paths), self._metrics(results)
         labels, varied = self._labels(results)
         if len(self.paths) == 2:
-            return _heat_maps(held, *self.paths, varied, metrics, self.title)
-        return _lines(held, self.paths[0], labels, varied, metrics, self.title)
+            return _heat_maps(section, *self.paths, varied, metrics, self.title)
+        return _lines(section, self.paths[0], labels, varied, metrics, self.title)
 
     def _metrics(self, results: Results) -> dict[str, Measure]:
         return self.metrics or shown_metrics(results)
@@ -244,14 +227,14 @@ def _varies(results: Results, path: str, label: str) -> bool:
     return is_of_scenario(path) or label in filters_of(path, results.config["filters"])
 
 
-class _Held:
+class _Section:
     """summary.csv where all paths but the shown ones have their first values."""
 
     def __init__(self, results: Results, paths: Sequence[str]) -> None:
         self.results, self.paths = results, paths
         points = results.points()
-        held = {p: v for p, v in points[0].items() if p not in paths}
-        self._rows = results.columns("summary", held)
+        first_values = {p: v for p, v in points[0].items() if p not in paths}
+        self._rows = results.columns("summary", first_values)
         self.values = {path: list(dict.fromkeys(self._rows[path].tolist())) for path in paths}
 
     def of(self, label: str, metric: Measure) -> list[tuple[Any, ...]]:
@@ -262,7 +245,7 @@ class _Held:
 
 
 def _lines(
-    held: _Held,
+    section: _Section,
     path: str,
     labels: list[str],
     varied: list[str],
@@ -270,65 +253,59 @@ def _lines(
     title: str,
 ) -> Figure:
     figure, axes = style.panel_grid(len(metrics), _ROW_IN, 0.6)
-    values = held.values[path]
+    values = section.values[path]
     numeric = all(map(is_number, values))
     for ax, (words, metric) in zip(axes, metrics.items(), strict=False):
-        drawn = _drawn(held, labels, varied, metric)
-        for label in drawn:
-            _line(ax, held, label, metric, None if numeric else values, label in varied)
+        marked = None if is_of_scenario(path) else metric
+        heights: list[float] = []
+        for label in _drawn(section, labels, varied, metric):
+            rows, look = section.of(label, metric), section.results.line_style(label)
+            heights += [float(row[-2]) for row in rows]
+            if rows and label not in varied:
+                ax.axhline(rows[0][-2], label=label, **look | {"linewidth": 0.9})
+            elif rows:
+                x = [row[0] if numeric else values.index(row[0]) for row in rows]
+                y, stderr = ([row[i] for row in rows] for i in (-2, -1))
+                estimates = np.array([x, y, stderr], dtype=float)
+                dotted = look | {"marker": "o", "markersize": 3}
+                _line(ax, estimates, label, dotted, marked, 6, capsize=2)
         _scale(ax, values, numeric)
-        heights = [float(row[-2]) for label in drawn for row in held.of(label, metric)]
-        if heights and 0.0 < _DECADE * min(heights) < max(heights):
-            plain_log_axis(ax.yaxis, most=np.inf)
-        ax.set(xlabel=held.results.axis(path), ylabel=words)
+        if scales.spans(heights, _WIDE):
+            scales.plain_log_axis(ax.yaxis, most=np.inf)
+        ax.set(xlabel=section.results.axis(path), ylabel=words)
     style.title(figure, title)
     style.legend_outside(figure)
     return figure
 
 
-def _drawn(held: _Held, labels: list[str], varied: list[str], metric: Measure) -> list[str]:
+def _drawn(section: _Section, labels: list[str], varied: list[str], metric: Measure) -> list[str]:
     """Return the filters that vary and those that do not; of many the best."""
-    levels = {b: rows[0][-2] for b in labels if b not in varied and (rows := held.of(b, metric))}
+    levels = {}
+    for label in labels:
+        rows = section.of(label, metric)
+        if rows and label not in varied:
+            levels[label] = rows[0][-2]
     if len(levels) <= _FEW:
         return [b for b in labels if b in varied or b in levels]
     best = [*levels][best_place(np.array([*levels.values()]), metric)]
     return [b for b in labels if b in varied or b == best]
 
 
-def _line(
-    ax: Axes, held: _Held, label: str, metric: Measure, words: list[Any] | None, varied: bool
-) -> None:
-    rows, look = held.of(label, metric), held.results.line_style(label)
-    if not rows:
-        return
-    if not varied:
-        ax.axhline(rows[0][-2], label=label, **look | {"linewidth": 0.9})
-        return
-    x = np.array([row[0] if words is None else words.index(row[0]) for row in rows], dtype=float)
-    y, stderr = (np.array([row[i] for row in rows], dtype=float) for i in (-2, -1))
-    ax.plot(x, y, label=label, marker="o", markersize=3, **look)
-    style.error_bars(ax, x, y, stderr, label, look["color"], capsize=2)
-    if not any(map(is_of_scenario, held.paths)):
-        best = best_place(y, metric)
-        more: Any = {"color": look["color"], "label": f"_{label}"}
-        ax.plot(x[best], y[best], "o", markersize=6, zorder=3, **more)
-
-
 def _scale(ax: Axes, values: list[Any], numeric: bool) -> None:
     if not numeric:
         ax.set_xticks(range(len(values)), [str(v) for v in values])
-    elif min(values) > 0 and max(values) >= 50 * min(values):
+    elif scales.spans(values, _WIDE_X):
         ax.set_xscale("log")
 
 
 def _heat_maps(
-    held: _Held, x: str, y: str, labels: list[str], metrics: dict[str, Measure], title: str
+    section: _Section, x: str, y: str, labels: list[str], metrics: dict[str, Measure], title: str
 ) -> Figure:
     """Return a panel per filter, on one color scale; the best value is framed."""
     words, metric = next(iter(metrics.items()), ("", measured("mean(rmse)")))
     # Fields of the filters that have any number, and their common color scale.
-    across, down = held.values[x], held.values[y]
-    fields = {label: _field(held, label, metric, across, down) for label in labels}
+    across, down = section.values[x], section.values[y]
+    fields = {label: _field(section, label, metric, across, down) for label in labels}
     fields = {label: field for label, field in fields.items() if np.isfinite(field).any()}
     figure, axes = style.panel_grid(len(fields), _ROW_IN, 0.6)
     finite = np.concatenate([f[np.isfinite(f)] for f in fields.values()] or [np.zeros(1)])
@@ -340,34 +317,28 @@ def _heat_maps(
         ax.set_yticks(range(len(down)), [phrases.number(v) for v in down])
         ax.set_title(style.wrap_label(label))
         ax.grid(visible=False)
-        _write_values(ax, values, finite, few=len(axes) == 1)
+        if max(values.shape) <= (_MOST_TEXT if len(axes) == 1 else _MOST_TEXT // 2):
+            texts = [[f"{value:.3g}" for value in row] for row in values]
+            write_cells(ax, values, texts, image, 8)
         # Frame the best value, unless the points are different scenarios.
-        if not any(map(is_of_scenario, held.paths)):
+        if not any(map(is_of_scenario, section.paths)):
             _frame(ax, np.unravel_index(best_place(values.ravel(), metric), values.shape))
-    figure.supxlabel(held.results.axis(x))
-    figure.supylabel(held.results.axis(y))
+    figure.supxlabel(section.results.axis(x))
+    figure.supylabel(section.results.axis(y))
     style.title(figure, title)
     if fields:
         figure.colorbar(image, ax=axes, label=words)
     return figure
 
 
-def _field(held: _Held, label: str, metric: Measure, across: list[Any], down: list[Any]) -> Array:
+def _field(
+    section: _Section, label: str, metric: Measure, across: list[Any], down: list[Any]
+) -> Array:
     """Return the metric by grid values, an array (len(down), len(across)) with NaN in empty cells."""
     found = np.full((len(down), len(across)), np.nan)
-    for a, b, value, _ in held.of(label, metric):
+    for a, b, value, _ in section.of(label, metric):
         found[down.index(b), across.index(a)] = value
     return found
-
-
-def _write_values(ax: Axes, values: Array, finite: Array, few: bool) -> None:
-    if max(values.shape) > (_MOST_TEXT if few else _MOST_TEXT // 2):
-        return
-    middle = 0.5 * (finite.min() + finite.max())
-    for (i, j), value in np.ndenumerate(values):
-        if np.isfinite(value):
-            color = "black" if value > middle else "white"
-            ax.text(j, i, f"{value:.3g}", ha="center", va="center", color=color, fontsize=8)
 
 
 def _frame(ax: Axes, at: tuple[Any, ...]) -> None:

@@ -220,8 +220,8 @@ class MeanAndStd(FigureKind):
                 chosen = frame.where(metric=f"{metric}_{quantity}")
                 for label in labels:
                     curve, look = chosen.where(filter=label), results.line_style(label)
-                    look = look | {"linewidth": 0.8}
-                    ax.plot(curve["time"], sign * curve["value"], label=label, **look)
+                    look = look | {"linewidth": 0.8, "label": label}
+                    style.filter_line(ax, curve["time"], sign * curve["value"], look)
                 ax.set_ylabel(words.format(quantity))
         for ax in axes[1]:
             ax.set_xlabel("Time (s)")

@@ -9,57 +9,21 @@ from trackbench.errors import UserError
 
 _SVG = "http://www.w3.org/2000/svg"
 _XLINK = "http://www.w3.org/1999/xlink"
-_ELEMENTS = {
-    f"{{{_SVG}}}{name}"
-    for name in (
-        *("svg", "title", "defs", "g", "a", "path", "use", "rect", "image", "text", "tspan"),
-        *(
-            "clipPath",
-            "pattern",
-            "linearGradient",
-            "stop",
-            "filter",
-            "feColorMatrix",
-            "feComposite",
-        ),
-    )
-}
+_DRAWING = (
+    "svg title defs g a path use rect image text tspan clipPath pattern linearGradient stop filter"
+    " feColorMatrix feComposite"
+)
+_ELEMENTS = {f"{{{_SVG}}}{name}" for name in _DRAWING.split()}
 """Elements that matplotlib draws with; any other element is dropped with all that is in it."""
 _LOOKS = re.compile(
     "fill|fill-(opacity|rule)|stroke|stroke-[a-z]+|opacity|font|font-[a-z]+|text-anchor|clip-path"
     "|clip-rule|shape-rendering|image-rendering|stop-color|stop-opacity|filter"
 )
 """Properties of a style, and attributes of the same names."""
-_PLACES = {
-    *(
-        "x",
-        "y",
-        "x1",
-        "y1",
-        "x2",
-        "y2",
-        "width",
-        "height",
-        "viewBox",
-        "version",
-        "transform",
-        "offset",
-    ),
-    *("preserveAspectRatio", "patternUnits", "gradientUnits", "gradientTransform", "dx", "dy"),
-    *(
-        "in",
-        "in2",
-        "operator",
-        "result",
-        "type",
-        "values",
-        "k1",
-        "k2",
-        "k3",
-        "k4",
-        "color-interpolation",
-    ),
-}
+_PLACES = re.compile(
+    "[xy][12]?|d[xy]|width|height|viewBox|version|transform|offset|preserveAspectRatio|patternUnits"
+    "|gradient(Units|Transform)|in2?|operator|result|type|values|k[1-4]|color-interpolation"
+)
 _FREE = {"d", "id", "data-live", "data-axes", "data-of", "data-key"}
 """Attributes of any content: the page's script and its style sheet run none of it."""
 _REFERENCE = re.compile(r"url\(#([^)]+)\)")
@@ -134,8 +98,8 @@ def _may_stay(tag: str, key: str, value: str) -> bool:
     if key in ("href", f"{{{_XLINK}}}href"):
         is_picture = tag == f"{{{_SVG}}}image" and value.startswith("data:image/png;base64,")
         return is_picture or value.startswith("#")
-    known = key in _PLACES or _LOOKS.fullmatch(key) is not None
-    return key in _FREE or (known and _is_harmless(value))
+    known = _PLACES.fullmatch(key) or _LOOKS.fullmatch(key)
+    return key in _FREE or (known is not None and _is_harmless(value))
 
 
 def _is_harmless(value: str) -> bool:

@@ -89,6 +89,17 @@ def line(index: int) -> LineStyle:
     return {"color": color, "linestyle": dash}
 
 
+def filter_line(ax: Axes, x: Array, value: Array, look: LineStyle) -> bool:
+    """Draw a filter's line; return whether it has any value.
+
+    A filter that lost all its runs has none, and no line in the legend.
+    """
+    is_drawn = bool(np.isfinite(value).any())
+    if is_drawn:
+        ax.plot(x, value, **look)
+    return is_drawn
+
+
 def error_band(
     ax: Axes,
     x: Array,
