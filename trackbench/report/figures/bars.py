@@ -62,7 +62,8 @@ class Bars(FigureKind):
         labels = [b for b in labels if b not in lines]
         height = 0.9 + 0.26 * len(labels)
         figure, axes = style.panels(len(points), 1, height, sharex=True, sharey=True)
-        for (ax,), point, head in zip(axes, points, style.headings(points), strict=True):
+        heads = style.headings([phrases.heading(point) for point in points])
+        for (ax,), point, head in zip(axes, points, heads, strict=True):
             expressions = Evaluator(results, point)
             self._bars(ax, results, expressions, labels)
             # Floor and baseline are lines through all bars.

@@ -83,7 +83,8 @@ class AccuracyVsCost(FigureKind):
         every = scenes(results)
         drawn = every[: style.MOST_PANELS]
         figure, axes = style.panels(len(drawn), 1, 4.2, sharey=True)
-        for (ax,), scene, head in zip(axes, drawn, style.headings(drawn), strict=True):
+        heads = style.headings([phrases.heading(scene) for scene in drawn])
+        for (ax,), scene, head in zip(axes, drawn, heads, strict=True):
             self._panel(ax, results, scene)
             ax.set_title(head)
             ax.set_xlabel(COST)

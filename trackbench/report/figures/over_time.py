@@ -70,7 +70,8 @@ class Curves(FigureKind):
         figure, axes = style.panels(
             len(points), rows, height, sharex=rows > 1, sharey=rows == 1, **layout
         )
-        for column, head in zip(axes, style.headings(points), strict=True):
+        heads = style.headings([phrases.heading(point) for point in points])
+        for column, head in zip(axes, heads, strict=True):
             column[0].set_title(head)
             column[-1].set_xlabel(self.x_name)
             for ax in column if self.log else ():

@@ -14,10 +14,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.report.findings import phrases
 from trackbench.report.plotting import svg_file
 from trackbench.report.plotting.page_formats import sheet
-from trackbench.results.point_facts import GridPoint
 
 # Types for signatures: matplotlib takes long to import, and only what draws has to.
 if TYPE_CHECKING:
@@ -244,10 +242,9 @@ def title(figure: Figure, text: str, points: int = 1) -> None:
         figure.suptitle(": ".join(filter(None, [text, part])))
 
 
-def headings(points: Sequence[GridPoint]) -> list[str]:
-    """Set the panel titles, wrapped to the room."""
-    across = min(len(points), sheet().across)
-    return [wrapped(phrases.heading(point), across) for point in points]
+def headings(texts: Sequence[str]) -> list[str]:
+    """Return the titles of panels beside each other, wrapped to the room."""
+    return [wrapped(text, min(len(texts), sheet().across)) for text in texts]
 
 
 def wrapped(text: str, across: int = 1) -> str:
