@@ -1,6 +1,6 @@
 """Figure kind `heat-map`: a statistic over two paths of the grid, or the z of every pair of filters."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from typing import Any
@@ -19,7 +19,7 @@ from trackbench.report.paired import Pair
 from trackbench.report.plotting import style
 from trackbench.report.plotting.page_formats import sheet
 from trackbench.report.plotting.scales import has_logarithm
-from trackbench.report.plotting.style import Axes, Figure
+from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.results import Results, missing_paths, points_of
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import rules
@@ -62,8 +62,8 @@ class HeatMap(FigureKind):
     def _shown_pairs(self, results: Results) -> list[Pair]:
         labels = results.chosen(self.filters)
         every = chain.from_iterable(pairs for _, pairs in results.pairs)
-        found = [p for p in every if measured(p.metric).metric == self.metric.name]
-        return [p for p in found if {p.filter_a, p.filter_b} <= {*labels}]
+        pairs = [p for p in every if measured(p.metric).metric == self.metric.name]
+        return [p for p in pairs if {p.filter_a, p.filter_b} <= {*labels}]
 
     def draw(self, results: Results) -> Figure:
         """Return one panel; with two paths, one per filter."""
@@ -113,9 +113,8 @@ class HeatMap(FigureKind):
             _ticks(ax, names, [phrases.number(v) for v in levels], cell_in)
             ax.set_title(style.wrap_label(name))
             ax.set_xlabel(x)
-            texts = [[f"{v:.3g}" for v in row] for row in values]
-            if _has_room(texts, cell_in):
-                write_cells(ax, values, texts, image)
+            if _has_room(values, "{:.3g}".format, cell_in):
+                write_cells(ax, values, "{:.3g}".format, image)
         axes[0][0].set_ylabel(y)
         figure.colorbar(image, ax=list(axes[:, 0]), label=self.bar_label or str(self.metric))
         style.title(figure, self.title)
@@ -133,9 +132,8 @@ class HeatMap(FigureKind):
         ax.tick_params(axis="x", rotation=45)
         for tick in ax.get_xticklabels():
             tick.set_ha("right")
-        texts = [[f"{v:+.1f}" if abs(v) < 100 else f"{v:+.0f}" for v in r] for r in z]
-        if _has_room(texts, (sheet().width_in - 2.5) / len(labels)):
-            write_cells(ax, z, texts, image)
+        if _has_room(z, _z_text, (sheet().width_in - 2.5) / len(labels)):
+            write_cells(ax, z, _z_text, image)
         ax.set(xlabel="less that of this filter", ylabel=f"{self.metric.name} of this filter")
         style.title(figure, self.title)
         figure.colorbar(image, ax=ax, extend="both", label="z (blue: left is smaller)")
@@ -152,18 +150,22 @@ def _ticks(ax: Axes, columns: list[str], rows: list[str], cell_in: float) -> Non
     ax.tick_params(length=0)
 
 
-def _has_room(texts: list[list[str]], cell_in: float) -> bool:
-    return max(max(map(len, row)) for row in texts) * _DIGIT_IN <= cell_in
+def _z_text(z: float) -> str:
+    return f"{z:+.1f}" if abs(z) < 100 else f"{z:+.0f}"
+
+
+def _has_room(values: Array, text: Callable[[float], str], cell_in: float) -> bool:
+    return max(len(text(value)) for value in values.flat) * _DIGIT_IN <= cell_in
 
 
 def write_cells(
-    ax: Axes, values: Array, texts: list[list[str]], image: Any, size: float = 6.5
+    ax: Axes, values: Array, text: Callable[[float], str], image: Any, size: float = 6.5
 ) -> None:
-    """Write the texts of finite values (rows, columns) into the cells, black or white."""
+    """Write the finite values (rows, columns) into the cells, black or white."""
     colors = image.cmap(image.norm(values))
     for (i, j), value in np.ndenumerate(values):
         if np.isfinite(value):
             r, g, b, _ = colors[i, j]
             dark = 0.299 * r + 0.587 * g + 0.114 * b < 0.5
-            look = {"fontsize": size, "color": "white" if dark else "black"}
-            ax.text(j, i, texts[i][j], ha="center", va="center", **look)
+            look: LineStyle = {"fontsize": size, "color": "white" if dark else "black"}
+            ax.text(j, i, text(value), ha="center", va="center", **look)

@@ -200,15 +200,15 @@ class RmseVsTime(OverTime):
         """Return which filter is best over the whole run, by the number that the tables show."""
         point = results.points()[0]
         statistic = compared_statistic(results.config, str(self.metric))
-        over_runs, there = Evaluator(results, point), dict[str, float]()
+        over_runs, numbers = Evaluator(results, point), dict[str, float]()
         for label in results.chosen(self.filters):
             for m in (measured(f"{statistic}({self.metric})"), self.metric):
                 value = over_runs.term(m.of(label)).value
                 if label not in (self.floor, self.baseline) and np.isfinite(value):
-                    there.setdefault(label, value)
+                    numbers.setdefault(label, value)
         where = f" at {phrases.heading(point)}" if point else ""
         words = f"By {phrases.statistic_words(statistic, self.metric)}{where}"
-        return ranking(there, self.metric.family[0].better, words)
+        return ranking(numbers, self.metric.family[0].better, words)
 
     def draw(self, results: Results) -> Figure:
         """Return one line per filter."""

@@ -40,10 +40,10 @@ class RmsePerRun(Curves):
     def default_caption(self, results: Results) -> str:
         """Return which filter's median is best."""
         runs = results.runs(results.points()[0])
-        found = {b: runs.get((b, str(self.metric))) for b, _ in self.labels(results)}
+        errors = {b: runs.get((b, str(self.metric))) for b, _ in self.labels(results)}
         medians = {
             b: float(np.median(np.where(np.isnan(values), np.inf, values)))
-            for b, values in found.items()
+            for b, values in errors.items()
             if values is not None and len(values) and b not in (self.floor, self.baseline)
         }
         return ranking(medians, self.metric.family[0].better, "By the median run")

@@ -52,16 +52,17 @@ class RmseVsParameter(FigureKind):
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
         """Reject an axis that is no path of the grid, and values that are no numbers."""
         path = self.parameter or next(iter(points[0].values), "")
-        found = missing_paths(points, parameter=path)
-        values = [point.values[path] for point in points] if not found else []
-        words = [value for value in values if _common_number(value) is None]
-        return {"parameter": f"{words[0]!r} in the grid of {path} is no number"} if words else found
+        problems = missing_paths(points, parameter=path)
+        for value in [] if problems else [point.values[path] for point in points]:
+            if _common_number(value) is None:
+                return {"parameter": f"{value!r} in the grid of {path} is no number"}
+        return problems
 
     def default_caption(self, results: Results) -> str:
         """Return where each filter is best."""
         path, shown = self._shown(results)
         name, unit = phrases.quantity(path)
-        told = []
+        parts = []
         for label in results.chosen(self.filters) if not is_of_scenario(path) else ():
             rows = shown.where(filter=label)
             rows = rows.chosen(np.isfinite(rows["value"]))
@@ -69,8 +70,8 @@ class RmseVsParameter(FigureKind):
             if len(y) and np.ptp(y) > 0.0:
                 best = best_place(y, self.metric)
                 number = three_digits(float(y[best]))
-                told.append(f"{named(label)} {number} at {x[best]:g} {unit}".rstrip())
-        return f"Best over {name}: {', '.join(told)}." if told else ""
+                parts.append(f"{named(label)} {number} at {x[best]:g} {unit}".rstrip())
+        return f"Best over {name}: {', '.join(parts)}." if parts else ""
 
     def _shown(self, results: Results) -> tuple[str, Columns]:
         """Return the horizontal axis's path and rows of summary.csv at the other paths' first values."""
@@ -110,7 +111,7 @@ class RmseVsParameter(FigureKind):
 
 def _line(
     ax: Axes,
-    estimates: Sequence[Array],
+    estimates: Sequence[Array] | Array,
     label: str,
     look: LineStyle,
     metric: Measure | None,
@@ -185,15 +186,15 @@ class SweepFigure(FigureKind):
     def default_caption(self, results: Results) -> str:
         """Return where each filter is best by the first metric."""
         section, metrics = _Section(results, self.paths), list(self._metrics(results).values())
-        told = []
+        parts = []
         changes_problem = any(map(is_of_scenario, self.paths))
         for label in self._labels(results)[1] if metrics and not changes_problem else ():
             rows = section.of(label, metrics[0])
             if rows:
                 best = rows[best_place(np.array([row[-2] for row in rows]), metrics[0])]
                 at = phrases.heading(dict(zip(self.paths, best, strict=False)))
-                told.append(f"{named(label)} {three_digits(best[-2])} at {at}")
-        return f"Best: {'; '.join(told)}." if told else ""
+                parts.append(f"{named(label)} {three_digits(best[-2])} at {at}")
+        return f"Best: {'; '.join(parts)}." if parts else ""
 
     def draw(self, results: Results) -> Figure:
         """Return panels of metrics, or of filters."""
@@ -208,23 +209,23 @@ class SweepFigure(FigureKind):
 
     def _labels(self, results: Results) -> tuple[list[str], list[str]]:
         """Return filters that are shown, and those of them that these paths vary."""
-        varied = [b for b in results.labels if any(_varies(results, p, b) for p in self.paths)]
-        elsewhere = {b for p in results.grid for b in results.filters if _varies(results, p, b)}
-        labels = [b for b in results.chosen(self.filters) if b in varied or b not in elsewhere]
-        return labels, [b for b in labels if b in varied]
+        chosen = results.chosen(self.filters)
+        varied = [b for b in chosen if _vary(results, self.paths, b)]
+        return [b for b in chosen if b in varied or not _vary(results, results.grid, b)], varied
 
 
 def shown_metrics(results: Results) -> dict[str, Measure]:
     """Return the axis label and metric: the first errors over the whole run and ANEES, or log scores."""
-    there = set(results.columns("summary")["metric"])
+    stored = set(results.columns("summary")["metric"])
     ranked = [measured(f"mean({name})") for name in ranking_metrics(results)[:_MOST_ERRORS]]
-    consistency = [measured(name) for name in ("anees", "mean(anis)") if name in there]
-    chosen = [m for m in (*ranked, *consistency[:1]) if str(m) in there]
+    consistency = [measured(name) for name in ("anees", "mean(anis)") if name in stored]
+    chosen = [m for m in (*ranked, *consistency[:1]) if str(m) in stored]
     return {"ANEES" if str(m) == "anees" else mean_of(m): m for m in chosen}
 
 
-def _varies(results: Results, path: str, label: str) -> bool:
-    return is_of_scenario(path) or label in filters_of(path, results.config["filters"])
+def _vary(results: Results, paths: Sequence[str], label: str) -> bool:
+    filters = results.config["filters"]
+    return any(is_of_scenario(path) or label in filters_of(path, filters) for path in paths)
 
 
 class _Section:
@@ -240,8 +241,8 @@ class _Section:
     def of(self, label: str, metric: Measure) -> list[tuple[Any, ...]]:
         """Return values of the paths, value and standard error where there is a number."""
         rows = self._rows.where(filter=label, metric=str(metric))
-        found = rows.tuples([*self.paths, "value", "stderr"])
-        return [row for row in found if np.isfinite(row[-2])]
+        every = rows.tuples([*self.paths, "value", "stderr"])
+        return [row for row in every if np.isfinite(row[-2])]
 
 
 def _lines(
@@ -264,9 +265,9 @@ def _lines(
             if rows and label not in varied:
                 ax.axhline(rows[0][-2], label=label, **look | {"linewidth": 0.9})
             elif rows:
-                x = [row[0] if numeric else values.index(row[0]) for row in rows]
-                y, stderr = ([row[i] for row in rows] for i in (-2, -1))
-                estimates = np.array([x, y, stderr], dtype=float)
+                x, y, stderr = zip(*rows, strict=True)
+                places = x if numeric else [values.index(value) for value in x]
+                estimates = np.array([places, y, stderr], dtype=float)
                 dotted = look | {"marker": "o", "markersize": 3}
                 _line(ax, estimates, label, dotted, marked, 6, capsize=2)
         _scale(ax, values, numeric)
@@ -318,8 +319,7 @@ def _heat_maps(
         ax.set_title(style.wrap_label(label))
         ax.grid(visible=False)
         if max(values.shape) <= (_MOST_TEXT if len(axes) == 1 else _MOST_TEXT // 2):
-            texts = [[f"{value:.3g}" for value in row] for row in values]
-            write_cells(ax, values, texts, image, 8)
+            write_cells(ax, values, "{:.3g}".format, image, 8)
         # Frame the best value, unless the points are different scenarios.
         if not any(map(is_of_scenario, section.paths)):
             _frame(ax, np.unravel_index(best_place(values.ravel(), metric), values.shape))
@@ -335,10 +335,10 @@ def _field(
     section: _Section, label: str, metric: Measure, across: list[Any], down: list[Any]
 ) -> Array:
     """Return the metric by grid values, an array (len(down), len(across)) with NaN in empty cells."""
-    found = np.full((len(down), len(across)), np.nan)
+    values = np.full((len(down), len(across)), np.nan)
     for a, b, value, _ in section.of(label, metric):
-        found[down.index(b), across.index(a)] = value
-    return found
+        values[down.index(b), across.index(a)] = value
+    return values
 
 
 def _frame(ax: Axes, at: tuple[Any, ...]) -> None:

@@ -80,9 +80,9 @@ class _Letters(Formatter):
 
 def spelt(formula: str) -> str:
     r"""Return ``$\mathdefault{2\times10^{-3}}$`` as 2×10⁻³; what is more than that stays a formula."""
-    found = _FORMULA.fullmatch(formula)
-    if found is None:
+    match = _FORMULA.fullmatch(formula)
+    if match is None:
         return formula
-    text = found[1].replace(r"\times", "×")
+    text = match[1].replace(r"\times", "×")
     text = _POWER.sub(lambda power: power[1].translate(_RAISED), text)
     return formula if re.search(r"[\\^{}]", text) else text.replace("-", "−")

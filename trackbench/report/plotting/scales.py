@@ -1,6 +1,7 @@
 """Logarithmic axes: when an axis is one, which numbers it can show, and how it is labeled."""
 
 from collections.abc import Iterator, Sequence
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -68,16 +69,16 @@ def drawn_values(axis: Any) -> Array:
     """
     ax, name = axis.axes, axis.axis_name
     alike = ax.get_shared_x_axes() if name == "x" else ax.get_shared_y_axes()
-    found = [np.empty(0)]
+    coordinates = [np.empty(0)]
     for other in alike.get_siblings(ax):
-        found += list(_coordinates(other, name))
-    values = np.concatenate(found)
+        coordinates += list(_coordinates(other, name))
+    values = np.concatenate(coordinates)
     return values[np.isfinite(values)]
 
 
 def _coordinates(ax: Axes, name: str) -> Iterator[Array]:
     bars: list[Any] = [b for b in ax.containers if hasattr(b, "has_yerr")]
-    caps = [cap for bar in bars for cap in bar.lines[1]]
+    caps = [*chain.from_iterable(bar.lines[1] for bar in bars)]
     for line in ax.lines:
         in_data = line.get_transform().contains_branch_seperately(ax.transData)
         if line not in caps and in_data[name == "y"]:

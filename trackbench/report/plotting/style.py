@@ -87,7 +87,7 @@ def line(index: int) -> LineStyle:
     return {"color": color, "linestyle": dash}
 
 
-def filter_line(ax: Axes, x: Array, value: Array, look: LineStyle) -> bool:
+def filter_line(ax: Axes, x: Any, value: Array, look: LineStyle) -> bool:
     """Draw a filter's line; return whether it has any value.
 
     A filter that lost all its runs has none, and no line in the legend.
@@ -163,15 +163,19 @@ def gray_line(ax: Axes, x: Array, value: Array, steps: int = 1) -> None:
 
 def legend_outside(figure: Figure, without: Collection[str] = ()) -> None:
     """Draw one legend below the axes, each label once, in as many columns as fit."""
-    found = _legend(figure, without)
-    if not found:
+    handles = _legend(figure, without)
+    if not handles:
         return
-    columns = _columns(list(found), figure.get_figwidth())
-    rows = -(-len(found) // columns)
-    lines = rows * (1 + max(label.count("\n") for label in found))
+    columns = _columns(list(handles), figure.get_figwidth())
+    rows = -(-len(handles) // columns)
+    lines = rows * (1 + max(label.count("\n") for label in handles))
     figure.set_figheight(figure.get_figheight() + _LINE_IN * lines + 0.1)
     figure.legend(
-        found.values(), found.keys(), loc="outside lower center", ncols=columns, columnspacing=1.5
+        handles.values(),
+        handles.keys(),
+        loc="outside lower center",
+        ncols=columns,
+        columnspacing=1.5,
     )
 
 
@@ -191,14 +195,14 @@ def _columns(labels: Sequence[str], width_in: float) -> int:
 
 def _legend(figure: Figure, without: Collection[str]) -> dict[str, Any]:
     """Return the lines by label; the first of each label."""
-    found: dict[str, Any] = {}
+    handles: dict[str, Any] = {}
     for ax in figure.axes:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
             if label in without:
                 continue
-            found.setdefault(wrap_label(label), handle)
-    last = {label: found.pop(label) for label in [SPREAD] if label in found}
-    return found | last
+            handles.setdefault(wrap_label(label), handle)
+    last = {label: handles.pop(label) for label in [SPREAD] if label in handles}
+    return handles | last
 
 
 MOST_PANELS = 12

@@ -8,7 +8,7 @@ import json
 import re
 from collections.abc import Iterator
 from html import escape
-from itertools import count
+from itertools import chain, count
 from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
 
@@ -44,7 +44,7 @@ def compact(content: str) -> str:
     """
     clips = dict.fromkeys(name for _, name in _CLIP.findall(content))
     numbers = {name: f"clip{i}" for i, name in enumerate(clips, start=1)}
-    content = _CLIP.sub(lambda found: found[1] + numbers[found[2]], content)
+    content = _CLIP.sub(lambda match: match[1] + numbers[match[2]], content)
     return _PATH.sub(lambda path: f' d="{_relative(path.group(1))}"', content)
 
 
@@ -81,7 +81,7 @@ def mark(figure: "Figure") -> list[str]:
     A shape of a curve without a line in the legend, such as its band, has its label behind a ``_``.
     """
     panels = _panels(figure)
-    labels = list(dict.fromkeys(label for ax in panels for label, _ in _curves(ax)))
+    labels = list(dict(chain.from_iterable(map(_curves, panels))))
     serial = count()
     for i, ax in enumerate(panels):
         ax.set_gid(f"axes-{i}")
@@ -123,8 +123,9 @@ def _panels(figure: "Figure") -> "list[Axes]":
 
 def _curves(ax: "Axes") -> "Iterator[tuple[str, Line2D]]":
     """Yield lines of several values with their labels; a line with error bars has its container's."""
-    bars: list[Any] = [b for b in ax.containers if hasattr(b, "has_yerr") and b.lines[0]]
-    for artist, line in [*((line, line) for line in ax.lines), *((b, b.lines[0]) for b in bars)]:
+    lines: list[tuple[Any, Any]] = [(line, line) for line in ax.lines]
+    bars: list[Any] = [b for b in ax.containers if hasattr(b, "has_yerr")]
+    for artist, line in lines + [(bar, bar.lines[0]) for bar in bars if bar.lines[0]]:
         label = str(artist.get_label())
         in_data = all(line.get_transform().contains_branch_seperately(ax.transData))
         if in_data and not label.startswith("_") and np.size(line.get_xdata()) >= _CURVE:
