@@ -53,6 +53,30 @@ def _imports(path: Path) -> set[str]:
     return found
 
 
+REPORT = (
+    ("findings.phrases", "table", "paired"),
+    ("plotting",),
+    ("requested", "result_files", "results"),
+    ("expressions",),
+    ("costs", "verdicts"),
+    ("findings",),
+    ("kinds",),
+    ("tables",),
+    ("figures",),
+    ("render", "drawing_process", "open", "sweep", "history", "compare_folders"),
+    ("html",),
+)
+"""Inner layers of ``report/`` from the bottom up. Captions rank the filters: figures use findings."""
+REPORT_LAYER = {f"trackbench.report.{m}": i for i, layer in enumerate(REPORT) for m in layer}
+
+
+def _report_layer(module: str) -> int:
+    """The layer of the longest name in `REPORT` that a module is or is in."""
+    within = [name for name in REPORT_LAYER if f"{module}.".startswith(f"{name}.")]
+    assert within, f"{module} has no layer in tests/test_layers.py"
+    return REPORT_LAYER[max(within, key=len)]
+
+
 def _modules() -> list[Path]:
     return [p for p in PACKAGE.rglob("*.py") if p.name != "__init__.py" or p.parent != PACKAGE]
 
@@ -89,6 +113,14 @@ def test_no_files_import_each_other_in_a_circle() -> None:
         tuple(TopologicalSorter(graph).static_order())
     except CycleError as error:
         pytest.fail(" -> ".join(error.args[1]))
+
+
+def test_imports_within_the_report_go_down_only() -> None:
+    """Within a layer, too, no files import each other: that is the test above."""
+    files = {_name(p): p for p in (PACKAGE / "report").rglob("*.py") if p.name != "__init__.py"}
+    for name, path in files.items():
+        for other in _imported(path, files.keys()):
+            assert _report_layer(other) <= _report_layer(name), f"{name} imports {other}"
 
 
 def test_the_design_names_every_package_and_module() -> None:

@@ -1,6 +1,8 @@
 """Figures show the best filters; swept keys have units, and those of a scenario no best value."""
 
+import json
 import shutil
+from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
@@ -93,6 +95,10 @@ def test_a_swept_key_has_its_unit_and_a_scenario_no_best(tmp_path, path, marks):
         assert ax.get_xlabel() == "q (m^2/s^3)"
         assert len(best) == marks
         assert bool(spec.default_caption(results)) == bool(marks)
+        panel = json.loads(ET.fromstring(style.content(figure, "svg")).get("data-live"))["axes"][0]
+        rows = results.summary.query("filter == 'Wide' and metric == 'mean(rmse_position)'")
+        for key, column in (("y", "value"), ("stderr", "stderr")):
+            assert panel["curves"][0][key] == rows[column].tolist()
         style.close(figure)
 
 

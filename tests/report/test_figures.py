@@ -173,6 +173,7 @@ def test_what_a_figure_tells_is_in_its_numbers(made):
     words = [f"{label} ({value:.3g})" for label, value in (better, worse)]
     assert time == f"By mean RMSE per run, lowest: {', '.join(words)}."
     results.config["tables"].clear()
+    results.config["figures"].clear()
     rms = results.summary.query("metric == 'rms(rmse)'").set_index("filter")["value"]
     time = RmseVsTime(filters=("PF", "PF (N=50)")).default_caption(results)
     words = [f"{label} ({rms[label]:.3g})" for label in ("PF (N=50)", "PF")]

@@ -135,7 +135,7 @@ def test_the_page_reads_a_panel_of_its_own_filter_only(many: Results) -> None:
         owners = {g.get("data-of") for g in panel.iter() if g.get("data-of")}
         own = live["labels"].index(LABELS[number])
         assert owners == {str(own), "1"}
-        assert set(axes["errors"]) == owners
+        assert {str(c["of"]) for c in axes["curves"] if c["stderr"]} == owners
 
 
 def test_gray_lines_are_means_over_windows() -> None:

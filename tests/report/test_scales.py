@@ -15,6 +15,7 @@ from trackbench.report.figures.bars import Bars
 from trackbench.report.figures.heat_map import HeatMap
 from trackbench.report.figures.innovations import Autocorrelation
 from trackbench.report.figures.over_time import EstimatesOfOneRun, RmseVsTime
+from trackbench.report.figures.per_run import RmsePerRun
 from trackbench.report.figures.sweep import RmseVsParameter
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import scales, style
@@ -138,6 +139,21 @@ def test_linked_paths_with_equal_numbers_are_one_parameter(tmp_path: Path) -> No
     keys = {"filters": filters, "grid": grid, "figures": figures}
     (tmp_path / "d.yaml").write_text(yaml.safe_dump(KEYS | keys))
     assert "[30, 31] in the grid" in trackbench("check", tmp_path / "d.yaml").stderr
+
+
+def test_a_filter_that_lost_all_runs_has_no_line_in_the_legend(tmp_path: Path) -> None:
+    blind = {"kind": "kf", "assume": {"sensor": {"kind": "position", "sigma": 5e5}}}
+    scenario = KEYS["scenario"] | {"last": 20, "score": {"lost_beyond": 15}}
+    filters = {"KF": {"kind": "kf"}, "Blind": blind}
+    results = results_of(tmp_path, filters=filters, scenario=scenario, figures={}, tables={})
+    assert results.summary.query("filter == 'Blind'")["lost"].min() == KEYS["runs"]
+    metric = measure("rmse_position")
+    for spec in (RmseVsTime(metric=metric), RmsePerRun(metric=metric)):
+        figure = spec.draw(results)
+        labels = {text.get_text() for text in figure.legends[0].get_texts()}
+        assert "KF" in labels
+        assert "Blind" not in labels
+        style.close(figure)
 
 
 def test_a_label_of_the_user_stays(tmp_path: Path) -> None:

@@ -50,8 +50,8 @@ class Bars(FigureKind):
         rivals = [b for b in results.chosen(self.filters) if b not in (self.floor, self.baseline)]
         values = {b: expressions.term(self.metric.of(b)).value for b in rivals}
         where = f"At {phrases.heading(point)}" if point else "Of what is measured"
-        there = any(n.expression == self.metric for n in results.published.numbers)
-        published = "Diamonds are the numbers that were published." if there else ""
+        is_published = any(n.expression == self.metric for n in results.published.numbers)
+        published = "Diamonds are the numbers that were published." if is_published else ""
         return sentences(ranking(values, self.metric.family[0].better, where), published)
 
     def draw(self, results: Results) -> Figure:
@@ -62,7 +62,8 @@ class Bars(FigureKind):
         labels = [b for b in labels if b not in lines]
         height = 0.9 + 0.26 * len(labels)
         figure, axes = style.panels(len(points), 1, height, sharex=True, sharey=True)
-        for (ax,), point, head in zip(axes, points, style.headings(points), strict=True):
+        heads = style.headings([phrases.heading(point) for point in points])
+        for (ax,), point, head in zip(axes, points, heads, strict=True):
             expressions = Evaluator(results, point)
             self._bars(ax, results, expressions, labels)
             # Floor and baseline are lines through all bars.

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from trackbench.report.figures.over_time import Curves
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import joined, named, percent, verb
 from trackbench.report.kinds import FigureKind
-from trackbench.report.plotting import style
+from trackbench.report.plotting import style, svg_file
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.results import Results
 from trackbench.report.tables.calibration import (
@@ -60,34 +61,30 @@ class CalibrationFigure(FigureKind):
     def default_caption(self, results: Results) -> str:
         """Return which ranks are uniform, as far as the runs show, and which are not."""
         point = results.points()[0]
-        found = judged(
-            (
-                (label, head, histogram(results, point, label, m))
-                for label in results.chosen(self.filters)
-                for head, m in self.columns.items()
-            ),
-            _ALPHA,
-        )
-        parts = {"flat but for chance": found.good, "not flat": list(found.bad)}
+        ranks = []
+        for label, (head, m) in product(results.chosen(self.filters), self.columns.items()):
+            ranks.append((label, head, histogram(results, point, label, m)))
+        verdict = judged(ranks, _ALPHA)
+        parts = {"flat but for chance": verdict.good, "not flat": list(verdict.bad)}
         words = [f"{joined(map(named, b))} {verb(b)} {what}" for what, b in parts.items() if b]
         where = f"At {phrases.heading(point)}: " if point else ""
-        tests = f"({found.tests} tests, {_ALPHA:g} for all of them)"
+        tests = f"({verdict.tests} tests, {_ALPHA:g} for all of them)"
         return f"{where}{'; '.join(words)} {tests}." if words else ""
 
     def draw(self, results: Results) -> Figure:
         """Return a row of panels per filter (and point of the grid), a column per PIT."""
-        every = [(p, b) for p in results.points() for b in results.chosen(self.filters)]
+        every = list(product(results.points(), results.chosen(self.filters)))
         rows = every[: style.MOST_PANELS]
         figure, axes = style.subplots(
             len(rows), len(self.columns), 1.25 * len(rows) + 0.6, sharex=True, squeeze=False
         )
         for line, (point, label) in zip(axes, rows, strict=True):
             for ax, m in zip(line, self.columns.values(), strict=True):
-                found = histogram(results, point, label, m)
-                if not found.runs:
+                ranks = histogram(results, point, label, m)
+                if not ranks.runs:
                     ax.set_axis_off()
                 else:
-                    _bars(ax, found, results.line_style(label)["color"], over_steps=not m.steps)
+                    _bars(ax, ranks, results.line_style(label)["color"], over_steps=not m.steps)
             head = ", ".join(filter(None, [label, phrases.heading(point)]))
             line[0].set_ylabel(style.wrap_label(head, 16))
         for ax, head in zip(axes[0], self.columns, strict=True):
@@ -98,19 +95,19 @@ class CalibrationFigure(FigureKind):
         return figure
 
 
-def _bars(ax: Axes, found: Histogram, color: str, over_steps: bool) -> None:
+def _bars(ax: Axes, ranks: Histogram, color: str, over_steps: bool) -> None:
     """Draw ten bars about their common expectation, the band, the p-value."""
     edges, level = np.arange(TENTHS + 1) / TENTHS, 1.0 / TENTHS
-    at_step = np.full(TENTHS, np.sqrt(level * (1.0 - level) / found.runs))
-    width = _NORMAL_95 * (found.stderr if over_steps else at_step)
-    ax.bar(edges[:-1], found.shares, 1.0 / TENTHS, align="edge", color=color, alpha=0.6, lw=0)
+    at_step = np.full(TENTHS, np.sqrt(level * (1.0 - level) / ranks.runs))
+    width = _NORMAL_95 * (ranks.stderr if over_steps else at_step)
+    ax.bar(edges[:-1], ranks.shares, 1.0 / TENTHS, align="edge", color=color, alpha=0.6, lw=0)
     low, high = (np.append(level + s * width, level + s * width[-1]) for s in (-1.0, 1.0))
     ax.fill_between(edges, low, high, step="post", color="black", alpha=0.25, lw=0, zorder=3)
     ax.axhline(level, color="black", linewidth=0.6, zorder=3)
     ax.set_xlim(0.0, 1.0)
-    highest = max(float(found.shares.max()), float(high.max()))
+    highest = max(float(ranks.shares.max()), float(high.max()))
     ax.set_ylim(0.0, max(2.0 * level, 1.1 * highest))
-    ax.set_title(f"p = {found.p:.2g}" if found.p > _LEAST_P else f"p < {_LEAST_P:g}")
+    ax.set_title(f"p = {ranks.p:.2g}" if ranks.p > _LEAST_P else f"p < {_LEAST_P:g}")
 
 
 @register("figures", "reliability")
@@ -141,14 +138,14 @@ class Reliability(Curves):
 
     def default_caption(self, results: Results) -> str:
         """Return the coverage of the 90 % region."""
-        point, told = results.points()[0], []
+        point, parts = results.points()[0], []
         for label, _ in self.labels(results):
             level, share, _, runs = _coverage(results, point, label, self.metric)
             if runs:
-                told.append(f"{named(label)} {percent(float(np.interp(0.9, level, share)))}")
+                parts.append(f"{named(label)} {percent(float(np.interp(0.9, level, share)))}")
         where = f" at {phrases.heading(point)}" if point else ""
         return (
-            f"In the region of 90 %{where} are, of the truths: {', '.join(told)}." if told else ""
+            f"In the region of 90 %{where} are, of the truths: {', '.join(parts)}." if parts else ""
         )
 
     def draw(self, results: Results) -> Figure:
@@ -161,6 +158,7 @@ class Reliability(Curves):
                 level, share, error, runs = _coverage(results, point, label, self.metric)
                 if runs:
                     ax.plot(level, share, label=label, **look)
+                    svg_file.set_stderr(ax, label, error)
                     low, high = share - 2 * error, share + 2 * error
                     ax.vlines(level, low, high, color=look["color"], label=f"_{label}")
                     most = max(most, runs)

@@ -56,12 +56,12 @@ class Anees(OverTime):
                 low, high = np.array([bands[number[k]] for k in rows["step"].tolist()]).T
                 inside = (low <= rows["value"]) & (rows["value"] <= high)
                 parts.append((float(inside.mean()), look["label"]))
-        told = [
+        shares = [
             f"{named(label)} {100 * share:.0f} %" for share, label in sorted(parts, reverse=True)
         ]
         where = f" at {phrases.heading(point)}" if point else ""
         what = f"Of the steps{where} so many are in the {100 * self.level:g} % band: "
-        return f"{what}{', '.join(told)}. Above it a filter is overconfident." if told else ""
+        return f"{what}{', '.join(shares)}. Above it a filter is overconfident." if shares else ""
 
     def draw(self, results: Results) -> Figure:
         """Return one line per filter; between the gray lines a consistent filter stays."""
@@ -117,8 +117,8 @@ class Bias(OverTime):
                 lines = list(self.lines(results, point, metric))
                 for i, (rows, look) in enumerate(lines):
                     k, value, stderr = self.series(rows)
-                    ax.plot(k, value, **look)
-                    style.error_band(ax, k, value, stderr, look, i, len(lines))
+                    if style.filter_line(ax, k, value, look):
+                        style.error_band(ax, k, value, stderr, look, i, len(lines))
                 if self.linear_within is not None:
                     ax.set_yscale("symlog", linthresh=self.linear_within)
         for ax, head in zip(panels[0][0], self.rows, strict=True):
@@ -153,14 +153,14 @@ class Dots(FigureKind):
             row[len(row) // 2].set_title(phrases.heading(point))
             for ax, metric in zip(row, map(str, self.columns.values()), strict=True):
                 mine = rows.where(metric=metric).tuples(["filter", "value", "stderr"])
-                found = {label: estimate for label, *estimate in mine}
+                estimates = {label: estimate for label, *estimate in mine}
                 for i, label in enumerate(labels):
                     look = {
                         "color": results.line_style(label)["color"],
                         "marker": "o",
                         "markersize": 3.5,
                     }
-                    value, stderr = found.get(label, (np.nan, np.nan))
+                    value, stderr = estimates.get(label, (np.nan, np.nan))
                     ax.errorbar(value, i, xerr=2 * np.nan_to_num(stderr), capsize=2, **look)
                 if metric in self.expected:
                     ax.axvline(self.expected[metric], color="black", linewidth=0.6)

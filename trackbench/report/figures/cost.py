@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import ClassVar
 
 import numpy as np
@@ -68,22 +69,23 @@ class AccuracyVsCost(FigureKind):
     def default_caption(self, results: Results) -> str:
         """Return the filters on the front."""
         scene = scenes(results)[0]
-        there = self._curves(results, scene)
-        best = [id(spot) for spot in self._front(there)]
-        found = []
-        for curve in there:
+        every = self._curves(results, scene)
+        best = [id(spot) for spot in self._front(every)]
+        names = []
+        for curve in every:
             sizes = [phrases.number(spot.size) for spot in curve.spots if id(spot) in best]
             size = f" with {self.along} = {joined(sizes)}" if sizes and not curve.is_fixed else ""
-            found += [f"{curve.name}{size}"] if sizes else []
+            names += [f"{curve.name}{size}"] if sizes else []
         where = f" at {phrases.heading(scene)}" if scene else ""
-        return f"On the front{where}: {'; '.join(found)}." if found else ""
+        return f"On the front{where}: {'; '.join(names)}." if names else ""
 
     def draw(self, results: Results) -> Figure:
         """Return one panel per scene."""
         every = scenes(results)
         drawn = every[: style.MOST_PANELS]
         figure, axes = style.panels(len(drawn), 1, 4.2, sharey=True)
-        for (ax,), scene, head in zip(axes, drawn, style.headings(drawn), strict=True):
+        heads = style.headings([phrases.heading(scene) for scene in drawn])
+        for (ax,), scene, head in zip(axes, drawn, heads, strict=True):
             self._panel(ax, results, scene)
             ax.set_title(head)
             ax.set_xlabel(COST)
@@ -93,15 +95,15 @@ class AccuracyVsCost(FigureKind):
         return figure
 
     def _panel(self, ax: Axes, results: Results, scene: GridPoint) -> None:
-        there = self._curves(results, scene)
+        drawn = self._curves(results, scene)
         marks: dict[str, int] = {}
-        for curve in there:
+        for curve in drawn:
             mark = marks[curve.label] = marks.get(curve.label, -1) + 1
             look = results.line_style(curve.label) | {"marker": _MARKERS[mark % len(_MARKERS)]}
             self._curve(ax, curve, look)
-        every = [spot for curve in there for spot in curve.spots]
-        x, y = _values(self._front(there))
-        dearest = [MICRO * max(spot.cost.value for spot in every)] if every else []
+        spots = _spots(drawn)
+        x, y = _values(self._front(drawn))
+        dearest = [MICRO * max(spot.cost.value for spot in spots)] if spots else []
         ax.step([*x[0], *dearest], [*y[0], *y[0, -1:]], where="post", label="Front", **_FRONT)
         floor = self._floor(results)
         least = self._least(results, points_of(results, scene)[0], floor)
@@ -118,9 +120,8 @@ class AccuracyVsCost(FigureKind):
         labels = [b for b in shown(results, self.filters) if b != self._floor(results)]
         return curves(results, scene, labels, self.metric, self.along)
 
-    def _front(self, there: Sequence[Curve]) -> list[Spot]:
-        every = [spot for curve in there for spot in curve.spots]
-        return list(front(every, self.metric.family[0].more_is_better))
+    def _front(self, every: Sequence[Curve]) -> list[Spot]:
+        return list(front(_spots(every), self.metric.family[0].more_is_better))
 
     def _least(self, results: Results, point: GridPoint, floor: str) -> float:
         """Return a bound's value from summary.csv, which has no runs."""
@@ -131,12 +132,16 @@ class AccuracyVsCost(FigureKind):
     def _curve(self, ax: Axes, curve: Curve, look: LineStyle) -> None:
         x, y = _values(curve.spots)
         ax.plot(x[0], y[0], markersize=3.5, label=curve.name, **look)
-        bars = {"fmt": "none", "color": look["color"], "elinewidth": 0.8, "capsize": 1.5}
-        ax.errorbar(x[0], y[0], 2.0 * y[1], 2.0 * x[1], **bars)
+        bars = {"elinewidth": 0.8, "capsize": 1.5, "xerr": 2.0 * x[1]}
+        style.error_bars(ax, x[0], y[0], y[1], curve.name, look["color"], **bars)
         for spot in curve.spots if not curve.is_fixed else ():
             place = (MICRO * spot.cost.value, spot.error.value)
             ax.annotate(phrases.number(spot.size), place, (2.5, 2.5), textcoords="offset points",
                         fontsize=6, color=look["color"])  # fmt: skip
+
+
+def _spots(every: Sequence[Curve]) -> list[Spot]:
+    return list(chain.from_iterable(curve.spots for curve in every))
 
 
 def _values(spots: Sequence[Spot]) -> tuple[Array, Array]:

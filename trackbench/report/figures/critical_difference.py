@@ -38,18 +38,18 @@ class CriticalDifference(FigureKind):
         figure, axes = style.subplots(len(points), 1, height, squeeze=False)
         for ax, point in zip(axes[:, 0], points, strict=True):
             runs = results.runs(point)
-            there = [b for b in labels if (b, str(self.metric)) in runs]
-            if len(there) < 2:
+            ranked = [b for b in labels if (b, str(self.metric)) in runs]
+            if len(ranked) < 2:
                 ax.set_axis_off()
                 continue
             best, sign = (
                 ("largest", -1.0) if self.metric.family[0].more_is_better else ("smallest", 1.0)
             )
             # Mean ranks, and the groups of filters closer than the critical difference.
-            values = sign * np.stack([runs[b, str(self.metric)] for b in there])
+            values = sign * np.stack([runs[b, str(self.metric)] for b in ranked])
             mean = mean_ranks(values)
-            critical = critical_difference(len(there), values.shape[1], self.alpha)
-            _panel(ax, there, mean, cliques(mean, critical))
+            critical = critical_difference(len(ranked), values.shape[1], self.alpha)
+            _panel(ax, ranked, mean, cliques(mean, critical))
             where = phrases.heading(point)
             words = f"Mean rank of {self.metric} over {values.shape[1]} runs (1: the {best})"
             words += f", critical difference {critical:.2f}{': ' if where else ''}{where}"
@@ -94,12 +94,12 @@ def range_quantile(level: float, k: int) -> float:
 def cliques(mean: Array, critical: float) -> list[tuple[float, float]]:
     """Return the first and last mean rank of every largest group within the critical difference."""
     ranks = np.sort(mean)
-    found: list[tuple[float, float]] = []
+    groups: list[tuple[float, float]] = []
     for first in ranks:
         last = ranks[ranks <= first + critical][-1]
-        if last > first and (not found or last > found[-1][1]):
-            found.append((float(first), float(last)))
-    return found
+        if last > first and (not groups or last > groups[-1][1]):
+            groups.append((float(first), float(last)))
+    return groups
 
 
 def _panel(ax: Axes, labels: list[str], mean: Array, groups: list[tuple[float, float]]) -> None:

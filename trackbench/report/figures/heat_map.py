@@ -1,7 +1,8 @@
 """Figure kind `heat-map`: a statistic over two paths of the grid, or the z of every pair of filters."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from trackbench.report.paired import Pair
 from trackbench.report.plotting import style
 from trackbench.report.plotting.page_formats import sheet
 from trackbench.report.plotting.scales import has_logarithm
-from trackbench.report.plotting.style import Axes, Figure
+from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.results import Results, missing_paths, points_of
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import rules
@@ -60,13 +61,9 @@ class HeatMap(FigureKind):
 
     def _shown_pairs(self, results: Results) -> list[Pair]:
         labels = results.chosen(self.filters)
-        found = [
-            p
-            for _, pairs in results.pairs
-            for p in pairs
-            if measured(p.metric).metric == self.metric.name
-        ]
-        return [p for p in found if {p.filter_a, p.filter_b} <= {*labels}]
+        every = chain.from_iterable(pairs for _, pairs in results.pairs)
+        pairs = [p for p in every if measured(p.metric).metric == self.metric.name]
+        return [p for p in pairs if {p.filter_a, p.filter_b} <= {*labels}]
 
     def draw(self, results: Results) -> Figure:
         """Return one panel; with two paths, one per filter."""
@@ -77,17 +74,20 @@ class HeatMap(FigureKind):
         points = results.points()
         columns = list(dict.fromkeys(point[x] for point in points))
         if self.y is None:
-            rows = [[self._cell(results, {x: c}, b) for c in columns] for b in labels]
+            rows = [self._row(results, x, columns, {}, label) for label in labels]
             names = [style.wrap_label(b) for b in labels]
             return self._panels(results.axis(x), columns, "", names, {"": np.array(rows)})
         levels = list(dict.fromkeys(point[self.y] for point in points))
-        panels = {
-            b: np.array(
-                [[self._cell(results, {x: c, self.y: r}, b) for c in columns] for r in levels]
-            )
-            for b in labels
-        }
+        panels = {}
+        for label in labels:
+            rows = [self._row(results, x, columns, {self.y: r}, label) for r in levels]
+            panels[label] = np.array(rows)
         return self._panels(results.axis(x), columns, results.axis(self.y), levels, panels)
+
+    def _row(
+        self, results: Results, x: str, columns: list[Any], rest: GridPoint, label: str
+    ) -> list[float]:
+        return [self._cell(results, {x: value, **rest}, label) for value in columns]
 
     def _cell(self, results: Results, wanted: GridPoint, label: str) -> float:
         points = points_of(results, wanted)
@@ -113,7 +113,8 @@ class HeatMap(FigureKind):
             _ticks(ax, names, [phrases.number(v) for v in levels], cell_in)
             ax.set_title(style.wrap_label(name))
             ax.set_xlabel(x)
-            _numbers(ax, values, [[f"{v:.3g}" for v in row] for row in values], image, cell_in)
+            if _has_room(values, "{:.3g}".format, cell_in):
+                write_cells(ax, values, "{:.3g}".format, image)
         axes[0][0].set_ylabel(y)
         figure.colorbar(image, ax=list(axes[:, 0]), label=self.bar_label or str(self.metric))
         style.title(figure, self.title)
@@ -131,8 +132,8 @@ class HeatMap(FigureKind):
         ax.tick_params(axis="x", rotation=45)
         for tick in ax.get_xticklabels():
             tick.set_ha("right")
-        texts = [[f"{v:+.1f}" if abs(v) < 100 else f"{v:+.0f}" for v in r] for r in z]
-        _numbers(ax, z, texts, image, (sheet().width_in - 2.5) / len(labels))
+        if _has_room(z, _z_text, (sheet().width_in - 2.5) / len(labels)):
+            write_cells(ax, z, _z_text, image)
         ax.set(xlabel="less that of this filter", ylabel=f"{self.metric.name} of this filter")
         style.title(figure, self.title)
         figure.colorbar(image, ax=ax, extend="both", label="z (blue: left is smaller)")
@@ -149,14 +150,22 @@ def _ticks(ax: Axes, columns: list[str], rows: list[str], cell_in: float) -> Non
     ax.tick_params(length=0)
 
 
-def _numbers(ax: Axes, values: Array, texts: list[list[str]], image: Any, cell_in: float) -> None:
-    """Write the numbers into the cells, black or white; none if there is no room."""
-    if max(len(text) for row in texts for text in row) * _DIGIT_IN > cell_in:
-        return
+def _z_text(z: float) -> str:
+    return f"{z:+.1f}" if abs(z) < 100 else f"{z:+.0f}"
+
+
+def _has_room(values: Array, text: Callable[[float], str], cell_in: float) -> bool:
+    return max(len(text(value)) for value in values.flat) * _DIGIT_IN <= cell_in
+
+
+def write_cells(
+    ax: Axes, values: Array, text: Callable[[float], str], image: Any, size: float = 6.5
+) -> None:
+    """Write the finite values (rows, columns) into the cells, black or white."""
     colors = image.cmap(image.norm(values))
     for (i, j), value in np.ndenumerate(values):
         if np.isfinite(value):
             r, g, b, _ = colors[i, j]
             dark = 0.299 * r + 0.587 * g + 0.114 * b < 0.5
-            ax.text(j, i, texts[i][j], ha="center", va="center", fontsize=6.5,
-                    color="white" if dark else "black")  # fmt: skip
+            look: LineStyle = {"fontsize": size, "color": "white" if dark else "black"}
+            ax.text(j, i, text(value), ha="center", va="center", **look)

@@ -94,12 +94,13 @@ class Autocorrelation(Curves):
         lags = np.arange(1, LAGS + 1)
         for (ax,), point in panels:
             ax.axhline(0.0, color="black", linewidth=0.6)
-            found, widths = results.runs(point), []
+            runs, widths = results.runs(point), []
             for label, look in self.labels(results):
-                if (label, "innovations") in found:
-                    value = [_mean(found.get((label, f"autocorrelation_{lag}"))) for lag in lags]
-                    ax.plot(lags, value, marker="o", markersize=3, **{"label": label, **look})
-                    widths.append(autocorrelation_band(found[label, "innovations"]))
+                if (label, "innovations") in runs:
+                    value = [_mean(runs.get((label, f"autocorrelation_{lag}"))) for lag in lags]
+                    look = {"label": label, "marker": "o", "markersize": 3, **look}
+                    style.filter_line(ax, lags, np.array(value), look)
+                    widths.append(autocorrelation_band(runs[label, "innovations"]))
             if widths and min(widths) < np.inf:
                 ax.axhspan(-min(widths), min(widths), label="95 % band", **style.BAND)
             ax.set_xticks(lags)
@@ -110,5 +111,5 @@ class Autocorrelation(Curves):
 
 def _mean(values: Array | None) -> float:
     """Return the mean over the runs that have a value."""
-    there = np.empty(0) if values is None else values[~np.isnan(values)]
-    return float(there.mean()) if len(there) else np.nan
+    known = np.empty(0) if values is None else values[~np.isnan(values)]
+    return float(known.mean()) if len(known) else np.nan

@@ -21,7 +21,6 @@ from trackbench.report.result_files import Columns
 from trackbench.report.results import Results
 from trackbench.results.point_facts import GridPoint
 
-_ROUNDING = 1e-12
 _MOST_CURVES, _MOST_STEPS = 5, 150
 """Most filters, or most steps, that are drawn in one panel."""
 
@@ -71,7 +70,8 @@ class Curves(FigureKind):
         figure, axes = style.panels(
             len(points), rows, height, sharex=rows > 1, sharey=rows == 1, **layout
         )
-        for column, head in zip(axes, style.headings(points), strict=True):
+        heads = style.headings([phrases.heading(point) for point in points])
+        for column, head in zip(axes, heads, strict=True):
             column[0].set_title(head)
             column[-1].set_xlabel(self.x_name)
             for ax in column if self.log else ():
@@ -182,8 +182,7 @@ class OverTime(Curves):
         if label in titles and label != title:
             style.gray_line(ax, x, y, steps)
             return False
-        ax.plot(x, y, **look | {"linestyle": "-"} if label == title else look)
-        return True
+        return style.filter_line(ax, x, y, look | {"linestyle": "-"} if label == title else look)
 
 
 @register("figures", "rmse-vs-time")
@@ -201,15 +200,15 @@ class RmseVsTime(OverTime):
         """Return which filter is best over the whole run, by the number that the tables show."""
         point = results.points()[0]
         statistic = compared_statistic(results.config, str(self.metric))
-        over_runs, there = Evaluator(results, point), dict[str, float]()
+        over_runs, numbers = Evaluator(results, point), dict[str, float]()
         for label in results.chosen(self.filters):
             for m in (measured(f"{statistic}({self.metric})"), self.metric):
                 value = over_runs.term(m.of(label)).value
                 if label not in (self.floor, self.baseline) and np.isfinite(value):
-                    there.setdefault(label, value)
+                    numbers.setdefault(label, value)
         where = f" at {phrases.heading(point)}" if point else ""
         words = f"By {phrases.statistic_words(statistic, self.metric)}{where}"
-        return ranking(there, self.metric.family[0].better, words)
+        return ranking(numbers, self.metric.family[0].better, words)
 
     def draw(self, results: Results) -> Figure:
         """Return one line per filter."""
@@ -221,8 +220,7 @@ class RmseVsTime(OverTime):
             for i, (rows, look) in enumerate(lines):
                 k, value, stderr = self.series(rows)
                 if self.log and scales.has_logarithm(value):
-                    # What is known exactly, as a first state may be, has only rounding for an error.
-                    value = np.where(value > _ROUNDING * np.nanmax(value), value, np.nan)
+                    value = scales.without_rounding(value)  # as the error of a known first state
                 if self.curve(ax, (k, value), look, title, titles):
                     style.error_band(ax, k, value, stderr, look, i, number, self.log)
         return self.finish(figure, titles)

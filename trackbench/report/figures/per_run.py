@@ -10,6 +10,7 @@ from trackbench.evaluation.metric_expression import OfRun, measure
 from trackbench.registry import register
 from trackbench.report.figures.over_time import Curves
 from trackbench.report.findings.phrases import ranking
+from trackbench.report.plotting import style
 from trackbench.report.plotting.style import Figure
 from trackbench.report.results import Results
 
@@ -39,10 +40,10 @@ class RmsePerRun(Curves):
     def default_caption(self, results: Results) -> str:
         """Return which filter's median is best."""
         runs = results.runs(results.points()[0])
-        found = {b: runs.get((b, str(self.metric))) for b, _ in self.labels(results)}
+        errors = {b: runs.get((b, str(self.metric))) for b, _ in self.labels(results)}
         medians = {
             b: float(np.median(np.where(np.isnan(values), np.inf, values)))
-            for b, values in found.items()
+            for b, values in errors.items()
             if values is not None and len(values) and b not in (self.floor, self.baseline)
         }
         return ranking(medians, self.metric.family[0].better, "By the median run")
@@ -54,11 +55,12 @@ class RmsePerRun(Curves):
             runs = results.runs(point)
             for label, look in self.labels(results):
                 values = runs.get((label, str(self.metric)), np.empty(0))
+                look = look | {"label": label}
                 if self.form == "sorted":
-                    ax.plot(*_in_order(values), label=label, **look)
+                    style.filter_line(ax, *_in_order(values), look)
                     continue
                 number = np.arange(1, len(values) + 1)
-                ax.plot(number, values, label=label, **look | {"linewidth": 0.8})
+                style.filter_line(ax, number, values, look | {"linewidth": 0.8})
         return self.finish(figure)
 
 

@@ -12,17 +12,15 @@ from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import Measure, OfSummary, measure, measured
 from trackbench.field_types import is_number
 from trackbench.registry import register
+from trackbench.report.figures.heat_map import write_cells
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import mean_of, named, three_digits
 from trackbench.report.findings.ranking import ranking_metrics
 from trackbench.report.kinds import FigureKind
-from trackbench.report.plotting import style
-from trackbench.report.plotting.scales import drawn_values, has_logarithm, plain_log_axis
+from trackbench.report.plotting import scales, style
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.result_files import Columns
 from trackbench.report.results import Results, missing_paths
-
-_GAP = 0.2  # of a decade's factor: where zero stands on a logarithmic axis, left of the least value
 
 
 @register("figures", "rmse-vs-parameter")
@@ -54,16 +52,17 @@ class RmseVsParameter(FigureKind):
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
         """Reject an axis that is no path of the grid, and values that are no numbers."""
         path = self.parameter or next(iter(points[0].values), "")
-        found = missing_paths(points, parameter=path)
-        values = [point.values[path] for point in points] if not found else []
-        words = [value for value in values if _common_number(value) is None]
-        return {"parameter": f"{words[0]!r} in the grid of {path} is no number"} if words else found
+        problems = missing_paths(points, parameter=path)
+        for value in [] if problems else [point.values[path] for point in points]:
+            if _common_number(value) is None:
+                return {"parameter": f"{value!r} in the grid of {path} is no number"}
+        return problems
 
     def default_caption(self, results: Results) -> str:
         """Return where each filter is best."""
         path, shown = self._shown(results)
         name, unit = phrases.quantity(path)
-        told = []
+        parts = []
         for label in results.chosen(self.filters) if not is_of_scenario(path) else ():
             rows = shown.where(filter=label)
             rows = rows.chosen(np.isfinite(rows["value"]))
@@ -71,56 +70,62 @@ class RmseVsParameter(FigureKind):
             if len(y) and np.ptp(y) > 0.0:
                 best = best_place(y, self.metric)
                 number = three_digits(float(y[best]))
-                told.append(f"{named(label)} {number} at {x[best]:g} {unit}".rstrip())
-        return f"Best over {name}: {', '.join(told)}." if told else ""
+                parts.append(f"{named(label)} {number} at {x[best]:g} {unit}".rstrip())
+        return f"Best over {name}: {', '.join(parts)}." if parts else ""
 
     def _shown(self, results: Results) -> tuple[str, Columns]:
         """Return the horizontal axis's path and rows of summary.csv at the other paths' first values."""
         path = self.parameter or results.grid[0]
-        held = {p: v for p, v in results.points()[0].items() if p != path}
-        return path, results.columns("summary", held).where(metric=str(self.metric))
+        first_values = {p: v for p, v in results.points()[0].items() if p != path}
+        return path, results.columns("summary", first_values).where(metric=str(self.metric))
 
     def draw(self, results: Results) -> Figure:
         """Return one panel; other paths of the grid are held at their first values."""
         path, shown = self._shown(results)
         figure, ax = style.subplots(1, 1, 3.6)
-        every_x = _abscissas(results, path, shown)
-        log_x = self.log_x and has_logarithm(every_x)
-        labels = results.chosen(self.filters)
-        for label in labels:
-            rows = shown.where(filter=label)
-            rows = rows.chosen(np.argsort(_abscissas(results, path, rows), kind="stable"))
-            x, y, stderr = _abscissas(results, path, rows), rows["value"], rows["stderr"]
-            shown_x = _moved_zero(x) if log_x else x
-            self._line(ax, shown_x, y, stderr, label, results.line_style(label))
-            if np.isfinite(y).any() and np.ptp(y) != 0.0 and not is_of_scenario(path):
-                best = best_place(y, self.metric)
-                color = results.line_style(label)["color"]
-                ax.plot(shown_x[best], y[best], "o", color=color, markersize=5, zorder=3,
-                        label=f"_{label}")  # fmt: skip
+        x, y, stderr = _abscissas(results, path, shown), shown["value"], shown["stderr"]
+        log_x = self.log_x and scales.has_logarithm(x)
+        places = scales.moved_zero(x) if log_x else x
+        order = np.argsort(places, kind="stable")
+        marked = None if is_of_scenario(path) else self.metric
+        for label in results.chosen(self.filters):
+            rows, look = order[shown["filter"][order] == label], results.line_style(label)
+            if len(rows) and np.ptp(y[rows]) == 0.0:
+                ax.axhline(y[rows[0]], label=label, **look | {"linewidth": 0.9})
+            else:
+                estimates = places[rows], y[rows], stderr[rows]
+                _line(ax, estimates, label, look, marked, 5, capsize=1.5, elinewidth=0.8)
         if log_x:
-            _logarithmic(ax, np.unique(every_x))
+            scales.log_axis_with_zero(ax, np.unique(x))
         if self.log_y:
-            plain_log_axis(ax.yaxis, most=float("inf"))
-        ends = _moved_zero(every_x) if log_x else every_x
-        if not len(drawn_values(ax.xaxis)) and len(np.unique(ends)) > 1:  # horizontal lines alone
-            ax.set_xlim(ends.min(), ends.max())
+            scales.plain_log_axis(ax.yaxis, most=np.inf)
+        has_horizontal_lines_alone = not len(scales.drawn_values(ax.xaxis))
+        if has_horizontal_lines_alone and len(np.unique(places)) > 1:
+            ax.set_xlim(places.min(), places.max())
         ax.set_xlabel(self.x_label or results.axis(path))
         ax.set_ylabel(self.y_label or phrases.error_of(self.metric))
         style.title(figure, self.title)
         style.legend_outside(figure)
         return figure
 
-    def _line(
-        self, ax: Axes, x: Array, y: Array, stderr: Array, label: str, look: LineStyle
-    ) -> None:
-        if len(y) and np.ptp(y) == 0.0:
-            ax.axhline(y[0], label=label, **look | {"linewidth": 0.9})
-            return
-        ax.plot(x, y, label=label, **look)
-        bars = 2.0 * stderr
-        ax.errorbar(x, y, bars, fmt="none", color=look["color"], capsize=1.5, elinewidth=0.8,
-                    label=f"_{label}")  # fmt: skip
+
+def _line(
+    ax: Axes,
+    estimates: Sequence[Array] | Array,
+    label: str,
+    look: LineStyle,
+    metric: Measure | None,
+    size: float,
+    **bars: Any,
+) -> None:
+    """Draw a filter's values and standard errors over x; mark the best value by ``metric``, if any."""
+    x, y, stderr = estimates
+    if not style.filter_line(ax, x, y, {"label": label, **look}):
+        return
+    style.error_bars(ax, x, y, stderr, label, look["color"], **bars)
+    if metric is not None:
+        best, color = best_place(y, metric), look["color"]
+        ax.plot(x[best], y[best], "o", color=color, markersize=size, zorder=3, label=f"_{label}")
 
 
 def _common_number(value: object) -> float | None:
@@ -145,34 +150,11 @@ def best_place(values: Array, metric: Measure) -> int:
     return int(np.nanargmin(values if ideal is None else np.abs(values - ideal)))
 
 
-def _moved_zero(x: Array) -> Array:
-    positive = x[x > 0.0]
-    return np.where(x > 0.0, x, _GAP * positive.min() if len(positive) else 1.0)
-
-
-def _logarithmic(ax: Axes, values: Array) -> None:
-    from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
-
-    from trackbench.report.plotting.canvas import power_of_ten
-
-    ax.set_xscale("log")
-    if values[0] > 0.0:
-        return
-    zero = _moved_zero(values)[0]
-    decades = np.unique(np.ceil(np.log10(values[1:]) - 1e-9))
-    ax.xaxis.set_major_locator(FixedLocator([zero, *10.0**decades]))
-    ax.xaxis.set_minor_locator(NullLocator())
-
-    def words(x: float, _: object) -> str:
-        return "0" if np.isclose(x, zero) else power_of_ten(round(np.log10(x)))
-
-    ax.xaxis.set_major_formatter(FuncFormatter(words))
-
-
 _ROW_IN = 2.6
 _MOST_ERRORS = 2
 _MOST_TEXT = 8  # values along an axis up to which a heat map says its numbers
-_DECADE = 10.0  # between the ends of an axis that is logarithmic
+_WIDE, _WIDE_X = 10.0, 50.0
+"""Ratio of the largest to the least value from which on an axis is logarithmic."""
 _FEW = 3  # filters that are not varied and drawn all
 
 
@@ -203,68 +185,68 @@ class SweepFigure(FigureKind):
 
     def default_caption(self, results: Results) -> str:
         """Return where each filter is best by the first metric."""
-        held, metrics = _Held(results, self.paths), list(self._metrics(results).values())
-        told = []
+        section, metrics = _Section(results, self.paths), list(self._metrics(results).values())
+        parts = []
         changes_problem = any(map(is_of_scenario, self.paths))
         for label in self._labels(results)[1] if metrics and not changes_problem else ():
-            rows = held.of(label, metrics[0])
+            rows = section.of(label, metrics[0])
             if rows:
                 best = rows[best_place(np.array([row[-2] for row in rows]), metrics[0])]
                 at = phrases.heading(dict(zip(self.paths, best, strict=False)))
-                told.append(f"{named(label)} {three_digits(best[-2])} at {at}")
-        return f"Best: {'; '.join(told)}." if told else ""
+                parts.append(f"{named(label)} {three_digits(best[-2])} at {at}")
+        return f"Best: {'; '.join(parts)}." if parts else ""
 
     def draw(self, results: Results) -> Figure:
         """Return panels of metrics, or of filters."""
-        held, metrics = _Held(results, self.paths), self._metrics(results)
+        section, metrics = _Section(results, self.paths), self._metrics(results)
         labels, varied = self._labels(results)
         if len(self.paths) == 2:
-            return _heat_maps(held, *self.paths, varied, metrics, self.title)
-        return _lines(held, self.paths[0], labels, varied, metrics, self.title)
+            return _heat_maps(section, *self.paths, varied, metrics, self.title)
+        return _lines(section, self.paths[0], labels, varied, metrics, self.title)
 
     def _metrics(self, results: Results) -> dict[str, Measure]:
         return self.metrics or shown_metrics(results)
 
     def _labels(self, results: Results) -> tuple[list[str], list[str]]:
         """Return filters that are shown, and those of them that these paths vary."""
-        varied = [b for b in results.labels if any(_varies(results, p, b) for p in self.paths)]
-        elsewhere = {b for p in results.grid for b in results.filters if _varies(results, p, b)}
-        labels = [b for b in results.chosen(self.filters) if b in varied or b not in elsewhere]
-        return labels, [b for b in labels if b in varied]
+        chosen = results.chosen(self.filters)
+        varied = [b for b in chosen if _vary(results, self.paths, b)]
+        return [b for b in chosen if b in varied or not _vary(results, results.grid, b)], varied
 
 
 def shown_metrics(results: Results) -> dict[str, Measure]:
     """Return the axis label and metric: the first errors over the whole run and ANEES, or log scores."""
-    there = set(results.columns("summary")["metric"])
+    stored = set(results.columns("summary")["metric"])
     ranked = [measured(f"mean({name})") for name in ranking_metrics(results)[:_MOST_ERRORS]]
-    consistency = [measured(name) for name in ("anees", "mean(anis)") if name in there]
-    chosen = [m for m in (*ranked, *consistency[:1]) if str(m) in there]
+    consistency = [measured(name) for name in ("anees", "mean(anis)") if name in stored]
+    chosen = [m for m in (*ranked, *consistency[:1]) if str(m) in stored]
     return {"ANEES" if str(m) == "anees" else mean_of(m): m for m in chosen}
 
 
-def _varies(results: Results, path: str, label: str) -> bool:
-    return is_of_scenario(path) or label in filters_of(path, results.config["filters"])
+def _vary(results: Results, paths: Sequence[str], label: str) -> bool:
+    filters = results.config["filters"]
+    return any(is_of_scenario(path) or label in filters_of(path, filters) for path in paths)
 
 
-class _Held:
+class _Section:
     """summary.csv where all paths but the shown ones have their first values."""
 
     def __init__(self, results: Results, paths: Sequence[str]) -> None:
         self.results, self.paths = results, paths
         points = results.points()
-        held = {p: v for p, v in points[0].items() if p not in paths}
-        self._rows = results.columns("summary", held)
+        first_values = {p: v for p, v in points[0].items() if p not in paths}
+        self._rows = results.columns("summary", first_values)
         self.values = {path: list(dict.fromkeys(self._rows[path].tolist())) for path in paths}
 
     def of(self, label: str, metric: Measure) -> list[tuple[Any, ...]]:
         """Return values of the paths, value and standard error where there is a number."""
         rows = self._rows.where(filter=label, metric=str(metric))
-        found = rows.tuples([*self.paths, "value", "stderr"])
-        return [row for row in found if np.isfinite(row[-2])]
+        every = rows.tuples([*self.paths, "value", "stderr"])
+        return [row for row in every if np.isfinite(row[-2])]
 
 
 def _lines(
-    held: _Held,
+    section: _Section,
     path: str,
     labels: list[str],
     varied: list[str],
@@ -272,66 +254,59 @@ def _lines(
     title: str,
 ) -> Figure:
     figure, axes = style.panel_grid(len(metrics), _ROW_IN, 0.6)
-    values = held.values[path]
+    values = section.values[path]
     numeric = all(map(is_number, values))
     for ax, (words, metric) in zip(axes, metrics.items(), strict=False):
-        drawn = _drawn(held, labels, varied, metric)
-        for label in drawn:
-            _line(ax, held, label, metric, None if numeric else values, label in varied)
+        marked = None if is_of_scenario(path) else metric
+        heights: list[float] = []
+        for label in _drawn(section, labels, varied, metric):
+            rows, look = section.of(label, metric), section.results.line_style(label)
+            heights += [float(row[-2]) for row in rows]
+            if rows and label not in varied:
+                ax.axhline(rows[0][-2], label=label, **look | {"linewidth": 0.9})
+            elif rows:
+                x, y, stderr = zip(*rows, strict=True)
+                places = x if numeric else [values.index(value) for value in x]
+                estimates = np.array([places, y, stderr], dtype=float)
+                dotted = look | {"marker": "o", "markersize": 3}
+                _line(ax, estimates, label, dotted, marked, 6, capsize=2)
         _scale(ax, values, numeric)
-        heights = [float(row[-2]) for label in drawn for row in held.of(label, metric)]
-        if heights and 0.0 < _DECADE * min(heights) < max(heights):
-            plain_log_axis(ax.yaxis, most=np.inf)
-        ax.set(xlabel=held.results.axis(path), ylabel=words)
+        if scales.spans(heights, _WIDE):
+            scales.plain_log_axis(ax.yaxis, most=np.inf)
+        ax.set(xlabel=section.results.axis(path), ylabel=words)
     style.title(figure, title)
     style.legend_outside(figure)
     return figure
 
 
-def _drawn(held: _Held, labels: list[str], varied: list[str], metric: Measure) -> list[str]:
+def _drawn(section: _Section, labels: list[str], varied: list[str], metric: Measure) -> list[str]:
     """Return the filters that vary and those that do not; of many the best."""
-    levels = {b: rows[0][-2] for b in labels if b not in varied and (rows := held.of(b, metric))}
+    levels = {}
+    for label in labels:
+        rows = section.of(label, metric)
+        if rows and label not in varied:
+            levels[label] = rows[0][-2]
     if len(levels) <= _FEW:
         return [b for b in labels if b in varied or b in levels]
     best = [*levels][best_place(np.array([*levels.values()]), metric)]
     return [b for b in labels if b in varied or b == best]
 
 
-def _line(
-    ax: Axes, held: _Held, label: str, metric: Measure, words: list[Any] | None, varied: bool
-) -> None:
-    rows, look = held.of(label, metric), held.results.line_style(label)
-    if not rows:
-        return
-    if not varied:
-        ax.axhline(rows[0][-2], label=label, **look | {"linewidth": 0.9})
-        return
-    x = [row[0] if words is None else words.index(row[0]) for row in rows]
-    y, stderr = (np.array([row[i] for row in rows], dtype=float) for i in (-2, -1))
-    bars = np.where(np.isfinite(stderr), 2.0 * stderr, 0.0)
-    ax.plot(x, y, label=label, marker="o", markersize=3, **look)
-    more: Any = {"color": look["color"], "label": f"_{label}"}
-    ax.errorbar(x, y, bars, fmt="none", capsize=2, **more)
-    if not any(map(is_of_scenario, held.paths)):
-        best = best_place(y, metric)
-        ax.plot(x[best], y[best], "o", markersize=6, zorder=3, **more)
-
-
 def _scale(ax: Axes, values: list[Any], numeric: bool) -> None:
     if not numeric:
         ax.set_xticks(range(len(values)), [str(v) for v in values])
-    elif min(values) > 0 and max(values) >= 50 * min(values):
+    elif scales.spans(values, _WIDE_X):
         ax.set_xscale("log")
 
 
 def _heat_maps(
-    held: _Held, x: str, y: str, labels: list[str], metrics: dict[str, Measure], title: str
+    section: _Section, x: str, y: str, labels: list[str], metrics: dict[str, Measure], title: str
 ) -> Figure:
     """Return a panel per filter, on one color scale; the best value is framed."""
     words, metric = next(iter(metrics.items()), ("", measured("mean(rmse)")))
     # Fields of the filters that have any number, and their common color scale.
-    across, down = held.values[x], held.values[y]
-    fields = {label: _field(held, label, metric, across, down) for label in labels}
+    across, down = section.values[x], section.values[y]
+    fields = {label: _field(section, label, metric, across, down) for label in labels}
     fields = {label: field for label, field in fields.items() if np.isfinite(field).any()}
     figure, axes = style.panel_grid(len(fields), _ROW_IN, 0.6)
     finite = np.concatenate([f[np.isfinite(f)] for f in fields.values()] or [np.zeros(1)])
@@ -343,34 +318,27 @@ def _heat_maps(
         ax.set_yticks(range(len(down)), [phrases.number(v) for v in down])
         ax.set_title(style.wrap_label(label))
         ax.grid(visible=False)
-        _write_values(ax, values, finite, few=len(axes) == 1)
+        if max(values.shape) <= (_MOST_TEXT if len(axes) == 1 else _MOST_TEXT // 2):
+            write_cells(ax, values, "{:.3g}".format, image, 8)
         # Frame the best value, unless the points are different scenarios.
-        if not any(map(is_of_scenario, held.paths)):
+        if not any(map(is_of_scenario, section.paths)):
             _frame(ax, np.unravel_index(best_place(values.ravel(), metric), values.shape))
-    figure.supxlabel(held.results.axis(x))
-    figure.supylabel(held.results.axis(y))
+    figure.supxlabel(section.results.axis(x))
+    figure.supylabel(section.results.axis(y))
     style.title(figure, title)
     if fields:
         figure.colorbar(image, ax=axes, label=words)
     return figure
 
 
-def _field(held: _Held, label: str, metric: Measure, across: list[Any], down: list[Any]) -> Array:
+def _field(
+    section: _Section, label: str, metric: Measure, across: list[Any], down: list[Any]
+) -> Array:
     """Return the metric by grid values, an array (len(down), len(across)) with NaN in empty cells."""
-    found = np.full((len(down), len(across)), np.nan)
-    for a, b, value, _ in held.of(label, metric):
-        found[down.index(b), across.index(a)] = value
-    return found
-
-
-def _write_values(ax: Axes, values: Array, finite: Array, few: bool) -> None:
-    if max(values.shape) > (_MOST_TEXT if few else _MOST_TEXT // 2):
-        return
-    middle = 0.5 * (finite.min() + finite.max())
-    for (i, j), value in np.ndenumerate(values):
-        if np.isfinite(value):
-            color = "black" if value > middle else "white"
-            ax.text(j, i, f"{value:.3g}", ha="center", va="center", color=color, fontsize=8)
+    values = np.full((len(down), len(across)), np.nan)
+    for a, b, value, _ in section.of(label, metric):
+        values[down.index(b), across.index(a)] = value
+    return values
 
 
 def _frame(ax: Axes, at: tuple[Any, ...]) -> None:

@@ -80,10 +80,10 @@ class Track(FigureKind):
         turning, tracks = results.facts(point).spans, results.tracks(point)
         truth = tracks["truth"][list(self.components), :, 0]
         in_plane = self.measurements and self.components == (0, 2)
-        seen = tracks["seen"][:2, :, 0] if in_plane and "seen" in tracks else np.empty((2, 0))
+        measured = tracks["seen"][:2, :, 0] if in_plane and "seen" in tracks else np.empty((2, 0))
         estimates = {b: tracks[f"mean/{b}"][list(self.components), :, : self.runs]
                      for b in self.filters or self._best(results) if f"mean/{b}" in tracks}  # fmt: skip
-        first = truth, seen, *(mean[..., 0] for mean in estimates.values())
+        first = truth, measured, *(mean[..., 0] for mean in estimates.values())
         paths = {n.partition("/")[2]: x for n, x in tracks.items() if n.startswith("sensor/")}
         sensors = {n: x for n, x in paths.items() if in_plane and _is_near(x, first)}
         first += tuple(sensors.values())
@@ -94,8 +94,8 @@ class Track(FigureKind):
         )
         for i, ax in enumerate(axes[0]):
             label = self.filters[i] if self.filters else ""
-            if seen.size:
-                ax.plot(*(seen / metres), ".", color="#bbbbbb", markersize=2.0,
+            if measured.size:
+                ax.plot(*(measured / metres), ".", color="#bbbbbb", markersize=2.0,
                         label="Measurements, first run", rasterized=True, zorder=0)  # fmt: skip
             if label in estimates:
                 self._estimates(ax, estimates[label] / metres, results.line_style(label)["color"])
@@ -116,7 +116,8 @@ class Track(FigureKind):
 
     def _best(self, results: Results) -> list[str]:
         """Return the best filters of the first ranking, else the first ones."""
-        ranked = [c.label for found in rankings(results)[:1] for c in found.order]
+        every = rankings(results)
+        ranked = [c.label for c in every[0].order] if every else []
         return (ranked or results.filters)[: self.best]
 
     def _estimates(self, ax: Axes, xy: Array, color: str) -> None:
@@ -169,15 +170,15 @@ def draw_truth(
 ) -> None:
     """Draw the true path (2, T), its start, and the spans in which it turns."""
     width = 0.7 if thin else 1.4
-    there = np.isfinite(xy).all(axis=0)
-    if not there.any():
+    known = np.isfinite(xy).all(axis=0)
+    if not known.any():
         return
-    points = {} if there.all() else {"marker": ".", "markersize": 2.0}  # one alone makes no line
+    points = {} if known.all() else {"marker": ".", "markersize": 2.0}  # one alone makes no line
     ax.plot(*xy, label="Truth", **style.TRUTH | {"linewidth": width} | points)
     for start, end in turning:
         during = (times >= start) & (times <= end)
         ax.plot(*xy[:, during], label="Maneuvers", color=style.MANEUVER, linewidth=6, zorder=0.5)
-    ax.plot(*xy[:, there][:, 0], "o", color="black", markersize=4, label="Start")
+    ax.plot(*xy[:, known][:, 0], "o", color="black", markersize=4, label="Start")
 
 
 @register("figures", "mean-and-std")
@@ -189,9 +190,9 @@ class MeanAndStd(FigureKind):
     per_step.csv. The quantities are those the scenario calls x and y.
     """
 
-    requires: ClassVar[dict[str, str]] = {
-        f"{metric}_{quantity}": "per_step" for metric in ("bias", "std") for quantity in "xy"
-    }
+    requires: ClassVar[dict[str, str]] = dict.fromkeys(
+        ("bias_x", "bias_y", "std_x", "std_y"), "per_step"
+    )
 
     filters: tuple[str, ...] | None = None
     """labels to draw; default: all"""
@@ -220,8 +221,8 @@ class MeanAndStd(FigureKind):
                 chosen = frame.where(metric=f"{metric}_{quantity}")
                 for label in labels:
                     curve, look = chosen.where(filter=label), results.line_style(label)
-                    look = look | {"linewidth": 0.8}
-                    ax.plot(curve["time"], sign * curve["value"], label=label, **look)
+                    look = look | {"linewidth": 0.8, "label": label}
+                    style.filter_line(ax, curve["time"], sign * curve["value"], look)
                 ax.set_ylabel(words.format(quantity))
         for ax in axes[1]:
             ax.set_xlabel("Time (s)")
@@ -254,7 +255,7 @@ def draw_scene(experiment: Experiment) -> Figure:
 def _in_the_plane(scenario: Scenario, truth: Array, z: Array) -> Figure:
     figure, (plane, speed) = style.subplots(1, 2, 4.0, width_ratios=(2, 1))
     paths, times = truth[[0, 2]], scenario.times
-    seen = measured_positions(scenario, z[..., :1])
+    measured = measured_positions(scenario, z[..., :1])
     sites = sensor_paths(scenario)
     metres, unit = plane_unit(paths.reshape(2, -1), *(site for _, site in sites))
     # Step 1: paths of all runs, measurements of the first.
@@ -262,9 +263,9 @@ def _in_the_plane(scenario: Scenario, truth: Array, z: Array) -> Figure:
     if not same:
         plane.plot(*(paths / metres), color="#bbbbbb", linewidth=0.5, zorder=0)
         plane.plot([], [], color="#bbbbbb", label=f"Truth of {paths.shape[-1]} runs")
-    if seen is not None:
+    if measured is not None:
         dots = {"color": "#5599cc", "markersize": 2.5, "label": "Measurements, first run"}
-        plane.plot(*(seen[:2, :, 0] / metres), ".", zorder=0.2, **dots)
+        plane.plot(*(measured[:2, :, 0] / metres), ".", zorder=0.2, **dots)
     draw_truth(plane, paths[..., 0] / metres, times, scenario.spans, thin=False)
     # Step 2: times along the path.
     for i in np.linspace(0, len(times) - 1, _MARKS).astype(int):
@@ -290,17 +291,20 @@ def _in_the_plane(scenario: Scenario, truth: Array, z: Array) -> Figure:
 def _over_time(scenario: Scenario, truth: Array, z: Array) -> Figure:
     rows = [(name, scenario.times, x) for name, x in zip(scenario.components, truth, strict=False)]
     sensor = scenario.true_sensor
-    seen = [(n, scenario.times[1:], x) for n, x in zip(sensor.components, z, strict=True)]
+    measured = [(n, scenario.times[1:], x) for n, x in zip(sensor.components, z, strict=True)]
     rows = rows[:_MOST_ROWS]
     figure, axes = style.subplots(
-        len(rows) + min(len(seen), _MOST_ROWS), 1, 1.1 * (len(rows) + len(seen)), sharex=True
+        len(rows) + min(len(measured), _MOST_ROWS),
+        1,
+        1.1 * (len(rows) + len(measured)),
+        sharex=True,
     )
     panels: list[Axes] = list(np.atleast_1d(axes))
     for ax, (name, times, x) in zip(panels, rows, strict=False):
         ax.plot(times, x, color="#bbbbbb", linewidth=0.5, label="_")
         ax.plot(times, x[:, 0], color="black", linewidth=1.2, label="Truth, first run")
         ax.set_ylabel(name)
-    for ax, (name, times, x) in zip(panels[len(rows) :], seen, strict=False):
+    for ax, (name, times, x) in zip(panels[len(rows) :], measured, strict=False):
         ax.plot(times, x[:, 0], ".", color="#5599cc", markersize=3, label="Measurements, first run")
         ax.set_ylabel(f"{name} (meas.)")
     panels[-1].set_xlabel("Time (s)")

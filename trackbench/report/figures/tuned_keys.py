@@ -48,15 +48,15 @@ def _panel(ax: Axes, record: Record, axis: Axis) -> None:
         return float(axis.choices.index(value) if axis.choices else value)  # type: ignore[arg-type]
 
     best, near = record.best, record.within(axis)
-    there = [t for t in record.trials if isfinite(t.objective)]
-    top, band = _top([t.objective for t in there], best.stderr), style.COLORS[4]
+    trials = [t for t in record.trials if isfinite(t.objective)]
+    top, band = _top([t.objective for t in trials], best.stderr), style.COLORS[4]
     ax.axhspan(best.objective, best.objective + best.stderr, color=band, alpha=0.35, linewidth=0)
     if near and not axis.choices:
         ax.axvspan(x(near[0]), x(near[-1]), color=band, alpha=0.2, linewidth=0)
     line = sorted((x(t.values[axis.key]), min(t.objective, top)) for t in record.beside(axis))
     if not axis.choices:
         ax.plot(*zip(*line, strict=True), color=style.COLORS[0], linewidth=0.6, alpha=0.6)
-    for t in there:
+    for t in trials:
         marker = "^" if t.objective > top else "x" if t.lost else "o"
         height = min(t.objective, top)
         ax.plot(x(t.values[axis.key]), height, marker, color=style.COLORS[0], markersize=3.5)

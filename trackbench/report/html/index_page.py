@@ -6,6 +6,7 @@ import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any, TypeAlias
 from xml.etree import ElementTree as ET
@@ -123,16 +124,16 @@ def write_overview(folder: Path) -> list[Path]:
 
 def _write_index(folder: Path, found: Overview, everything: Verdicts) -> Path:
     # The verdicts on CPU times of all experiments are counted separately.
-    times = (verdict for results, _ in found for verdict in time_verdicts(results))
+    times = chain.from_iterable(time_verdicts(results) for results, _ in found)
+    cards = {}
+    for topic, group in _by_topic(found).items():
+        cards[topic] = [_card(folder, *item) for item in group]
     return write_page(
         folder / "index.html",
         "index.html",
         live=False,
         title="Experiments and what they say of the papers",
-        topics={
-            topic: [_card(folder, *item) for item in group]
-            for topic, group in _by_topic(found).items()
-        },
+        topics=cards,
         counted=bars(everything),
         verdict_lines=summary_lines(everything),
         ledger=[*verdict_tables(everything), *time_tables(times)],
@@ -191,7 +192,8 @@ def _has_runs(results: Results) -> bool:
 
 def short_answer(found: Sequence[Ranking]) -> str:
     """Return the result in about five words: ``IMM best of 16 filters``; empty without a ranking."""
-    leaders = Counter(c.label for standing in found for c in standing.among_the_best)
+    best = chain.from_iterable(ranking.among_the_best for ranking in found)
+    leaders = Counter(candidate.label for candidate in best)
     if not leaders:
         return "which is best is inconclusive" if any(s.order[1:] for s in found) else ""
     (label, most), *others = leaders.most_common()
@@ -202,9 +204,9 @@ def short_answer(found: Sequence[Ranking]) -> str:
         return ""
     if len(others) + 1 == filters:
         return f"no significant difference between {filters}"
-    best = found[0].among_the_best[0].label
+    first = found[0].among_the_best[0].label
     return (
-        f"{best} and {len(others)} others best" if others else f"{best} best of {filters} filters"
+        f"{first} and {len(others)} others best" if others else f"{first} best of {filters} filters"
     )
 
 

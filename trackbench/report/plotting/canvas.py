@@ -8,13 +8,11 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
-from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import Formatter, LogFormatterMathtext
 
-from trackbench.core.arrays import Array
 from trackbench.report.plotting.page_formats import sheet
 
 _DPI = 150
@@ -26,8 +24,6 @@ class Canvas(Figure):
     def __init__(self, width_in: float, height_in: float) -> None:
         super().__init__(figsize=(width_in, height_in), layout="constrained")
         FigureCanvasAgg(self)
-        self.errors: dict[tuple[Axes, str], tuple[Array, Array]] = {}
-        """abscissas and standard errors (n,) by axes and label, to be read off the page"""
 
     def _repr_png_(self) -> tuple[bytes, dict[str, int]]:
         """Return the picture, and its size on the page in pixels, which are 1/100 in."""
@@ -84,9 +80,9 @@ class _Letters(Formatter):
 
 def spelt(formula: str) -> str:
     r"""Return ``$\mathdefault{2\times10^{-3}}$`` as 2×10⁻³; what is more than that stays a formula."""
-    found = _FORMULA.fullmatch(formula)
-    if found is None:
+    match = _FORMULA.fullmatch(formula)
+    if match is None:
         return formula
-    text = found[1].replace(r"\times", "×")
+    text = match[1].replace(r"\times", "×")
     text = _POWER.sub(lambda power: power[1].translate(_RAISED), text)
     return formula if re.search(r"[\\^{}]", text) else text.replace("-", "−")

@@ -1,6 +1,7 @@
-"""Logarithmic axes: which numbers they can show, and how they are labeled."""
+"""Logarithmic axes: when an axis is one, which numbers it can show, and how it is labeled."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,10 +15,51 @@ else:
     Axes = Axis = Any
 
 
+_ZERO = 0.2
+"""Place of zero on a logarithmic axis, as a multiple of the least positive value."""
+_ROUNDING = 1e-12
+
+
 def has_logarithm(values: Array) -> bool:
     """Return whether a logarithmic axis can show numbers: one is positive, and none is negative."""
     finite = values[np.isfinite(values)]
     return bool((finite > 0.0).any() and not (finite < 0.0).any())
+
+
+def spans(values: Sequence[float], factor: float) -> bool:
+    """Return whether numbers are positive and the largest is at least ``factor`` times the least."""
+    return len(values) > 0 and 0.0 < factor * min(values) <= max(values)
+
+
+def without_rounding(values: Array) -> Array:
+    """Return the numbers (n,) with NaN for those that are exactly known, and so only rounding."""
+    return np.where(values > _ROUNDING * np.nanmax(values), values, np.nan)
+
+
+def moved_zero(values: Array) -> Array:
+    """Return the places (n,) of numbers on a logarithmic axis: zero stands at the left, apart."""
+    positive = values[values > 0.0]
+    return np.where(values > 0.0, values, _ZERO * positive.min() if len(positive) else 1.0)
+
+
+def log_axis_with_zero(ax: Axes, values: Array) -> None:
+    """Make the horizontal axis logarithmic; of ascending numbers (n,) the first may be zero."""
+    from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+
+    from trackbench.report.plotting.canvas import power_of_ten
+
+    ax.set_xscale("log")
+    if values[0] > 0.0:
+        return
+    zero = moved_zero(values)[0]
+    decades = np.unique(np.ceil(np.log10(values[1:]) - 1e-9))
+    ax.xaxis.set_major_locator(FixedLocator([zero, *10.0**decades]))
+    ax.xaxis.set_minor_locator(NullLocator())
+
+    def words(x: float, _: object) -> str:
+        return "0" if np.isclose(x, zero) else power_of_ten(round(np.log10(x)))
+
+    ax.xaxis.set_major_formatter(FuncFormatter(words))
 
 
 def drawn_values(axis: Any) -> Array:
@@ -27,16 +69,16 @@ def drawn_values(axis: Any) -> Array:
     """
     ax, name = axis.axes, axis.axis_name
     alike = ax.get_shared_x_axes() if name == "x" else ax.get_shared_y_axes()
-    found = [np.empty(0)]
+    coordinates = [np.empty(0)]
     for other in alike.get_siblings(ax):
-        found += list(_coordinates(other, name))
-    values = np.concatenate(found)
+        coordinates += list(_coordinates(other, name))
+    values = np.concatenate(coordinates)
     return values[np.isfinite(values)]
 
 
 def _coordinates(ax: Axes, name: str) -> Iterator[Array]:
     bars: list[Any] = [b for b in ax.containers if hasattr(b, "has_yerr")]
-    caps = [cap for bar in bars for cap in bar.lines[1]]
+    caps = [*chain.from_iterable(bar.lines[1] for bar in bars)]
     for line in ax.lines:
         in_data = line.get_transform().contains_branch_seperately(ax.transData)
         if line not in caps and in_data[name == "y"]:

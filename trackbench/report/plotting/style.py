@@ -14,10 +14,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.report.findings import phrases
-from trackbench.report.html import svg
+from trackbench.report.plotting import svg_file
 from trackbench.report.plotting.page_formats import sheet
-from trackbench.results.point_facts import GridPoint
 
 # Types for signatures: matplotlib takes long to import, and only what draws has to.
 if TYPE_CHECKING:
@@ -89,6 +87,17 @@ def line(index: int) -> LineStyle:
     return {"color": color, "linestyle": dash}
 
 
+def filter_line(ax: Axes, x: Any, value: Array, look: LineStyle) -> bool:
+    """Draw a filter's line; return whether it has any value.
+
+    A filter that lost all its runs has none, and no line in the legend.
+    """
+    is_drawn = bool(np.isfinite(value).any())
+    if is_drawn:
+        ax.plot(x, value, **look)
+    return is_drawn
+
+
 def error_band(
     ax: Axes,
     x: Array,
@@ -104,11 +113,7 @@ def error_band(
     A band; where there are more than three, which would lie over each other to a gray, bars at some
     of the x, no two lines' at the same. On a logarithmic axis none reaches below a tenth of the value.
     """
-    from trackbench.report.plotting.canvas import Canvas
-
-    figure = ax.get_figure()
-    if isinstance(figure, Canvas):
-        figure.errors[ax, look["label"]] = (x, stderr)
+    svg_file.set_stderr(ax, look["label"], stderr)
     low, high = value - 2 * stderr, value + 2 * stderr
     if log:
         low = np.maximum(low, 0.1 * value)
@@ -121,6 +126,14 @@ def error_band(
     chosen = slice(place * every // places, None, every)
     ax.vlines(x[chosen], low[chosen], high[chosen], linewidth=1.0, **whose)
     ax.plot([], [], linestyle="", color="#888888", marker="|", markersize=8, label=SPREAD)
+
+
+def error_bars(
+    ax: Axes, x: Array, value: Array, stderr: Array, label: str, color: str, **look: Any
+) -> None:
+    """Draw two standard errors as a bar at each point of the line ``label``, for the page too."""
+    svg_file.set_stderr(ax, label, stderr)
+    ax.errorbar(x, value, 2.0 * stderr, fmt="none", color=color, label=f"_{label}", **look)
 
 
 def with_gaps(steps: Array, *series: Array) -> tuple[Array, ...]:
@@ -150,15 +163,19 @@ def gray_line(ax: Axes, x: Array, value: Array, steps: int = 1) -> None:
 
 def legend_outside(figure: Figure, without: Collection[str] = ()) -> None:
     """Draw one legend below the axes, each label once, in as many columns as fit."""
-    found = _legend(figure, without)
-    if not found:
+    handles = _legend(figure, without)
+    if not handles:
         return
-    columns = _columns(list(found), figure.get_figwidth())
-    rows = -(-len(found) // columns)
-    lines = rows * (1 + max(label.count("\n") for label in found))
+    columns = _columns(list(handles), figure.get_figwidth())
+    rows = -(-len(handles) // columns)
+    lines = rows * (1 + max(label.count("\n") for label in handles))
     figure.set_figheight(figure.get_figheight() + _LINE_IN * lines + 0.1)
     figure.legend(
-        found.values(), found.keys(), loc="outside lower center", ncols=columns, columnspacing=1.5
+        handles.values(),
+        handles.keys(),
+        loc="outside lower center",
+        ncols=columns,
+        columnspacing=1.5,
     )
 
 
@@ -178,14 +195,14 @@ def _columns(labels: Sequence[str], width_in: float) -> int:
 
 def _legend(figure: Figure, without: Collection[str]) -> dict[str, Any]:
     """Return the lines by label; the first of each label."""
-    found: dict[str, Any] = {}
+    handles: dict[str, Any] = {}
     for ax in figure.axes:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
             if label in without:
                 continue
-            found.setdefault(wrap_label(label), handle)
-    last = {label: found.pop(label) for label in [SPREAD] if label in found}
-    return found | last
+            handles.setdefault(wrap_label(label), handle)
+    last = {label: handles.pop(label) for label in [SPREAD] if label in handles}
+    return handles | last
 
 
 MOST_PANELS = 12
@@ -229,10 +246,9 @@ def title(figure: Figure, text: str, points: int = 1) -> None:
         figure.suptitle(": ".join(filter(None, [text, part])))
 
 
-def headings(points: Sequence[GridPoint]) -> list[str]:
-    """Set the panel titles, wrapped to the room."""
-    across = min(len(points), sheet().across)
-    return [wrapped(phrases.heading(point), across) for point in points]
+def headings(texts: Sequence[str]) -> list[str]:
+    """Return the titles of panels beside each other, wrapped to the room."""
+    return [wrapped(text, min(len(texts), sheet().across)) for text in texts]
 
 
 def wrapped(text: str, across: int = 1) -> str:
@@ -267,8 +283,9 @@ def content(figure: Figure, form: str) -> bytes:
     """Return the figure as a file's content in one of the `FORMATS`."""
     if form != "svg":
         return saved(figure, form)
-    labels = svg.mark(figure)
-    return svg.marked(svg.compact(saved(figure, form).decode()), figure, labels).encode()
+    labels = svg_file.mark(figure)
+    svg = svg_file.compact(saved(figure, form).decode())
+    return svg_file.marked(svg, figure, labels).encode()
 
 
 def lay_out(figure: Figure) -> Figure:

@@ -1,14 +1,14 @@
-// Figures one can ask: hide a filter, read a value, zoom, linear or logarithmic. All of it is done on the
-// shapes that matplotlib drew: `data-live` says where the axes are, `data-of` whose a shape is.
+// Interactive figures: hide a filter, read a value, zoom, linear or logarithmic. `data-live` has the axes and
+// the values of the curves, `data-of` the curve of a shape. Zooming moves the shapes that matplotlib drew.
 (() => {
   const NS = "http://www.w3.org/2000/svg";
   const forward = (axis, value) => (axis.log ? Math.log10(Math.max(value, 1e-300)) : value);
   const backward = (axis, value) => (axis.log ? 10 ** value : value);
   const node = (name, attributes, parent) => {
-    const made = document.createElementNS(NS, name);
-    for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
-    if (parent) parent.append(made);
-    return made;
+    const element = document.createElementNS(NS, name);
+    for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
+    if (parent) parent.append(element);
+    return element;
   };
 
   // An axis as it was drawn, or as it is shown: between a value and its place in the drawing.
@@ -38,27 +38,25 @@
   };
 
   class Panel {
-    constructor(figure, told, index) {
-      Object.assign(this, { figure, told, box: told.box });
+    constructor(figure, drawn, index) {
+      Object.assign(this, { figure, drawn, box: drawn.box });
       this.root = figure.svg.querySelector(`[data-axes="${index}"]`);
       this.shapes = [];
       for (const element of this.root.querySelectorAll("[clip-path]")) {
         if (element.closest('[id*="tick_"]')) continue;
-        for (const shape of element.localName === "g" ? element.querySelectorAll("path, use") : [element]) this.keep(shape);
+        for (const shape of element.localName === "g" ? element.querySelectorAll("path, use") : [element]) this.add(shape);
       }
       const clip = this.shapes[0]?.element.getAttribute("clip-path") ?? this.shapes[0]?.element.parentNode.getAttribute("clip-path");
-      for (const image of this.root.querySelectorAll("image")) this.keepImage(image, clip);
-      this.curves = [];
-      for (const shape of this.shapes) {
-        const owner = shape.element.closest("[data-of]");
-        if (!owner || !shape.path || this.curves.some((curve) => curve.owner === owner)) continue;
-        const points = shape.path.flatMap(([, at]) => at);
-        if (shape.path.some(([letter]) => letter === "z") || points.length < 3) continue;
-        this.curves.push({ owner, number: +owner.dataset.of, points, color: shape.element.style.stroke });
-      }
+      for (const image of this.root.querySelectorAll("image")) this.addImage(image, clip);
+      let abscissas;  // of the curve before, if one has none; an SVG of an older version has no curves
+      this.curves = (drawn.curves ?? []).map(({ of, color, x, y, stderr = [] }) => {
+        abscissas = x ?? abscissas;
+        const points = abscissas.map((value, i) => [value, y[i]]);
+        return { number: of, color, points, stderr };
+      });
       this.single = this.curves.every(({ points }) => points.every((p, i) => !i || p[0] >= points[i - 1][0]));
     }
-    keep(element) {
+    add(element) {
       const number = (name) => parseFloat(element.getAttribute(name));
       if (element.localName === "path") {
         if (!element.closest("defs")) this.shapes.push({ element, d: element.getAttribute("d"), path: parse(element.getAttribute("d") || "") });
@@ -67,7 +65,7 @@
       }
     }
     // matplotlib draws pixels upside down, y upwards: from -y to height - y, and not clipped.
-    keepImage(element, clip) {
+    addImage(element, clip) {
       const [x, y, width, height] = ["x", "y", "width", "height"].map((name) => parseFloat(element.getAttribute(name)));
       const frame = node("g", clip ? { "clip-path": clip } : {});
       element.replaceWith(frame);
@@ -77,23 +75,20 @@
     }
     axes() {
       const { views } = this.figure;
-      return [views[this.told.x.group], views[this.told.y.group]];
+      return [views[this.drawn.x.group], views[this.drawn.y.group]];
     }
-    // What was read off the drawing, and where it stands now.
-    value([x, y]) {
-      const [left, top, right, bottom] = this.box;
-      return [valueAt(this.told.x, left, right, x), valueAt(this.told.y, bottom, top, y)];
-    }
+    // The place of a value in the present view, and that of a point of the original drawing.
     now([x, y]) {
       const [left, top, right, bottom] = this.box, [across, up] = this.axes();
       return [place(across, left, right, x), Math.min(place(up, bottom, top, y), bottom + 1e4)];
     }
-    moved(point) {
-      return this.now(this.value(point));
+    moved([x, y]) {
+      const [left, top, right, bottom] = this.box;
+      return this.now([valueAt(this.drawn.x, left, right, x), valueAt(this.drawn.y, bottom, top, y)]);
     }
     draw() {
-      const [across, up] = this.axes(), as = (view, told) => view.log === told.log && view.ends.every((end, i) => end === told.ends[i]);
-      const original = as(across, this.told.x) && as(up, this.told.y);
+      const [across, up] = this.axes(), as = (view, drawn) => view.log === drawn.log && view.ends.every((end, i) => end === drawn.ends[i]);
+      const original = as(across, this.drawn.x) && as(up, this.drawn.y);
       const text = (point) => point.map((x) => x.toFixed(2)).join(" ");
       for (const shape of this.shapes) {
         const { element } = shape;
@@ -120,12 +115,12 @@
       this.root.insertBefore(this.scales, this.root.children[1]);
       const [left, top, right, bottom] = this.box;
       this.axes().forEach((axis, vertical) => {
-        const said = this.root.querySelector(`[id*="-${"xy"[vertical]}tick_"] text`);
+        const label = this.root.querySelector(`[id*="-${"xy"[vertical]}tick_"] text`);
         for (const value of ticks(axis)) {
           const at = vertical ? place(axis, bottom, top, value) : place(axis, left, right, value);
           const ends = vertical ? { x1: left, x2: right, y1: at, y2: at } : { x1: at, x2: at, y1: top, y2: bottom };
           node("line", { ...ends, stroke: "#dddddd", "stroke-width": 0.5 }, this.scales);
-          if (!said) continue;
+          if (!label) continue;
           const where = vertical ? { x: left - 5, y: at + 3.2, "text-anchor": "end" } : { x: at, y: bottom + 13, "text-anchor": "middle" };
           node("text", where, this.scales).textContent = String(+value.toPrecision(6));
         }
@@ -135,30 +130,17 @@
       const [left, top, right, bottom] = this.box;
       return x >= left && x <= right && y >= top && y <= bottom;
     }
-    // The standard error of a curve at a point of its own.
-    error({ number }, x) {
-      const [values, errors] = this.told.errors[number] ?? [[], []], [left, , right] = this.box;
-      return errors[values.findIndex((value) => Math.abs(place(this.told.x, left, right, value) - x) < 0.05)];
-    }
-    // What the curves say at the abscissa of a point of the drawing; of tracks, the nearest point.
+    // The values of all curves at the abscissa nearest to a point of the drawing; of tracks, the nearest value.
     read([x, y]) {
-      const found = [], shown = this.curves.filter(({ number }) => !this.figure.hidden.has(number));
-      const placed = shown.map((curve) => [curve, curve.points.map((point) => this.moved(point))]);
+      const shown = this.curves.filter(({ number }) => !this.figure.hidden.has(number));
+      const placed = shown.map((curve) => [curve, curve.points.map((point) => this.now(point))]);
       const [, snapped] = nearest(placed.flatMap(([, points]) => points), (at) => (this.single ? Math.abs(at[0] - x) : Math.hypot(at[0] - x, at[1] - y)));
-      for (const [curve, points] of snapped ? placed : []) {
-        if (!this.single) {
-          const i = points.indexOf(snapped);
-          if (i >= 0) found.push({ curve, at: snapped, value: this.value(curve.points[i]) });
-          continue;
-        }
-        const i = points.findIndex((at) => at[0] >= snapped[0] - 1e-6);
-        if (i < 0 || (i === 0 && points[0][0] > snapped[0] + 1e-6)) continue;  // it does not reach so far
-        const here = points[i][0] - snapped[0] < 1e-6 ? 1 : (snapped[0] - points[i - 1][0]) / (points[i][0] - points[i - 1][0]);
-        const between = (list) => (here === 1 ? list[i] : list[i].map((b, k) => list[i - 1][k] + here * (b - list[i - 1][k])));
-        const error = here === 1 ? this.error(curve, curve.points[i][0]) : undefined;
-        found.push({ curve, at: between(points), value: this.value(between(curve.points)), error });
+      const rows = [];
+      for (const [curve, points] of placed) {
+        const i = points.findIndex((at) => (this.single ? Math.abs(at[0] - snapped[0]) < 0.05 : at === snapped));
+        if (i >= 0) rows.push({ curve, at: points[i], value: curve.points[i], error: curve.stderr[i] });
       }
-      return found.sort((a, b) => b.value[1] - a.value[1]);
+      return rows.sort((a, b) => b.value[1] - a.value[1]);
     }
   }
 
@@ -180,21 +162,21 @@
 
   const ticks = ({ log, ends: [low, high] }) => {
     if (log && high / low > 6) {
-      const found = [], parts = high / low > 300 ? [1] : [1, 2, 5];
-      for (let k = Math.floor(Math.log10(low)); k <= Math.log10(high); k++) found.push(...parts.map((m) => m * 10 ** k));
-      return found.filter((x) => x >= low && x <= high);
+      const places = [], parts = high / low > 300 ? [1] : [1, 2, 5];
+      for (let k = Math.floor(Math.log10(low)); k <= Math.log10(high); k++) places.push(...parts.map((m) => m * 10 ** k));
+      return places.filter((x) => x >= low && x <= high);
     }
     const rough = (high - low) / 5, power = 10 ** Math.floor(Math.log10(rough));
     const step = power * [1, 2, 5, 10].find((m) => m * power >= rough);
-    const found = [];
-    for (let i = Math.ceil(low / step); i * step <= high; i++) found.push(i * step);
-    return found;
+    const places = [];
+    for (let i = Math.ceil(low / step); i * step <= high; i++) places.push(i * step);
+    return places;
   };
 
   class Figure {
     constructor(element, svg) {
       Object.assign(this, { element, svg, hidden: new Set() });
-      this.told = JSON.parse(svg.dataset.live);
+      this.drawn = JSON.parse(svg.dataset.live);
       this.reset();
       this.keys();
       this.bar = element.querySelector("figcaption");
@@ -209,51 +191,49 @@
       svg.addEventListener("keydown", (event) => this.keydown(event));
       this.undo = this.button("Whole figure", () => this.show(() => this.reset()));
       this.undo.hidden = true;
-      const told = this.told.axes;
-      if (told.some(({ equal }) => equal) || svg.querySelector("image")) return;
-      const log = told.every(({ y }) => y.log);
-      if (!told.every(({ y }) => y.log || (y.ends[1] > 0 && y.ends[0] > -0.1 * y.ends[1]))) return;  // both signs
+      const drawn = this.drawn.axes;
+      if (drawn.some(({ equal }) => equal) || svg.querySelector("image")) return;
+      const log = drawn.every(({ y }) => y.log);
+      if (!drawn.every(({ y }) => y.log || (y.ends[1] > 0 && y.ends[0] > -0.1 * y.ends[1]))) return;  // both signs
       this.scale = this.button(log ? "Linear axis" : "Log axis", () => this.show(() => this.turn()));
     }
     button(text, act) {
-      const made = document.createElement("button");
-      Object.assign(made, { type: "button", textContent: text, className: "tool" });
-      made.addEventListener("click", act);
-      this.bar.append(made);
-      return made;
+      const element = document.createElement("button");
+      Object.assign(element, { type: "button", textContent: text, className: "tool" });
+      element.addEventListener("click", act);
+      this.bar.append(element);
+      return element;
     }
     get panels() {
-      this.made ??= this.told.axes.map((told, i) => new Panel(this, told, i));
-      return this.made;
+      this.created ??= this.drawn.axes.map((drawn, i) => new Panel(this, drawn, i));
+      return this.created;
     }
     reset() {
       this.views = {};
-      for (const axes of this.told.axes) for (const name of ["x", "y"]) this.views[axes[name].group] ??= { log: axes[name].log, ends: [...axes[name].ends] };
+      for (const axes of this.drawn.axes) for (const name of ["x", "y"]) this.views[axes[name].group] ??= { log: axes[name].log, ends: [...axes[name].ends] };
       this.turned = false;
     }
     show(change) {
       change();
       for (const panel of this.panels) panel.draw();
-      this.undo.hidden = !this.turned && this.told.axes.every((axes) => ["x", "y"].every((n) => axes[n].ends.every((end, i) => end === this.views[axes[n].group].ends[i])));
-      if (this.scale) this.scale.textContent = this.told.axes.every(({ y }) => this.views[y.group].log) ? "Linear axis" : "Log axis";
+      this.undo.hidden = !this.turned && this.drawn.axes.every((axes) => ["x", "y"].every((n) => axes[n].ends.every((end, i) => end === this.views[axes[n].group].ends[i])));
+      if (this.scale) this.scale.textContent = this.drawn.axes.every(({ y }) => this.views[y.group].log) ? "Linear axis" : "Log axis";
       this.note.hidden = true;
       this.cursor?.remove();
     }
     turn() {
       this.turned = !this.turned;
-      for (const { y } of this.told.axes) {
+      for (const { y } of this.drawn.axes) {
         const view = this.views[y.group];
         view.log = this.turned ? !y.log : y.log;
         view.ends = [...y.ends];
         if (!view.log) view.ends[0] = Math.min(0, view.ends[0]);
         if (!view.log || y.log) continue;
-        let least = Infinity;
-        for (const panel of this.panels) {
-          if (panel.told.y.group !== y.group) continue;
-          const floor = 0.02 * (panel.box[3] - panel.box[1]) / 100;  // what is nearer to zero than the drawing tells
-          for (const curve of panel.curves) for (const p of curve.points) if (panel.box[3] - p[1] > floor) least = Math.min(least, panel.value(p)[1]);
-        }
-        view.ends[0] = least > 0 && least < view.ends[1] ? 0.9 * least : 1e-3 * view.ends[1];
+        const rounding = 1e-12 * view.ends[1];
+        const curves = this.panels.filter((panel) => panel.drawn.y.group === y.group).flatMap((panel) => panel.curves);
+        const values = curves.flatMap(({ points }) => points.map(([, value]) => value)).filter((value) => value > rounding);
+        const least = values.reduce((a, b) => Math.min(a, b), Infinity);
+        view.ends[0] = least < view.ends[1] ? 0.9 * least : 1e-3 * view.ends[1];
       }
     }
     keys() {
@@ -263,7 +243,7 @@
         key.classList.add("key");
         key.addEventListener("click", act);
         if (!words) continue;
-        for (const [name, value] of [["tabindex", 0], ["role", "button"], ["aria-pressed", true], ["aria-label", `Show ${this.told.labels[number]}`]]) key.setAttribute(name, value);
+        for (const [name, value] of [["tabindex", 0], ["role", "button"], ["aria-pressed", true], ["aria-label", `Show ${this.drawn.labels[number]}`]]) key.setAttribute(name, value);
         key.addEventListener("keydown", (event) => {
           if (event.key !== "Enter" && event.key !== " ") return;
           event.preventDefault();
@@ -318,7 +298,7 @@
       const [left, top, right, bottom] = panel.box, [across, up] = panel.axes(), [x, y] = to;
       this.show(() => {
         const sides = x.map((v) => valueAt(across, left, right, v)), ends = [y[1], y[0]].map((v) => valueAt(up, bottom, top, v));
-        if (panel.told.equal) {  // as much of both, so that the scales stay equal
+        if (panel.drawn.equal) {  // as much of both, so that the scales stay equal
           const share = Math.max((x[1] - x[0]) / (right - left), (y[1] - y[0]) / (bottom - top));
           for (const [axis, [a, b]] of [[across, sides], [up, ends]]) {
             const half = 0.5 * share * (axis.ends[1] - axis.ends[0]), middle = 0.5 * (a + b);
@@ -345,7 +325,7 @@
       event.preventDefault();
       const shown = panel.curves.find(({ number }) => !this.hidden.has(number));
       if (!shown) return;
-      const places = shown.points.map((p) => panel.moved(p)).filter((p) => panel.inside([p[0], panel.box[1]]));
+      const places = shown.points.map((p) => panel.now(p)).filter((p) => panel.inside([p[0], panel.box[1]]));
       const now = this.last ? places.findIndex((p) => p[0] >= this.last.x - 0.01) : step > 0 ? -1 : places.length;
       const next = places[Math.min(Math.max(now + step, 0), places.length - 1)];
       if (next) this.read(panel, next);
@@ -357,19 +337,19 @@
       if (!rows.length) return;
       const [left, top, right, bottom] = panel.box, x = rows[0].at[0];
       this.last = { panel, x };
-      const { zero } = panel.told.x, first = rows[0].value[0];
+      const { zero } = panel.drawn.x, first = rows[0].value[0];
       this.cursor = node("g", { "pointer-events": "none" }, this.svg);
       if (panel.single) node("line", { x1: x, x2: x, y1: top, y2: bottom, class: "cursor" }, this.cursor);
       for (const row of rows) if (panel.inside(row.at)) node("circle", { cx: row.at[0], cy: row.at[1], r: 2.2, fill: row.curve.color }, this.cursor);
       const lines = rows.map(({ curve, value, error }) => {
         const line = document.createElement("div"), dot = document.createElement("i"), number = document.createElement("b");
-        dot.style.background = curve.color;
+        dot.style.backgroundColor = curve.color;
         number.textContent = panel.single ? withError(value[1], error) : value.map(digits).join(", ");
-        line.append(dot, `${this.told.labels[curve.number]} `, number);
+        line.append(dot, `${this.drawn.labels[curve.number]} `, number);
         return line;
       });
       const head = document.createElement("div");
-      head.textContent = panel.single ? `at ${zero && Math.abs(first / zero - 1) < 0.01 ? 0 : digits(first)}` : "nearest point";
+      head.textContent = panel.single ? `at ${first === zero ? 0 : digits(first)}` : "nearest point";
       this.note.replaceChildren(head, ...lines);
       const home = this.element.getBoundingClientRect(), corner = new DOMPoint(x, Math.max(at[1], top)).matrixTransform(this.svg.getScreenCTM());
       const room = home.width - this.note.offsetWidth - 4, beside = corner.x - home.left + 14;
