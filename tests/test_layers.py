@@ -31,7 +31,6 @@ LAYERS = (
     ("report",),
     ("commands",),
     ("api", "scaffold"),
-    ("verify_differences",),
     ("verify",),
     ("cli",),
     ("__main__",),
