@@ -57,7 +57,7 @@ QUICK := $(filter-out %/adaptive-kf-mfq.yaml %/adaptive-kf-tuned.yaml %/adaptive
 reproduce-quick: $(VENV)/.run
 	@$(BIN)/trackbench run $(QUICK) --quick --format svg --out build/quick
 
-# Fails if a published number was changed, or anything stored differs by more than another machine's rounding.
+# Fails if a published number was changed, or anything stored differs by a byte from what is computed again.
 # In a clone, which has digests in place of the runs, it recomputes all runs.
 check-results: $(VENV)/.run
 	@set -e; for copy in results/*/published/*.csv; do \

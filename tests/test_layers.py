@@ -32,7 +32,6 @@ LAYERS = (
     ("report",),
     ("commands",),
     ("api", "scaffold"),
-    ("verify_differences",),
     ("verify",),
     ("cli",),
     ("__main__",),

@@ -12,7 +12,8 @@ from trackbench.commands.prepare import jobs_of, with_tuned
 from trackbench.errors import UserError
 from trackbench.report.results import Results
 from trackbench.tuning.search import Record
-from trackbench.verify import compare_tuning, verify
+from trackbench.verify import verify
+from trackbench.verify.tuning import compare_tuning
 
 CONFIG = """
 name: small
@@ -162,7 +163,7 @@ def test_the_tuned_config_gives_the_same_again(report: api.Report, tmp_path: Pat
 
 def _found_in(folder: Path, runs: int = 20) -> list[str]:
     experiment = api.prepare(folder / "config.yaml", api.Options())
-    return [found.text for found in compare_tuning(Results(folder), experiment, runs)]
+    return [*compare_tuning(Results(folder), experiment, runs)]
 
 
 def test_every_trial_is_computed_again_where_every_run_is(report: api.Report) -> None:
