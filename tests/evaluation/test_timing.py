@@ -98,13 +98,13 @@ def test_a_pass_that_is_too_long_is_cut(monkeypatch: pytest.MonkeyPatch) -> None
 
 def test_filters_take_turns(monkeypatch: pytest.MonkeyPatch) -> None:
     order: list[float] = []
-    repeated = timing._Sample.repeated
+    repeated = timing._Pass.repeated
 
-    def noted(sample: Any) -> Any:
-        order.append(sample._task.filter.seconds)
-        return repeated(sample)
+    def noted(one: Any) -> Any:
+        order.append(one._task.filter.seconds)
+        return repeated(one)
 
-    monkeypatch.setattr(timing._Sample, "repeated", noted)
+    monkeypatch.setattr(timing._Pass, "repeated", noted)
     monkeypatch.setattr(timing, "REPEATS", 4)
     measure([task(Busy(s)) for s in (1e-5, 2e-5, 3e-5)])
     assert [round(1e5 * s) for s in order] == [1, 2, 3, 3, 2, 1, 1, 2, 3, 3, 2, 1]

@@ -1,11 +1,11 @@
 """CPU times of filters, measured side by side, and the operations that a run of each takes.
 
 The time of one pass says little: minutes later, or on another machine, the ratio of two filters' times
-differs by up to a factor of 2. So all filters of an experiment are timed in turns (A B C, C B A, ...),
-in many short repeats. A repeat steps a filter from a few states of its first block, which is as wide as
-the runner computes it. One pass through the block gives these states, and what part of a run's time
-each step is: a maneuver counts as often as it occurs. Where a whole pass would take too long, the
-operations of every step, counted over one run, give the parts: the first steps may have more particles.
+differs by up to a factor of 2. So each filter passes through its first block, which is as wide as the
+runner computes it, and then all filters of an experiment repeat some of its steps in turns (A B C,
+C B A, ...). A run's time is that of the pass, times how much longer the steps take in the turns. Where a
+whole pass would take too long, the operations of every step, counted over one run, extrapolate: the
+first steps may have more particles.
 """
 
 import time
@@ -22,17 +22,13 @@ from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.run_block import keep_freed_memory
 from trackbench.evaluation.run_filter import prior_of
 
-REPEATS = 30
-_KEPT = 6
-"""Steps whose states are kept, spread over the run."""
-_EARLY = 2
-"""Number of one more, for a filter whose pass through the block is cut short."""
-_AGAIN = 3
-"""How often such a step is timed in the pass, and how often a quick pass is made: the least counts."""
-_REPEAT_S, _PASS_S = 0.005, 1.0
-"""CPU seconds of a repeat, but for at least one step, and of the pass."""
+REPEATS = 15
+_KEPT, _EARLY = 5, 2
+"""How many steps are repeated, spread over the run, and the number of the first of them."""
+_REPEAT_S, _QUICK_S, _PASS_S = 0.003, 0.1, 0.5
+"""CPU seconds of a repeat, of a pass that is made twice, and of one that is cut short."""
 _LEAST = 1e-7
-"""Seconds of a step, or its part of a run, at the least: a clock may have seen nothing."""
+"""Seconds of a step at the least: a clock may have seen nothing."""
 _COUNTED = 2000
 """Steps in which operations are counted, at most."""
 # Where the CPU clock is coarse (Windows: 16 ms), short repeats need the wall clock.
@@ -58,14 +54,14 @@ Guard: TypeAlias = Callable[[], AbstractContextManager[None]]
 def measure(tasks: Sequence[BlockTask], guard: Guard = nullcontext) -> list[Measured | Exception]:
     """Time filters over their blocks, in turns; return times, or the exception of a filter."""
     keep_freed_memory()
-    found = [_tried(guard, _Sample, task) for task in tasks]
+    found = [_tried(guard, _Pass, task) for task in tasks]
     for repeat in range(REPEATS):
         # A B C, then C B A
         for i in range(len(tasks))[:: -1 if repeat % 2 else 1]:
-            if isinstance(sample := found[i], _Sample):
-                found[i] = _tried(guard, sample.repeated)
+            if isinstance(one := found[i], _Pass):
+                found[i] = _tried(guard, one.repeated)
     simulate.cache_clear()  # a plugin may have written to the data
-    return [s if isinstance(s, Exception) else s.measured() for s in found]
+    return [p if isinstance(p, Exception) else p.measured() for p in found]
 
 
 def _tried(guard: Guard, function: Any, *arguments: Any) -> Any:
@@ -76,66 +72,33 @@ def _tried(guard: Guard, function: Any, *arguments: Any) -> Any:
         return error
 
 
-class _Step(NamedTuple):
-    """A state, the number of the measurement that follows it, and the step's share of a run."""
-
-    state: Any
-    i: int
-    share: float
-
-
-class _Sample:
-    """A filter at some steps of its block, to be taken again and again."""
+class _Pass:
+    """A filter's pass through its block, with the states before the steps that are repeated."""
 
     def __init__(self, task: BlockTask) -> None:
         self._task, self._model = task, freeze(task.assumed_scenario.model)
         self._data, self._steps = task.data, task.scenario.steps[1:].tolist()
         self._operations = operations(task)
-        kept, each = self._passed()
-        # A repeat takes about _REPEAT_S: a group of kept steps, stepped in as many rounds as fit.
-        at_once = min(len(kept), max(1, int(_REPEAT_S / each)))
-        self._groups = [kept[i : i + at_once] for i in range(0, len(kept), at_once)]
-        self._rounds = max(1, int(_REPEAT_S / (each * at_once)))
+        self._kept: dict[int, Any] = {}
+        self._spent = self._passed()
+        if self._spent.sum() < _QUICK_S:  # of two times of a step, the one that was disturbed less
+            self._spent = np.minimum(self._spent, self._passed())
         self._seconds: list[float] = []
 
-    def _passed(self) -> tuple[list[_Step], float]:
-        """Run the block, a quick one again; return the recorded steps and CPU seconds per step."""
-        T, spent = len(self._steps), np.empty(0)
-        # The least of several times of a step is the one that was disturbed least.
-        for _ in range(_AGAIN):
-            kept, seconds = self._through_block()
-            spent = np.minimum(seconds, spent) if len(spent) == len(seconds) else seconds
-            if spent.sum() > _PASS_S / 10.0:
-                break
-        # Each step's share of a run: as measured in a whole pass, else by its operations.
-        whole = len(spent) == T and spent.all()
-        shares = spent / spent.sum() if whole else _shares(self._operations, T)
-        steps = [_Step(state, i, float(shares[i])) for i, state in kept.items()]
-        return steps, max(float(spent.mean()), _LEAST)
-
-    def _through_block(self) -> tuple[dict[int, Any], Array]:
-        """Step through the block, or its beginning; the kept states, and each step's CPU seconds."""
-        task, T = self._task, len(self._steps)
-        rng, kept, spent = block_stream(task.seed, 0), {}, np.zeros(T)
-        # Keep an early step and the middles of _KEPT equal parts of the block.
-        wanted = {min(_EARLY, T - 1), *((2 * j + 1) * T // (2 * _KEPT) for j in range(_KEPT))}
-        # Time each step, the kept ones several times; stop once the pass takes too long.
-        state = task.filter.init(self._model, prior_of(self._data, self._model), rng)
-        for i in range(T):
-            again = []
+    def _passed(self) -> Array:
+        """Step through the block, or its beginning; return each step's CPU seconds."""
+        T, rng = len(self._steps), block_stream(self._task.seed, 0)
+        wanted = {min(max(_EARLY, j * T // _KEPT), T - 1) for j in range(_KEPT)}
+        spent: list[float] = []
+        state = self._task.filter.init(self._model, prior_of(self._data, self._model), rng)
+        while len(spent) < T and not (self._kept and sum(spent) > _PASS_S):
+            i = len(spent)
             if i in wanted:
-                kept[i] = self._copy(state)
-                again = [self._timed(self._copy(state), i, rng)[0] for _ in range(_AGAIN - 1)]
-            seconds, state = self._timed(state, i, rng)
-            spent[i] = min(seconds, *again, seconds)
-            if kept and spent.sum() > _PASS_S:
-                break
-        return kept, spent[: i + 1]
-
-    def _timed(self, state: Any, i: int, rng: Any) -> tuple[float, Any]:
-        started = _clock()
-        state = self._stepped(state, i, rng)
-        return _clock() - started, state
+                self._kept[i] = self._copy(state)
+            started = _clock()
+            state = self._stepped(state, i, rng)
+            spent.append(_clock() - started)
+        return np.maximum(spent, _LEAST)
 
     def _stepped(self, state: Any, i: int, rng: Any) -> Any:
         tracker, z = self._task.filter, self._data.measurements[:, i]
@@ -149,45 +112,43 @@ class _Sample:
             return state
         return deepcopy(state, {id(self._model): self._model})
 
-    def repeated(self) -> "_Sample":
-        """Time a group of steps once more: as many as fit, and the next ones the next time."""
-        rng, group = (
-            block_stream(self._task.seed, 0),
-            self._groups[len(self._seconds) % len(self._groups)],
-        )
-        # Copies of the states come first, so that only the steps are timed.
-        steps = [(self._copy(step.state), step.i) for _ in range(self._rounds) for step in group]
+    def repeated(self) -> "_Pass":
+        """Time one of the steps, several times if it is short; the next one in the next turn."""
+        i, state = [*self._kept.items()][len(self._seconds) % len(self._kept)]
+        rng, number = block_stream(self._task.seed, 0), int(_REPEAT_S / self._spent[i]) + 1
+        # Copies of the state come first, so that only the steps are timed.
+        states = [self._copy(state) for _ in range(number)]
         started = _clock()
-        for state, i in steps:
+        for state in states:
             self._stepped(state, i, rng)
-        self._seconds.append((_clock() - started) / (self._rounds * self._task.width))
+        self._seconds.append((_clock() - started) / number)
         return self
 
     def measured(self) -> Measured:
         """Return each repeat as a run's time, and the mean operations of a step.
 
-        A repeat stands for all groups by how far it is from the median of its own: one group may
-        resample and another not.
+        A repeat stands for all steps by how far it is from the median of its own.
         """
-        # Repeats go round the groups: own (groups,) is each group's median.
-        turns = np.arange(len(self._seconds)) % len(self._groups)
-        own = np.array([np.median(np.array(self._seconds)[turns == g]) for g in set(turns)])
-        # Seconds of a run = seconds of all groups over the groups' share in a run.
-        of_run = own.sum() / sum(step.share for group in self._groups for step in group)
-        seconds = of_run * np.array(self._seconds) / np.maximum(own, _LEAST**2)[turns]
+        turns, seconds = np.arange(len(self._seconds)) % len(self._kept), np.array(self._seconds)
+        own = np.array([np.median(seconds[turns == j]) for j in range(turns.max() + 1)])
+        # Seconds of the block = those of the pass, slower or faster as its repeated steps.
+        passed = self._spent[[*self._kept][: len(own)]]
+        of_block = self._spent.sum() * own.sum() / passed.sum()
+        of_block /= _weights(self._operations, len(self._steps))[: len(self._spent)].sum()
+        of_run = of_block / self._task.width * seconds / np.maximum(own, _LEAST**2)[turns]
         # Mean operations of a step; a filter that notes none has none.
         likelihoods, covariances = self._operations.mean(axis=1).tolist()
         hidden = not self._operations.any()
         noted = (None, None) if hidden else (likelihoods, covariances)
-        return Measured(seconds.tolist(), *noted)
+        return Measured(of_run.tolist(), *noted)
 
 
-def _shares(counts: Array, T: int) -> Array:
-    """Return the share (T,) of each step in a run's time by its operations (2, steps)."""
-    shares, of_step = np.full(T, 1.0 / T), counts.sum(axis=0)
+def _weights(counts: Array, T: int) -> Array:
+    """Return the share (T,) of each step in a run's work by its operations (2, steps)."""
+    weights, of_step = np.full(T, 1.0 / T), counts.sum(axis=0)
     if of_step.all():
-        shares[: len(of_step)] *= of_step / of_step.mean()
-    return shares
+        weights[: len(of_step)] *= of_step / of_step.mean()
+    return weights
 
 
 def operations(task: BlockTask) -> Array:
