@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from trackbench.evaluation.error_series import StepSums
-from trackbench.evaluation.summary import FilterResult, bound_summary, step_rows
+from trackbench.evaluation.summary import FilterResult, bound_summary, step_columns
 
 
 def test_a_bound_has_no_error_no_runs_and_loses_none() -> None:
@@ -29,11 +29,14 @@ def test_metrics_of_a_step_are_means_over_its_runs(rng: np.random.Generator) -> 
         name: StepSums(x.sum(axis=1), np.square(x).sum(axis=1), np.full(2, 30))
         for name, x in (("nees", nees), ("error_x", error))
     }
-    rows = step_rows(FilterResult({}, sums, {}, None, []), {"": 4, "x": 1})
-    found = {(row.metric, row.position): row[2:] for row in rows}
+    found = {
+        metric: np.stack([*estimates, columns.runs], axis=1)
+        for columns in step_columns(FilterResult({}, sums, {}, None, []), {"": 4, "x": 1})
+        for metric, estimates in columns.metrics.items()
+    }
     root = np.sqrt(30)
     for i in range(2):
         anees, off = nees[i] / 4, error[i]
-        assert found["anees", i] == pytest.approx((anees.mean(), anees.std(ddof=1) / root, 30))
-        assert found["bias_x", i] == pytest.approx((off.mean(), off.std(ddof=1) / root, 30))
-        assert found["std_x", i] == pytest.approx((off.std(), off.std() / np.sqrt(60), 30))
+        assert found["anees"][i] == pytest.approx((anees.mean(), anees.std(ddof=1) / root, 30))
+        assert found["bias_x"][i] == pytest.approx((off.mean(), off.std(ddof=1) / root, 30))
+        assert found["std_x"][i] == pytest.approx((off.std(), off.std() / np.sqrt(60), 30))

@@ -15,7 +15,7 @@ moments are those that its estimate gives by cubature (Bar-Shalom, Li & Kirubara
 judge innovations). Whoever is asked goes on from where it was, with the noise that it would have drawn.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from copy import deepcopy
 from typing import Any, Literal, NamedTuple
 
@@ -86,7 +86,8 @@ class PredictionScorer:
         if self._held is not None:
             self.visible = freeze(np.where(self._held, np.nan, measurements))
         self._rows: dict[str, list[Array]] = {}
-        self._past = np.full((LAGS, *measurements[:, 0].shape), np.nan)
+        self._innovations: list[Innovation] = []
+        self._refused: list[Mask] = []
 
     @property
     def disabled(self) -> bool:
@@ -110,13 +111,19 @@ class PredictionScorer:
             # The prediction is the estimate after a step without a measurement.
             nothing = freeze(np.full_like(z, np.nan))
             _, found = self._aside(told, nothing)
-            self._predicted(predicted_innovation(self._model, found, z, told.k), told.refused)
+            self._innovations.append(predicted_innovation(self._model, found, z, told.k))
+            refused = np.zeros(z.shape[1]) if told.refused is None else told.refused
+            self._refused.append(refused > 0.0)
         if self._held is not None:
             self._held_back(told, np.where(self._held[i], self._all[:, i], np.nan))
 
     def series(self) -> dict[str, Array]:
         """Return values (T + 1, M) by the name of their series; of the first state there are none."""
-        return {name: after_first(np.stack(values)) for name, values in self._rows.items()}
+        rows = {name: np.stack(values) for name, values in self._rows.items()}
+        if self._innovations:
+            scores = {_SCORE: rows.pop(_SCORE)} if _SCORE in rows else {}
+            rows = scores | self._predicted() | rows
+        return {name: after_first(values) for name, values in rows.items()}
 
     def _aside(self, told: Step, z: Array) -> tuple[Any, Gaussian]:
         before = self.snapshot(told.before)
@@ -130,24 +137,22 @@ class PredictionScorer:
         found = checked_numbers("series", {_SCORE: own}, len(measured))
         return {_SCORE: np.where(measured, found[_SCORE], np.nan)}
 
-    def _predicted(self, seen: Innovation, refused: Array | None) -> None:
-        self._note(self._errors("predicted", seen.nu))
+    def _predicted(self) -> dict[str, Array]:
+        """Return the series (T, M) of the innovations, all steps at once."""
+        nu = np.stack([innovation.nu for innovation in self._innovations], axis=1)
+        S = np.stack([innovation.S for innovation in self._innovations], axis=2)
         # Step 1: whiten, e = L^-1 nu with S = L L'; missing and refused components have no e.
-        missing = np.isnan(seen.nu)
-        if refused is not None:
-            missing = missing | (refused > 0.0)
+        missing = np.isnan(nu) | np.stack(self._refused)
         number = (~missing).sum(axis=0)
-        rows = linalg.whiten(linalg.cholesky(seen.S), np.where(missing, 0.0, seen.nu))
+        rows = linalg.whiten(linalg.cholesky(S), np.where(missing, 0.0, nu))
         white = np.where(missing, np.nan, np.stack(list(rows)))
         # Step 2: NIS = e' e, over the number of measured components.
-        nis = _sum_of_known(np.square(white))
-        self._note({"anis": nis / number, "innovations": np.where(number, number, np.nan)})
+        anis = _sum_of_known(np.square(white)) / number
+        counts = {"anis": anis, "innovations": np.where(number, number, np.nan)}
         # Step 3: products with the whitened innovations of the last LAGS measurements.
-        for lag, earlier in enumerate(self._past, 1):
-            self._note({f"autocovariance_{lag}": _sum_of_known(white * earlier)})
-        # Step 4: shift the memory by one, component by component, where there was a measurement.
-        moved = np.concatenate([white[None], self._past[:-1]])
-        self._past = np.where(missing, self._past, moved)
+        products = enumerate(_lagged_products(white, missing), 1)
+        lagged = {f"autocovariance_{lag}": _sum_of_known(rows) for lag, rows in products}
+        return self._errors("predicted", nu) | counts | lagged
 
     def _held_back(self, told: Step, z: Array) -> None:
         """Score held-out measurements: without them the estimate is the prediction."""
@@ -183,7 +188,19 @@ def _measured(z: Array) -> Mask:
     return np.asarray(~np.isnan(z).all(axis=0))
 
 
+def _lagged_products(white: Array, missing: Mask) -> Iterator[Array]:
+    """Yield ``e_j e_(j-l)`` (n, T, M) for each lag l; j counts a component's known values."""
+    # Known values stand before the missing ones, in the order of their steps.
+    order = np.argsort(missing, axis=1, kind="stable")
+    known = np.take_along_axis(white, order, axis=1)
+    for lag in range(1, LAGS + 1):
+        products = np.full_like(white, np.nan)
+        of_known = known[:, lag:] * known[:, :-lag]
+        np.put_along_axis(products, order[:, lag:], of_known, axis=1)
+        yield products
+
+
 def _sum_of_known(rows: Array) -> Array:
-    """Sum over the components (n, M) of those that are known; NaN where none is."""
+    """Sum over the components (n, T, M) of those that are known; NaN where none is."""
     there = ~np.isnan(rows)
     return np.where(there.any(axis=0), total(np.where(there, rows, 0.0), axis=0), np.nan)

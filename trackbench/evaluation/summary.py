@@ -1,11 +1,11 @@
 """One filter over all runs: merged blocks, rows of summary.csv, contributions of runs to a number."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 
-from trackbench.core.arrays import Array, Mask
+from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.sums import mean as average
 from trackbench.core.sums import total
 from trackbench.evaluation.block import BlockResult, Tracks
@@ -93,14 +93,15 @@ class SummaryRow(NamedTuple):
     lost: int
 
 
-class StepRow(NamedTuple):
-    """A metric at one step over the runs that are not lost."""
+class StepColumns(NamedTuple):
+    """Metrics of one series, at the steps at which any run has a value."""
 
-    position: int
-    metric: str
-    value: float
-    stderr: float
-    runs: int
+    positions: Index
+    """places (S,) of these steps among all"""
+    metrics: dict[str, Estimates]
+    """values and standard errors (S,) over the runs that are not lost"""
+    runs: Index
+    """number of these runs (S,)"""
 
 
 def summary_rows(
@@ -159,71 +160,76 @@ def _time_means(
                     yield SummaryRow(row, value, stderr, int(number[mask].max()), lost)
 
 
-def step_rows(result: FilterResult, sizes: Mapping[str, int]) -> Iterator[StepRow]:
+def step_columns(result: FilterResult, sizes: Mapping[str, int]) -> Iterator[StepColumns]:
     """Yield ``rmse`` (hdepf eq. 16), ``bias``, ``std`` (adaptive-kf eqs. 13, 14), other means."""
     for name, sums in result.steps.items():
         if name.startswith("unused_") and not sums.total.any():
             continue
         # From the sums: metrics at the steps where any run has a value.
-        there = np.flatnonzero(sums.number)
-        columns = [
-            (metric, found.value[there].tolist(), found.stderr[there].tolist())
-            for metric, found in _step_metrics(name, sums, sizes)
-        ]
-        numbers = sums.number[there].tolist()
-        for j, i in enumerate(there.tolist()):
-            for metric, value, stderr in columns:
-                yield StepRow(i, metric, value[j], stderr[j], int(numbers[j]))
+        known = np.flatnonzero(sums.number)
+        metrics = {
+            metric: Estimates(of_all.value[known], of_all.stderr[known])
+            for metric, of_all in _step_metrics(name, sums, sizes)
+        }
+        yield StepColumns(known, metrics, sums.number[known].astype(int))
     # From the stored series of all runs: medians.
     for name, rows in result.run_series.items():
-        for i, row in enumerate(row[~np.isnan(row)] for row in rows):
-            if len(row):
-                yield StepRow(i, f"median({name})", *median(row), len(row))
+        number = (~np.isnan(rows)).sum(axis=1)
+        known = np.flatnonzero(number)
+        medians = [median(row[~np.isnan(row)]) for row in rows[known]]
+        over_steps = Estimates(*np.array(medians).reshape(-1, 2).T)
+        yield StepColumns(known, {f"median({name})": over_steps}, number[known])
 
 
-def bound_summary(bounds: Mapping[str, Array], windows: Mapping[str, Mask]) -> Iterator[SummaryRow]:
-    """Yield a scenario's lower bounds on every RMSE (T + 1,), over each window."""
+def bound_summary(
+    bounds: Mapping[str, Array],
+    windows: Mapping[str, Mask],
+    without: Sequence[Mapping[str, Array]] = (),
+) -> Iterator[SummaryRow]:
+    """Yield a scenario's lower bounds on every RMSE (T + 1,), over each window.
+
+    The standard error is from the bounds ``without`` each batch of simulated paths.
+    """
     for window, mask in windows.items():
         for quantity, bound in bounds.items():
             metric = in_window(joined("rmse", quantity), window)
-            # A bound has no runs: no standard error, and both counts are zero.
-            rms = float(np.sqrt(average(np.square(bound[mask]))))
-            yield SummaryRow(f"rms({metric})", rms, float("nan"), 0, 0)
-            yield SummaryRow(
-                f"{TIME_MEAN}({metric})", float(average(bound[mask])), float("nan"), 0, 0
-            )
+            others = [b[quantity][mask] for b in without]
+            for statistic, over_steps in (("rms", _root_mean_square), (TIME_MEAN, average)):
+                stderr = _jackknife([over_steps(b) for b in others])
+                value = float(over_steps(bound[mask]))
+                # A bound has no runs: both counts are zero.
+                yield SummaryRow(f"{statistic}({metric})", value, float(stderr), 0, 0)
 
 
-def bound_steps(bounds: Mapping[str, Array]) -> Iterator[StepRow]:
-    """Yield a scenario's lower bounds at every step, as `step_rows` has the RMSE."""
+def bound_steps(
+    bounds: Mapping[str, Array], without: Sequence[Mapping[str, Array]] = ()
+) -> Iterator[StepColumns]:
+    """Yield a scenario's lower bounds at every step, as `step_columns` has the RMSE."""
     for quantity, bound in bounds.items():
-        for i, value in enumerate(bound.tolist()):
-            yield StepRow(i, joined("rmse", quantity), value, float("nan"), 0)
+        stderr = np.full_like(bound, _jackknife([b[quantity] for b in without]))
+        metrics = {joined("rmse", quantity): Estimates(bound, stderr)}
+        yield StepColumns(np.arange(len(bound)), metrics, np.zeros(len(bound), dtype=int))
 
 
-R = TypeVar("R", SummaryRow, StepRow)
+def _root_mean_square(x: Array) -> Array:
+    return np.sqrt(average(np.square(x)))
 
 
-def with_jackknife(rows: Sequence[Sequence[R]]) -> list[R]:
-    """Return the first list of rows with the standard error by the others, each without a batch.
+def _jackknife(without: Sequence[Array]) -> Array:
+    """Return the standard error of values that were computed B times, each without a batch.
 
-    ``sqrt((B - 1) / B sum (b_i - mean b)^2)`` of B lists (Efron & Stein 1981); NaN without any.
+    ``sqrt((B - 1) / B sum (b_i - mean b)^2)`` (Efron & Stein 1981); NaN without any.
     """
-    whole, *without = rows
-    B, out = len(without), []
-    for row, *others in zip(whole, *without, strict=True):
-        b = np.array([other.value for other in others])
-        stderr = (
-            float(np.sqrt((B - 1) / B * total(np.square(b - average(b))))) if B else float("nan")
-        )
-        out.append(row._replace(stderr=stderr))
-    return out
+    b, B = np.array(without), len(without)
+    if not B:
+        return np.array(np.nan)
+    return np.sqrt((B - 1) / B * total(np.square(b - average(b, 0)), 0))
 
 
 def exact_rows(
     means: Mapping[str, Array], sizes: Mapping[str, int], windows: Mapping[str, Mask]
-) -> tuple[list[SummaryRow], list[StepRow]]:
-    """Return the rows, over runs and at every step, that follow from exact means (T + 1,) of series."""
+) -> tuple[list[SummaryRow], list[StepColumns]]:
+    """Return what follows from exact means (T + 1,) of series, over runs and at every step."""
     columns = {name: values[:, None] for name, values in means.items()}
     per_run, steps = {"lost": np.zeros(1)} | over_windows(columns, windows, ()), {}
     for name, values in means.items():
@@ -232,7 +238,7 @@ def exact_rows(
         steps[name] = StepSums(np.where(known, values, 0.0), squares, known.astype(float))
     result = FilterResult(per_run, steps, {}, None, [])
     over_runs = [r for r in summary_rows(result, sizes, windows) if is_exact(measured(r.metric))]
-    return over_runs, [*step_rows(result, sizes)]
+    return over_runs, [*step_columns(result, sizes)]
 
 
 def is_exact(of: Measure) -> bool:

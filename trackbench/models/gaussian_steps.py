@@ -247,11 +247,29 @@ def _additive_update(
 
 def predicted_innovation(model: Model, predicted: Gaussian, z: Array, k: int) -> Innovation:
     """Return the innovation of z (n_z, M) and its covariance for N(mean, cov) of x_k, by cubature."""
-    cubature = Unscented(1.0, 0.0, 0.0)
-    return _additive_update(model, per_run_moments(predicted), z, k, MODEL_NOISE, cubature)[1]
+    predicted = per_run_moments(predicted)
+    points = Unscented(1.0, 0.0, 0.0).points(predicted)
+    R = MODEL_NOISE.measurement(model, predicted.mean, k).cov
+    R = with_trailing(R, predicted.mean.ndim - 1, leading=2)
+    measured = _measured(model, points, points.x, predicted, z, k, None, R)
+    return Innovation(measured.nu, measured.S)
 
 
-def _condition(
+class _Measured(NamedTuple):
+    """Measurements of points about the center's, their moments, and the innovation of z."""
+
+    relative: Array
+    """measurements of the points (n_z, points, M), relative to the center's"""
+    mean: Array
+    S: Array
+    C: Array
+    """covariance (n_x, n_z, M) of state and measurement"""
+    nu: Array
+    """innovation; NaN where a component is missing"""
+    missing: Mask
+
+
+def _measured(
     model: Model,
     points: SigmaPoints,
     x: Array,
@@ -260,11 +278,8 @@ def _condition(
     k: int,
     noise: Array | None,
     R: Array | None,
-) -> Updated:
-    """Return the prediction given z by the measurements of points x.
-
-    The measurement noise is either in the points, as ``noise``, or added as its covariance R.
-    """
+) -> _Measured:
+    """Return the moments of the points' measurements; the noise is in the points, or added as R."""
     # Step 1: measurements of the points, relative to that of the mean, so that angles do not wrap.
     z_pred = model.sensor.measurement(x, k).mean
     center = z_pred[:, :1]
@@ -279,13 +294,28 @@ def _condition(
     batch = predicted.mean.shape[1:]
     z = np.broadcast_to(with_trailing(z, len(batch)), (len(z), *batch))
     nu = model.sensor.innovation(z, center[:, 0] + z_mean)
-    known, missing = nu, np.zeros(nu.shape, dtype=np.bool_)
+    missing = np.zeros(nu.shape, dtype=np.bool_)
     if any_nan(nu):
         missing = np.isnan(nu) & np.isfinite(predicted.mean).all(axis=0)
-        known = np.where(missing, 0.0, nu)
         if missing.any():
             rows, S = kalman.drop_missing(linalg.transpose(C), S, missing)
             C = linalg.transpose(rows)
+    return _Measured(relative, z_mean, S, C, nu, missing)
+
+
+def _condition(
+    model: Model,
+    points: SigmaPoints,
+    x: Array,
+    predicted: Gaussian,
+    z: Array,
+    k: int,
+    noise: Array | None,
+    R: Array | None,
+) -> Updated:
+    """Return the prediction given z by the measurements of points x (steps 1 to 3: `_measured`)."""
+    relative, z_mean, S, C, nu, missing = _measured(model, points, x, predicted, z, k, noise, R)
+    known = np.where(missing, 0.0, nu) if missing.any() else nu
     if isinstance(predicted, Factored):
         noise = np.zeros(S.shape[:2]) if R is None else R
         noise, dx = kalman.drop_missing_cov(noise, missing), x - predicted.mean[:, None]
