@@ -69,9 +69,9 @@ def pytest_runtest_logreport(report: pytest.TestReport) -> None:
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
     """Keep the durations for the next ``--fast``, in pytest's own cache."""
-    config = session.config
-    if config.cache is not None and not hasattr(config, "workerinput"):
-        config.cache.set(_DURATIONS, config.cache.get(_DURATIONS, {}) | dict(_durations))
+    cache = getattr(session.config, "cache", None)
+    if cache is not None and not hasattr(session.config, "workerinput"):
+        cache.set(_DURATIONS, cache.get(_DURATIONS, {}) | dict(_durations))
 
 
 @cache
