@@ -89,7 +89,7 @@ PYTEST := pytest -n auto --dist loadfile
 unit: $(VENV)/.dev
 	$(BIN)/$(PYTEST)
 
-# Without types and without the tests of tests/slow.txt, for use while working.
+# Without types and without the tests that took more than 0.2 s when they last ran, for use while working.
 test-fast: lint
 	$(BIN)/$(PYTEST) --fast
 

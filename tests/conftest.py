@@ -2,6 +2,7 @@
 
 import os
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
@@ -14,7 +15,6 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import numpy as np
 import pytest
 
-from tests.slow import LIST
 from trackbench import registry
 from trackbench.config.build import hints_of
 from trackbench.config.experiment import Experiment
@@ -40,21 +40,38 @@ PLANE = """scenario:
 Track = Callable[..., FilterOutput]
 
 
+SLOW = 0.2
+"""s, of all cases of a test together"""
+_DURATIONS = "trackbench/durations"
+_durations: Counter[str] = Counter()
+
+
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add ``--fast``, which `make test-fast` gives."""
-    parser.addoption("--fast", action="store_true", help="without the tests of tests/slow.txt")
+    parser.addoption("--fast", action="store_true", help=f"tests that last took up to {SLOW} s")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave the slow tests out if asked to."""
+    """With ``--fast``, leave out the tests that were slow when they last ran."""
     if not config.getoption("--fast"):
         return
-    slow = set(LIST.read_text(encoding="utf-8").split())
-    by_slowness: dict[bool, list[pytest.Item]] = {True: [], False: []}
-    for item in items:
-        by_slowness[item.nodeid.partition("[")[0] in slow].append(item)
-    items[:] = by_slowness[False]
-    config.hook.pytest_deselected(items=by_slowness[True])
+    assert config.cache is not None
+    durations = config.cache.get(_DURATIONS, {})
+    slow = [i for i in items if durations.get(i.nodeid.partition("[")[0], 0.0) > SLOW]
+    config.hook.pytest_deselected(items=slow)
+    items[:] = [item for item in items if item not in slow]
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    """Add up a test's duration: its cases and what they set up."""
+    _durations[report.nodeid.partition("[")[0]] += report.duration
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Keep the durations for the next ``--fast``, in pytest's own cache."""
+    cache = getattr(session.config, "cache", None)
+    if cache is not None and not hasattr(session.config, "workerinput"):
+        cache.set(_DURATIONS, cache.get(_DURATIONS, {}) | dict(_durations))
 
 
 @cache

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import pytest
 
 from tests.papers import merwe_text
 from trackbench import api
@@ -34,99 +33,6 @@ def prepared(folder: Path, more: str) -> list[str]:
     except UserError as error:
         return [line.removeprefix(f"{path}:") for line in str(error).splitlines()]
     return []
-
-
-@pytest.mark.parametrize(
-    ("more", "mistake"),
-    [
-        (
-            "until: {mean(rmsee): 1%}",
-            "7:22: until.mean(rmsee): 'mean(rmsee)' is no metric here; did you mean mean(rmse)?",
-        ),
-        ("medians: [nes]", "7:11: medians.0: 'nes' is no metric here; did you mean nees?"),
-        ("metrics: [rmze]", "7:11: metrics.0: 'rmze' is no metric here; did you mean rmse?"),
-        ("per_step: [anes]", "7:12: per_step.0: 'anes' is no metric here; did you mean nees?"),
-        (
-            "tables: {a: {kind: metrics, columns: {A: mean(rmsee)}}}",
-            "7:42: tables.a.columns.A: 'rmsee' is no metric here; did you mean rmse?",
-        ),
-        (
-            'tables: {a: {kind: metrics, columns: {A: "gain(rms(rmse[late]), PF)"}}}',
-            "7:42: tables.a.columns.A: 'rmse[late]' is no metric here; did you mean rmse[k<=30]?",
-        ),
-        (
-            "tables: {a: {kind: differences, against: PF, columns: {A: bais}}}",
-            "7:59: tables.a.columns.A: 'bais' is no metric here; did you mean bias?",
-        ),
-        (
-            "tables: {a: {kind: claims, claims: {A: {less: PF, than: EKF, metric: rms}}}}",
-            "7:70: tables.a.claims.A.metric: 'rms' is no metric here; did you mean rmse?",
-        ),
-        (
-            "figures: {a: {kind: bias, rows: {A: bais}}}",
-            "7:37: figures.a.rows.A: 'bais' is no metric here; did you mean bias?",
-        ),
-        (
-            "figures: {a: {kind: bars, metric: dead_steqs@3}}",
-            "7:35: figures.a.metric: 'dead_steqs' is no metric here; did you mean collapsed_steps?",
-        ),
-        (
-            "metrics: [nees]\nfigures: {a: {kind: rmse-vs-time}}",
-            "8:14: figures.a.metric: 'rmse' is not stored; add it to `metrics`",
-        ),
-        (
-            "metrics: [rmse, nees]\ntables: {a: {kind: consistency}}",
-            "8:13: tables.a: 'nis' is not stored; add it to `metrics`",
-        ),
-        (
-            "metrics: [rmse, nis]\ntables: {a: {kind: consistency}}",
-            "8:13: tables.a: 'anees' is not stored; add it to `metrics`",
-        ),
-        (
-            "per_step: []\nfigures: {a: {kind: rmse-vs-time}}",
-            "8:14: figures.a.metric: 'rmse' is not stored; add it to `per_step`",
-        ),
-    ],
-)
-def test_an_unknown_metric_is_one_line(tmp_path: Path, more: str, mistake: str) -> None:
-    assert prepared(tmp_path, more) == [mistake]
-
-
-COLUMNS = (
-    "tables: {a: {kind: metrics, columns: {A: 'mean(rmse[late])', B: mean(collapsed_steps), C: N}}}"
-)
-LATE = "tables.a.columns.A: 'rmse[late]' is no metric here; did you mean rmse[k<=30]?"
-
-
-def test_mistakes_elsewhere_hide_none_in_metrics(tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setitem(globals(), "CONFIG", CONFIG.replace("N: 10", "M: 10"))
-    found = prepared(tmp_path, f"seed: no\n{COLUMNS}")
-    assert found[1:] == ["7:7: seed: 'no' is not a whole number", f"8:42: {LATE}"]
-    assert found[0].startswith(
-        "5:18: filters.PF.M: unknown key"
-    )  # and N and collapsed_steps may be right
-
-
-def test_what_a_filter_lacks_hides_no_mistake_in_metrics(tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setitem(globals(), "CONFIG", CONFIG.replace("EKF: {kind: ekf}", "KF: {kind: kf}"))
-    found = prepared(tmp_path, COLUMNS)
-    assert all("filters.KF: `kf` works only with" in line for line in found[:-1])
-    assert len(found) > 1
-    assert found[-1] == f"7:42: {LATE}"
-
-
-def test_what_is_not_kept_is_said_of_some_filters_alone(tmp_path: Path) -> None:
-    more = "only: [EKF]\nmetrics: [nees]\n" + COLUMNS.replace("'mean(rmse[late])'", "mean(rmse)")
-    assert prepared(tmp_path, more) == [
-        "9:42: tables.a.columns.A: 'rmse' is not stored; add it to `metrics`",
-        "9:57: tables.a.columns.B: 'collapsed_steps' is not stored; add it to `metrics`",
-    ]
-
-
-@pytest.mark.parametrize("key", ["needs", "moves_from", "weights"])
-def test_only_numbers_of_a_filter_are_shown(tmp_path: Path, key: str) -> None:
-    (mistake,) = prepared(tmp_path, f"tables: {{a: {{kind: metrics, columns: {{A: {key}}}}}}}")
-    assert f"'{key}' is no metric here" in mistake
 
 
 def test_what_there_is_may_be_asked_for(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tests.bad_input.test_odd_words import FAILS
 from trackbench import api
 
 TEXT = """
@@ -22,18 +23,20 @@ scenario:
   sensor: {kind: function, h: {z: a}, R: 1e-6}
   start: {kind: gaussian, sigma: {a: 10, b: 10}}
 filters:
-  Exact: {kind: grid-2d, nodes: 32}
+  Exact: {kind: always-fails}
   KF: {kind: kf}
 metrics: [rmse_a, rmsd_a]
+plugins: [fails.py]
 """
 
 
 def test_the_filters_keep_their_results(tmp_path: Path) -> None:
+    (tmp_path / "fails.py").write_text(FAILS)
     (tmp_path / "ref.yaml").write_text(TEXT)
     (tmp_path / "alone.yaml").write_text(
         TEXT.replace("reference: Exact\n", "").replace(", rmsd_a", "")
     )
-    options = api.Options(engine="serial", quiet=True, out=tmp_path / "out")
+    options = api.Options(engine="serial", quiet=True, out=tmp_path / "out", allow_plugins=True)
     report = api.run(tmp_path / "ref.yaml", options, formats=())
     with_reference = report.results.runs({})
     alone = api.run(tmp_path / "alone.yaml", options, formats=()).results.runs({})

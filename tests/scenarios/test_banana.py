@@ -1,101 +1,12 @@
-"""The scenario itself, and what a config may not ask of it."""
-
-from pathlib import Path
+"""The scenario of the banana paper: its first state, errors and noise."""
 
 import numpy as np
 import pytest
 
-from tests.config.test_bad_input import mistakes
 from tests.conftest import make_filter, per_run
-from tests.papers import banana, merwe_text
+from tests.papers import banana
 from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.error_series import TOO_FAR
-
-SCENARIO = (
-    "{kind: tracking, first: 1, last: 100, start: two-scan, score: {lost_sigmas: 10}, target: {"
-    "kind: driven, motion: {kind: cwna, q: 1e-3}, polar: {range_km: 2711, azimuth_deg: 67}}, "
-    "sensor: {kind: range-azimuth, sigma_range: 0.2, sigma_azimuth_mrad: 2}}"
-)
-GOOD = f"""name: x
-runs: 10
-bound: PCRLB
-scenario: {SCENARIO}
-filters:
-  RPF:
-    kind: rpf
-    N: 10
-"""
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "expected"),
-    [
-        (
-            "azimuth_mrad: 2",
-            "azimuth_mrad: 0",
-            "4:257: scenario.sensor.sigma_azimuth_mrad: 0 is not greater than 0",
-        ),
-        (
-            "range_km: 2711",
-            "range_km: 0",
-            "4:164: scenario.target.polar.range_km: 0 is not greater than 0",
-        ),
-        ("last: 100", "last: 2", "4:44: scenario.last: 2 leaves no step to measure after step 2"),
-        (
-            "lost_sigmas: 10",
-            "steps: [90, 80]",
-            "4:81: scenario.score.steps: [90, 80] is not within steps 2 to 100",
-        ),
-        (
-            "lost_sigmas: 10",
-            "steps: [101, null]",
-            "4:81: scenario.score.steps: [101, 100] is not within steps 2 to 100",
-        ),
-        (
-            "lost_sigmas: 10",
-            "lost_sigmas: 10, lost_beyond: 1",
-            "4:73: scenario.score: give one of lost_beyond and lost_sigmas",
-        ),
-        ("N: 10", "N: 1", "8:8: filters.RPF.N: 1 is less than 2"),
-        (
-            "    kind: rpf\n    N: 10",
-            "    kind: cmkf\n    conversion: foo",
-            "8:17: filters.RPF.conversion: 'foo' is not one of ccm, ucm, mucm or ducm",
-        ),
-        (
-            "    kind: rpf\n    N: 10",
-            "    kind: ekf\n    start: foo",
-            "8:12: filters.RPF.start: 'foo' is not one of ccm, ucm, mucm or ducm",
-        ),
-        (
-            "lost_sigmas: 10",
-            "lost_sigmas: 0",
-            "4:87: scenario.score.lost_sigmas: 0 is not greater than 0",
-        ),
-        ("bound: PCRLB", "bound: RPF", "3:8: bound: 'RPF' is already the label of a filter"),
-        (
-            SCENARIO,
-            merwe_text(),
-            "3:8: bound: scenario tracking has no lower bounds: "
-            "the target is driven by a motion that is not linear",
-        ),
-        (
-            f"PCRLB\nscenario: {SCENARIO}\nfilters:\n  RPF:\n    kind: rpf\n    N: 10",
-            f"~\nscenario: {merwe_text()}\nfilters:\n  RPF:\n    kind: ekf\n    start: ccm",
-            "8:12: filters.RPF.start: needs a start from two scans, such as `start: two-scan`",
-        ),
-    ],
-)
-def test_mistakes(tmp_path: Path, old: str, new: str, expected: str) -> None:
-    text = GOOD.replace(old, new)
-    assert text != GOOD
-    assert mistakes(tmp_path, text) == [expected]
-
-
-def test_a_marginalized_filter_needs_process_noise(tmp_path: Path) -> None:
-    text = GOOD.replace("q: 1e-3", "q: 0").replace("kind: rpf", "kind: mpf")
-    expected = "7:5: filters.RPF: mpf needs process noise: q must be greater than 0"
-    assert mistakes(tmp_path, text) == [expected]
 
 
 def test_the_printed_position() -> None:

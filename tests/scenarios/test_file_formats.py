@@ -106,39 +106,6 @@ def test_numbers_far_outside(values: list[float], expected: dict[float, int]) ->
     assert outlying(np.array(values, dtype=float)) == expected
 
 
-POINT = ("4", "1.234", "1")
-OPENED = ("3", '"1', "2")
-MISTAKES = {
-    "dates": (
-        text(*of_time("03/09/2024 10:00:{:02}")),
-        "m.csv:2:1: scenario: time: '03/09/2024 10:00:00' is no number of seconds and no date in ISO "
-        '8601: say how it is written, `time_format: "%d/%m/%Y %H:%M:%S"`',
-    ),
-    "marks": (
-        text(*COMMAS[:4], POINT, separator=";"),
-        "m.csv:6:1: scenario: x: '1.234' is not a number with a decimal comma",
-    ),
-    "quote": (
-        text(*PLAIN[:3], OPENED, *PLAIN[4:9], ("9", '"4', "5")),
-        "m.csv:5:1: scenario: a quote that opens in this line closes in line 11",
-    ),
-    "last quote": (
-        text(*PLAIN[:3], OPENED, *PLAIN[4:9]),
-        "m.csv:5:1: scenario: a quote that opens in this line",
-    ),
-}
-
-
-@pytest.mark.parametrize("what", MISTAKES)
-def test_what_cannot_be_read_is_one_line(tmp_path: Path, what: str) -> None:
-    rows, expected = MISTAKES[what]
-    (tmp_path / "m.csv").write_text(rows)
-    with pytest.raises(UserError) as caught:
-        load(config(tmp_path, {"measurements": "m.csv"}))
-    (line,) = str(caught.value).splitlines()
-    assert expected in line
-
-
 def test_a_cell_of_two_lines_is_read(tmp_path: Path) -> None:
     rows = [(*row, '"a note\nof two lines"') for row in PLAIN]
     (tmp_path / "m.csv").write_text(text(*rows, head="time,x,y,note"))

@@ -129,33 +129,6 @@ def test_no_origin_is_required(tmp_path: Path, target: dict[str, Any], sensor: A
 
 
 @pytest.mark.parametrize(
-    ("target", "expected"),
-    [
-        (
-            {"origin": [95, 5]},
-            "origin.0: 95 deg is impossible; a latitude is within -90 and 90 deg",
-        ),
-        ({"origin": [5, 181]}, "origin.1: 181 deg is impossible; a longitude is within -180 and"),
-        (
-            {"origin": [50, 5], "truth_naming": {"origin": [50, 6]}},
-            "truth_naming.origin: is not that of the target",
-        ),
-        (
-            {"truth": "xy.csv", "truth_naming": {"origin": [50, 6]}},
-            "target.truth_naming.origin: no file has latitude and longitude",
-        ),
-    ],
-)
-def test_a_wrong_origin_is_refused(tmp_path: Path, target: dict[str, Any], expected: str) -> None:
-    write(tmp_path)
-    given = {"measurements": "plots.csv", "truth": "gps.csv"} | target
-    with pytest.raises(UserError) as caught:
-        load(config(tmp_path, given, RADAR))
-    (line,) = str(caught.value).splitlines()
-    assert expected in line
-
-
-@pytest.mark.parametrize(
     ("file", "sensor", "name"),
     [
         ("degrees.csv", RADAR, "azimuth"),

@@ -124,7 +124,7 @@ def observed(
 
 
 def sizes(scenario: Scenario) -> dict[str, int]:
-    """Number of components by the name of each NEES series; the whole state has no name."""
+    """Count the components of each NEES series, by its name; the whole state has no name."""
     parts = {name: len(part) for name, part in scenario.marginals.items()}
     return {"": len(scenario.components)} | parts
 

@@ -91,7 +91,7 @@ def over_steps(shares: Array) -> Histogram:
 
 
 def places_of(pit: Array) -> int:
-    """Number N + 1 of places of which all values (M,) are the middles; 0 if they are no such ranks."""
+    """Find N + 1, the number of places with the values (M,) as middles; 0 if they are no such ranks."""
     if len(pit) < TENTHS:
         return 0
     sizes = np.arange(3, _MOST_PLACES)

@@ -55,7 +55,7 @@ class EfficiencyTable(TableKind):
     """significant digits of the values"""
 
     def conflicts(self, points: Sequence[Any]) -> dict[str, str]:
-        """It is about nothing else."""
+        """Reject a metric that is no efficiency."""
         return {} if self.metric.is_efficiency else {"metric": f"'{self.metric}' is no efficiency"}
 
     def table(self, results: Results) -> Table:

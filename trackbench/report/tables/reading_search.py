@@ -259,7 +259,7 @@ class _Reading(NamedTuple):
     verdicts: list[str]
 
     def count(self, word: str) -> int:
-        """Number of claims with this verdict."""
+        """Count the claims with this verdict."""
         return self.verdicts.count(word)
 
 
