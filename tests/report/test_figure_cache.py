@@ -1,4 +1,4 @@
-"""Figures that were drawn before are taken as they were, if nothing changed that they could show."""
+"""Figures that were drawn before are taken with their values, if nothing changed that they show."""
 
 import shutil
 from pathlib import Path

@@ -13,7 +13,7 @@ from trackbench.report.html.index_page import thumbnail
 from trackbench.report.html.svg import outline
 from trackbench.report.plotting import style
 from trackbench.report.plotting.svg_file import compact
-from trackbench.report.render import draw_figure, drawing_pool
+from trackbench.report.render import draw_figure
 from trackbench.report.results import Results
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -64,15 +64,6 @@ def test_a_plugins_figure_has_its_values():
     assert a == {"of": 0, "color": "#ff0000", "x": [1, 3], "y": [0.1234568, 2e9]}
     assert (b["x"], b["y"]) == ([1, 2, 3], [4, 5, 6])
     assert long["x"] == long["y"] == list(range(0, 1801, 4))
-
-
-def test_values_in_the_figure_cache(folder, tmp_path, monkeypatch):
-    monkeypatch.setenv("TRACKBENCH_CACHE", str(tmp_path / "cache"))
-    for _ in range(2):
-        results = Results(folder)
-        with drawing_pool(results, ["svg"], fresh=False) as draw:
-            ((_, content),) = draw("time", results.parts("figures")["time"])
-        assert live(content)["axes"][0]["curves"][0]["y"]
 
 
 def test_a_label_is_told_as_it_is(made, hostile):
