@@ -19,8 +19,8 @@ from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
 from trackbench.report.plotting.scales import drawn_values, has_logarithm, plain_log_axis
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
-from trackbench.report.result_files import Columns
 from trackbench.report.results import Results, missing_paths
+from trackbench.results.frames import Columns
 
 _GAP = 0.2  # of a decade's factor: where zero stands on a logarithmic axis, left of the least value
 
