@@ -149,6 +149,10 @@ def test_the_design_names_every_package_and_module() -> None:
             {"pandas", "yaml", "matplotlib"},
         ),
         (
+            ["-c", "import trackbench.results.folder"],
+            {"scipy", "pandas", "matplotlib", "trackbench.report", "trackbench.scenarios.tracking"},
+        ),
+        (
             ["-c", "import trackbench.commands.stored_results"],
             {
                 "pandas",

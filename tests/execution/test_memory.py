@@ -28,7 +28,7 @@ from trackbench.execution.plan import (
 )
 from trackbench.models.motions.kinematic import ConstantAcceleration, WhiteAcceleration
 from trackbench.registry import kinds
-from trackbench.report.result_files import read_columns
+from trackbench.results.frames import read_frame
 
 CWNA, CA = WhiteAcceleration(q=0.1), ConstantAcceleration(q=4.0)
 SCENARIOS = {"merwe": merwe(T=4, R=1.0), "banana": banana(scans=5)}
@@ -222,10 +222,9 @@ def test_a_long_track_of_few_runs_takes_no_more_than_estimated() -> None:
 
 
 def test_a_file_is_read_in_little_more_than_its_numbers_take(tmp_path: Path) -> None:
-    """A row of per_step.csv has seven columns; its texts take 700 bytes."""
+    """A row of per_step.csv has seven columns."""
     path, rows = tmp_path / "per_step.csv", 30_000
     lines = (f"KF,{k},{k / 7},rmse_position,{k / 3},0.{k},20\n" for k in range(rows))
     path.write_text("filter,step,time,metric,value,stderr,runs\n" + "".join(lines))
-    with path.open(newline="") as file:
-        read = peak(read_columns, file)
+    read = peak(read_frame, path)
     assert 7 * 8 * rows < read < _STEP_ROW * rows + 6_000_000

@@ -16,9 +16,9 @@ from trackbench.config.published import Claim, Published, PublishedNumber
 from trackbench.evaluation import timing
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.html.index_page import write_overview
-from trackbench.report.result_files import read_columns
 from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts, write_time_verdicts
 from trackbench.results.folder_contents import TIME_VERDICTS, TIMING
+from trackbench.results.frames import Columns
 from trackbench.verify import verify
 
 REPEATS = 30
@@ -38,9 +38,10 @@ class Folder:
 
     def columns(self, name: str, point: dict[str, Any]) -> Any:
         assert name == "timing"
-        lines = ["filter,repeats,likelihoods,covariances"]
-        lines += [f"{b},{';'.join(map(str, s))},10,-" for b, s in self.repeats.items()]
-        return read_columns(iter(lines))  # type: ignore[arg-type]
+        rows = [(b, ";".join(map(str, s)), "10", "-") for b, s in self.repeats.items()]
+        columns = np.array(rows, dtype=object).reshape(-1, 4).T
+        names = ("filter", "repeats", "likelihoods", "covariances")
+        return Columns(dict(zip(names, columns, strict=True)))
 
 
 def scattered(median: float, rng: np.random.Generator) -> list[float]:

@@ -8,8 +8,8 @@ import pytest
 from trackbench.config.published import Claim
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
-from trackbench.report.result_files import Columns
 from trackbench.report.verdicts.claims import judge
+from trackbench.results.frames import Columns
 from trackbench.results.point_facts import PointFacts
 from trackbench.statistics import intervals as inference
 from trackbench.statistics import over_runs as st
@@ -51,7 +51,7 @@ class Folder:
 
 def table(heads: str, rows: list[tuple]) -> Columns:
     arrays = map(np.array, zip(*rows, strict=True))
-    return Columns(dict(zip(heads.split(), arrays, strict=True)), {})
+    return Columns(dict(zip(heads.split(), arrays, strict=True)))
 
 
 @pytest.fixture

@@ -12,7 +12,6 @@ from tests.papers import banana_text
 from trackbench import api
 from trackbench.registry import kinds
 from trackbench.report.plotting import style
-from trackbench.report.requested import ResultsConfig
 from trackbench.report.results import Results
 
 CONFIG = f"""name: every
@@ -144,4 +143,4 @@ def test_a_swept_noise_has_the_unit_of_its_motion(tmp_path: Path, motion: str, u
     (tmp_path / "config.yaml").write_text(
         f"filters: {{A: {{kind: kf, assume: {{motion: {motion}}}}}}}\ngrid: {{{path}: [1, 2]}}\n"
     )
-    assert ResultsConfig(tmp_path).axis(path) == f"q ({unit})"
+    assert Results(tmp_path).axis(path) == f"q ({unit})"

@@ -6,7 +6,7 @@ from typing import Annotated
 import pytest
 
 from trackbench.field_types import Unit
-from trackbench.report.requested import _unit
+from trackbench.report.results import _unit
 
 TEXTS = (
     *("names of files, s", "standard deviation, m", "time between looks, s, or steps"),

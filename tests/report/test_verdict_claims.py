@@ -12,9 +12,9 @@ from trackbench.config.published import Claim
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings.ranking import Candidate, ranking_of
-from trackbench.report.result_files import Columns
 from trackbench.report.verdicts import files
 from trackbench.report.verdicts.claims import judge
+from trackbench.results.frames import Columns
 from trackbench.statistics import intervals as inference
 from trackbench.statistics import over_runs as st
 from trackbench.statistics import rules

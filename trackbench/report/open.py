@@ -13,8 +13,8 @@ from trackbench.errors import RunError, UserError, reason
 from trackbench.plugins.errors import foreign_line, package_line
 from trackbench.plugins.load import Plugin
 from trackbench.registry import Group
-from trackbench.report.result_files import RUN_AGAIN
 from trackbench.report.results import Results
+from trackbench.results.folder import RUN_AGAIN
 from trackbench.results.folder_contents import FORMAT, RUN_FILES, Damage, check_digests
 
 _KINDS: dict[str, type] = {

@@ -9,31 +9,31 @@ from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 
-from trackbench.config.build import build_kind, unknown
+from trackbench.config.build import build_kind, dataclasses_in, hints_of, unknown
 from trackbench.config.experiment import Point
 from trackbench.config.grid import filters_of, is_of_scenario, single_paths, values_of
 from trackbench.config.includes import split_path
-from trackbench.config.tuning import tuned_label
 from trackbench.core.arrays import Array
 from trackbench.errors import Mark, Problem, RunError, UserError, counted
 from trackbench.evaluation.metric_expression import measure, measured
 from trackbench.extension_points import is_foreign
+from trackbench.field_types import Unit, UnitIf, annotations_of, part_group
 from trackbench.metrics import unit_of
+from trackbench.models.sensors.base import Assume
 from trackbench.plugins.errors import PluginError, message_of, package_line, plugin_code
 from trackbench.registry import Group, kinds
 from trackbench.report.findings import phrases
 from trackbench.report.paired import Pair, pairs_at, primary_metrics
 from trackbench.report.plotting import style
-from trackbench.report.result_files import ResultFiles
 from trackbench.report.table import Table, results_html
+from trackbench.results.folder import ResultsFolder
 from trackbench.results.folder_contents import DEFAULT, TRACK
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics.series import LEAST_STEPS
-from trackbench.tuning.search import Record, read_tuning
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -74,8 +74,8 @@ def _head(error: re.Match[str]) -> str:
 
 
 @dataclass(frozen=True, repr=False)
-class Results(ResultFiles):
-    """A results folder: its data frames, tables, figures and what tuning found."""
+class Results(ResultsFolder):
+    """A results folder with the tables and figures that are made of it."""
 
     out: Path | None = None
     """where tables and verdicts are written, if not into the folder"""
@@ -226,29 +226,65 @@ class Results(ResultFiles):
                 out[label, metric] = values
         return out
 
-    @cached_property
-    def tuning(self) -> dict[str, Record]:
-        """Return all trials of the tuned filters, by label; empty without tuning.csv."""
-        if not (self.folder / "tuning.csv").is_file():
-            return {}
-        with self.open_csv("tuning.csv") as file:
-            return read_tuning(file, self.config.get("tune", {}), self._taken)
+    def line_style(self, label: str) -> dict[str, Any]:
+        """Return color and dash of a filter, the same in every figure of the experiment.
 
-    @property
-    def _taken(self) -> dict[str, dict[str, Any]]:
-        """Return the tuned keys' values of the config's tuned filters, by the filter's label."""
-        return {
-            label: {key: self._at(f"filters.{tuned_label(label)}.{key}") for key in keys}
-            for label, keys in self.config.get("tune", {}).items()
+        The floor or baseline of any figure is drawn as such in all figures.
+        """
+        own = style.line([*self.config["filters"], label].index(label))
+        return self._references.get(label, own)
+
+    @cached_property
+    def _references(self) -> dict[str, dict[str, Any]]:
+        return dict.fromkeys(self.exact, style.EXACT) | {
+            figure[key]: look
+            for key, look in (("baseline", style.BASELINE), ("floor", style.FLOOR))
+            for figure in self.figure_configs.values()
+            if isinstance(figure.get(key), str)
         }
 
-    def _at(self, path: str) -> Any:
-        """Return a value of the config; nothing if it is not there."""
-        value: Any = self.config
-        for key in split_path(self.source, path):
-            there = value if isinstance(value, dict) else dict(enumerate(value or ()))
-            value = there.get(key)
-        return value
+    def axis(self, path: str) -> str:
+        """Return a swept path as the label of an axis: ``q (m^2/s^3)``."""
+        words, unit = phrases.quantity(path)
+        unit = unit or self.grid_units.get(path, "")
+        return f"{words} ({unit})" if unit else words
+
+    @cached_property
+    def grid_units(self) -> dict[str, str]:
+        """Return the units of paths of the grid that the keys' documentation names, not the keys."""
+        found: dict[str, str] = {}
+        for path in (p for p in self.grid if not phrases.quantity(p)[1]):
+            keys = split_path(self.source, single_paths(path)[0])
+            first, *rest = (str(key) for key in keys if not isinstance(key, int))
+            part, group = self.config[first], "scenarios"
+            if first == "filters":
+                part, group, rest = part[rest[0]], "filters", rest[1:]
+            if rest and (unit := _unit(part, group, None, rest)):
+                found[path] = unit
+        return found
+
+
+def _unit(part: Any, group: str | None, cls: type[Any] | None, keys: Sequence[str]) -> str:
+    """Return the unit of the key at the path ``keys`` in the settings ``part``.
+
+    They are those of a component of ``group``, or of the dataclass ``cls``. Empty if the component is
+    unknown or the key has no unit.
+    """
+    key, *rest = keys
+    if group is not None:
+        cls = kinds(cast(Group, group)).get(part.get("kind", "ekf"))
+    hint = None if cls is None else hints_of(cls).get(key)
+    if key == "assume" and hint is None:
+        return _unit(part[key], None, Assume, rest)
+    if cls is None or hint is None:
+        return ""
+    if rest:
+        inner, nested = part.get(key), dataclasses_in(hint)
+        only = nested[0] if len(nested) == 1 else None
+        return _unit(inner, part_group(hint), only, rest) if isinstance(inner, dict) else ""
+    marks = annotations_of(hint)
+    special = (m.unit for m in marks if isinstance(m, UnitIf) and part.get(m.key) == m.value)
+    return next(special, next((m.unit for m in marks if isinstance(m, Unit)), ""))
 
 
 class OutputError(Exception):

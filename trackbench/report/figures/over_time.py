@@ -17,8 +17,8 @@ from trackbench.report.kinds import FigureKind
 from trackbench.report.paired import compared_statistic
 from trackbench.report.plotting import scales, style
 from trackbench.report.plotting.style import Axes, Figure
-from trackbench.report.result_files import Columns
 from trackbench.report.results import Results
+from trackbench.results.frames import Columns
 from trackbench.results.point_facts import GridPoint
 
 _MOST_CURVES, _MOST_STEPS = 5, 150

@@ -19,8 +19,8 @@ from trackbench.report.findings.ranking import ranking_metrics
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import scales, style
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
-from trackbench.report.result_files import Columns
 from trackbench.report.results import Results, missing_paths
+from trackbench.results.frames import Columns
 
 
 @register("figures", "rmse-vs-parameter")

@@ -15,9 +15,9 @@ from trackbench.registry import register
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
 from trackbench.report.kinds import TableKind
-from trackbench.report.result_files import Columns
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
+from trackbench.results.frames import Columns
 from trackbench.statistics.estimates import MISSING
 from trackbench.statistics.intervals import anees_band
 from trackbench.statistics.over_runs import Estimate

@@ -1,0 +1,328 @@
+"""Read a results folder: its config, the facts of its run, its numbers and tracks."""
+
+from collections.abc import Container, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from trackbench.config.experiment import labels_to_run
+from trackbench.config.grid import combinations, single_paths
+from trackbench.config.includes import split_path
+from trackbench.config.published import Published, read_published
+from trackbench.config.tuning import tuned_label
+from trackbench.core.arrays import Array
+from trackbench.errors import UserError, counted
+from trackbench.evaluation.metric_expression import exact_label
+from trackbench.plugins.errors import message_of
+from trackbench.registry import Group, kinds
+from trackbench.results.folder_contents import COLUMNS, DATA_FILES, TIMING, read_manifest
+from trackbench.results.frames import Columns, PointRuns, Runs, read_frame, read_runs
+from trackbench.results.point_facts import (
+    POINTS_FILE,
+    GridPoint,
+    PointFacts,
+    array_prefix,
+    points_in,
+)
+from trackbench.tuning.search import Record, read_tuning
+from trackbench.yaml_source import Source, read
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+RUN_AGAIN = "run the experiment again"
+
+
+@dataclass(frozen=True, repr=False)
+class ResultsFolder:
+    """A results folder, each of its files read at its first use."""
+
+    folder: Path
+    run_facts: dict[str, Any] | None = None
+    """content of the manifest, until it is written"""
+    point_facts: tuple[PointFacts, ...] | None = None
+    """facts about the points, instead of those in the folder"""
+
+    @cached_property
+    def source(self) -> Source:
+        """Return the resolved config with positions."""
+        return read(self.folder / "config.yaml")
+
+    @property
+    def config(self) -> dict[str, Any]:
+        """Return the resolved config."""
+        config = self.source.data
+        assert isinstance(config, dict)
+        return config
+
+    def fill_title(self, text: str) -> str:
+        """Return a title with the number of runs in place of ``{runs}``."""
+        return text.replace("{runs}", str(self.config["runs"]))
+
+    @property
+    def title(self) -> str:
+        """Return the experiment's title, or else its name."""
+        return self.fill_title(self.config["title"] or self.config["name"])
+
+    @property
+    def citation(self) -> str:
+        """Return ``trackbench/ungm v1, 400 runs`` of a standard problem; else an empty text."""
+        config = self.config
+        problem = config.get("problem")
+        return (
+            f"trackbench/{config['name']} v{problem['version']}, {counted(config['runs'], 'run')}"
+            if problem
+            else ""
+        )
+
+    @property
+    def figure_configs(self) -> dict[str, dict[str, Any]]:
+        """Return the config's figures as mappings."""
+        return self.config.get("figures") or {}
+
+    def unavailable_kinds(self, group: Group) -> dict[str, str]:
+        """Return names and kinds of tables or figures whose plugin is not loaded."""
+        named = {name: part.get("kind") for name, part in self.config.get(group, {}).items()}
+        known = kinds(group) if self.config.get("plugins") else named.values()
+        return {name: kind for name, kind in named.items() if kind not in known}
+
+    @cached_property
+    def published(self) -> Published:
+        """Return the published numbers and claims that the results are compared with."""
+        config = self.config
+        return read_published(
+            self.folder,
+            config.get("published", []),
+            config["name"],
+            mark=self.source.mark(("published",)),
+        )
+
+    @property
+    def labels(self) -> list[str]:
+        """Return filter labels in the config's order, each before its exact errors; the bound's last."""
+        bound = self.config.get("bound")
+        labels = [b for f in self.filters for b in (f, exact_label(f)) if b == f or b in self.exact]
+        return [*labels, *([bound] if bound else [])]
+
+    @cached_property
+    def exact(self) -> list[str]:
+        """Return the labels of exact errors."""
+        return [*map(exact_label, self.config.get("exact", []))]
+
+    def chosen(self, wanted: Container[str] | None, exact: bool = False) -> list[str]:
+        """Return the labels that a table or figure shows: those it names, or all, perhaps the exact."""
+        every = [label for label in self.labels if exact or label not in self.exact]
+        return every if wanted is None else [label for label in self.labels if label in wanted]
+
+    @property
+    def filters(self) -> list[str]:
+        """Return labels of the filters that were run, in the config's order."""
+        config = self.config
+        return labels_to_run(config["filters"], config.get("only", []), config.get("reference"))
+
+    @property
+    def grid(self) -> list[str]:
+        """Return the paths that the experiment varies: leading columns of every frame."""
+        return list(self.config["grid"])
+
+    @property
+    def grid_heads(self) -> list[str]:
+        """Return the paths as headings of a table: of paths that vary together, the first."""
+        return [single_paths(path)[0] for path in self.grid]
+
+    @cached_property
+    def grid_points(self) -> list[dict[str, Any]]:
+        """Return all points of the config's grid, also those where every filter failed."""
+        config = self.config
+        grid, every = config["grid"], config.get("product", True)
+        places = combinations(grid, config["filters"], config.get("reference"), every)
+        return [{path: grid[path][i] for path, i in zip(grid, at, strict=True)} for at in places]
+
+    @cached_property
+    def manifest(self) -> dict[str, Any]:
+        """Facts of the experiment and of its run: steps, failures, versions, times."""
+        if self.run_facts is not None:
+            return self.run_facts
+        with self.reading("manifest.json"):
+            return read_manifest(self.folder)
+
+    @property
+    def deterministic(self) -> list[str]:
+        """Return labels of the filters whose numbers hold no randomness: no draws, recorded data."""
+        return self.manifest.get("deterministic", [])
+
+    @property
+    def loops_over_runs(self) -> list[str]:
+        """Labels of the filters that take one run after the other in Python, and so more time."""
+        return self.manifest.get("loops_over_runs", [])
+
+    @property
+    def failed(self) -> list[dict[str, Any]]:
+        """Return filters that raised: ``filter``, ``reason`` and the grid point's values."""
+        return self.manifest["failed"]
+
+    def facts(self, point: GridPoint) -> PointFacts:
+        """Return the facts about a point beside numbers: scenario, filters, components, shading."""
+        facts = next((f for f in self._facts if same_point(f.values, point)), None)
+        if facts is None:
+            raise UserError(f"{self.folder / POINTS_FILE}: {point} is not in it: {RUN_AGAIN}")
+        return facts
+
+    @cached_property
+    def _facts(self) -> tuple[PointFacts, ...]:
+        if self.point_facts is not None:
+            return self.point_facts
+        with self.reading(POINTS_FILE) as path:
+            return tuple(points_in(path.read_text(encoding="utf-8")))
+
+    @cached_property
+    def per_run(self) -> "pd.DataFrame":
+        """Return per_run.csv, ``filter,run,metric,value``; tables and figures use `runs`."""
+        return self._read("per_run.csv")
+
+    @cached_property
+    def per_step(self) -> "pd.DataFrame":
+        """Return per_step.csv, ``filter,step,time,metric,value,stderr,runs``."""
+        return self._read("per_step.csv")
+
+    @cached_property
+    def summary(self) -> "pd.DataFrame":
+        """Return summary.csv, ``filter,metric,value,stderr,runs,lost``."""
+        return self._read("summary.csv")
+
+    @cached_property
+    def timing(self) -> "pd.DataFrame":
+        """Return timing.csv, ``filter,runs,cpu_s,cpu_s_per_run,stderr,repeats,...``."""
+        return self._read("timing.csv")
+
+    @cached_property
+    def shown(self) -> dict[str, Array]:
+        """Return the arrays of shown.npz at all points; empty if every filter failed."""
+        return self.arrays("shown.npz")
+
+    def arrays(self, name: str) -> dict[str, Array]:
+        """Return the arrays of a file; empty if there is no such file."""
+        if not (self.folder / name).is_file():
+            return {}
+        with self.reading(name) as path, path.open("rb") as file, np.load(file) as arrays:
+            return dict(arrays)
+
+    @cached_property
+    def saved(self) -> dict[str, Array]:
+        """Return the arrays of tracks.npz, every run's, at all points; empty if none were saved."""
+        return self.arrays("tracks.npz")
+
+    def tracks(self, point: GridPoint, every_run: bool = False) -> dict[str, Array]:
+        """Return tracks of the first runs: ``truth``, ``measurements``, ``mean/<filter>``, ``steps``.
+
+        With ``every_run`` they are all runs' if these were saved. Empty if every filter failed at the
+        point.
+        """
+        i = self.index_of(point)
+        prefix = array_prefix(i or 0, len(self.grid_points))
+        return {
+            name.removeprefix(prefix): array
+            for name, array in ((self.saved if every_run else {}) or self.shown).items()
+            if i is not None and name.startswith(prefix)
+        }
+
+    def steps(self, point: GridPoint) -> int:
+        """Return the number of steps of a run at a point."""
+        steps, i = self.manifest.get("steps"), self.index_of(point) or 0
+        number = steps[i] if isinstance(steps, list) and i < len(steps) else steps
+        if not isinstance(number, int) or number < 1:
+            what = "does not say how many steps a run has"
+            raise UserError(f"{self.folder / 'manifest.json'}: {what}: {RUN_AGAIN}")
+        return number
+
+    def runs(self, point: GridPoint) -> Runs:
+        """Return the values per run at a point; empty if every filter failed there."""
+        return self._runs.get(tuple(point.values()), {})
+
+    @cached_property
+    def _runs(self) -> PointRuns:
+        with self.reading("per_run.csv") as path:
+            return read_runs(path, self.columns("summary"), self.grid, self.filters)
+
+    @contextmanager
+    def reading(self, name: str) -> Iterator[Path]:
+        """Give a file's path; turn any error over its content into one line."""
+        path = self.folder / name
+        if name == "timing.csv" and not path.is_file():  # where older versions wrote it
+            path = self.folder / TIMING
+        if not path.is_file():
+            why = " (git keeps its digest alone)" if name in DATA_FILES else ""
+            raise UserError(f"{path}: is missing{why}: {RUN_AGAIN}")
+        try:
+            yield path
+        except Exception as error:
+            raise UserError(f"{path}: cannot be read, {message_of(error)}: {RUN_AGAIN}") from error
+
+    def points(self) -> list[dict[str, Any]]:
+        """Return the points that have results, in order; one empty point without a grid."""
+        summary = self.columns("summary")
+        if not self.grid or not len(summary):  # every filter failed
+            return self.grid_points
+        rows = dict.fromkeys(summary.tuples(self.grid))
+        return [dict(zip(self.grid, row, strict=True)) for row in rows]
+
+    def index_of(self, point: GridPoint) -> int | None:
+        """Return a point's number in the config's grid; None if the grid does not have it."""
+        return next(
+            (i for i, given in enumerate(self.grid_points) if same_point(given, point)), None
+        )
+
+    def columns(self, name: str, point: Mapping[str, Any] = MappingProxyType({})) -> Columns:
+        """Return rows of `summary`, `per_step` or `timing`, at one grid point or at all."""
+        if name not in self._columns:
+            self._columns[name] = Columns.of(self._read(f"{name}.csv"))
+        return self._columns[name].at(point)
+
+    @cached_property
+    def _columns(self) -> dict[str, Columns]:
+        return {}
+
+    def at(self, frame: "pd.DataFrame", point: GridPoint) -> "pd.DataFrame":
+        """Return the rows of one grid point."""
+        for path, value in point.items():
+            frame = frame[frame[path] == value]
+        return frame
+
+    def _read(self, name: str) -> "pd.DataFrame":
+        with self.reading(name) as path:
+            return read_frame(path, COLUMNS[name])
+
+    @cached_property
+    def tuning(self) -> dict[str, Record]:
+        """Return all trials of the tuned filters, by label; empty without tuning.csv."""
+        if not (self.folder / "tuning.csv").is_file():
+            return {}
+        with self.reading("tuning.csv") as path, path.open(encoding="utf-8", newline="") as file:
+            return read_tuning(file, self.config.get("tune", {}), self._taken)
+
+    @property
+    def _taken(self) -> dict[str, dict[str, Any]]:
+        """Return the tuned keys' values of the config's tuned filters, by the filter's label."""
+        return {
+            label: {key: self._at(f"filters.{tuned_label(label)}.{key}") for key in keys}
+            for label, keys in self.config.get("tune", {}).items()
+        }
+
+    def _at(self, path: str) -> Any:
+        """Return a value of the config; nothing if it is not there."""
+        value: Any = self.config
+        for key in split_path(self.source, path):
+            there = value if isinstance(value, dict) else dict(enumerate(value or ()))
+            value = there.get(key)
+        return value
+
+
+def same_point(point: GridPoint, read_back: dict[str, Any]) -> bool:
+    """Return whether a point of the config is one of a CSV file, where null and lists are texts."""
+    pairs = ((value, read_back[path]) for path, value in point.items())
+    return all(a == b or ("" if a is None else str(a)) == str(b) for a, b in pairs)

@@ -1,0 +1,159 @@
+"""CSV files of a results folder: data frames, columns as arrays, and the values of runs."""
+
+from collections import defaultdict
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from trackbench.core.arrays import Array, fixed
+from trackbench.yaml_source import unprintable_reason
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Runs: TypeAlias = dict[tuple[str, str], Array]
+"""Read-only values (M,) in the order of the runs, NaN where lost, by (filter, metric)."""
+
+PointRuns: TypeAlias = dict[tuple[Any, ...], Runs]
+Parse: TypeAlias = Callable[[str], Any]
+"""Conversion of a column's texts to values."""
+
+_ROWS_AT_A_TIME = 20_000
+_TYPES: dict[str, type] = {
+    **dict.fromkeys(["filter", "metric", "repeats", "likelihoods", "covariances"], str),
+    **dict.fromkeys(["run", "step", "runs", "lost"], int),
+    **dict.fromkeys(["time", "value", "stderr", "cpu_s", "cpu_s_per_run"], float),
+}
+"""Types of columns; those of a grid's columns follow from their texts."""
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Rows of a file: a read-only array per column, by its name."""
+
+    arrays: dict[str, Array]
+
+    @classmethod
+    def of(cls, frame: "pd.DataFrame") -> "Columns":
+        """Return the columns of a data frame; words are Python's strings."""
+        types = {name: None if frame[name].dtype.kind in "ifb" else object for name in frame}
+        return cls({name: fixed(frame[name].to_numpy(types[name])) for name in frame})
+
+    def __len__(self) -> int:
+        return len(next(iter(self.arrays.values())))
+
+    def __getitem__(self, name: str) -> Array:
+        return self.arrays[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.arrays)
+
+    def where(self, **values: Any) -> "Columns":
+        """Return the rows that have these values in these columns."""
+        return self.at(values)
+
+    def at(self, values: Mapping[str, Any]) -> "Columns":
+        """Return the rows that have these values, by names of columns that may be no identifiers."""
+        rows = self
+        for name, value in values.items():
+            rows = rows.chosen(rows[name] == value)
+        return rows
+
+    def chosen(self, which: Any) -> "Columns":
+        """Return rows by a mask or by their numbers."""
+        return Columns({name: array[which] for name, array in self.arrays.items()})
+
+    def tuples(self, names: Iterable[str]) -> Iterator[tuple[Any, ...]]:
+        """Yield each row's values of these columns as Python's numbers and strings."""
+        return zip(*(self[name].tolist() for name in names), strict=True)
+
+    def records(self) -> Iterator[dict[str, Any]]:
+        """Yield each row's values by column."""
+        return (dict(zip(self, row, strict=True)) for row in self.tuples(self))
+
+
+def read_pieces(
+    path: Path, needed: Collection[str], rows: int = _ROWS_AT_A_TIME
+) -> Iterator["pd.DataFrame"]:
+    """Yield the rows of a file, so many at a time; columns of a grid are words.
+
+    Raises ValueError if a row has another length, a needed column is missing, or a word has control
+    characters, some of which a terminal obeys.
+    """
+    import pandas as pd
+
+    options: dict[str, Any] = {
+        "dtype": defaultdict(lambda: str, _TYPES),
+        "keep_default_na": False,  # a filter may be called nan
+        "na_values": {name: ["nan"] for name, kind in _TYPES.items() if kind is float},
+    }
+    if tuple(map(int, pd.__version__.split(".")[:2])) < (3, 1):
+        options["float_precision"] = "round_trip"  # else the last bit may be wrong
+    with pd.read_csv(path, encoding="utf-8", chunksize=rows, **options) as pieces:
+        for piece in pieces:
+            missing = [name for name in needed if name not in piece]
+            if missing:
+                raise ValueError(f"has no column {missing[0]!r}")
+            if not isinstance(piece.index, pd.RangeIndex):
+                raise ValueError(f"has rows of more than {len(piece.columns)} cells")
+            for name in (name for name in piece if _TYPES.get(name, str) is str):
+                for text in piece[name].unique():
+                    if what := unprintable_reason(text):
+                        raise ValueError(what)
+            yield piece
+
+
+def read_frame(path: Path, needed: Collection[str] = ()) -> "pd.DataFrame":
+    """Return a file as a data frame; the types of a grid's columns follow from their texts."""
+    import pandas as pd
+
+    frame = pd.concat(read_pieces(path, needed), ignore_index=True)
+    for name in set(frame) - _TYPES.keys():
+        texts = frame[name].unique()
+        values = dict(zip(texts, map(_parse_of(texts), texts), strict=True))
+        frame[name] = frame[name].map(values)
+    return frame
+
+
+def _parse_of(texts: Collection[str]) -> Parse:
+    """Return the first type that all texts have: whole numbers, numbers, truth values, words."""
+    for parse in (int, float, _truth):
+        with suppress(ValueError, KeyError):
+            for text in texts:
+                parse(text)
+            return parse
+    return str
+
+
+def _truth(text: str) -> bool:
+    return {"True": True, "False": False}[text]
+
+
+_PARSES: dict[str, Parse] = {"i": int, "f": float, "b": _truth}
+"""Conversion of texts to the values of a column, by its type in numpy."""
+
+
+def read_runs(path: Path, summary: Columns, grid: list[str], labels: Collection[str]) -> PointRuns:
+    """Return the filters' runs by the values of the grid, which have their types in the summary."""
+    keys = [*grid, "filter", "metric"]
+    pieces: dict[tuple[str, ...], dict[tuple[str, str], list[Array]]] = {}
+    for piece in read_pieces(path, ["filter", "metric", "value"]):
+        of_filters = piece[piece["filter"].isin(labels)]
+        if of_filters.empty:
+            continue
+        words = of_filters[keys].to_numpy(object)
+        # A filter's values of a metric stand together.
+        starts = np.flatnonzero((words[1:] != words[:-1]).any(axis=1)) + 1
+        values = np.split(of_filters["value"].to_numpy(), starts)
+        for (*texts, label, metric), run in zip(words[[0, *starts]], values, strict=True):
+            pieces.setdefault(tuple(texts), {}).setdefault((label, metric), []).append(run)
+    parses = [_PARSES.get(summary[path].dtype.kind, str) for path in grid]
+    out: PointRuns = {}
+    for texts, runs in pieces.items():
+        point = tuple(parse(text) for parse, text in zip(parses, texts, strict=True))
+        out[point] = {key: fixed(np.concatenate(parts)) for key, parts in runs.items()}
+    return out
