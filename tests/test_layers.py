@@ -24,8 +24,6 @@ LAYERS = (
     ("plugins",),
     ("config",),
     ("execution", "help"),
-    ("contract_problems",),
-    ("contract_checks",),
     ("tuning", "contract"),
     ("results",),
     ("report",),
