@@ -13,7 +13,7 @@ import yaml
 from trackbench.adapters import FilterPy, PerRun
 from trackbench.adapters.per_run import loop_over_runs
 from trackbench.config.load import load
-from trackbench.contract_problems import ModelDraws
+from trackbench.contract.problems import ModelDraws
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian, per_run_moments
 from trackbench.filters.base import Filter

@@ -5,8 +5,9 @@ from pathlib import Path
 import pytest
 
 from trackbench.config.load import load
-from trackbench.contract import check_file, check_filter
-from trackbench.contract_problems import ModelDraws
+from trackbench.contract import check_file, run_check
+from trackbench.contract.checks import CHECKS
+from trackbench.contract.problems import ModelDraws
 
 FILTER = '''
 import numpy as np
@@ -51,7 +52,6 @@ scenario:
   start: {kind: gaussian, sigma: [20, 10, 20, 10]}
 filters:
 """
-CHECK = "uses the interval between steps"
 
 
 @pytest.mark.parametrize(
@@ -61,7 +61,7 @@ def test_a_filter_of_the_first_interval_is_found(when: str, verdict: str, tmp_pa
     (tmp_path / "mine.py").write_text(FILTER.replace("WHEN", f"self.FQ is None or ({when})"))
     (tmp_path / "on.yaml").write_text(f"{ON}  KF: {{kind: kf}}\n")
     (findings,) = check_file(tmp_path / "mine.py", on=tmp_path / "on.yaml").values()
-    (found,) = [f for f in findings if f.check == CHECK]
+    (found,) = [f for f in findings if f.check == CHECKS["interval"][0]]
     assert found.verdict == verdict
     if verdict == "bad":
         assert found.why.startswith("fits at equal intervals and not at unequal ones: RMSE ")
@@ -77,10 +77,11 @@ def test_filters_of_the_package_use_each_interval(sensor: str, tmp_path: Path) -
         ).replace("  kf: {kind: kf}\n", "")
     (tmp_path / "on.yaml").write_text(text)
     point = load(tmp_path / "on.yaml").points[0]
-    seen = []
-    for label, tracker in point.filters.items():
-        on = ModelDraws(base=point.assumed_scenario(label))
-        findings = check_filter(type(tracker), tracker, on=on)
-        seen += [f.verdict for f in findings if f.check == CHECK]
-        assert "bad" not in seen, (label, findings)
-    assert seen.count("good") >= len(seen) - 2
+    name, check = CHECKS["interval"]
+    findings = [
+        run_check(name, check, tracker, ModelDraws(base=point.assumed_scenario(label)), seed=1)
+        for label, tracker in point.filters.items()
+    ]
+    verdicts = [finding.verdict for finding in findings]
+    assert "bad" not in verdicts, findings
+    assert verdicts.count("good") >= len(verdicts) - 2

@@ -12,7 +12,8 @@ from tests.planted import HandEKF, HandFilterPy, HandKF, HandPF, HandUKF, proble
 from trackbench.adapters import PerRun
 from trackbench.adapters.per_run import loop_over_runs
 from trackbench.contract import check_filter
-from trackbench.contract_problems import RADAR, UNEQUAL, ModelDraws, misfit, why_not
+from trackbench.contract.diagnosis import misfit
+from trackbench.contract.problems import RADAR, UNEQUAL, ModelDraws, why_not
 from trackbench.registry import kinds
 
 COMMON = ("missing is zero", "not definite", "not symmetric", "sigma", "dt ignored", "axes swapped")

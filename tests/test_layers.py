@@ -25,8 +25,6 @@ LAYERS = (
     ("plugins",),
     ("config",),
     ("execution", "help"),
-    ("contract_problems",),
-    ("contract_checks",),
     ("tuning", "contract"),
     ("results",),
     ("report",),

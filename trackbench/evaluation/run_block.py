@@ -7,8 +7,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from trackbench.core.arrays import Array, Mask
-from trackbench.evaluation.block import BlockResult, BlockTask, Tracks
+from trackbench.core.arrays import Array, LatestResults, Mask
+from trackbench.evaluation.block import MOST_STACKED, BlockResult, BlockTask, Tracks
 from trackbench.evaluation.consistency_and_calibration import likelihood_ratio, rank_of
 from trackbench.evaluation.error_series import (
     FOUND,
@@ -73,15 +73,31 @@ def run_stack(blocks: Sequence[BlockTask]) -> list[dict[int, BlockResult]]:
 
 def _reference_of(task: BlockTask) -> FilterOutput:
     """Return the reference's output, NaN if it fails: the filter keeps its other numbers."""
+    reference = task.reference_task
+    # The reference among the filters reports its own failure.
+    is_reference = task.filter == task.reference
+    unknown = _unknown_references.cached(reference)
+    if unknown is not None and not is_reference:
+        return unknown
     try:
-        return run_reference(task.reference_task)
-    except Exception as error:
-        # The reference among the filters reports its own failure.
-        if isinstance(error, MemoryError) or task.filter == task.reference:
+        return run_reference(reference)
+    except MemoryError:
+        raise
+    except Exception:
+        unknown = _unknown_references(reference)
+        if is_reference:
             raise
-        unknown = np.full(task.data.truth.shape, np.nan)
-        scores = {"log_likelihood": unknown[0]} if task.predictive_metrics else {}
-        return FilterOutput(mean=unknown, nees=unknown[0], cov=None, diagnostics=scores, cpu_s=0.0)
+        return unknown
+
+
+def _unknown_output(task: BlockTask) -> FilterOutput:
+    unknown = np.full(task.data.truth.shape, np.nan)
+    scores = {"log_likelihood": unknown[0]} if task.predictive_metrics else {}
+    return FilterOutput(mean=unknown, nees=unknown[0], cov=None, diagnostics=scores, cpu_s=0.0)
+
+
+_unknown_references = LatestResults(_unknown_output, size=MOST_STACKED)
+"""Outputs of references that failed: each is run once for all filters of a block."""
 
 
 def _stack_of(blocks: Sequence[BlockTask]) -> BlockTask:

@@ -16,8 +16,8 @@ import numpy as np
 
 from trackbench.config.load import load
 from trackbench.config.plugin_checks import load_file
-from trackbench.contract_checks import CHECKS, Check, ContractError, LeftOutError, alike
-from trackbench.contract_problems import (
+from trackbench.contract.checks import CHECKS, Check, ContractError, LeftOutError, alike
+from trackbench.contract.problems import (
     PLANAR,
     RADAR,
     ModelDraws,
@@ -174,7 +174,7 @@ def check_filter(
         if key in exempt:
             findings.append(Finding(name, "left out", exempt[key]))
         else:
-            findings.append(_run_check(name, check, tracker, scenario, seed))
+            findings.append(run_check(name, check, tracker, scenario, seed))
     return findings
 
 
@@ -208,9 +208,10 @@ def report(findings: dict[str, list[Finding]]) -> Iterator[str]:
         yield from (f"  {finding}" for finding in of_kind)
 
 
-def _run_check(
+def run_check(
     name: str, check: Check, tracker: AnyFilter, scenario: Scenario, seed: int
 ) -> Finding:
+    """Run one check, in which an exception of the filter is a breach."""
     try:
         with guarded(), np.errstate(all="ignore"), catch_warnings():
             simplefilter("ignore")

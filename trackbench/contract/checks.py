@@ -8,7 +8,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from trackbench.contract_problems import (
+from trackbench.contract.diagnosis import misfit, mistaken_track
+from trackbench.contract.problems import (
     PLANAR,
     PRECISE,
     RADAR,
@@ -16,8 +17,6 @@ from trackbench.contract_problems import (
     Estimates,
     ModelDraws,
     at_unequal_intervals,
-    misfit,
-    mistaken_track,
     new_rng,
     planar,
     radar,
