@@ -53,7 +53,7 @@ def _imports(path: Path) -> set[str]:
 REPORT = (
     ("findings.phrases", "table", "paired"),
     ("plotting",),
-    ("requested", "result_files", "results"),
+    ("results",),
     ("expressions",),
     ("costs", "verdicts"),
     ("findings",),
