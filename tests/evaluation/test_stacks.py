@@ -27,7 +27,7 @@ from trackbench.scenarios.base import Scenario
 from trackbench.scenarios.targets.driven import Driven
 from trackbench.scenarios.targets.legs import Leg
 
-WIDTH, BLOCKS, STEPS = 4, 3, 60
+WIDTH, BLOCKS, STEPS = 4, 3, 25
 
 
 def shortened(scenario: Any) -> Any:
