@@ -130,3 +130,12 @@ def test_types_are_shipped() -> None:
 
 def _name(requirement: str) -> str:
     return re.split(r"[\[><=]", requirement)[0].lower().replace("_", "-")
+
+
+@pytest.mark.parametrize(
+    "name", ["Makefile", "pyproject.toml", ".pre-commit-config.yaml", ".github/workflows/ci.yml"]
+)
+def test_paths_in_the_repository_s_own_configs_exist(name: str) -> None:
+    text = (ROOT / name).read_text(encoding="utf-8")
+    paths = re.findall(r"\b(?:tests|docs)/[\w/]+\.\w+", text)
+    assert [path for path in paths if not (ROOT / path).exists()] == []
