@@ -56,11 +56,11 @@ EDGES = (127, 128, 255, 256, 511, 512, 513, 4095, 4096, 5000)
 def both(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
     """Call a function by numpy and by the kernels and compare all bytes but the payload of NaN."""
 
-    def compare(function: Callable[[], object]) -> None:
+    def compare(function: Callable[..., object], *arguments: object, **keys: object) -> None:
         with monkeypatch.context() as patch, np.errstate(all="ignore"):
-            got = _arrays(function())
+            got = _arrays(function(*arguments, **keys))
             patch.setattr(compiled, "kernels", None)
-            expected = _arrays(function())
+            expected = _arrays(function(*arguments, **keys))
         assert len(got) == len(expected)
         assert not any(a.dtype == object for a in got)
         for a, b in zip(got, expected, strict=True):
@@ -71,6 +71,19 @@ def both(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
             assert a[~nan].tobytes() == b[~nan].tobytes()
 
     return compare
+
+
+def draws_of(
+    rng: np.random.Generator, special: float, decades: int = 0
+) -> Callable[..., np.ndarray]:
+    """Return a function that draws arrays of normal numbers, of which a share is special."""
+
+    def draw(*shape: int) -> np.ndarray:
+        values = 10.0 ** rng.integers(-decades, decades, shape, endpoint=True)
+        values *= rng.standard_normal(shape)
+        return np.where(rng.random(shape) < special, rng.choice(SPECIAL, shape), values)
+
+    return draw
 
 
 def _arrays(result: object) -> list[np.ndarray]:
@@ -84,22 +97,22 @@ def _arrays(result: object) -> list[np.ndarray]:
 def test_elementary_functions(name: str, both: Callable[..., None]) -> None:
     rng = np.random.default_rng(1)
     function = getattr(elementary, name)
-    both(lambda: function(SPECIAL))
+    both(function, SPECIAL)
     for scale in (1e-300, 1e-3, 1.0, 300.0, 2e6):
         x = scale * rng.standard_normal(20_001)
-        both(lambda x=x: function(x))
+        both(function, x)
     any_bits = rng.integers(0, 2**63, 20_001).view(float)
-    both(lambda: function(any_bits))
-    both(lambda: function(-any_bits))
+    both(function, any_bits)
+    both(function, -any_bits)
 
 
 def test_arctan2(both: Callable[..., None]) -> None:
     y, x = (a.ravel() for a in np.meshgrid(SPECIAL, SPECIAL))
-    both(lambda: elementary.arctan2(y, x))
+    both(elementary.arctan2, y, x)
     rng = np.random.default_rng(2)
     for scale in (1e-9, 0.03, 1.0, 1e9):
         a, b = rng.standard_normal((2, 20_001))
-        both(lambda a=a, b=b, scale=scale: elementary.arctan2(scale * a, b))
+        both(elementary.arctan2, scale * a, b)
 
 
 @pytest.mark.parametrize("sensor", ["scalar", "position", "position-velocity"])
@@ -175,7 +188,7 @@ def test_variates(size: object, both: Callable[..., None]) -> None:
     both(lambda: block_stream(3, 4).standard_normal(size))
     for shape in (1, 2, 3, 8):
         both(lambda shape=shape: NoiseGenerator(SFC64(5)).standard_gamma(shape, size))
-        both(lambda shape=shape: _state_after_gamma(shape, size))
+        both(_state_after_gamma, shape, size)
 
 
 def _state_after_gamma(shape: int, size: object) -> np.ndarray:
@@ -190,8 +203,8 @@ def test_sums_over_windows_in_pieces(runs: int, both: Callable[..., None]) -> No
     rows[:5, 0] = -0.0
     with_gaps = np.where(rows > 1.0, np.nan, rows)
     for values in (rows, with_gaps, -np.zeros((40, runs)), np.full((40, runs), np.inf)):
-        both(lambda values=values: _in_pieces(values, [40]))
-        both(lambda values=values: _in_pieces(values, [0, 1, 3, 40]))
+        both(_in_pieces, values, [40])
+        both(_in_pieces, values, [0, 1, 3, 40])
     whole, pieces = _in_pieces(with_gaps, [40]), _in_pieces(with_gaps, [1, 2, 17, 40])
     assert whole[0].tobytes() == pieces[0].tobytes()
     np.testing.assert_array_equal(whole[1][0], (~np.isnan(with_gaps)).sum(axis=0))
@@ -213,8 +226,8 @@ def test_distances_with_a_covariance_for_each_step(both: Callable[..., None]) ->
         P = np.einsum("ijs,kjs->iks", A[0], A[0])
         P[..., 0], P[..., 1], P[0, 0, 2] = np.eye(n), 0.0, np.nan
         e[0, 3, 4], e[-1, 0, 5], e[0, 0, 6] = np.nan, np.inf, -0.0
-        both(lambda e=e, P=P: linalg.distance(e, P[..., None]))
-        both(lambda e=e, P=P: linalg.distance(e[:, 1:3], P[..., 1:3, None]))
+        both(linalg.distance, e, P[..., None])
+        both(linalg.distance, e[:, 1:3], P[..., 1:3, None])
         # Each step alone has the same distances.
         together = linalg.distance(e, P[..., None])
         for i in range(1, 7):
@@ -226,14 +239,14 @@ def test_distances_with_a_covariance_for_each_step(both: Callable[..., None]) ->
 def test_sums(n: int, both: Callable[..., None]) -> None:
     rng = np.random.default_rng(n)
     a, w = rng.standard_normal((3, 21, n)), rng.random((21, n))
-    both(lambda: sums.total(a))
-    both(lambda: sums.total(a[0, 0]))
-    both(lambda: sums.total(-0.0 * w))
-    both(lambda: sums.dot(a, w))
-    both(lambda: sums.dot(w, a))
-    both(lambda: sums.dot(w[::2], w[1::2][:1]))
-    both(lambda: sums.dot(w, w))
-    both(lambda: sums.total(np.where(w > 0.9999, np.inf, w)))
+    both(sums.total, a)
+    both(sums.total, a[0, 0])
+    both(sums.total, -0.0 * w)
+    both(sums.dot, a, w)
+    both(sums.dot, w, a)
+    both(sums.dot, w[::2], w[1::2][:1])
+    both(sums.dot, w, w)
+    both(sums.total, np.where(w > 0.9999, np.inf, w))
 
 
 @pytest.mark.parametrize("N", [1, 7, 8, 9, 10, 63, 64, 300, *EDGES])
@@ -241,7 +254,7 @@ def test_weights_and_resampling(N: int, both: Callable[..., None]) -> None:
     rng = np.random.default_rng(N)
     log_w = 30.0 * rng.standard_normal((9, N))
     log_w[1], log_w[2, -1], log_w[3, 0], log_w[4, :-1] = -np.inf, np.nan, np.inf, -1e5
-    both(lambda: particles.normalize(log_w))
+    both(particles.normalize, log_w)
     w = particles.normalize(log_w).w
     x = rng.standard_normal((4, 9, N))
     both(lambda: particles.Particles(x, w).moments())
@@ -249,23 +262,15 @@ def test_weights_and_resampling(N: int, both: Callable[..., None]) -> None:
     for size in (None, 1, 2 * N):
         both(lambda size=size: resampling.ancestors(w, block_stream(1, 2), size=size))
     index = resampling.ancestors(w, block_stream(1, 2))
-    both(lambda: resampling.select(x, index))
-    both(lambda: resampling.select(x[:, ::-1], index))
+    both(resampling.select, x, index)
+    both(resampling.select, x[:, ::-1], index)
 
 
 @pytest.mark.parametrize("N", [1, 2, 9, *EDGES])
 @pytest.mark.parametrize("special", [False, True])
 def test_moves_of_particles(N: int, special: bool, both: Callable[..., None]) -> None:
     rng = np.random.default_rng(N)
-
-    def draw(*shape: int) -> np.ndarray:
-        values = rng.standard_normal(shape)
-        return (
-            np.where(rng.random(shape) < 0.3, rng.choice(SPECIAL, shape), values)
-            if special
-            else values
-        )
-
+    draw = draws_of(rng, 0.3 * special)
     x, a, azimuth = draw(4, 3, N), draw(4, 4, 3), draw(3)
     singles = rng.standard_normal(x.shape).astype(np.float32)
     # Kernel smoothing of all particles and of two modes; also of masks that the kernel cannot use.
@@ -282,11 +287,11 @@ def test_moves_of_particles(N: int, special: bool, both: Callable[..., None]) ->
         both(lambda k=kernel: jitter_modes(x[::2], [Mode(None, None, a[:2, :2])], k, _runs(3)))
     # Positions in the frame of a line of sight.
     for px, py in ((x[0], x[2]), (x[0, :, ::-1], x[2]), (singles[0], x[2])):
-        both(lambda px=px, py=py: along_line_of_sight(azimuth, px, py))
-    both(lambda: along_line_of_sight(azimuth, x[0, :1], x[2, :1]))
-    both(lambda: along_line_of_sight(azimuth[:1], x[0], x[2]))
+        both(along_line_of_sight, azimuth, px, py)
+    both(along_line_of_sight, azimuth, x[0, :1], x[2, :1])
+    both(along_line_of_sight, azimuth[:1], x[0], x[2])
     for particle_states in (x, x[:, ::-1], singles):
-        both(lambda px=particle_states: displaced(px, 0.7, px[:2], 0.3))
+        both(displaced, particle_states, 0.7, particle_states[:2], 0.3)
 
 
 def _runs(count: int) -> SomeRuns:
@@ -303,26 +308,26 @@ def test_matrices(batch: tuple[int, ...], both: Callable[..., None]) -> None:
     P[1, 1, ..., -1] = -1.0
     x = rng.standard_normal((4, *batch))
     for M in (A, F, A[:3], F[1:3]):
-        both(lambda M=M: linalg.matvec(M, x))
-        both(lambda M=M: linalg.matmul(M, B))
-        both(lambda M=M: linalg.matmul(M, linalg.transpose(B)))
-        both(lambda M=M: linalg.sandwich(M, P))
-    both(lambda: linalg.matmul(A, F))
-    both(lambda: linalg.sandwich(A, F @ F.T))
-    both(lambda: linalg.matvec(F, np.where(x > 1.0, np.inf, x)))
+        both(linalg.matvec, M, x)
+        both(linalg.matmul, M, B)
+        both(linalg.matmul, M, linalg.transpose(B))
+        both(linalg.sandwich, M, P)
+    both(linalg.matmul, A, F)
+    both(linalg.sandwich, A, F @ F.T)
+    both(linalg.matvec, F, np.where(x > 1.0, np.inf, x))
     both(lambda: linalg.matvec(F, x.astype(int)))
-    both(lambda: linalg.cholesky(P))
-    both(lambda: linalg.root(P))
+    both(linalg.cholesky, P)
+    both(linalg.root, P)
     both(lambda: linalg.whiten(linalg.cholesky(P), x))
-    both(lambda: linalg.whiten(np.linalg.cholesky(F @ F.T + np.eye(4)), x))
-    both(lambda: linalg.mahalanobis(x, P))
-    both(lambda: linalg.inverse(P[:3, :3]))
+    both(linalg.whiten, np.linalg.cholesky(F @ F.T + np.eye(4)), x)
+    both(linalg.mahalanobis, x, P)
+    both(linalg.inverse, P[:3, :3])
     if len(batch) == 1:
         cloud = rng.standard_normal((4, *batch, 30))
-        both(lambda: linalg.lower_product(A, cloud))
+        both(linalg.lower_product, A, cloud)
     points = unscented.Unscented(0.5, 2.0, 0.0).points(Gaussian(x, P))
-    both(lambda: points.moments(np.cos(points.x)))
-    both(lambda: points.cross(points.x, x, np.cos(points.x[:2]), x[1:3]))
+    both(points.moments, np.cos(points.x))
+    both(points.cross, points.x, x, np.cos(points.x[:2]), x[1:3])
     both(lambda: unscented.Unscented(0.5, 2.0, 0.0).points(Gaussian(x, F @ F.T)))
     both(lambda: unscented.Unscented(1.0, 0.0, 2.0).points(Gaussian(x[:, ..., 0], F @ F.T)))
 
@@ -335,11 +340,7 @@ def test_kalman_updates(
     batch: tuple[int, ...], n_z: int, n: int, special: bool, both: Callable[..., None]
 ) -> None:
     rng = np.random.default_rng(100 * n + n_z)
-
-    def draw(*shape: int) -> np.ndarray:
-        values = rng.standard_normal(shape)
-        where = rng.random(shape) < 0.2
-        return np.where(where, rng.choice(SPECIAL, shape), values) if special else values
+    draw = draws_of(rng, 0.2 * special)
 
     def spread(size: int, *shape: int) -> np.ndarray:
         values = draw(size, size, *shape)
@@ -351,9 +352,9 @@ def test_kalman_updates(
     gain, joseph = inspect.unwrap(kalman.gain), inspect.unwrap(kalman._joseph)
     for H in (draw(n_z, n, *batch), sparse, np.eye(n_z, n)):
         for R in (spread(n_z, *batch), spread(n_z), np.diag([0.5, -0.0, 2.0][:n_z])):
-            both(lambda H=H, R=R: gain(P, H, R))
-            both(lambda H=H, R=R: joseph(P, K, H, R))
-            both(lambda H=H, R=R: gain(linalg.transpose(P), H, linalg.transpose(R)))
+            both(gain, P, H, R)
+            both(joseph, P, K, H, R)
+            both(gain, linalg.transpose(P), H, linalg.transpose(R))
 
 
 @pytest.mark.parametrize("batch", [(1,), (50,), (700,), (3, 401)])
@@ -361,19 +362,15 @@ def test_kalman_updates(
 def test_updates_by_points(
     batch: tuple[int, ...], special: bool, both: Callable[..., None]
 ) -> None:
-    rng = np.random.default_rng(7)
-
-    def draw(*shape: int) -> np.ndarray:
-        return rng.choice(SPECIAL, shape) if special else rng.standard_normal(shape)
-
+    draw = draws_of(np.random.default_rng(7), 1.0 * special)
     for n in (1, 2, 4, 7):
         for n_z in (1, 2, 3):
             m, nu, C = draw(n, *batch), draw(n_z, *batch), draw(n, n_z, *batch)
             P, S = np.abs(draw(n, n, *batch)), np.abs(draw(n_z, n_z, *batch))
             state = Gaussian(m, P)
-            both(lambda s=state, nu=nu, C=C, S=S: kalman.condition(s, nu, C, S))
+            both(kalman.condition, state, nu, C, S)
             turned = linalg.transpose(np.ascontiguousarray(linalg.transpose(C)))
-            both(lambda s=state, nu=nu, C=turned, S=S: kalman.condition(s, nu, C, S))
+            both(kalman.condition, state, nu, turned, S)
 
 
 @pytest.mark.parametrize("special", [False, True])
@@ -423,7 +420,7 @@ def test_particles_of_other_numbers(dtype: type, both: Callable[..., None]) -> N
     both(lambda: particles.normalize(x[0]).w)
     both(lambda: particles.Particles(x, particles.equal_weights(5, 80)).moments())
     L = np.tril(np.abs(x[:, :, :2].swapaxes(1, 2)))
-    both(lambda: linalg.lower_product(L, x))
+    both(linalg.lower_product, L, x)
     w = np.abs(x[0]) / np.abs(x[0]).sum(axis=1, keepdims=True)
     both(lambda: resampling.ancestors(w, block_stream(1, 1)))
     both(lambda: elementary.exp(0.01 * x, out=np.empty(x.shape, dtype=np.float32)))
@@ -449,48 +446,35 @@ class _Other(SensorBase):
 @pytest.mark.parametrize("runs", [1, 50, 700])
 @pytest.mark.parametrize("special", [False, True])
 def test_mixtures_and_distances(runs: int, special: bool, both: Callable[..., None]) -> None:
-    rng = np.random.default_rng(runs)
-
-    def draw(*shape: int) -> np.ndarray:
-        return rng.choice(SPECIAL, shape) if special else rng.standard_normal(shape)
-
+    draw = draws_of(np.random.default_rng(runs), 1.0 * special)
     for n in (1, 2, 4, 7):
         w = np.abs(draw(3, 3, runs))
         states = [Gaussian(draw(n, runs), draw(n, n, runs)) for _ in range(3)]
         shared = [Gaussian(s.mean[::-1], s.cov[..., 0]) for s in states]
         mixed = [states[0], shared[1], Gaussian(states[2].mean, states[2].cov[:, ::-1])]
         for each in (states, shared, mixed):
-            both(lambda w=w, each=each: mixtures.combine(each, w[:, 1]))
-            both(lambda w=w, each=each: mixtures.combine(each, w[..., 0, ::-1], [[0], [], []]))
+            both(mixtures.combine, each, w[:, 1])
+            both(mixtures.combine, each, w[..., 0, ::-1], [[0], [], []])
         for L in (states[0].cov, shared[0].cov, linalg.transpose(states[0].cov)):
-            both(lambda L=L, e=states[1].mean: linalg.mahalanobis(e, L, L))
-        both(lambda s=states[0]: linalg.mahalanobis(s.mean, s.cov))
+            both(linalg.mahalanobis, states[1].mean, L, L)
+        both(linalg.mahalanobis, states[0].mean, states[0].cov)
 
 
 @pytest.mark.parametrize("batch", [(1,), (50,), (700,), (3, 401)])
 @pytest.mark.parametrize("special", [False, True])
 def test_log_densities(batch: tuple[int, ...], special: bool, both: Callable[..., None]) -> None:
-    rng = np.random.default_rng(9)
-
-    def draw(*shape: int) -> np.ndarray:
-        values = 10.0 ** rng.integers(-3, 4, shape) * rng.standard_normal(shape)
-        return (
-            np.where(rng.random(shape) < 0.4, rng.choice(SPECIAL, shape), values)
-            if special
-            else values
-        )
-
+    draw = draws_of(np.random.default_rng(9), 0.4 * special, decades=3)
     for n in (1, 2, 4, 7):
         e = draw(n, *batch)
         for L in (draw(n, n, *batch), draw(n, n), np.eye(n), -np.eye(n, dtype=int)):
-            both(lambda L=L, e=e: zero_mean_log_prob(e, L, L))
+            both(zero_mean_log_prob, e, L, L)
             both(lambda L=L, e=e: zero_mean_log_prob(e, L, L.swapaxes(0, 1)))
         P = np.abs(draw(n, n, *batch))
-        both(lambda P=P, e=e: zero_mean_log_prob(e, P))
-        both(lambda P=P, e=e: zero_mean_log_prob(e[..., ::-1], P))
+        both(zero_mean_log_prob, e, P)
+        both(zero_mean_log_prob, e[..., ::-1], P)
     for gamma in (Gamma(3.0, 2.0), Gamma(0.7, 1e-3), Gamma(1.0, 5.0)):
         for v in (draw(*batch), draw(2, *batch).T, SPECIAL):
-            both(lambda gamma=gamma, v=v: gamma.log_density(v))
+            both(gamma.log_density, v)
 
 
 def test_nan_is_found(both: Callable[..., None]) -> None:
@@ -504,10 +488,10 @@ def test_nan_is_found(both: Callable[..., None]) -> None:
         np.arange(3),
         np.nan * SPECIAL,
     ):
-        both(lambda a=a: arrays.any_nan(a))
-        both(lambda a=a: arrays.any_nan(a[None, :, None].T))
-        both(lambda a=a: arrays.all_finite(a))
-        both(lambda a=a: arrays.all_finite(a[None, :, None].T))
+        both(arrays.any_nan, a)
+        both(arrays.any_nan, a[None, :, None].T)
+        both(arrays.all_finite, a)
+        both(arrays.all_finite, a[None, :, None].T)
         assert arrays.all_finite(a) == np.isfinite(a).all()
         assert arrays.any_nan(a) == np.isnan(a).any()
 
@@ -517,17 +501,17 @@ def test_choices_and_pairs(both: Callable[..., None]) -> None:
     a, b = rng.choice(SPECIAL, (2, 3, 8, 40))
     mask = rng.random((8, 40)) < 0.5
     for yes, no in ((a, b), (a[0], b[0]), (a[:, ::-1], b), (a, b[:1]), (a, (2 * mask).astype(int))):
-        both(lambda yes=yes, no=no: arrays.choose(mask, yes, no))
-    both(lambda: arrays.choose(mask[:, :1], a, b))
-    both(lambda: arrays.choose(mask[:, :0], a[..., :0], b[..., :0]))
+        both(arrays.choose, mask, yes, no)
+    both(arrays.choose, mask[:, :1], a, b)
+    both(arrays.choose, mask[:, :0], a[..., :0], b[..., :0])
     for N in (3, 10, 300):
         both(lambda N=N: particle_moves.distinct_pairs(7, N, block_stream(3, N)))
 
 
 def test_roots_of_one_variance(both: Callable[..., None]) -> None:
     for P in (SPECIAL[None, None], np.tile(SPECIAL, (1, 1, 3, 60)), SPECIAL[None, None, ::-1]):
-        both(lambda P=P: linalg.cholesky(P))
-        both(lambda P=P: linalg.root(P))
+        both(linalg.cholesky, P)
+        both(linalg.root, P)
 
 
 def test_constant_matrices(both: Callable[..., None]) -> None:
@@ -539,14 +523,14 @@ def test_constant_matrices(both: Callable[..., None]) -> None:
                 rng.choice(SPECIAL, (4, 4)),
                 np.eye(4, dtype=int),
             ):
-                both(lambda A=A, B=B: linalg.matmul(A, B))
-                both(lambda A=A, B=B: linalg.matmul(A[:, ::2], B[::-2].T[::2].T))
-                both(lambda A=A, B=B: linalg.sandwich(A, B))
+                both(linalg.matmul, A, B)
+                both(linalg.matmul, A[:, ::2], B[::-2].T[::2].T)
+                both(linalg.sandwich, A, B)
                 both(lambda A=A, B=B: linalg.sandwich(A, linalg.symmetrize(B)))
     for n in (8, 9, 16):  # numpy adds eight terms by the layout
         A, B = rng.standard_normal((2, n, n))
-        both(lambda A=A, B=B: linalg.matmul(A, B.T))
-        both(lambda A=A, B=B: linalg.sandwich(A, B))
+        both(linalg.matmul, A, B.T)
+        both(linalg.sandwich, A, B)
 
 
 def test_matrices_that_do_not_fit_are_errors() -> None:
@@ -573,14 +557,14 @@ def test_eigenvalues(batch: tuple[int, ...], both: Callable[..., None]) -> None:
         nearly_diagonal = np.eye(n) + 1e-9 * np.eye(n)[::-1]
         whole_numbers = np.arange(n * n).reshape(n, n) * np.eye(n, dtype=int)
         for matrix in (whole, strided, singular, nearly_diagonal, whole_numbers):
-            both(lambda matrix=matrix: linalg.eigen(matrix))
+            both(linalg.eigen, matrix)
         if batch == (48,):
             # Members without a rotation, and with numbers that are no numbers.
             for i, value in enumerate((0.0, -0.0, np.inf, -np.inf, np.nan, 1e300, 1e-310)):
                 whole[:, :, i] = value
                 whole[0, :, i + 10] = whole[:, 0, i + 10] = value
             whole[..., 20] = np.eye(n)
-            both(lambda whole=whole: linalg.eigen(whole))
+            both(linalg.eigen, whole)
 
 
 def test_they_can_be_turned_off_and_a_stale_file_is_not_used() -> None:

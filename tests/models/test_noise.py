@@ -31,7 +31,7 @@ name: noise
 seed: 5
 scenario:
   kind: tracking
-  last: 30
+  last: 10
   target: {{kind: driven, motion: {{kind: ar1, phi: 0.9, q: 0.3}}}}
   sensor: {sensor}
   start: {{kind: gaussian, sigma: [1]}}
@@ -206,8 +206,8 @@ def test_the_grid_is_a_sum_over_a_lattice(sensor: str, density: Density, tmp_pat
     x = np.linspace(-14.0, 14.0, 1401)
     kernel = stats.norm.pdf(x[:, None], 0.9 * x, np.sqrt(0.3)) * (x[1] - x[0])
     p = np.tile(stats.norm.pdf(x)[:, None] * (x[1] - x[0]), 20)
-    scores = np.empty((31, 20))
-    for k in range(1, 31):
+    scores = np.empty((11, 20))
+    for k in range(1, 11):
         p = (kernel @ p) * density(data.measurements[0, k - 1], x[:, None])
         mass = p.sum(axis=0)
         scores[k] = np.log(mass)
@@ -220,7 +220,7 @@ def test_the_grid_is_a_sum_over_a_lattice(sensor: str, density: Density, tmp_pat
     assert abs(difference.mean()) < 4.0 * difference.std(ddof=1) / np.sqrt(20) + 1.0 / 2000
     away = (pf.mean[0, 1:] - exact.mean[0, 1:]).mean(axis=0)
     assert abs(away.mean()) < 4.0 * away.std(ddof=1) / np.sqrt(20) + 1.0 / 2000
-    assert away.std() < 0.02
+    assert away.std() < 0.035
 
 
 @pytest.mark.parametrize("kind", ["kf", "ekf", "ukf"])
