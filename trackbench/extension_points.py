@@ -23,7 +23,6 @@ FORMER_HOOKS = {
     "excused": "contract_exemptions",
     "one_by_one": "loops_over_runs",
     "notes": "diagnostic_names",
-    "held": "extra_memory",
     "told": "notices",
     "tells_likelihood": "has_likelihood",
     "besides": "optional_capabilities",
