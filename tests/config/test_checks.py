@@ -25,6 +25,6 @@ def test_validation_computes_nothing(path: Path, monkeypatch: pytest.MonkeyPatch
     for cls in kinds("scenarios").values():
         monkeypatch.setattr(cls, "simulate", _refused)
     experiment = api.prepare(path, api.Options())
-    check_memory(experiment, workers=1)
+    check_memory(experiment)
     make_plan(experiment, save_tracks=False)
     cautions(experiment.points)

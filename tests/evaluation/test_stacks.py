@@ -267,7 +267,7 @@ def test_a_filter_that_fails_is_given_up_alone() -> None:
     tasks = [BlockTask(scenario, f, 3, 0, WIDTH, WIDTH) for f in made]
     queue = Queue(1, BlockStore(Path("unused")))
     queue.add(tasks, ())
-    failed = Computed(ValueError("no"), 1.0)
+    failed = Computed(ValueError("no"), 1.0, 0)
     assert not list(queue._finish(queue._waiting.popleft(), failed))
     assert [*queue._waiting] == [[task] for task in tasks]
     # Side by side again, the filters that did not fail stay.

@@ -8,8 +8,6 @@ import pytest
 from tests.execution.test_memory import peak
 from tests.papers import merwe_text
 from trackbench import api
-from trackbench.config.metric_names import max_metrics
-from trackbench.execution.plan import _read_bytes
 from trackbench.report.results import Results
 
 CONFIG = """
@@ -63,13 +61,3 @@ def test_many_runs_are_read_in_little_memory(tmp_path: Path) -> None:
         (label, "rmse"): number for label in labels
     }
     assert taken < 3 * 8 * len(labels) * number
-    assert taken < _read_bytes(api.prepare(folder / "config.yaml", api.Options(runs=number)))
-
-
-def test_no_more_metrics_are_kept_than_memory_is_reckoned_for(tmp_path: Path) -> None:
-    folder = made(tmp_path)
-    experiment, found = api.prepare(folder / "config.yaml", api.Options()), Results(folder).runs({})
-    for label, tracker in experiment.points[0].filters.items():
-        scenario = experiment.points[0].scenario
-        most = max_metrics(experiment.settings, scenario, label, tracker, "per_run.csv")
-        assert sum(label == of for of, _ in found) <= most

@@ -91,7 +91,7 @@ def _check_config(config: Path, options: "Options", json: bool, picture: Path | 
     from trackbench.execution.plan import check_memory
 
     experiment = api.prepare(config, options)
-    check_memory(experiment, workers=1)
+    check_memory(experiment)
     for caution in training_cautions(experiment):
         typer.echo(f"note: {caution}", err=True)
     if picture is not None:

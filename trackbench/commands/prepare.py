@@ -174,12 +174,11 @@ def _job(config: Config, options: Options, alone: bool) -> Job:
         say(f"note: {folder}/ has {stored} runs and stays; --force replaces them", options)
         folder = beside
     _check_out(folder)
-    check_memory(experiment, 1, options.save_tracks)
+    check_memory(experiment, options.save_tracks)
     most = experiment.settings.runs
     plan = plan_of(experiment, most, options)
     workers = min(most_workers(options), len(plan.unique))
-    needed = check_memory(experiment, workers, options.save_tracks)
-    line = announced(experiment, plan, workers, needed)
+    line = announced(experiment, plan, workers)
     first = first_batch(experiment)
     return Job(config, first, folder, plan_of(first, most, options), line, most)
 

@@ -163,6 +163,8 @@ def _what_happened(outcome: Outcome) -> Iterator[str]:
         yield f"{_were(outcome.damaged, 'damaged block')} computed again"
     if outcome.deaths:
         yield f"note: a worker died; {_were(outcome.deaths, 'block')} started again"
+    if outcome.crowding:
+        yield f"note: {outcome.crowding}"
 
 
 def _were(number: int, word: str) -> str:

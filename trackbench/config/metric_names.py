@@ -32,8 +32,6 @@ Made: TypeAlias = AnyFilter | None
 
 _PROBE_PARTICLES = 10
 """Particles that suffice to learn a filter's diagnostics."""
-_MOST_DIAGNOSTICS, _MOST_OF_RUNS = 6, 50
-"""Bounds of a filter's diagnostics, and of a scenario's metrics of whole runs, such as delays."""
 
 
 def stored_metrics(settings: Settings, file: str) -> frozenset[str] | None:
@@ -48,21 +46,6 @@ def stored_metrics(settings: Settings, file: str) -> frozenset[str] | None:
 def is_stored(stored: frozenset[str] | None, base: str) -> bool:
     """Return whether a file with these `stored_metrics` has the metric of this base name."""
     return base in stored if stored is not None else not metric_of(base)[0].on_request
-
-
-def max_metrics(
-    settings: Settings, scenario: Scenario, label: str, tracker: AnyFilter, file: str
-) -> int:
-    """Return an upper bound of a filter's metrics per run, or per step, without running it.
-
-    ``file`` is per_run.csv, where every metric has a value per window, or per_step.csv.
-    """
-    stored = stored_metrics(settings, file)
-    windows = len(scenario.windows) if file == "per_run.csv" else 1
-    if stored is not None:
-        return len(stored) * windows
-    series = len(set(_series(settings, scenario, label, tracker))) + _MOST_DIAGNOSTICS
-    return series * windows + (_MOST_OF_RUNS if file == "per_run.csv" else 0)
 
 
 @dataclass

@@ -2,21 +2,18 @@
 
 import os
 import sys
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil
-from pathlib import Path
 from typing import TypeAlias
 
 from trackbench.config.experiment import Experiment, Point, Settings
-from trackbench.config.metric_names import max_metrics
 from trackbench.config.requested_metrics import requested_contributions, requested_predictions
 from trackbench.errors import Problem, UserError, counted
 from trackbench.evaluation.block import MOST_STACKED, BlockTask
 from trackbench.extension_points import foreign_parts
-from trackbench.filters.base import AnyFilter, JoinableFilter
+from trackbench.filters.base import AnyFilter
 from trackbench.plugins.load import Plugin
 from trackbench.scenarios.base import Scenario
 
@@ -25,15 +22,8 @@ _RUN_STEPS_AT_A_TIME = 200_000  # a long track's series, some thirty of them, st
 _BOOSTED_AT_A_TIME = 330_000  # in the few steps of a boost: below 200 MB
 _STACKED = 400_000  # run-steps that are filtered together: their series are made block by block
 _WIDEST = 500
+_PER_RUN = 10  # numbers of a run beside its series, at least
 _ONE_BY_ONE = 10  # few enough for two workers to share 50 runs, and to compute none in vain
-_PROCESS = 150_000_000  # bytes of a worker process before it computes anything
-_TEMPORARIES = 14  # arrays of a cloud's size alive at once in the hungriest filter that has no more
-_PIECE = 50_000_000  # bytes of a piece of per_run.csv while it is read
-_STEP_OBJECTS = 1000  # bytes of Python's own for what is kept of a step, however few its runs
-_STEP_ROW = (
-    2 * 8 * 8
-)  # bytes of a row of per_step.csv: eight columns, twice while they are put together
-
 
 Key: TypeAlias = tuple[int, str]
 """Number of a grid point and label of a filter."""
@@ -176,62 +166,37 @@ if sys.platform == "win32":
 
 else:
 
-    def memory(root: Path = Path("/")) -> int:
-        """Return the bytes of memory that the machine has, or its container's limit."""
-        return min([os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"), *_limits(root)])
-
-    def _limits(root: Path) -> Iterator[int]:
-        """Yield the limits of this process's control groups, version 1 or 2, up to the topmost.
-
-        A container may see its own group as the topmost, under a path that it cannot see.
-        """
-        groups = root / "proc/self/cgroup"
-        for line in groups.read_text().splitlines() if groups.is_file() else ():
-            _, controllers, path = line.split(":", 2)
-            if controllers and "memory" not in controllers.split(","):
-                continue
-            name = "memory.limit_in_bytes" if controllers else "memory.max"
-            group = root / "sys/fs/cgroup" / ("memory" if controllers else "") / path.lstrip("/")
-            for folder in (group, *group.parents):
-                with suppress(OSError, ValueError):  # no such group, or "max"
-                    yield int((folder / name).read_text())
+    def memory() -> int:
+        """Return the bytes of memory that the machine has."""
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 
 
-def check_memory(experiment: Experiment, workers: int, save_tracks: bool = False) -> int:
-    """Return an upper estimate of the bytes of the workers' largest blocks and results.
+def check_memory(experiment: Experiment, save_tracks: bool = False) -> None:
+    """Reject a filter of which one block, or the stored numbers, are more than the machine's memory.
 
-    Raises UserError at the responsible filter if the machine has less memory.
+    A block has at least its particles and estimates once; how much more it takes is measured.
     """
-    settings = experiment.settings
-    there = memory()
-    most, read_back, series = 0, _read_bytes(experiment), len(_kept_series(experiment))
+    settings, series = experiment.settings, len(_kept_series(experiment))
+    shown = settings.runs if save_tracks else min(experiment.shown_runs, settings.runs)
     for point in experiment.points:
-        merged = max(_merged_bytes(experiment, point, series, save_tracks), read_back)
+        n_x, steps = len(point.scenario.components), len(point.scenario.steps)
+        per_track = n_x * (n_x if save_tracks else 1)
+        of_runs = settings.runs * (_PER_RUN + series * steps)
+        stored = of_runs + shown * per_track * steps * len(point.filters)
         for label, tracker in point.filters.items():
-            width = _width(settings, tracker, point.scenario)
-            reference = point.filters.get(settings.reference or "", tracker)
-            # Blocks of one filter, or of several that differ in numbers, that are computed as one stack.
-            stacked = _largest_stack(tracker, point.scenario, width)
-            if not isinstance(tracker, JoinableFilter):
-                stacked = min(stacked, ceil(settings.runs / width))
-            block = max(
-                _block_bytes(point.assumed_scenario(label), f, width, blocks)
-                for f, blocks in ((tracker, stacked), (reference, 1))
-            )
-            # Each worker has a stack; the parent has the merged results.
-            needed = workers * (_PROCESS + block) + merged
-            most = max(most, needed)
-            if needed > 0.9 * there:
+            particles = tracker.max_particle_count * (steps if tracker.smooths else 1)
+            block = _width(settings, tracker, point.scenario) * n_x * (particles + steps)
+            needed = 8 * (block + stored)
+            if needed > memory():
                 what = (
-                    f"needs about {needed / 1e9:.1f} GB of memory and this machine or container has "
-                    f"{there / 1e9:.1f} GB: use fewer particles, runs or workers, or a smaller block"
+                    f"needs at least {needed / 1e9:.1f} GB of memory and this machine has "
+                    f"{memory() / 1e9:.1f} GB: use fewer particles or runs, or a smaller block"
                 )
-                where = ("filters", label, "N")
-                raise UserError(Problem(experiment.source.mark(where), f"filters.{label}", what))
-    return most
+                mark = experiment.source.mark(("filters", label, "N"))
+                raise UserError(Problem(mark, f"filters.{label}", what))
 
 
-def announced(experiment: Experiment, plan: Plan, workers: int, needed: int) -> str:
+def announced(experiment: Experiment, plan: Plan, workers: int) -> str:
     """Return one line that announces the run."""
     settings = experiment.settings
     steps = max(len(p.scenario.steps) - 1 for p in experiment.points)
@@ -245,8 +210,7 @@ def announced(experiment: Experiment, plan: Plan, workers: int, needed: int) -> 
     ]
     return (
         f"{settings.name}: {tuned if experiment.tuned else ''}{' x '.join(counts)}, "
-        f"{counted(len(plan.unique), 'block')} on {counted(workers, 'worker')}, "
-        f"about {needed / 1e6:.0f} MB"
+        f"{counted(len(plan.unique), 'block')} on {counted(workers, 'worker')}"
     )
 
 
@@ -259,42 +223,3 @@ def cautions(points: Iterable[Point]) -> list[str]:
             for text in tracker.cautions(point.assumed_scenario(label)):
                 said.setdefault(text, {})[label] = None
     return [f"{', '.join(labels)}: {text}" if labels else text for text, labels in said.items()]
-
-
-def _block_bytes(scenario: Scenario, tracker: AnyFilter, width: int, blocks: int) -> int:
-    """Return the bytes of stacked blocks as they are filtered, and of one as it is reduced."""
-    n_x, steps = len(scenario.components), len(scenario.steps)
-    cloud = tracker.max_particle_count * n_x * _TEMPORARIES
-    per_run = cloud + tracker.extra_memory(scenario.model) + steps * (3 * n_x + 6)
-    if tracker.smooths:
-        per_run += tracker.smoother_memory(scenario.model, steps)
-    reduced = steps * (3 * n_x + 14)
-    return 8 * width * (blocks * per_run + reduced) + _STEP_OBJECTS * steps
-
-
-def _read_bytes(experiment: Experiment) -> int:
-    """Return the bytes of all values per run and step that tables and figures read."""
-    settings, point = experiment.settings, experiment.points[0]
-    metrics = sum(
-        max_metrics(settings, point.scenario, label, tracker, "per_run.csv")
-        for label, tracker in point.filters.items()
-    )
-    asked, steps = requested_contributions(experiment), point.scenario.steps.tolist()
-    metrics += sum(2 * len(asked.of(label, steps)) for label in point.filters)  # in batches, too
-    rows = sum(
-        max_metrics(settings, p.scenario, label, tracker, "per_step.csv") * len(p.scenario.steps)
-        for p in experiment.points
-        for label, tracker in p.filters.items()
-    )
-    return 8 * settings.runs * metrics * len(experiment.points) + _STEP_ROW * rows + _PIECE
-
-
-def _merged_bytes(experiment: Experiment, point: Point, series: int, save_tracks: bool) -> int:
-    """Return the bytes of one filter's merged values and of the stored tracks of all filters."""
-    settings, steps = experiment.settings, len(point.scenario.steps)
-    n_x = len(point.scenario.components)
-    per_run = 60 + series * steps
-    shown = settings.runs if save_tracks else min(experiment.shown_runs, settings.runs)
-    per_track = (2 * n_x + 2 + (n_x * n_x if save_tracks else 0)) * steps
-    filters = len(point.filters) * len(experiment.points)
-    return 8 * (3 * settings.runs * per_run + shown * per_track * filters)

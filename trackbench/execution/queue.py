@@ -13,12 +13,13 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, TypeAlias, cast
 
-from trackbench.errors import RunError, WriteError, in_line
+from trackbench.errors import RunError, WriteError, counted, in_line
 from trackbench.evaluation.block import BlockResult, BlockTask
 from trackbench.execution.cache import BlockStore, announced
 from trackbench.execution.engines import ClusterExecutor, OpenEngine, SerialExecutor
-from trackbench.execution.plan import stack_limit
+from trackbench.execution.plan import memory, stack_limit
 from trackbench.execution.worker import Computed, Work, compute_batch, environment_digests
+from trackbench.extension_points import field_values
 from trackbench.filters.base import JoinableFilter
 from trackbench.plugins.errors import FilterError, message_of, postponed
 from trackbench.plugins.load import Plugin
@@ -47,8 +48,11 @@ class Queue:
     def __init__(self, workers: int, store: BlockStore) -> None:
         self.failed: dict[tuple[object, ...], str] = {}
         self.deaths: Counter[BlockTask] = Counter()
+        self.hungriest: tuple[BlockTask, int] | None = None
+        """block of the worker with the largest memory, and its bytes"""
         self._workers = workers
         self._store = store
+        self._remote = False
         self._waiting: deque[Stack] = deque()
         self._running: dict[Future[list[Computed]], list[Stack]] = {}
         self._seconds: dict[tuple[object, ...], float] = {}  # of a block, by filter
@@ -87,7 +91,7 @@ class Queue:
                     shared = None if isinstance(executor, SerialExecutor) else token
                     least_seconds = 0.0
                     if isinstance(executor, ClusterExecutor):
-                        self._workers = max(self._workers, executor.workers)
+                        self._workers, self._remote = max(self._workers, executor.workers), True
                         # The scheduler is idle half of the time.
                         least_seconds = max(_TASK_SECONDS, 2.0 * _SCHEDULER_SECONDS * self._workers)
                     yield from self._drain(executor, least_seconds, shared)
@@ -126,6 +130,8 @@ class Queue:
                 if not finished.empty():
                     break  # keep a result before more is begun: a serial engine is done already
             future = finished.get()
+            if future not in self._running:
+                continue  # taken back
             found = _results(future)
             batch = self._running.pop(future)
             if isinstance(found, Exception):
@@ -133,14 +139,27 @@ class Queue:
                     self._waiting.extendleft(reversed(batch))
                     least_seconds = 0.0
                     continue
-                found = [Computed(found, nan)]
+                found = [Computed(found, nan, 0)]
             for stack, computed in zip(batch, found, strict=True):
                 yield from self._finish(stack, computed)
+            if len(self._running) > self._limit():
+                self._take_back()
+
+    def _take_back(self) -> None:
+        """Let tasks that no worker has begun wait again, in their order."""
+        for future in [*self._running][::-1]:
+            with postponed():
+                taken_back = future.cancel()
+            if taken_back:
+                self._waiting.extendleft(reversed(self._running.pop(future)))
 
     def _work(self, stack: Stack) -> Work:
         return Work(pickle.dumps(stack), [self._store.files(task) for task in stack])
 
     def _finish(self, stack: Stack, computed: Computed) -> Iterator[tuple[BlockTask, Found]]:
+        # Memory that a worker has taken once stays with it: the first block of a filter counts.
+        if self.hungriest is None or computed.memory > 1.05 * self.hungriest[1]:
+            self.hungriest = stack[0], computed.memory
         if not isinstance(computed.results, Exception):
             self._seconds |= {algorithm(t): computed.seconds / len(stack) for t in stack}
             yield from zip(stack, computed.results, strict=True)
@@ -167,10 +186,23 @@ class Queue:
         return batch
 
     def _limit(self) -> int:
-        """Return how many tasks may run at once: one while a task is suspected to kill workers."""
+        """Return how many tasks may run at once: one while a task is suspected to kill workers.
+
+        Every worker has tasks in advance, unless the memory is too small for all of them.
+        """
         stacks = [*chain(*self._running.values()), *list(self._waiting)[:1]]
         suspect = any(self.deaths[task] for stack in stacks for task in stack)
-        return 1 if suspect else _AHEAD * self._workers
+        if suspect:
+            return 1
+        return _AHEAD * self._workers if self.fitting == self._workers else self.fitting
+
+    @property
+    def fitting(self) -> int:
+        """Return how many workers of this machine have memory side by side; all of a cluster's."""
+        peak = self.hungriest[1] if self.hungriest else 0
+        if self._remote or peak * self._workers <= memory():
+            return self._workers
+        return max(1, memory() // peak)
 
     def _after_death(self) -> Iterator[tuple[BlockTask, Exception]]:
         # Nothing runs in a pool that never began: its first stack is suspected.
@@ -180,9 +212,16 @@ class Queue:
             if self.deaths[task] < _MOST_DEATHS:
                 self._waiting.appendleft([task])
             else:
-                times = self.deaths[task]
-                yield task, RunError(f"its worker died {times} times (killed, or out of memory?)")
+                yield task, RunError(_why_dead(task))
         self._running.clear()
+
+
+def _why_dead(task: BlockTask) -> str:
+    keys = "`block` or `N`" if "N" in field_values(task.filter) else "`block`"
+    return (
+        f"its worker died {_MOST_DEATHS} times (killed, or out of memory?) over "
+        f"a block of {counted(task.width, 'run')}; a lower {keys} takes less memory"
+    )
 
 
 def algorithm(task: BlockTask) -> tuple[object, ...]:

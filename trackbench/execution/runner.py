@@ -8,6 +8,7 @@ from math import inf, isfinite
 from typing import Any, TypeAlias
 
 from trackbench.config.experiment import Experiment
+from trackbench.errors import counted
 from trackbench.evaluation.block import BlockResult, BlockTask
 from trackbench.evaluation.consistency_and_calibration import sizes
 from trackbench.evaluation.precision_check import (
@@ -38,6 +39,8 @@ class Outcome:
     reused: int = 0
     damaged: int = 0
     deaths: int = 0
+    crowding: str = ""
+    """why some workers had to wait for memory"""
     wall_s: float = 0.0
     still: str = ""
     """what it goes on for, if its runs end by precision: the number that is farthest from it"""
@@ -107,6 +110,7 @@ def execute(
                 next(finished, None)  # nothing comes any more: the workers may go
             outcome.failures = _failures(outcome.plan, queue)
             outcome.deaths = sum(queue.deaths[task] for task in outcome.plan.unique)
+            outcome.crowding = _crowding(outcome.plan, queue, workers)
             outcome.wall_s = time.perf_counter() - started
             yield outcome
 
@@ -132,6 +136,18 @@ def _failures(plan: Plan, queue: Queue) -> dict[Key, str]:
     """Return why filters of the plan failed."""
     reasons = {key: queue.failed.get(algorithm(tasks[0])) for key, tasks in plan.tasks.items()}
     return {key: why for key, why in reasons.items() if why is not None}
+
+
+def _crowding(plan: Plan, queue: Queue, workers: int) -> str:
+    """Return which filter's memory lets fewer workers run side by side."""
+    if queue.hungriest is None or queue.fitting >= workers:
+        return ""
+    task, peak = queue.hungriest
+    labels = [key[1] for key, tasks in plan.tasks.items() if task in tasks]
+    return (
+        f"{' and '.join(labels) or 'another experiment'} took {peak / 1e9:.1f} GB of memory in blocks "
+        f"of {counted(task.width, 'run')}, so {queue.fitting} of {workers} workers ran side by side"
+    )
 
 
 def _missing(outcome: Outcome, fresh: bool) -> Iterator[BlockTask]:

@@ -85,7 +85,7 @@ class Work(NamedTuple):
 
 
 class Computed(NamedTuple):
-    """A stack's results by number of runs used, or its error, and the seconds that it took.
+    """A stack's results by number of runs used, or its error, the seconds and the peak of memory.
 
     The results of a stored block are empty: the message stays short enough for a pipe to take it
     whole, so that a worker that is killed leaves none that others wait for in vain.
@@ -93,6 +93,8 @@ class Computed(NamedTuple):
 
     results: list[dict[int, BlockResult]] | Exception
     seconds: float
+    memory: int
+    """largest memory of the process so far, bytes"""
 
 
 def compute_batch(
@@ -113,6 +115,7 @@ def _compute(
     work: Work, plugins: tuple[Plugin, ...], expected: Environment, stores: bool
 ) -> Computed:
     started = time.perf_counter()
+    results: list[dict[int, BlockResult]] | Exception
     try:
         results = compute(work.stack, plugins, expected)
         if stores:
@@ -124,8 +127,18 @@ def _compute(
     except WriteError:
         raise
     except Exception as error:
-        return Computed(error, time.perf_counter() - started)
-    return Computed(results, time.perf_counter() - started)
+        results = error
+    return Computed(results, time.perf_counter() - started, _peak_memory())
+
+
+def _peak_memory() -> int:
+    """Return the largest memory of this process so far, bytes; 0 where the system does not note it."""
+    if sys.platform == "win32":
+        return 0
+    import resource
+
+    unit = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
 
 
 @contextmanager

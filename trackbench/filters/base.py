@@ -172,15 +172,6 @@ class Filter(Part, Generic[State]):
         """Return the largest number of particles per run in any step."""
         return self.particle_count
 
-    def extra_memory(self, model: Model) -> int:
-        """Return how many numbers per run are alive at once beside the particles."""
-        return 0
-
-    def smoother_memory(self, model: Model, steps: int) -> int:
-        """Return how many numbers per run a smoother stores: per step five Gaussians, three clouds."""
-        n = len(model.motion.components)
-        return steps * (5 * n * (n + 1) + 3 * (n + 1) * self.particle_count)
-
 
 AnyFilter = Filter[Any]
 

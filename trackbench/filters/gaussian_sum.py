@@ -24,7 +24,6 @@ from trackbench.registry import register
 _AT_ONCE = (
     2**16
 )  # entries of the innovation covariances of a run's components that are updated at once
-_MATRICES = 8  # such arrays that an update has at once
 _NEGLIGIBLE = 1e-9  # weight below which a few azimuths do not bring a component back
 
 
@@ -80,16 +79,6 @@ class GaussianSum(Filter[Mixture]):
         """Return the initial number of components."""
         return self.split**2
 
-    def _components_at_once(self, model: Model) -> int:
-        n_z = len(model.sensor.components)
-        return max(1, min(self.particle_count, _AT_ONCE // (n_z * n_z)))
-
-    def extra_memory(self, model: Model) -> int:
-        """Return the numbers of the components' covariances, of the state and of the innovations."""
-        n, n_z = len(model.motion.components), len(model.sensor.components)
-        of_innovations = self._components_at_once(model) * n_z * (n_z + n)
-        return 4 * self.particle_count * n * n + _MATRICES * of_innovations
-
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Mixture:
         """Split the prior: a component per pair of nodes, together with the prior's moments."""
         width = self._width
@@ -109,7 +98,7 @@ class GaussianSum(Filter[Mixture]):
     def step(self, model: Model, state: Mixture, z: Array, k: int, rng: Generator) -> Mixture:
         """Update an EKF per component, weigh by the innovations, prune and merge."""
         # Step 1: update an EKF per component, as many at a time as bound the memory of many sensors.
-        size, updated = self._components_at_once(model), []
+        size, updated = max(1, _AT_ONCE // len(model.sensor.components) ** 2), []
         for first in range(0, state.w.shape[-1], size):
             piece = Gaussian(*(a[..., first : first + size] for a in (state.mean, state.cov)))
             after, innovation = extended_step(model, piece, z, k, MODEL_NOISE)

@@ -116,10 +116,6 @@ class Grid(Filter[Resolved]):
             return {"": f"grid needs {what}, or a Gaussian transition"}
         return {}
 
-    def extra_memory(self, model: Model) -> int:
-        """Return the numbers of the kernels of nodes by nodes."""
-        return 7 * self.nodes * self.nodes
-
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Resolved:
         """Put all mass on a known first state, or nodes over a Gaussian prior."""
         if not np.any(prior.cov):

@@ -268,10 +268,6 @@ class PFDE(EvolutionFilter):
         """Selection of strictly better trials."""
         return Greedy()
 
-    def extra_memory(self, model: Model) -> int:
-        """Return the numbers of the arrays of a generation."""
-        return 12 * self.N
-
     def _draw_proposals(
         self, model: Model, state: PFState, z: Array, k: int, rng: Generator
     ) -> Proposals:

@@ -191,10 +191,6 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         cross[:, list(shared[1])] = state.cov[:, list(shared[0])]
         return replace(transition, cross=linalg.matmul(Transition(y, cross).gain, transition.cross))
 
-    def smoother_memory(self, model: Model, steps: int) -> int:
-        """Return the numbers of the models' smoothers."""
-        return sum(self.filter.smoother_memory(each, steps) for each in self.models(model))
-
     def _without_spread(self, names: list[tuple[str, ...]], j: int) -> list[list[int]]:
         """Return the components of model j that each state lacks, if they enter without spread."""
         if self.mixing != "zero-mean":

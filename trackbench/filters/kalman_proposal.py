@@ -29,7 +29,6 @@ from trackbench.filters.particle_base import PFState
 from trackbench.models.base import GammaMotion, Model, NormalMotion, Scene, log_likelihood
 from trackbench.models.gaussian_steps import (
     AssumedNoise,
-    augmented_size,
     augmented_step,
     idle_noise_mean,
     spread_conflicts,
@@ -188,10 +187,6 @@ class KalmanProposalFilter(ProposalFilter):
         unused = dict.fromkeys(keys, "with `defensive: 1`") if self.defensive == 1.0 else {}
         return super().idle_keys(scenario) | idle_noise_mean(scenario) | unused
 
-    def extra_memory(self, model: Model) -> int:
-        """Return the numbers of the particles' Kalman filters."""
-        return self.N * self._kalman_memory(model)
-
     def _draw_proposals(
         self, model: Model, state: PFState, z: Array, k: int, rng: Generator
     ) -> Proposals:
@@ -218,10 +213,6 @@ class KalmanProposalFilter(ProposalFilter):
     def _kalman_conflicts(self, model: Model) -> dict[str, str]:
         return {}
 
-    def _kalman_memory(self, model: Model) -> int:
-        """Return numbers per particle: some ten covariances."""
-        return 10 * len(model.motion.components) ** 2
-
 
 @dataclass(frozen=True, kw_only=True)
 class UnscentedProposal:
@@ -245,13 +236,6 @@ class UnscentedProposal:
 
     def _kalman_conflicts(self, model: Model) -> dict[str, str]:
         return spread_conflicts(self.alpha, self.kappa, model)
-
-    def _kalman_memory(self, model: Model) -> int:
-        """Return numbers per particle: sigma points of (x, v, n), their images thrice, covariance."""
-        # An augmented point has n components; there are 2 n + 1 of them.
-        n_x, n_z = len(model.motion.components), len(model.sensor.components)
-        n = augmented_size(model)
-        return (n + 3 * (n_x + n_z)) * (2 * n + 1) + n * (n + 1)
 
 
 MERWE_PROPOSAL: dict[str, object] = {"Q": 1.5, "R": 0.1, "P0": 0.75, "noise_mean": False}

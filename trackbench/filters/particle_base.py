@@ -197,12 +197,6 @@ class SimulatingSmoother(SmoothingFilter[PFState], ParticleFilter):
             for state, cloud in zip(states, clouds, strict=True)
         ]
 
-    def smoother_memory(self, model: Model, steps: int) -> int:
-        """Return also the numbers of boosted particles and of the trajectories."""
-        n, boosted = len(model.motion.components), self.max_particle_count - self.N
-        more = 3 * (n + 1) * boosted * self.boost_scans + 2 * n * self._keys.trajectories * steps
-        return super().smoother_memory(model, steps) + more
-
     @property
     def _keys(self) -> Trajectories:
         return Trajectories() if isinstance(self.smooth, bool) else self.smooth

@@ -60,10 +60,6 @@ class PlaneGrid(Filter[Planes]):
             return {"": "grid-2d needs additive Gaussian noise of constant covariance"}
         return {}
 
-    def extra_memory(self, model: Model) -> int:
-        """Return the numbers of the two densities, and their share of what one run needs at once."""
-        return 10 * self.nodes * self.nodes
-
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Planes:
         """Return the prior of each run, on nodes or as a known state.
 

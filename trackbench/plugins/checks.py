@@ -31,7 +31,6 @@ def filter_conflicts(tracker: AnyFilter, scenario: Scenario) -> dict[str, str]:
             conflicts: dict[str, str] = call_hook(tracker.conflicts, dict, scenario)
             sentences = call_hook(tracker.cautions, list, scenario)
             check_words(*conflicts, *conflicts.values(), *sentences)
-            call_hook(tracker.extra_memory, int, scenario.model)
             for key in ("N", "particle_count", "max_particle_count"):
                 number = getattr(tracker, key, 1)
                 if not isinstance(number, int) or number < 1:

@@ -98,7 +98,7 @@ def recompute(experiment: Experiment, folder: Path, runs: int, tracks: bool) -> 
         experiment = replace(experiment, figures={})
     plan = make_plan(experiment, tracks).first(runs)
     workers = min(cpu_count(), len(plan.unique))
-    check_memory(experiment, workers, tracks)
+    check_memory(experiment, tracks)
     fewer = replace(experiment, settings=replace(experiment.settings, runs=runs))
     store, processes = BlockStore(cache_folder()), engine("processes", workers)
     with closing(
