@@ -24,7 +24,7 @@ def text(*rows: tuple[str, ...], head: str = "time,x,y", separator: str = ",") -
 
 def seen(path: Path) -> Any:
     """Return the measurements of a config's only run."""
-    return load(path).points[0].scenario.target._recording.seen[..., 0]
+    return load(path).points[0].scenario.target._recording.measurements[..., 0]
 
 
 def of_time(form: str) -> list[tuple[str, str, str]]:
@@ -60,7 +60,7 @@ def test_a_table_is_read(tmp_path: Path, what: str) -> None:
     made = trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path)
     assert made.returncode == 0, made.stderr
     scenario = load(tmp_path / "m.yaml").points[0].scenario
-    np.testing.assert_array_equal(scenario.target._recording.seen[..., 0], [X[1:], Y[1:]])
+    np.testing.assert_array_equal(scenario.target._recording.measurements[..., 0], [X[1:], Y[1:]])
     np.testing.assert_array_equal(np.diff(scenario.times), 1.0)
 
 

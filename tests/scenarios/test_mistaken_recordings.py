@@ -40,7 +40,7 @@ def test_codes_for_not_available_are_missing(tmp_path: Path, heads: str, note: s
     scenario = load(config(tmp_path, target, sensor=BOTH)).points[0].scenario
     assert scenario.cautions == (note,)
     # The plane touches the Earth at the first true position, and filters start there.
-    x, y, vx, vy = scenario.target._recording.seen[..., 0]
+    x, y, vx, vy = scenario.target._recording.measurements[..., 0]
     np.testing.assert_allclose(y, [111.229, 222.459], rtol=1e-4)
     np.testing.assert_allclose(x, 0.0, atol=1e-6)
     assert np.isnan(vx[0]) == np.isnan(vy[0]) == ("MMSI" in heads)
@@ -53,5 +53,5 @@ def test_what_is_no_code_is_a_value(tmp_path: Path) -> None:
     scenario = load(config(tmp_path, {"measurements": "m.csv"})).points[0].scenario
     assert scenario.cautions == ()
     np.testing.assert_array_equal(
-        scenario.target._recording.seen[..., 0], [[181, 360], [102.3, 511]]
+        scenario.target._recording.measurements[..., 0], [[181, 360], [102.3, 511]]
     )

@@ -61,7 +61,7 @@ def test_several_rows_of_one_time(tmp_path: Path, way: str, x: Any, apart: float
     assert "time 0 s is there twice, as are 9 more, and not with the same values" in line
     assert "`same_time: mean`, `last` or `spread`" in line
     scenario = load(write(tmp_path, K // 2, target={"same_time": way})).points[0].scenario
-    np.testing.assert_allclose(scenario.target._recording.seen[0, :, 0], x)
+    np.testing.assert_allclose(scenario.target._recording.measurements[0, :, 0], x)
     np.testing.assert_allclose(np.diff(scenario.times), apart)
 
 
@@ -72,7 +72,7 @@ def test_the_mean_of_angles_is_on_their_arc(tmp_path: Path) -> None:
     )
     target = {"measurements": "m.csv", "same_time": "mean"}
     path = config(tmp_path, target, sensor=RADAR, filters={"EKF": {"kind": "ekf"}})
-    mean = load(path).points[0].scenario.target._recording.seen[1, -1, 0]
+    mean = load(path).points[0].scenario.target._recording.measurements[1, -1, 0]
     assert mean == pytest.approx(np.pi + 0.1)
 
 

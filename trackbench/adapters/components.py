@@ -125,7 +125,9 @@ def partial_update(
         raise ValueError(PARTIAL_UNSUPPORTED)
     # Step 1: remember the attributes of the whole measurement.
     names = ("H", "dim_z", "R") if has_rows else ("R",)
-    before = [{n: getattr(part, n) for n in names if hasattr(part, n)} for part in parts]
+    before: list[dict[str, Any]] = []
+    for part in parts:
+        before.append({n: getattr(part, n) for n in names if hasattr(part, n)})
     try:
         # Step 2: leave out the rows of the missing components, or give them no weight.
         for part, whole in zip(parts, before, strict=True):

@@ -95,7 +95,10 @@ class LoopFilter(Filter[RunObjects]):
         if any(row.keys() != rows[0].keys() for row in rows):
             what = "the names of the diagnostics differ between runs"
             raise WrongReturnError("diagnostics", what)
-        return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+        out = {}
+        for name in rows[0]:
+            out[name] = np.array([row[name] for row in rows])
+        return out
 
 
 class LoopFilterWithLikelihood(LoopFilter):

@@ -48,11 +48,11 @@ def particles_together(cloud: Particles, mean: Array, rows: Sequence[int]) -> Pa
     return Particles(near(cloud.x, with_axes_of(cloud.x, center), rows), cloud.w)
 
 
-def moments_together(found: Gaussian, cloud: Particles, together: Particles) -> Gaussian:
+def moments_together(estimate: Gaussian, cloud: Particles, together: Particles) -> Gaussian:
     """Return the estimate, and the moments of shifted particles in the runs where any is shifted."""
     shifted = (cloud.x != together.x).any(axis=(0, 2))
     if not shifted.any():
-        return found
+        return estimate
     moments = together.moments()
-    mean = np.where(shifted, moments.mean, found.mean)
-    return Gaussian(mean, np.where(shifted, moments.cov, with_axes_of(moments.cov, found.cov)))
+    mean = np.where(shifted, moments.mean, estimate.mean)
+    return Gaussian(mean, np.where(shifted, moments.cov, with_axes_of(moments.cov, estimate.cov)))

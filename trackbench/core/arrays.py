@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import wraps
+from itertools import chain
 from math import prod
 from types import ModuleType
 from typing import Any, Generic, Literal, TypeVar, cast
@@ -48,14 +49,14 @@ def as_slice(rows: Sequence[int]) -> slice | Sequence[int]:
 
 def any_nan(a: Array) -> bool:
     """Return whether any entry is NaN."""
-    found = compiled.kernels.any_nan(a) if compiled.kernels else None
-    return bool(np.isnan(a).any()) if found is None else bool(found)
+    nan_or_none = compiled.kernels.any_nan(a) if compiled.kernels else None
+    return bool(np.isnan(a).any()) if nan_or_none is None else bool(nan_or_none)
 
 
 def all_finite(a: Array) -> bool:
     """Return whether all entries are finite numbers."""
-    found = compiled.kernels.any_not_finite(a) if compiled.kernels else None
-    return bool(np.isfinite(a).all()) if found is None else not found
+    not_finite = compiled.kernels.any_not_finite(a) if compiled.kernels else None
+    return bool(np.isfinite(a).all()) if not_finite is None else not not_finite
 
 
 def choose(mask: Mask, a: Array, b: Array) -> Array:
@@ -205,9 +206,9 @@ def once(function: F) -> F:
         if matrices[0].ndim > 2:  # has a batch axis, so it is not constant
             return function(*matrices)
         identities = tuple([id(A) for A in matrices])
-        found = by_identity.get(identities)
-        if found is not None:
-            return found[1]
+        entry = by_identity.get(identities)
+        if entry is not None:
+            return entry[1]
         if any(A.ndim > 2 for A in matrices):
             return function(*matrices)
         # The key is the content of all matrices.
@@ -233,7 +234,7 @@ def _store(cache: dict[Any, Any], key: Any, value: Any) -> None:
 
 def cached_results() -> list[Any]:
     """Return all cached results."""
-    return [result for cache in _caches for result in cache.values()]
+    return [*chain.from_iterable(cache.values() for cache in _caches)]
 
 
 class LatestResults(Generic[T]):

@@ -12,15 +12,15 @@ from pathlib import Path
 from runpy import run_path
 from typing import Any
 
-HERE = Path(__file__).parent
-BUILT = HERE / "_compiled.abi3.so"
+FOLDER = Path(__file__).parent
+BUILT = FOLDER / "_compiled.abi3.so"
 # Every byte must equal numpy's: no fused multiply-adds, no other order of sums.
 _EXACT = ("-O3", "-ffp-contract=off", "-fno-fast-math", "-fno-math-errno", "-fno-trapping-math")
 
 
 def build() -> bool:
     """Compile `_compiled.c` in place unless that was done; return whether the file is there."""
-    about = run_path(str(HERE / "compiled.py"), {"__package__": "trackbench.core"})
+    about = run_path(str(FOLDER / "compiled.py"), {"__package__": "trackbench.core"})
     digest: str = about["source_digest"]()
     if BUILT.is_file() and digest.encode() in BUILT.read_bytes():
         return True
@@ -31,7 +31,7 @@ def build() -> bool:
         *_EXACT,
         *("-std=c11", "-fPIC", "-shared", f'-DSOURCE="{digest}"'),
         *("-I", sysconfig.get_paths()["include"], *linking),
-        *("-o", str(part), str(HERE / "_compiled.c")),
+        *("-o", str(part), str(FOLDER / "_compiled.c")),
     ]
     BUILT.unlink(missing_ok=True)
     with suppress(OSError, subprocess.SubprocessError):

@@ -6,6 +6,7 @@ ones, so ``F x`` of a constant-velocity model is two multiply-adds. BLAS and LAP
 last bits depend on the processor, the number of threads and the number of runs in a batch.
 """
 
+from itertools import combinations
 from math import nan, sqrt
 
 import numpy as np
@@ -144,10 +145,10 @@ def _factor(P: Array, tolerance: float) -> Array:
     with np.errstate(invalid="ignore", divide="ignore"):
         for j in range(n):
             # Step 1: the pivot and the column below it, less the columns before.
-            column = [P[i, j] for i in range(j, n)]
-            if j:
-                products = ([L[i, m] * L[j, m] for m in range(j)] for i in range(j, n))
-                column = [a - _sum_of(terms) for a, terms in zip(column, products, strict=True)]
+            column = []
+            for i in range(j, n):
+                terms = [L[i, m] * L[j, m] for m in range(j)]
+                column.append(P[i, j] - _sum_of(terms) if terms else P[i, j])
             pivot = column[0]
             # Step 2: divide by the pivot's root.
             L[j, j] = np.sqrt(pivot)
@@ -333,7 +334,7 @@ def eigen(A: Array) -> tuple[Array, Array]:
         compiled.kernels.eigen(A, V, n, _SWEEPS, _ROUNDING)
     else:
         for _ in range(_SWEEPS):
-            rotated = [_rotate(A, V, p, q) for p in range(n) for q in range(p + 1, n)]
+            rotated = [_rotate(A, V, p, q) for p, q in combinations(range(n), 2)]
             # A sweep without a rotation leaves every entry as it is.
             if not any(rotated):
                 break

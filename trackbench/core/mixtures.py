@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import TypeAlias
 
 import numpy as np
@@ -132,7 +132,7 @@ def given_later(
     known = np.eye(len(mixed.mean))[..., None] * (linalg.diagonal(mixed.cov) == 0.0)
     mixed, later, *terms = (Gaussian(s.mean, s.cov + known) for s in (mixed, later, *predicted))
     future, past = linalg.inverse(later.cov), linalg.inverse(mixed.cov)
-    given, logs, proper = [], [], np.ones(later.mean.shape[1], dtype=np.bool_)
+    conditioned, logs, proper = [], [], np.ones(later.mean.shape[1], dtype=np.bool_)
     for p in terms:
         # P = (P_i^-1 + P_later^-1 - P_mixed^-1)^-1, m_i + P (P_later^-1 e_later - P_mixed^-1 e_mixed)
         P = linalg.inverse(linalg.inverse(p.cov) + future - past)
@@ -144,9 +144,9 @@ def given_later(
         )
         narrower = linalg.diagonal(P) <= (1.0 + _ROUNDING) * linalg.diagonal(p.cov)
         proper &= narrower.all(axis=0) & np.isfinite(above - below)
-        given.append(g)
+        conditioned.append(g)
         logs.append(above - below)
-    pairs = list(zip(given, predicted, strict=True))
+    pairs = list(zip(conditioned, predicted, strict=True))
     means = [np.where(proper, g.mean, p.mean) for g, p in pairs]
     covs = [np.where(proper, g.cov - known, p.cov) for g, p in pairs]
     return list(map(Gaussian, means, covs)), np.where(proper, np.stack(logs), 0.0)
@@ -204,9 +204,12 @@ class GaussianMixture(Symmetric):
         """
         reach = [deviations * float(np.sqrt(part.cov[0, 0])) for part in self.parts]
         ends = [(p.mean[0] - r, p.mean[0] + r) for p, r in zip(self.parts, reach, strict=True)]
-        cuts = pairwise(sorted({float(end) for pair in ends for end in pair}))
-        inside = [(a, b) for a, b in cuts if any(low <= a and b <= high for low, high in ends)]
-        return [(np.full(self.runs, a), np.full(self.runs, b)) for a, b in inside]
+        cuts = pairwise(sorted({*map(float, chain.from_iterable(ends))}))
+        out = []
+        for a, b in cuts:
+            if any(low <= a and b <= high for low, high in ends):
+                out.append((np.full(self.runs, a), np.full(self.runs, b)))
+        return out
 
 
 def pad(state: Gaussian, like: Gaussian, shared: Common, unbiased: bool) -> Gaussian:

@@ -329,9 +329,9 @@ def _normal_part(normal: Gaussian, x: Array) -> Array:
 
 def _blurred(log_density: Array, first: int, n: int, spread: float) -> Array:
     """Return n rows from the first, convolved along the columns with noise of so many rows."""
-    kept = log_density[first : first + n]
+    unblurred = log_density[first : first + n]
     if spread == 0.0:
-        return kept
+        return unblurred
     if spread >= 1.0:
         # A sum over rows, since the noise reaches from row to row.
         e = (np.arange(n)[:, None] + first - np.arange(len(log_density))) / spread
@@ -339,13 +339,13 @@ def _blurred(log_density: Array, first: int, n: int, spread: float) -> Array:
         top = log_density.max()
         return np.asarray(_log(_sum_of_products(kernel.T, exp(log_density - top))) + top)
     # Else Gauss-Hermite nodes of the noise between the rows.
-    value = np.zeros(kept.shape)
+    value = np.zeros(unblurred.shape)
     for node, weight in gauss_hermite(_HERMITE).nodes:
         shift = int(np.floor(node * spread))
         near = zip(_OFFSETS, _lagrange(np.array(node * spread - shift)), strict=True)
         rows = [w * log_density[first + shift + i : first + shift + i + n] for i, w in near]
-        value += weight * exp(total(np.array(rows), axis=0) - kept)
-    return np.asarray(log(value) + kept)
+        value += weight * exp(total(np.array(rows), axis=0) - unblurred)
+    return np.asarray(log(value) + unblurred)
 
 
 def _sum_of_products(a: Array, b: Array) -> Array:

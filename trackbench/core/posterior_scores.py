@@ -75,13 +75,13 @@ def by_rank(
     function: Callable[[Array, int], Array], squared: Array, n: int, rank: Array | None
 ) -> Array:
     """Return a function of squared distances and their degrees of freedom, NaN where there are none."""
-    found = function(squared, n)
+    value = function(squared, n)
     if rank is None:
-        return found
+        return value
     for r in range(1, n):
         if (rank == r).any():
-            found = np.where(rank == r, function(squared, r), found)
-    return np.where(rank == 0, np.nan, found)
+            value = np.where(rank == r, function(squared, r), value)
+    return np.where(rank == 0, np.nan, value)
 
 
 class Posterior(Protocol):

@@ -211,7 +211,9 @@ def half_distance_within(posterior: Posterior) -> Array:
     """Return ``E|X - X'| / 2`` (M,) for two independent draws, by panels that do not overlap."""
     # Two draws from different panels differ by the difference of the panels' means.
     parts = [(total(p.mass, axis=0), total(p.mass * p.x, axis=0)) for p in posterior]
-    across = [abs(m * t - n * s) for i, (m, s) in enumerate(parts) for n, t in parts[:i]]
+    across = []
+    for i, (m, s) in enumerate(parts):
+        across += [abs(m * t - n * s) for n, t in parts[:i]]
     return np.asarray(sum(_half_distance_in(panel) for panel in posterior) + sum(across))
 
 
@@ -254,9 +256,9 @@ def weights_up_to(t: Array, n: int) -> Array:
     rows = np.concatenate([t[~whole], np.ones((1, *t.shape[1:]))])
     P = legendre.legvander(rows, n)
     integrals = np.concatenate([rows[..., None] + 1.0, P[..., 2:] - P[..., :-2]], axis=-1)
-    found = product(integrals, _rule(n).basis)
+    weights = product(integrals, _rule(n).basis)
     out = np.empty((*t.shape, n))
-    out[~whole], out[whole] = found[:-1], found[-1]
+    out[~whole], out[whole] = weights[:-1], weights[-1]
     return out
 
 

@@ -48,14 +48,14 @@ class WindowSums:
 
     def add(self, rows: Array, first: int) -> None:
         """Add the values (S, M) of the steps from ``first`` on."""
-        here = np.ascontiguousarray(self._windows[:, first : first + len(rows)])
+        windows = np.ascontiguousarray(self._windows[:, first : first + len(rows)])
         if compiled.kernels and rows.dtype == np.float64:
             rows = np.ascontiguousarray(rows)
-            compiled.kernels.window_sums(here, rows, self.total, self._gaps, rows.shape[1])
+            compiled.kernels.window_sums(windows, rows, self.total, self._gaps, rows.shape[1])
             return
         missing = np.isnan(rows)
         known = np.where(missing, 0.0, rows)
-        for so_far, gaps, part in zip(self.total, self._gaps, here, strict=True):
+        for so_far, gaps, part in zip(self.total, self._gaps, windows, strict=True):
             gaps += missing[part].sum(axis=0)
             so_far[:] = total(np.vstack([so_far, known[part]]), axis=0)
 

@@ -118,10 +118,10 @@ class GaussHermite:
         middle = [((0.0, 0.0),) * len(mean)] * (1 - self.order % 2)
         every = product(self.nodes, repeat=len(mean))
         grid = middle + sorted(every, key=lambda point: any(x for x, _ in point))
-        unit = np.array([[x for x, _ in point] for point in grid])
+        unit, factors = np.moveaxis(np.array(grid), -1, 0)
         # x_i = m + L e_i, and a weight is the product of the axes' weights.
-        steps = [linalg.matvec(root, with_axes_of(mean, e)) for e in unit]
-        weights = np.array([prod(w for _, w in point) for point in grid])
+        steps = [linalg.matvec(root, with_axes_of(mean, e)) for e in unit.copy()]
+        weights = np.array([prod(row) for row in factors.tolist()])
         return SigmaPoints(np.stack([mean + e for e in steps], axis=1), weights, weights)
 
 
@@ -171,13 +171,13 @@ class SigmaPoints(NamedTuple):
 
     def cross(self, a: Array, a_mean: Array, b: Array, b_mean: Array) -> Array:
         """Return the weighted sum of ``(a - a_mean) (b - b_mean)'`` over points (n, P, *batch)."""
-        batch, given = a_mean.shape[1:], (self.cov_weights, a, a_mean, b, b_mean)
+        batch, arrays = a_mean.shape[1:], (self.cov_weights, a, a_mean, b, b_mean)
         alike = (
             a.shape[1:] == b.shape[1:] == (len(self.weights), *batch) and b_mean.shape[1:] == batch
         )
-        if compiled.kernels and alike and all(x.dtype == np.float64 for x in given):
+        if compiled.kernels and alike and all(x.dtype == np.float64 for x in arrays):
             out, sizes = np.empty((len(a), len(b), *batch)), (len(a), len(b))
-            compiled.kernels.cross(*map(np.ascontiguousarray, given), out, *sizes)
+            compiled.kernels.cross(*map(np.ascontiguousarray, arrays), out, *sizes)
             return out
         a, b = a - a_mean[:, None], b - b_mean[:, None]
         return np.stack([_weighted(self.cov_weights, row * b) for row in a])

@@ -18,6 +18,7 @@ requests them of (`core.posterior_scores` defines them for a Gaussian, for parti
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import chain
 from typing import Literal
 
 import numpy as np
@@ -116,8 +117,8 @@ def observed(
     exact = scenario.observables(truth) if has_expectations(tracker) else {}
     if not exact:
         return out
-    given = tracker.expectation(state, scenario.observables)
-    for name, value in checked_numbers("expectation", given, truth.shape[1]).items():
+    expectations = tracker.expectation(state, scenario.observables)
+    for name, value in checked_numbers("expectation", expectations, truth.shape[1]).items():
         error = value - exact[name]
         out[f"squared_{name}"], out[f"error_{name}"] = np.square(error), error
     return out
@@ -144,7 +145,7 @@ def calibration_series(components: Sequence[str], exact: bool) -> list[str]:
     quantities = (*components, _NEES)
     out = [f"pit_{q}" for q in quantities] + [f"coverage_{p}" for p in LEVELS] + ["nci"]
     out += [f"crps_{c}" for c in components]
-    out += [bar for q in quantities for bar in bars(q)]
+    out += chain.from_iterable(map(bars, quantities))
     return out + (["likelihood_ratio"] if exact else [])
 
 
@@ -164,12 +165,12 @@ class Calibration:
         self._places: list[int] = []
         self._excess: list[Array | None] = []
 
-    def add(self, posterior: Posterior | None, found: Gaussian, truth: Array) -> None:
+    def add(self, posterior: Posterior | None, estimate: Gaussian, truth: Array) -> None:
         """Add a step's posterior, estimate of the truth's components, and truth (n_x, M)."""
         if self.disabled:
             return
         # A filter without a posterior of its own is judged by the Gaussian of its estimate.
-        posterior = posterior or NormalPosterior(found)
+        posterior = posterior or NormalPosterior(estimate)
         if "calibration" in self._wanted:
             # PIT of each component and of the whole state, coverage, log excess for the NCI.
             within = posterior.within(truth)
@@ -191,7 +192,8 @@ class Calibration:
             rank = rank_of("nees", consistency, n)
             gaussian = noncredibility(consistency["nees"], n, rank)
             steps = zip(self._excess, gaussian, strict=True)
-            rows["nci"] = np.stack([row if own is None else _decibels(own) for own, row in steps])
+            nci = [row if excess is None else _decibels(excess) for excess, row in steps]
+            rows["nci"] = np.stack(nci)
         for name, row in pits if "ranks" in self._wanted else ():
             # Shares (T + 1, TENTHS, M) of each transform in the tenths: a series per bar.
             shares = np.stack([in_tenths(*each) for each in zip(row, self._places, strict=True)])
@@ -203,15 +205,15 @@ class Calibration:
             self._rows.setdefault(f"{head}_{quantity}", []).append(row)
 
 
-def likelihood_ratio(own: Mapping[str, Array], exact: Mapping[str, Array]) -> dict[str, Array]:
+def likelihood_ratio(scores: Mapping[str, Array], exact: Mapping[str, Array]) -> dict[str, Array]:
     """Return the ratio (T + 1, M) of both filters' likelihoods of all measurements so far.
 
     A particle filter's estimate of the likelihood is unbiased, so that its mean is one (Del Moral 2004,
     section 7.4.2); what weighs or moves particles otherwise is not. Nothing if either has no likelihood.
     """
-    if _SCORE not in own or _SCORE not in exact:
+    if _SCORE not in scores or _SCORE not in exact:
         return {}
-    a, b = own[_SCORE], exact[_SCORE]
+    a, b = scores[_SCORE], exact[_SCORE]
     # prod p_a(z_k) / p_b(z_k); a step at which neither has a likelihood counts as 1.
     ratio = exp(np.add.accumulate(np.where(np.isnan(a) & np.isnan(b), 0.0, a - b), axis=0))
     ratio[0] = np.nan

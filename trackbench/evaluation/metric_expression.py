@@ -87,12 +87,12 @@ class Measure(NamedTuple):
     @property
     def base(self) -> str:
         """Return the metric without statistic, window and step."""
-        found, quantity = self.family
-        if found.name == "rank":  # a bar of a histogram: kept with what it is of
+        spec, quantity = self.family
+        if spec.name == "rank":  # a bar of a histogram: kept with what it is of
             return joined("pit", quantity.rpartition("_")[0])
-        if found.name == "unused":  # components of a statistic: kept with it
+        if spec.name == "unused":  # components of a statistic: kept with it
             return quantity
-        return joined(found.series, quantity) if found.per_component else self.metric
+        return joined(spec.series, quantity) if spec.per_component else self.metric
 
     @property
     def is_row(self) -> bool:
@@ -102,8 +102,8 @@ class Measure(NamedTuple):
     @property
     def is_error(self) -> bool:
         """Return whether this is an error against the truth."""
-        found, quantity = self.family
-        return found.name == "rmse" and not quantity.startswith(("predicted_", "held_"))
+        spec, quantity = self.family
+        return spec.name == "rmse" and not quantity.startswith(("predicted_", "held_"))
 
     @property
     def is_cpu_time(self) -> bool:
@@ -170,20 +170,20 @@ class Measure(NamedTuple):
 @cache
 def measure(text: str) -> Measure:
     """Parse an expression; raises ValueError."""
-    found = _GRAMMAR.fullmatch(text)
-    if found is None:
+    groups = _GRAMMAR.fullmatch(text)
+    if groups is None:
         raise ValueError(
             f"{text!r} is no expression such as mean(rmse), rmse@20, gain(rms(rmse), PF)"
         )
     # A statistic must be one of the known ones.
-    if found["statistic"] and found["statistic"] not in (*STATISTICS, TIME_MEAN):
+    if groups["statistic"] and groups["statistic"] not in (*STATISTICS, TIME_MEAN):
         known = ", ".join((*STATISTICS, TIME_MEAN))
-        raise ValueError(f"{found['statistic']!r} is no statistic; known: {known}")
+        raise ValueError(f"{groups['statistic']!r} is no statistic; known: {known}")
     words = {
-        key: found[key] or "" for key in ("metric", "window", "statistic", "relation", "other")
+        key: groups[key] or "" for key in ("metric", "window", "statistic", "relation", "other")
     }
     # The step stands inside the statistic's parentheses or after them.
-    at = found["at"] or found["step"]
+    at = groups["at"] or groups["step"]
     steps = Steps(*at.split("..")) if at else None
     return Measure(**words, steps=steps)  # type: ignore[arg-type]
 

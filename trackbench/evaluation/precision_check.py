@@ -69,8 +69,8 @@ def checkpoints(least: int, most: int) -> Iterator[int]:
 def exact_after(stops: Sequence[int], exact: Sequence[bool]) -> int | None:
     """Return the number of runs of the first success after another; the last one needs no other."""
     before = [False, *exact]
-    found = (n for n, now, then in zip(stops, exact, before, strict=False) if now and then)
-    return next(found, stops[-1] if exact[-1] and len(exact) == len(stops) else None)
+    confirmed = (n for n, now, then in zip(stops, exact, before, strict=False) if now and then)
+    return next(confirmed, stops[-1] if exact[-1] and len(exact) == len(stops) else None)
 
 
 def check_precision(
@@ -91,11 +91,11 @@ def check_precision(
     }
     # Summarize them as summary.csv does.
     rows = summary_rows(result._replace(per_run=per_run, steps={}), sizes, windows)
-    found = {row.metric: row for row in rows if row.metric in names}
+    by_metric = {row.metric: row for row in rows if row.metric in names}
     return [
-        PrecisionCheck(w, found[w.metric], w.share(found[w.metric]))
+        PrecisionCheck(w, by_metric[w.metric], w.share(by_metric[w.metric]))
         for w in wanted
-        if w.metric in found
+        if w.metric in by_metric
     ]
 
 

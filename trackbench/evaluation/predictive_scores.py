@@ -17,6 +17,7 @@ judge innovations). Whoever is asked goes on from where it was, with the noise t
 
 from collections.abc import Iterator, Sequence
 from copy import deepcopy
+from itertools import product
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -40,8 +41,8 @@ _SCORE = "log_likelihood"
 
 def held_out(measurements: Array, every: int) -> Mask:
     """Return which measurements (T, M) are held out: every n-th existing one of each run."""
-    there = ~np.isnan(measurements).all(axis=0)
-    return np.asarray(there & (np.cumsum(there, axis=0) % every == 0))
+    measured = ~np.isnan(measurements).all(axis=0)
+    return np.asarray(measured & (np.cumsum(measured, axis=0) % every == 0))
 
 
 def predictive_series(components: Sequence[str], scores: bool, hold_out: int | None) -> list[str]:
@@ -51,7 +52,8 @@ def predictive_series(components: Sequence[str], scores: bool, hold_out: int | N
     heads = ["predicted"] + (["held"] if hold_out else [])
     if scores and hold_out:
         out.append(f"held_{_SCORE}")
-    return out + [f"{e}_{h}_{c}" for h in heads for c in components for e in ("squared", "error")]
+    errors = product(heads, components, ("squared", "error"))
+    return out + [f"{error}_{head}_{component}" for head, component, error in errors]
 
 
 class Step(NamedTuple):
@@ -59,7 +61,7 @@ class Step(NamedTuple):
 
     before: Any
     after: Any
-    found: Gaussian
+    estimate: Gaussian
     k: int
     refused: Array | None = None
     """1 for each run (M,) whose measurement was not used"""
@@ -81,10 +83,10 @@ class PredictionScorer:
         self._wanted = {"score", "prediction"}.intersection(wanted)
         self._all = measurements
         # The filter gets NaN in place of measurements that are held out.
-        self._held = held_out(measurements, hold_out) if hold_out else None
+        self._held_out = held_out(measurements, hold_out) if hold_out else None
         self.visible = measurements
-        if self._held is not None:
-            self.visible = freeze(np.where(self._held, np.nan, measurements))
+        if self._held_out is not None:
+            self.visible = freeze(np.where(self._held_out, np.nan, measurements))
         self._rows: dict[str, list[Array]] = {}
         self._innovations: list[Innovation] = []
         self._refused: list[Mask] = []
@@ -92,7 +94,7 @@ class PredictionScorer:
     @property
     def disabled(self) -> bool:
         """Return whether no predictive score is requested."""
-        return not self._wanted and self._held is None
+        return not self._wanted and self._held_out is None
 
     def snapshot(self, state: Any) -> Any:
         """Return the state as it is now: objects of one run change with each step."""
@@ -100,22 +102,22 @@ class PredictionScorer:
             return state
         return deepcopy(state, {id(self._model): self._model})
 
-    def add(self, told: Step, i: int) -> None:
+    def add(self, step: Step, i: int) -> None:
         """Add the step that used measurement i."""
         if self.disabled:
             return
         z = self.visible[:, i]
         if "score" in self._wanted:
-            self._note(self._scores(told.after, _measured(z)))
+            self._note(self._scores(step.after, _measured(z)))
         if "prediction" in self._wanted:
             # The prediction is the estimate after a step without a measurement.
             nothing = freeze(np.full_like(z, np.nan))
-            _, found = self._aside(told, nothing)
-            self._innovations.append(predicted_innovation(self._model, found, z, told.k))
-            refused = np.zeros(z.shape[1]) if told.refused is None else told.refused
+            _, estimate = self._aside(step, nothing)
+            self._innovations.append(predicted_innovation(self._model, estimate, z, step.k))
+            refused = np.zeros(z.shape[1]) if step.refused is None else step.refused
             self._refused.append(refused > 0.0)
-        if self._held is not None:
-            self._held_back(told, np.where(self._held[i], self._all[:, i], np.nan))
+        if self._held_out is not None:
+            self._score_held_out(step, np.where(self._held_out[i], self._all[:, i], np.nan))
 
     def series(self) -> dict[str, Array]:
         """Return values (T + 1, M) by the name of their series; of the first state there are none."""
@@ -125,17 +127,17 @@ class PredictionScorer:
             rows = scores | self._predicted() | rows
         return {name: after_first(values) for name, values in rows.items()}
 
-    def _aside(self, told: Step, z: Array) -> tuple[Any, Gaussian]:
-        before = self.snapshot(told.before)
-        state = self._tracker.step(self._model, before, z, told.k, self._rng)
+    def _aside(self, step: Step, z: Array) -> tuple[Any, Gaussian]:
+        before = self.snapshot(step.before)
+        state = self._tracker.step(self._model, before, z, step.k, self._rng)
         return state, self._tracker.estimate(state)
 
     def _scores(self, state: Any, measured: Mask) -> dict[str, Array]:
         if not has_likelihood(self._tracker):
             return {}
-        own: Any = self._tracker.log_likelihood(state)
-        found = checked_numbers("series", {_SCORE: own}, len(measured))
-        return {_SCORE: np.where(measured, found[_SCORE], np.nan)}
+        increments: Any = self._tracker.log_likelihood(state)
+        checked = checked_numbers("series", {_SCORE: increments}, len(measured))
+        return {_SCORE: np.where(measured, checked[_SCORE], np.nan)}
 
     def _predicted(self) -> dict[str, Array]:
         """Return the series (T, M) of the innovations, all steps at once."""
@@ -154,18 +156,18 @@ class PredictionScorer:
         lagged = {f"autocovariance_{lag}": _sum_of_known(rows) for lag, rows in products}
         return self._errors("predicted", nu) | counts | lagged
 
-    def _held_back(self, told: Step, z: Array) -> None:
+    def _score_held_out(self, step: Step, z: Array) -> None:
         """Score held-out measurements: without them the estimate is the prediction."""
         measured = _measured(z)
         nu = z  # of nothing there is no error
         if measured.any():
-            nu = predicted_innovation(self._model, told.found, z, told.k).nu
+            nu = predicted_innovation(self._model, step.estimate, z, step.k).nu
         self._note(self._errors("held", nu))
         if has_likelihood(self._tracker):
             scores = {_SCORE: np.full(len(measured), np.nan)}
             if measured.any():
                 # Log-likelihood by a step aside that is given the measurement.
-                scores = self._scores(self._aside(told, freeze(z))[0], measured)
+                scores = self._scores(self._aside(step, freeze(z))[0], measured)
             self._note({f"held_{_SCORE}": scores[_SCORE]})
 
     def _errors(self, head: str, nu: Array) -> dict[str, Array]:
@@ -202,5 +204,5 @@ def _lagged_products(white: Array, missing: Mask) -> Iterator[Array]:
 
 def _sum_of_known(rows: Array) -> Array:
     """Sum over the components (n, T, M) of those that are known; NaN where none is."""
-    there = ~np.isnan(rows)
-    return np.where(there.any(axis=0), total(np.where(there, rows, 0.0), axis=0), np.nan)
+    known = ~np.isnan(rows)
+    return np.where(known.any(axis=0), total(np.where(known, rows, 0.0), axis=0), np.nan)

@@ -48,7 +48,7 @@ def merge(blocks: Iterable[BlockResult]) -> FilterResult:
     # Collect the parts of each metric and series, and add up the sums per step.
     per_run: dict[str, list[Array]] = {}
     steps: dict[str, StepSums] = {}
-    kept: dict[str, list[Array]] = {}
+    run_series: dict[str, list[Array]] = {}
     tracks: list[Tracks] = []
     timing: list[Timing] = []
     for block in blocks:
@@ -57,7 +57,7 @@ def merge(blocks: Iterable[BlockResult]) -> FilterResult:
         for name, sums in block.steps.items():
             steps[name] = steps[name].plus(sums) if name in steps else sums
         for name, values in block.run_series.items():
-            kept.setdefault(name, []).append(values)
+            run_series.setdefault(name, []).append(values)
         if block.tracks is not None:
             tracks.append(block.tracks)
         timing.append(Timing(block.cpu_s, block.width))
@@ -65,7 +65,7 @@ def merge(blocks: Iterable[BlockResult]) -> FilterResult:
     return FilterResult(
         per_run={name: np.concatenate(parts) for name, parts in per_run.items()},
         steps=steps,
-        run_series={name: np.concatenate(parts, axis=1) for name, parts in kept.items()},
+        run_series={name: np.concatenate(parts, axis=1) for name, parts in run_series.items()},
         tracks=_merged_tracks(tracks),
         timing=timing,
     )
@@ -116,19 +116,19 @@ def summary_rows(
     """
     lost = int((result.per_run["lost"] != FOUND).sum())
     for metric, values in result.per_run.items():
-        found, of = values[~np.isnan(values)], measured(metric)
+        finite, of = values[~np.isnan(values)], measured(metric)
         share = of.statistic == TIME_MEAN
         if share and not result.steps:  # read back: it is all that is known
-            yield SummaryRow(metric, *mean(found), len(found), lost)
+            yield SummaryRow(metric, *mean(finite), len(finite), lost)
         if share or of.metric == "lost":
             continue
         # Every statistic of the runs' values, lost runs left out.
         for name, statistic in STATISTICS.items():
-            yield SummaryRow(f"{name}({metric})", *statistic(found), len(found), lost)
+            yield SummaryRow(f"{name}({metric})", *statistic(finite), len(finite), lost)
         # Means per component, such as ANEES = NEES / n.
         for row, n in per_component(of, sizes):
-            value, stderr = mean(found)
-            yield SummaryRow(row, value / n, stderr / n, len(found), lost)
+            value, stderr = mean(finite)
+            yield SummaryRow(row, value / n, stderr / n, len(finite), lost)
     yield from _time_means(result, windows, lost)
 
 
@@ -147,11 +147,11 @@ def _time_means(
             if metric.name != "rmse":
                 continue
             for window, mask in windows.items():
-                there = mask & (number > 0)
-                if there.any():
+                valid = mask & (number > 0)
+                if valid.any():
                     row = f"{TIME_MEAN}({in_window(name, window)})"
                     # RMSE over the runs at each step, then its mean over the steps.
-                    steps = rooted(mean_from_sums(errors[there], squares[there], number[there]))
+                    steps = rooted(mean_from_sums(errors[valid], squares[valid], number[valid]))
                     value, stderr = average(np.stack(steps)).tolist()
                     # The runs' shares give the standard error; without shares it is an upper bound.
                     shares = result.per_run.get(row)
@@ -283,12 +283,12 @@ def _spread(total: Array, squares: Array, number: Array) -> Estimates:
 
 def series_of(m: Measure) -> str | None:
     """Name of the series that a share of this measure is made of; None if it has no shares."""
-    found, quantity = m.family
+    family, quantity = m.family
     if m.statistic == TIME_MEAN and not m.steps:
-        return joined(found.series, quantity) if found.name == "rmse" else None
-    if m.statistic or not m.steps or found.name == "efficiency":
+        return joined(family.series, quantity) if family.name == "rmse" else None
+    if m.statistic or not m.steps or family.name == "efficiency":
         return None
-    return joined(found.series, quantity) if found.series else m.metric
+    return joined(family.series, quantity) if family.series else m.metric
 
 
 def statistic_of(m: Measure) -> str | None:
@@ -315,8 +315,8 @@ def with_shares(
         rows = result.run_series.get(series_of(m) or "")
         if rows is not None:
             shares[str(m)] = _share(m, rows, result, windows, steps, sizes)
-    there = {name: values for name, values in shares.items() if values is not None}
-    return result._replace(per_run=result.per_run | there)
+    existing = {name: values for name, values in shares.items() if values is not None}
+    return result._replace(per_run=result.per_run | existing)
 
 
 def _share(
@@ -330,8 +330,8 @@ def _share(
     if m.steps is None:
         # A time mean: each run's share of it, over the window's steps.
         mask = windows.get(m.window)
-        found = result.per_run["lost"] == FOUND
-        return None if mask is None else time_mean_shares(rows[mask], found)
+        not_lost = result.per_run["lost"] == FOUND
+        return None if mask is None else time_mean_shares(rows[mask], not_lost)
     # At a step: each run's error there; a squared one is rooted.
     number = steps[-1] if m.steps.first == "last" else int(m.steps.first)
     if number not in steps:
@@ -343,22 +343,22 @@ def _share(
 
 
 @np.errstate(all="ignore")
-def time_mean_shares(squared: Array, found: Mask) -> Array:
+def time_mean_shares(squared: Array, not_lost: Mask) -> Array:
     """Return runs' contributions (M,) to ``mean_k sqrt(mean_m e_km^2)`` from squared errors (K, M).
 
     A run's share is ``value + 1 / K sum_k (e_km^2 - MSE_k) / (2 RMSE_k)``: their mean is the value. Runs
-    that are not ``found`` (M,) have none; a run without an error at a step has no influence there.
+    that are not ``not_lost`` (M,) have none; a run without an error at a step has no influence there.
     """
-    there = ~np.isnan(squared) & found
-    number = there.sum(axis=1)
+    counted = ~np.isnan(squared) & not_lost
+    number = counted.sum(axis=1)
     # Leave out the steps at which no run has an error.
-    kept = number > 0
-    there, number = there[kept], number[kept]
-    squares = np.where(there, squared[kept], 0.0)
+    with_error = number > 0
+    counted, number = counted[with_error], number[with_error]
+    squares = np.where(counted, squared[with_error], 0.0)
     # MSE_k and RMSE_k over the runs with an error at step k
     mse = total(squares) / number
     rmse = np.sqrt(mse)
     # d mean_k RMSE_k: sum_k (e_km^2 - MSE_k) M / (2 N_k RMSE_k K) for run m
-    weight = np.where(rmse > 0.0, found.sum() / (2.0 * number * rmse), 0.0) / len(number)
-    influences = np.where(there, squares - mse[:, None], 0.0) * weight[:, None]
-    return np.where(found & bool(len(number)), average(rmse) + total(influences, axis=0), np.nan)
+    weight = np.where(rmse > 0.0, not_lost.sum() / (2.0 * number * rmse), 0.0) / len(number)
+    influences = np.where(counted, squares - mse[:, None], 0.0) * weight[:, None]
+    return np.where(not_lost & bool(len(number)), average(rmse) + total(influences, axis=0), np.nan)

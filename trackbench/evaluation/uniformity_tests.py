@@ -5,6 +5,7 @@ over them each run has a share in each tenth, and the test takes the covariance 
 whatever the correlation in time.
 """
 
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -74,7 +75,8 @@ def over_steps(shares: Array) -> Histogram:
         return Histogram(np.full(TENTHS, np.nan), np.full(TENTHS, np.nan), M)
     center = mean(shares)
     off = shares - center[:, None]
-    covariance = np.array([[float(total(a * b)) for b in off] for a in off]) / (M - 1.0)
+    products = [float(total(a * b)) for a, b in product(off, repeat=2)]
+    covariance = np.array(products).reshape(len(off), len(off)) / (M - 1.0)
     variance = linalg.diagonal(covariance)
     # Step 2: Kolmogorov's distance, at the edges of the tenths.
     edges = np.add.accumulate(center) - np.arange(1, TENTHS + 1) / TENTHS

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Annotated, ClassVar, NamedTuple, Protocol, cast, runtime_checkable
 
 import numpy as np
@@ -130,12 +130,12 @@ class Grid(Filter[Resolved]):
         parts = np.linspace(0.0, 1.0, _parts(model.motion) + 1)
         spans = [
             ((1.0 - a) * low + a * high, (1.0 - b) * low + b * high)
-            for low, high in spans
-            for a, b in pairwise(parts)
+            for (low, high), (a, b) in product(spans, pairwise(parts))
         ]
         support = spans[0][0], spans[-1][1]
-        both = [quadrature.nodes_between(spans, support, n) for n in _counts(self.nodes)]
-        return Resolved(*(tuple(_with_density(p, prior) for p in panels) for panels in both))
+        fine, coarse = (quadrature.nodes_between(spans, support, n) for n in _counts(self.nodes))
+        posterior = tuple(_with_density(panel, prior) for panel in fine)
+        return Resolved(posterior, tuple(_with_density(panel, prior) for panel in coarse))
 
     def step(self, model: Model, state: Resolved, z: Array, k: int, rng: Generator) -> Resolved:
         """Place nodes where z and the prediction allow mass, and condition on z.

@@ -99,7 +99,8 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
             self.filter.idle_keys(_WithModel(scenario, model))
             for model in self.models(scenario.model)
         )
-        of_all = {f"filter.{k}": why for k, why in first.items() if all(k in o for o in others)}
+        shared = set(first).intersection(*others)
+        of_all = {f"filter.{key}": why for key, why in first.items() if key in shared}
         return super().idle_keys(scenario) | of_all
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> ModelBank:
@@ -195,7 +196,10 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         """Return the components of model j that each state lacks, if they enter without spread."""
         if self.mixing != "zero-mean":
             return []
-        return [[i for i, name in enumerate(names[j]) if name not in of] for of in names]
+        missing = []
+        for of_state in names:
+            missing.append([i for i, name in enumerate(names[j]) if name not in of_state])
+        return missing
 
     def estimate(self, state: ModelBank) -> Gaussian:
         """Return the moments of the mixture, without components that only some models have."""

@@ -1,6 +1,7 @@
 """Filters with several motions and a Markov chain between them: base, and particle filter."""
 
 from dataclasses import dataclass
+from itertools import chain, product
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -158,7 +159,7 @@ class MultipleModelPF(JumpMarkov[PFState], ParticleFilter):
 def _extra_names(models: list[Model]) -> list[str]:
     """Return the components that only some motions have, each once."""
     extra = (m.motion.components[len(shared_components(m.motion)) :] for m in models)
-    return list(dict.fromkeys(name for names in extra for name in names))
+    return list(dict.fromkeys(chain.from_iterable(extra)))
 
 
 def _extra_deviations(models: list[Model]) -> Array:
@@ -167,7 +168,7 @@ def _extra_deviations(models: list[Model]) -> Array:
         dict(zip(reversed(m.motion.components), reversed(extra_std(m.motion)), strict=False))
         for m in models
     ]
-    table = [[row.get(name, np.nan) for row in rows] for name in _extra_names(models)]
+    table = [row.get(name, np.nan) for name, row in product(_extra_names(models), rows)]
     return np.array(table).reshape(-1, len(models))
 
 
@@ -189,9 +190,11 @@ def _draw_modes(p: Array, rng: Streams) -> Index:
 def _rows_of(models: list[Model]) -> list[list[int]]:
     """Return the rows of a particle's state that each motion moves."""
     n, names = len(shared_components(models[0].motion)), _extra_names(models)
-    return [
-        [*range(n), *(n + names.index(name) for name in m.motion.components[n:])] for m in models
-    ]
+    rows = []
+    for model in models:
+        extra = (n + names.index(name) for name in model.motion.components[n:])
+        rows.append([*range(n), *extra])
+    return rows
 
 
 def _propagate(models: list[Model], x: Array, mode: Index, k: int, rng: Streams) -> Array:

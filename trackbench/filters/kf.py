@@ -223,10 +223,10 @@ class KF(GaussianFilter):
         if not (plain and isinstance(motion, Linear) and isinstance(sensor, LinearSensor)):
             return None
         H = sensor.H(len(motion.F))
-        found = kalman.track(state.posterior, motion.F, motion.Q, H, sensor.R, z)
-        if found is None:
+        tracked = kalman.track(state.posterior, motion.F, motion.Q, H, sensor.R, z)
+        if tracked is None:
             return None
-        x, nu, nis = found
+        x, nu, nis = tracked
 
         def at(i: int) -> Tracked:
             posterior = Gaussian(x.mean[:, i], x.cov[:, :, i, 0])

@@ -185,10 +185,10 @@ class SimulatingSmoother(SmoothingFilter[PFState], ParticleFilter):
 
         # Step 1: draw the last states from each posterior; a run that diverged stays NaN.
         count = self._keys.trajectories
-        ends = [
-            select(np.where(np.isnan(w), np.nan, x), ancestors(w, rng, size=count))
-            for x, w in (state.weighted for state in states)
-        ]
+        ends = []
+        for x, w in (state.weighted for state in states):
+            last = np.where(np.isnan(w), np.nan, x)
+            ends.append(select(last, ancestors(w, rng, size=count)))
         # Step 2: draw the states before them, step by step.
         paths = backwards(ends, one_back, self.lag)
         clouds = [Particles(x, particles.equal_weights(*x.shape[1:])) for x in paths]

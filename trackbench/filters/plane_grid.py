@@ -72,8 +72,10 @@ class PlaneGrid(Filter[Planes]):
         each = [Gaussian(prior.mean[:, run], _of_run(prior.cov, run)) for run in runs]
         if any(linalg.is_singular(p.cov) for p in each):
             raise WrongReturnError("init", "a part of the prior has no density: raise its `sigma`")
+        fine, coarse = self._node_counts
         return Planes(
-            *(tuple(plane_quadrature.over_prior(p, n) for p in each) for n in self._node_counts)
+            tuple(plane_quadrature.over_prior(p, fine) for p in each),
+            tuple(plane_quadrature.over_prior(p, coarse) for p in each),
         )
 
     @property

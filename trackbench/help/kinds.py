@@ -6,6 +6,7 @@ A listing reads docstrings without importing what it lists.
 import dataclasses
 import inspect
 from collections.abc import Iterator, Sequence
+from itertools import chain
 from typing import TYPE_CHECKING, cast
 
 from trackbench.extension_points import Part, hooks, overridden_hooks
@@ -71,10 +72,10 @@ def problems() -> str:
         for p in problems()
     ]
     widths = [max(map(len, column)) for column in zip(heads, *table, strict=True)]
-    lines = [
-        "  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip()
-        for row in (heads, *table)
-    ]
+    lines = []
+    for row in (heads, *table):
+        cells = (text.ljust(width) for text, width in zip(row, widths, strict=True))
+        lines.append("  ".join(cells).rstrip())
     head = "standard problems (trackbench run NAME; cited as trackbench/NAME vVERSION, N runs;"
     return "\n".join([f"{head} time on one processor):", "", *(f"  {line}" for line in lines)])
 
@@ -156,7 +157,7 @@ def _classes_of(kind: str) -> list[tuple[Group, type[Part]]]:
 
     classes = [(g, kinds(g)[kind]) for g in GROUPS if kind in kinds(g)]
     if not classes and described(kind) is None:
-        known = [*GROUPS, *(k for g in GROUPS for k in kinds(g)), *METRICS]
+        known = [*GROUPS, *chain.from_iterable(map(kinds, GROUPS)), *METRICS]
         what = f"there is no such kind; {unknown(kind, known)}"
         raise UserError(Problem(Mark("describe"), kind, what))
     return classes

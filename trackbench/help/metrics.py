@@ -25,8 +25,8 @@ def metrics() -> str:
     """Return every declared metric with its text, the most used ones first."""
     first = common_metrics()
     names = [*first, *(name for name in METRICS if name not in first)]
-    found = [METRICS[name] for name in names]
-    rows = [(f"{m.name}[_quantity]" if m.is_family else m.name, m) for m in found]
+    declared = [METRICS[name] for name in names]
+    rows = [(f"{m.name}[_quantity]" if m.is_family else m.name, m) for m in declared]
     lines = [*columns((name, _facts(m, m.unit), m.help) for name, m in rows)]
     return "\n".join(["metrics:", *lines[: len(first)], "\nfurther metrics:", *lines[len(first) :]])
 
@@ -74,7 +74,9 @@ def metrics_of_config(path: Path, allow_plugins: bool = False) -> str:
     by_group: dict[str, list[JsonRow]] = defaultdict(list)
     for row in rows_of_config(path, allow_plugins):
         by_group[row["group"]].append(row)
-    names = {group: ", ".join(row["kind"] for row in rows) for group, rows in by_group.items()}
+    names = {}
+    for group, of_group in by_group.items():
+        names[group] = ", ".join(row["kind"] for row in of_group)
     rows = []
     for row in by_group["metrics"]:
         files = ", ".join(word for word in ("run", "step") if row[f"per_{word}"])
@@ -108,10 +110,8 @@ def rows_of_config(path: Path, allow_plugins: bool = False) -> Iterator[JsonRow]
     names = names_of(settings, experiment.points, experiment.left_out, with_diagnostics=True)
     stored = stored_metrics(settings, "summary.csv")
     # Metrics without statistic and window, by the file that has them.
-    per_run, per_step = (
-        {m.metric for m in map(measured, file_names) if m.is_row}
-        for file_names in (names.per_run, names.per_step)
-    )
+    per_run = {m.metric for m in map(measured, names.per_run) if m.is_row}
+    per_step = {m.metric for m in map(measured, names.per_step) if m.is_row}
     for name in sorted(per_run | per_step):
         metric, _ = metric_of(name)
         yield {

@@ -9,6 +9,7 @@ from abc import abstractmethod
 from collections.abc import Callable
 from contextvars import ContextVar
 from functools import cache
+from itertools import product
 from typing import ClassVar, NamedTuple, Protocol, TypeAlias, TypeGuard, cast, runtime_checkable
 
 import numpy as np
@@ -37,7 +38,7 @@ _OF_SPREAD = 1e-4  # least step, in standard deviations of the component
 
 def position_velocity_names(axes: int) -> tuple[str, ...]:
     """Return the names of position and velocity along so many axes: px, vx, py, ..."""
-    return tuple(name for axis in AXES[:axes] for name in (f"p{axis}", f"v{axis}"))
+    return tuple(kind + axis for axis, kind in product(AXES[:axes], "pv"))
 
 
 def by_component(

@@ -3,6 +3,7 @@
 import keyword
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
+from itertools import chain, product
 from typing import TypeAlias
 
 import numpy as np
@@ -88,15 +89,17 @@ class Program:
         self, operations: Sequence[tuple[str, tuple[int, ...], int]]
     ) -> list[tuple[Operation, tuple[int, ...], int, int]]:
         """Return (function, slots of arguments, slot, slot whose memory the result may take or -1)."""
-        last_use = {a: i for i, (_, arguments, _) in enumerate(operations) for a in arguments}
+        last_use: dict[int, int] = {}
+        for i, (_, arguments, _) in enumerate(operations):
+            last_use |= dict.fromkeys(arguments, i)
         # A pair's members, the variables and the outputs keep their memory.
-        own = {
+        writable = {
             slot for name, _, slot in operations
             if self._is_array[slot] and name not in ("cos and sin", "first", "second")
         } - {*self._outputs}  # fmt: skip
         instructions = []
         for i, (name, arguments, slot) in enumerate(operations):
-            free = (a for a in arguments if a in own and last_use[a] == i)
+            free = (a for a in arguments if a in writable and last_use[a] == i)
             reused = next(free, -1) if name in UFUNCS else -1
             instructions.append((OPERATIONS[name], arguments, slot, reused))
         return instructions
@@ -203,11 +206,8 @@ class Equations:
         """Return a covariance (n, n) of so many components; raises InvalidKeyError."""
         n = len(components)
         rows = _rows(given, components, *path)
-        nodes = [
-            self.parse(term, *where) if where else ZERO
-            for row in rows
-            for term, where in row
-        ]  # fmt: skip
+        cells = chain.from_iterable(rows)
+        nodes = [self.parse(term, *where) if where else ZERO for term, where in cells]
         for i in range(n):
             for j in range(i):
                 if rows[i][j][0] != rows[j][i][0]:
@@ -239,17 +239,19 @@ def _rows(given: Covariance, components: Sequence[str], *path: str | int) -> lis
     elif len(given) != n:
         raise InvalidKeyError(f"{len(given)} items for {', '.join(components)}", *path)
     elif any(isinstance(row, tuple) for row in given):
+        matrix: list[list[_Cell]] = []
         for i, row in enumerate(given):
             if not isinstance(row, tuple) or len(row) != n:
                 raise InvalidKeyError(f"row {i + 1} of the matrix needs {n} items", *path, i)
-        matrix = [row for row in given if isinstance(row, tuple)]
-        return [
-            [(term, (*path, i, j)) for j, term in enumerate(row)] for i, row in enumerate(matrix)
-        ]
+            matrix.append([(term, (*path, i, j)) for j, term in enumerate(row)])
+        return matrix
     else:
         terms = [term for term in given if not isinstance(term, tuple)]
         diagonal = [(term, (*path, i)) for i, term in enumerate(terms)]
-    return [[diagonal[i] if i == j else (0.0, ()) for j in range(n)] for i in range(n)]
+    rows: list[list[_Cell]] = [[(0.0, ())] * n for _ in range(n)]
+    for i, cell in enumerate(diagonal):
+        rows[i][i] = cell
+    return rows
 
 
 class ArrayProgram:
@@ -286,7 +288,7 @@ class ArrayProgram:
     def jacobian(self) -> "ArrayProgram":
         """Return the derivatives (*shape, n_x) by the components."""
         names = self._equations.components
-        slopes = [derivative(node, name) for node in self._nodes for name in names]
+        slopes = [derivative(node, name) for node, name in product(self._nodes, names)]
         return ArrayProgram(self._equations, slopes, (*self.shape, len(names)))
 
     def uses(self, name: str) -> bool:

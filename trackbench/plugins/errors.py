@@ -8,6 +8,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
+from itertools import chain
 from pathlib import Path
 from traceback import walk_tb
 from types import FrameType
@@ -79,7 +80,8 @@ def message_of(error: BaseException) -> str:
 
 def location_of(error: BaseException, *parts: object) -> str:
     """Return ``my_filter.py:12: ``, or nothing."""
-    files = {_file(cls) for part in walk_parts(parts) for cls in _plugin_classes(part)}
+    classes = chain.from_iterable(map(_plugin_classes, walk_parts(parts)))
+    files = set(map(_file, classes))
     method = getattr(error, "method", None) or ""  # of a WrongReturnError, whichever it is
     return place_within(error, files) or (_definition(method, parts[0]) if parts else "")
 

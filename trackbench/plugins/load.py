@@ -63,10 +63,9 @@ class Plugin:
     @property
     def identity(self) -> str:
         """Return the SHA-256 of a plugin's content and of all that it imports and reads."""
-        files = [
-            sorted((Path(name).name, digest) for name, digest in digests)
-            for digests in (self.files, (*self.code, *self.opened))
-        ]
+        files = []
+        for digests in (self.files, (*self.code, *self.opened)):
+            files.append(sorted((Path(name).name, digest) for name, digest in digests))
         facts = [self.digest, self.packages, *files, self.environment, self.variables]
         return hashlib.sha256(repr(facts).encode()).hexdigest()
 

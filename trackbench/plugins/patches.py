@@ -6,6 +6,7 @@ replaced would make numbers of another source under that key.
 
 import sys
 from collections.abc import Iterator
+from itertools import chain
 from types import FunctionType, ModuleType
 from typing import Any, TypeAlias
 
@@ -23,7 +24,7 @@ OwnValues: TypeAlias = tuple[Names, Bodies]
 def own_values() -> OwnValues:
     """Return the values of the modules and classes of the package, numpy and scipy."""
     names = [(holder, dict(vars(holder))) for holder in _holders()]
-    values = [v for _, of_holder in names for v in of_holder.values()]
+    values = chain.from_iterable(of_holder.values() for _, of_holder in names)
     return names, {v: _body(v) for v in values if isinstance(v, FunctionType)}
 
 

@@ -16,6 +16,7 @@ from importlib import invalidate_caches
 from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
 from importlib.metadata import distributions
 from importlib.util import source_from_cache
+from itertools import chain
 from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any
@@ -53,8 +54,9 @@ def is_installed(file: str) -> bool:
 @cache
 def _recorded(folder: str) -> frozenset[str]:
     """Return the files that the packages installed in a folder list in their RECORD."""
-    records = [package.read_text("RECORD") or "" for package in distributions(path=[folder])]
-    return frozenset(line.partition(",")[0] for text in records for line in text.splitlines())
+    packages = distributions(path=[folder])
+    lines = ((package.read_text("RECORD") or "").splitlines() for package in packages)
+    return frozenset(line.partition(",")[0] for line in chain.from_iterable(lines))
 
 
 class Finder:
@@ -110,7 +112,7 @@ def imports(source: bytes, plugin: str) -> tuple[dict[str, str], set[str]]:
     waiting = [(source, "")]
     while waiting:
         text, parent = waiting.pop()
-        for spec in (spec for name in _names(text, parent) for spec in _specs(name)):
+        for spec in chain.from_iterable(map(_specs, _names(text, parent))):
             file = spec.origin if spec.has_location else None
             if file is None or is_installed(file):
                 packages.add(spec.name.partition(".")[0])
@@ -187,7 +189,7 @@ class Opened:
 
     def files(self) -> list[str]:
         """Return the files that make the plugin: those of no installed package, and not written."""
-        found: dict[str, None] = {}
+        paths: dict[str, None] = {}
         for name in self.read:
             path = Path(name)
             if path.suffix == ".pyc":
@@ -196,8 +198,8 @@ class Opened:
             roots = (*_OF_THE_SYSTEM, *_OF_THE_USER)
             apart = any(path.is_relative_to(root) for root in roots) or is_installed(str(path))
             if path.is_file() and not apart and str(path) not in self.written:
-                found[str(path)] = None
-        return [*found]
+                paths[str(path)] = None
+        return [*paths]
 
 
 _recorders: list[Opened] = []

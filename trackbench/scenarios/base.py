@@ -134,12 +134,12 @@ class Scenario(Scene):
 
 def simulate_markov(model: Model, start: Array, steps: Index, rng: Streams) -> tuple[Array, Array]:
     """Return truth (n_x, T + 1, M) and measurements (n_z, T, M), simulated from ``start``."""
-    truth, seen, n_z = [start], [], len(model.sensor.components)
+    truth, measurements, n_z = [start], [], len(model.sensor.components)
     for k in steps[1:]:
         truth.append(model.motion.transition(truth[-1], int(k)).sample(rng))
         if has_density(model.sensor):
             noise = rng.standard_normal((n_z, truth[-1].shape[-1]))
-            seen.append(model.sensor.draw_known(truth[-1], int(k), noise, rng))
+            measurements.append(model.sensor.draw_known(truth[-1], int(k), noise, rng))
         else:
-            seen.append(model.sensor.measurement(truth[-1], int(k)).sample(rng))
-    return np.stack(truth, axis=1), np.stack(seen, axis=1)
+            measurements.append(model.sensor.measurement(truth[-1], int(k)).sample(rng))
+    return np.stack(truth, axis=1), np.stack(measurements, axis=1)

@@ -91,7 +91,10 @@ def over_paths(course: Course, first: Callable[[int, Streams], Array]) -> Bound 
 def _mean_squares(squares: Squares, P: Array, paths: Array) -> dict[str, Array]:
     """Return the mean over paths (n, K, N) of the squared errors of covariances P (n, n, K)."""
     each = [squares(P, np.ascontiguousarray(x)) for x in np.moveaxis(paths, -1, 0)]
-    return {name: mean(np.stack([s[name] for s in each], axis=-1)) for name in each[0]}
+    out = {}
+    for name in each[0]:
+        out[name] = mean(np.stack([of_path[name] for of_path in each], axis=-1))
+    return out
 
 
 def _roots(squares: dict[str, Array]) -> dict[str, Array]:

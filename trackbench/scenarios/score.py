@@ -73,8 +73,8 @@ class Score:
         """Raise InvalidKeyError for steps outside the run, and for parts of a scalar."""
         # The ends of the run stand for steps that the config leaves out.
         first, last = (
-            there if asked is None else asked
-            for asked, there in zip(self.steps, (steps[0], steps[-1]), strict=True)
+            end if requested is None else requested
+            for requested, end in zip(self.steps, (steps[0], steps[-1]), strict=True)
         )
         if not max(first, steps[0]) <= last <= steps[-1]:
             what = f"[{first}, {last}] is not within steps {steps[0]} to {steps[-1]}"
@@ -113,8 +113,8 @@ class Score:
 
     def scored(self, steps: Index, trained: int | None = None) -> Mask:
         """Return the steps (K,) that are scored: none up to the last one of training."""
-        there = _between(steps, *self.steps)
-        return there if trained is None else there & (steps > trained)
+        inside = _between(steps, *self.steps)
+        return inside if trained is None else inside & (steps > trained)
 
     def named(self, steps: Index, scored: Mask) -> dict[str, Mask]:
         """Return the windows (K,) by name."""
@@ -139,20 +139,18 @@ class Score:
             rows = {"": [0]}
         else:
             rows = {name: [i] for i, name in enumerate(components)}
-        return rows | {
-            name: [components.index(component) for component in group]
-            for name, group in self.errors.items()
-        }
+        for name, group in self.errors.items():
+            rows[name] = [components.index(component) for component in group]
+        return rows
 
     def squares(
         self, sensor: Sensors, components: tuple[str, ...], P: Array, x: Array
     ) -> dict[str, Array]:
         """Return mean squared errors (K,) of the same, of covariances P (n, n, K) at states x (n, K)."""
         # Mean squared error = trace of P over the quantity's components.
-        out = {
-            name: np.add.reduce([P[i, i] for i in rows])
-            for name, rows in self._rows(components).items()
-        }
+        out = {}
+        for name, rows in self._rows(components).items():
+            out[name] = np.add.reduce([P[i, i] for i in rows])
         if _is_moving(components) and isinstance(sensor, SensorBase):
             out |= sensor.squares(P, x)
         return out
@@ -176,12 +174,12 @@ def diverged(values: Mapping[str, Array], settled: bool) -> Array:
 
 
 def _between(steps: Index, first: int | None, last: int | None) -> Mask:
-    there = np.ones(len(steps), dtype=np.bool_)
+    inside = np.ones(len(steps), dtype=np.bool_)
     if first is not None:
-        there &= steps >= first
+        inside &= steps >= first
     if last is not None:
-        there &= steps <= last
-    return there
+        inside &= steps <= last
+    return inside
 
 
 def _is_moving(components: tuple[str, ...]) -> bool:

@@ -67,7 +67,7 @@ class Tracking(Scenario):
         object.__setattr__(self, "target", self.target.with_angles(self.angles))
         # The timeline needs a valid start, and the scoring needs the timeline.
         self._start.check(self.components, self.true_sensor)
-        self._schedule.check(self._own_timeline)
+        self._schedule.check(self._recorded_timeline)
         self.target.check(self._timeline)
         if self._drawn_start is not None and self.target.start(self._timeline).any():
             what = f"the start `{self.start.kind}` draws the first state"
@@ -104,15 +104,15 @@ class Tracking(Scenario):
                 raise InvalidKeyError(what, "score", "windows", i, "name")
 
     @cached_property
-    def _own_timeline(self) -> Timeline | None:
+    def _recorded_timeline(self) -> Timeline | None:
         return self.target.own_timeline(self.true_sensor, self._start, self.T)
 
     @cached_property
     def _timeline(self) -> Timeline:
         """Return every step, those that a start uses up included."""
-        if self._own_timeline is None:
+        if self._recorded_timeline is None:
             return self._schedule.regular(self.T)
-        return self._schedule.of_recorded(self._own_timeline)
+        return self._schedule.of_recorded(self._recorded_timeline)
 
     @cached_property
     def _start(self) -> Start:
@@ -164,9 +164,9 @@ class Tracking(Scenario):
     def angles(self) -> tuple[str, ...]:
         """Return components that are angles: of the target, the assumed motion, or a sensor alone."""
         assumed = self.assume.motion
-        found = {*self.target.known_angles, *(assumed.known_angles if assumed else ())}
-        found.update(*(sensor.measured_angles for sensor in sensors_of(self.true_sensor)))
-        return tuple(name for name in self.components if name in found)
+        angular = {*self.target.known_angles, *(assumed.known_angles if assumed else ())}
+        angular.update(*(sensor.measured_angles for sensor in sensors_of(self.true_sensor)))
+        return tuple(name for name in self.components if name in angular)
 
     @cached_property
     def true_sensor(self) -> Sensors:
@@ -303,7 +303,7 @@ class Tracking(Scenario):
             start = self._start.truth(nominal, rng)
         # Step 2: the truth and its measurements; the start uses up the first scans.
         flight = self.target.fly(start, self._timeline, self.true_sensor, rng, self._start.scans)
-        scans, seen = np.split(flight.seen, [self._start.scans], axis=1)
+        scans, measurements = np.split(flight.measurements, [self._start.scans], axis=1)
         # Step 3: the prior from these scans, or from knowledge of the first state.
         line = self._timeline
         T = line.T if line.apart is None else line.apart
@@ -312,7 +312,7 @@ class Tracking(Scenario):
         first = int(line.steps[0])
         opening = InitialScans(flight.truth[:, 0], scans, first, T, self.target.diffusion)
         prior = self._start.prior(opening, self.true_sensor, nominal if driven else None, rng)
-        return Simulation(flight.truth[:, self._skipped :], seen, prior)
+        return Simulation(flight.truth[:, self._skipped :], measurements, prior)
 
     def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
         """Return error vectors by quantity: of the state, and in the coordinates of each sensor."""
@@ -326,7 +326,7 @@ class Tracking(Scenario):
     @property
     def why_no_bound(self) -> str | None:
         """Return the reason why a lower bound is invalid; None if it is valid."""
-        if self._own_timeline is not None:
+        if self._recorded_timeline is not None:
             return "the data are recorded"
         if not isinstance(self._motion, Linear):
             return "the target is driven by a motion that is not linear"
@@ -351,8 +351,8 @@ class Tracking(Scenario):
         squares = partial(self.score.squares, sensor, self.components)
         course = Course(steps, motion, sensor, initial, squares)
         driven = self.target.own_motion is not None
-        found = over_paths(course, self._first_states) if driven else None
-        return found or along(course, path[:, self._skipped :])
+        over_first_states = over_paths(course, self._first_states) if driven else None
+        return over_first_states or along(course, path[:, self._skipped :])
 
     def _first_states(self, number: int, rng: Streams) -> Array:
         """Draw true states (n_x, N) of the step from which the bound goes on."""
@@ -372,8 +372,8 @@ class Tracking(Scenario):
     @cached_property
     def _motion(self) -> SampledMotion:
         """Return the target's motion; on a fixed path, accelerations that may be known."""
-        own = self.target.own_motion or ConstantVelocity(q=0.0)
-        return own.sampled(self.T, self.target.axes)
+        motion = self.target.own_motion or ConstantVelocity(q=0.0)
+        return motion.sampled(self.T, self.target.axes)
 
     @property
     def has_truth(self) -> bool:
@@ -395,5 +395,5 @@ class Tracking(Scenario):
         if not self.has_truth:
             return {}
         sigma = np.nan if self.position_sigma is None else self.position_sigma
-        own = self.target.run_metrics(values, Scored(self.times, self.windows, sigma))
-        return {"diverged": diverged(values, self.recorded_runs is not None)} | own
+        of_target = self.target.run_metrics(values, Scored(self.times, self.windows, sigma))
+        return {"diverged": diverged(values, self.recorded_runs is not None)} | of_target

@@ -9,7 +9,7 @@ tuning.csv: every trial, a row per key, and conclusions about the keys.
 import csv
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import product, starmap
+from itertools import chain, product, starmap
 from math import inf, isfinite, nan
 from pathlib import Path
 from types import MappingProxyType
@@ -61,7 +61,7 @@ class Search:
         self._axes, self._start, self._left = axes, start, budget
         self._places: dict[Values, Shares] = {}
         self._numbers = [i for i, axis in enumerate(axes) if not axis.choices]
-        self._kept_back = looked_around(axes, budget)
+        self._reserved = looked_around(axes, budget)
 
     @property
     def best(self) -> Values:
@@ -97,11 +97,16 @@ class Search:
         """Return the place with every combination of choices; with many, each changed alone."""
         axes = [(i, len(axis.choices)) for i, axis in enumerate(self._axes) if axis.choices]
         combinations = int(np.prod([n for _, n in axes]))
-        each = [{i: (k + 0.5) / n} for i, n in axes for k in range(n)]
+        choices = []
+        for i, n in axes:
+            choices.append([(i, (k + 0.5) / n) for k in range(n)])
+        changes: list[tuple[tuple[int, float], ...]]
         if combinations <= self._left // 2:
-            ranges = [[(i, (k + 0.5) / n) for k in range(n)] for i, n in axes]
-            each = [dict(chosen) for chosen in product(*ranges)]
-        return [tuple(c.get(i, s) for i, s in enumerate(place)) for c in each]
+            changes = [*product(*choices)]
+        else:
+            changes = [(choice,) for choice in chain.from_iterable(choices)]
+        shares = dict(enumerate(place))
+        return [tuple((shares | dict(change)).values()) for change in changes]
 
     def _all_over(self, place: Shares) -> list[Shares]:
         """Return spread points: multiples of powers of the generalized golden ratio, modulo one."""
@@ -118,7 +123,7 @@ class Search:
             corner[n] += step if corner[n] < 0.5 else -step
             corners.append(corner)
         yield from self._ask([self._at(place, corner) for corner in corners])
-        while self._left > self._kept_back:
+        while self._left > self._reserved:
             wanted = self._next_corner(place, np.array(corners))
             if wanted is None:
                 return
@@ -231,8 +236,8 @@ class Record:
         line = [(axis.share(t.values[axis.key]) or 0.0, t) for t in self.beside(axis)]
         good = [t for t in self.trials if t.lost == best.lost and t.objective <= limit]
         if axis.choices:
-            there = {t.values[axis.key] for t in good}
-            return [choice for choice in axis.choices if choice in there]
+            accepted = {t.values[axis.key] for t in good}
+            return [choice for choice in axis.choices if choice in accepted]
         middle = axis.share(best.values[axis.key]) or 0.0
         below = sorted((-x, t.objective) for x, t in line if x <= middle)
         above = sorted((x, t.objective) for x, t in line if x >= middle)
@@ -246,9 +251,12 @@ class Record:
     def beside(self, axis: Axis) -> list[Trial]:
         """Return the trials that differ from the best in at most this key and lose as many runs."""
         best = self.best
-        others = [a.key for a in self.axes if a != axis]
-        same = [t for t in self.trials if all(t.values[k] == best.values[k] for k in others)]
-        return [t for t in same if t.lost == best.lost]
+        out = []
+        for trial in self.trials:
+            differing = {a.key for a in self.axes if trial.values[a.key] != best.values[a.key]}
+            if differing <= {axis.key} and trial.lost == best.lost:
+                out.append(trial)
+        return out
 
     def remarks(self, runs: int) -> Iterator[str]:
         """Yield remarks on lost runs, keys at an end of their range, keys without effect."""
@@ -275,13 +283,13 @@ class Record:
                 yield f"{axis.key} is at its {side} bound, {value:g}: let it go further"
 
 
-def write_tuning(path: Path, found: Mapping[str, Record]) -> None:
+def write_tuning(path: Path, records: Mapping[str, Record]) -> None:
     """Write tuning.csv."""
-    write_csv(path, HEADER, _rows(found))
+    write_csv(path, HEADER, _rows(records))
 
 
-def _rows(found: Mapping[str, Record]) -> Iterator[list[Any]]:
-    for label, record in found.items():
+def _rows(records: Mapping[str, Record]) -> Iterator[list[Any]]:
+    for label, record in records.items():
         for n, trial in enumerate(record.trials):
             _, objective, stderr, lost = trial.rounded()
             numbers = [objective, stderr, "" if lost == _FAILED else lost]

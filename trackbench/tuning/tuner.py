@@ -6,6 +6,7 @@ blocks in their order. So the result does not depend on workers, interruptions o
 
 from collections.abc import Iterator, Mapping
 from contextlib import closing
+from itertools import chain
 from math import ceil
 from typing import Any
 
@@ -42,8 +43,8 @@ def tune(
     """
     store.prepare()
     queue = Queue(workers, store)
-    kept = _SessionBlocks(store, fresh)
-    tuners = [_Tuner(experiment, label, kept) for label in experiment.tuned]
+    blocks = _SessionBlocks(store, fresh)
+    tuners = [_Tuner(experiment, label, blocks) for label in experiment.tuned]
     budget = sum(tuner.budget for tuner in tuners)
     bar = progress_bar(budget, "trial", progress, desc="tuning")
     with bar, closing(queue.run(open_engine)) as finished:
@@ -59,7 +60,7 @@ def tune(
                 for gone in queue.give_up(task, result):
                     _tell(tuners, gone, None)
             else:
-                kept.put(task, result)
+                blocks.put(task, result)
                 _tell(tuners, task, stored_block(store, task))
         next(finished, None)  # nothing comes any more: the workers may go
     return {tuner.label: tuner.record for tuner in tuners}
@@ -70,61 +71,63 @@ class _SessionBlocks:
 
     def __init__(self, store: BlockStore, fresh: bool) -> None:
         self._store, self._fresh = store, fresh
-        self._own: set[BlockTask] = set()
+        self._finished: set[BlockTask] = set()
 
     def get(self, task: BlockTask) -> BlockResult | None:
-        return None if self._fresh and task not in self._own else self._store.get(task)
+        return None if self._fresh and task not in self._finished else self._store.get(task)
 
     def put(self, task: BlockTask, results: dict[int, BlockResult]) -> None:
         self._store.put(task, results)
-        self._own.add(task)
+        self._finished.add(task)
 
 
 class _Tuner:
     """Search of one filter with the blocks that it waits for."""
 
-    def __init__(self, experiment: Experiment, label: str, kept: _SessionBlocks) -> None:
+    def __init__(self, experiment: Experiment, label: str, blocks: _SessionBlocks) -> None:
         self.label, self.budget = label, experiment.settings.tuning.evaluations
         self.training = Training(experiment, label)
         self.record = Record(experiment.tuned[label])
         self.missing: set[BlockTask] = set()
-        self._kept = kept
+        self._blocks = blocks
         self._search = Search(self.training.axes, self.training.start, self.budget)
         self._asking = self._search.run()
-        self._asked: dict[Values, list[BlockTask]] = {}
-        self._there: dict[BlockTask, BlockResult | None] = {}
+        self._requested: dict[Values, list[BlockTask]] = {}
+        self._results: dict[BlockTask, BlockResult | None] = {}
         self._ask(next(self._asking))
 
     def advance(self) -> int:
         """Continue as far as finished blocks allow; return the number of scored trials."""
         before = len(self.record.trials)
-        while self._asked and not self.missing:
-            found = {values: self._trial(values, tasks) for values, tasks in self._asked.items()}
-            self.record.trials += found.values()
-            blocks = filter(None, self._there.values())
+        while self._requested and not self.missing:
+            trials = {
+                values: self._trial(values, tasks) for values, tasks in self._requested.items()
+            }
+            self.record.trials += trials.values()
+            blocks = filter(None, self._results.values())
             self.record.cpu_s += sum(block.cpu_s for block in blocks)
-            self._there.clear()
+            self._results.clear()
             try:
-                ranks = {values: trial.rank for values, trial in found.items()}
+                ranks = {values: trial.rank for values, trial in trials.items()}
                 self._ask(self._asking.send(ranks))
             except StopIteration:
-                self._asked = {}
+                self._requested = {}
         return len(self.record.trials) - before
 
     def tell(self, task: BlockTask, result: BlockResult | None) -> None:
         """Record the results of a block, or that its filter failed."""
         if task in self.missing:
             self.missing.remove(task)
-            self._there[task] = result
+            self._results[task] = result
 
     def _ask(self, wanted: list[Values]) -> None:
-        self._asked = {values: self.training.tasks(values) for values in wanted}
-        for task in (task for tasks in self._asked.values() for task in tasks):
-            found = self._kept.get(task)
-            if found is None:
+        self._requested = {values: self.training.tasks(values) for values in wanted}
+        for task in chain.from_iterable(self._requested.values()):
+            result = self._blocks.get(task)
+            if result is None:
                 self.missing.add(task)
             else:
-                self._there[task] = found
+                self._results[task] = result
 
     def _trial(self, values: Values, tasks: list[BlockTask]) -> Trial:
         keys = [axis.key for axis in self.record.axes]
@@ -132,10 +135,10 @@ class _Tuner:
 
     def _score(self, tasks: list[BlockTask]) -> RunEstimate | None:
         """Return the score of a trial's blocks; None for an invalid or failed filter."""
-        there = [block for block in map(self._there.get, tasks) if block is not None]
-        if not tasks or len(there) < len(tasks):
+        results = [block for block in map(self._results.get, tasks) if block is not None]
+        if not tasks or len(results) < len(tasks):
             return None
-        return self.training.score(merge(there).per_run)
+        return self.training.score(merge(results).per_run)
 
 
 def _tell(tuners: list[_Tuner], task: BlockTask, result: BlockResult | None) -> None:
@@ -159,8 +162,8 @@ class Training:
     @property
     def start(self) -> Shares:
         """Return the shares of the config's own values; the middle for values outside the axes."""
-        given = given_values(self._experiment, self._label)
-        shares = (axis.share(given.get(axis.key)) for axis in self.axes)
+        configured = given_values(self._experiment, self._label)
+        shares = (axis.share(configured.get(axis.key)) for axis in self.axes)
         return tuple(0.5 if share is None else share for share in shares)
 
     def tasks(self, values: Values) -> list[BlockTask]:
@@ -187,8 +190,8 @@ class Training:
         return ceil(self._experiment.settings.tuning.runs / self._most(trial))
 
     def _most(self, trial: tuned_entries.Trial) -> int:
-        asked = self._experiment.settings.block
-        return asked if isinstance(asked, int) else block_width(trial.filter, self._scenario)
+        width = self._experiment.settings.block
+        return width if isinstance(width, int) else block_width(trial.filter, self._scenario)
 
     def _block(self, trial: tuned_entries.Trial, number: int) -> BlockTask:
         """Return a block: all but the last are full, and none is wider than necessary."""

@@ -58,9 +58,9 @@ class _PerRun:
 
     def __getattr__(self, name: str) -> Any:
         values = [getattr(part, name) for part in self._parts]
-        found = self._method(values) if callable(values[0]) else _per_run(values, self._width)
-        self.__dict__[name] = found  # looked up at every step
-        return found
+        stacked = self._method(values) if callable(values[0]) else _per_run(values, self._width)
+        self.__dict__[name] = stacked  # looked up at every step
+        return stacked
 
     def _method(self, methods: Sequence[Callable[..., Any]]) -> Callable[..., Any]:
         return cache(lambda *args: _per_run([m(*args) for m in methods], self._width))

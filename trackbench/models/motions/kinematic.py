@@ -6,6 +6,7 @@ are cached and read-only.
 
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import product
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
@@ -76,8 +77,8 @@ class PerAxis(Motion):
         axis = self.axis(T)
         n = len(axis.F)
         # Reorder [px vx ax py vy ay] to [px vx py vy ax ay].
-        order = [n * a + i for a in range(axes) for i in range(2)]
-        order += [n * a + i for a in range(axes) for i in range(2, n)]
+        order = [n * a + i for a, i in product(range(axes), range(2))]
+        order += [n * a + i for a, i in product(range(axes), range(2, n))]
         # The same block for each axis.
         both = (np.asarray(np.kron(np.eye(axes), A), dtype=float) for A in axis)
         F, Q = (fixed(A[np.ix_(order, order)]) for A in both)
@@ -203,8 +204,8 @@ class Singer(PerAxis):
         values = [_evaluate(p, h) for p in g]
         F = np.array([[1.0, h, values[0]], [0.0, 1.0, values[1]], [0.0, 0.0, values[2]]])
         density = 2.0 * self.sigma * self.sigma / self.tau
-        Q = [[density * _evaluate(_integrate(_multiply(a, b)), h) for b in g] for a in g]
-        return F, np.array(Q)
+        Q = [density * _evaluate(_integrate(_multiply(a, b)), h) for a, b in product(g, repeat=2)]
+        return F, np.array(Q).reshape(3, 3)
 
     @property
     def acceleration_std(self) -> float:

@@ -4,6 +4,7 @@ from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from itertools import product
 from typing import Annotated, ClassVar, Self
 
 import numpy as np
@@ -228,7 +229,7 @@ class SteppedMotion:
         F and b may depend on the step, as known inputs do.
         """
         programs = (self.step.J, *([self.cov] if isinstance(self, StateNoise) else []))
-        if any(program.uses(name) for program in programs for name in self.components):
+        if any(program.uses(name) for program, name in product(programs, self.components)):
             raise AttributeError("this motion is not linear")
         return True
 

@@ -210,7 +210,10 @@ class StackedSensor:
     @cached_property
     def components(self) -> tuple[str, ...]:
         """Return names of the measurement's components, in order."""
-        return tuple(f"{n}.{c}" for n, s in enumerate(self.sensors, 1) for c in s.components)
+        names: list[str] = []
+        for n, sensor in enumerate(self.sensors, 1):
+            names += [f"{n}.{component}" for component in sensor.components]
+        return tuple(names)
 
     def measurement(self, x: Array, k: int) -> Gaussian:
         """Return the distribution of all measurements given x_k = x (n_x, *batch)."""

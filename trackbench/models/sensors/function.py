@@ -216,12 +216,11 @@ class FunctionSensor(SensorBase):
                 raise InvalidKeyError("a count is no angle", "angles")
         elif self.R is None and self._known_noise.kind == "mixture":
             raise InvalidKeyError("`R`, the variance without outliers, is required")
-        elif isinstance(self.R, tuple) and any(
-            isinstance(row, tuple) and any(term != 0 for j, term in enumerate(row) if j != i)
-            for i, row in enumerate(self.R)
-        ):
-            what = "`noise` is independent by component; give a variance for each"
-            raise InvalidKeyError(what, "R")
+        elif isinstance(self.R, tuple):
+            for i, row in enumerate(self.R):
+                if isinstance(row, tuple) and any(term != 0 for term in row[:i] + row[i + 1 :]):
+                    what = "`noise` is independent by component; give a variance for each"
+                    raise InvalidKeyError(what, "R")
 
     @property
     def _known_noise(self) -> Noise:

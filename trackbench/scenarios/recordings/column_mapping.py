@@ -4,6 +4,7 @@ import re
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from math import inf, pi
 from typing import Literal, NamedTuple
 
@@ -64,7 +65,7 @@ def outlying(values: Array) -> dict[float, int]:
     A number is far if its distance to the next is ten times the span of the others; a row of nines, and
     the end of a whole number's range, at a tenth of the span already.
     """
-    rest, found = values[np.isfinite(values)], {}
+    rest, outliers = values[np.isfinite(values)], {}
     while len(rest) >= _LEAST_CELLS:
         for end in (float(rest.min()), float(rest.max())):
             others = rest[rest != end]
@@ -73,21 +74,21 @@ def outlying(values: Array) -> dict[float, int]:
             low, high = float(others.min()), float(others.max())
             usual = _NINES.fullmatch(f"{abs(end):.9g}") or abs(end) in _ENDS
             if max(low - end, end - high) > (0.1 if usual else 10.0) * (high - low) > 0.0:
-                found[end] = len(rest) - len(others)
+                outliers[end] = len(rest) - len(others)
                 rest = others
                 break
         else:
             break
-    return found
+    return outliers
 
 
 def far_values(values: Array) -> list[str]:
     """Return a note on each number that is far outside the others of a column."""
-    found = outlying(values)
+    outliers = outlying(values)
     return [
         f"{n} cells are {value:.9g}, far outside the others: empty them, or say "
         f"`missing: [{value:.9g}]`, if they hold no measurement"
-        for value, n in found.items()
+        for value, n in outliers.items()
     ]
 
 
@@ -121,7 +122,7 @@ _DIMENSIONS = {
     "turn rate": {"rad/s": 1.0, "deg/s": pi / 180.0},
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
 }
-UNITS = {unit: scale for units in _DIMENSIONS.values() for unit, scale in units.items()}
+UNITS = dict(chain.from_iterable(units.items() for units in _DIMENSIONS.values()))
 """SI value of each unit."""
 _DIMENSION_OF = {
     "time": "time",
@@ -136,7 +137,7 @@ _OBJECTS = ("mmsi", "icao24", "icao", "callsign", "trackid", "vessel", "object")
 """Columns that name what moves."""
 GEODETIC = ("latitude", "longitude", "altitude")
 COURSE = ("speed", "course")
-_GIVEN_IN = {"latitude": "deg", "longitude": "deg", "course": "deg"}
+_DEFAULT_UNITS = {"latitude": "deg", "longitude": "deg", "course": "deg"}
 _PLANE = ("x", "y", "z")
 
 
@@ -178,8 +179,8 @@ class Naming:
     def check_names(self, components: Sequence[str], *within: str) -> None:
         """Raise InvalidKeyError for an unknown name, and for a unit of another dimension."""
         known = [*KEYS, *GEODETIC, *COURSE, *components]
-        for part, given in (("columns", self.columns), ("units", self.units)):
-            for key in given:
+        for part, entries in (("columns", self.columns), ("units", self.units)):
+            for key in entries:
                 if key not in known:
                     what = f"there is no {key}; known: {', '.join(known)}"
                     raise InvalidKeyError(what, *within, part, key)
@@ -198,7 +199,7 @@ class Naming:
     def scale(self, name: str) -> float:
         """Return the factor from a quantity's unit to SI."""
         plain = _plain(name)
-        unit = self.units.get(name) or self.units.get(plain) or _GIVEN_IN.get(plain)
+        unit = self.units.get(name) or self.units.get(plain) or _DEFAULT_UNITS.get(plain)
         return 1.0 if unit is None else UNITS[unit]
 
 
@@ -227,9 +228,9 @@ class Columns:
         self._of = {name: self._sources(name) for name in wanted}
         missing = [name for name, sources in self._of.items() if not sources]
         if len(wanted) - len(missing) < least:
-            there = ", ".join(self.names)[:200]
-            raise self.mistake(f"no column {missing[0]}; there are {there} (see `columns`)")
-        for source in (source for sources in self._of.values() for source in sources):
+            known = ", ".join(self.names)[:200]
+            raise self.mistake(f"no column {missing[0]}; there are {known} (see `columns`)")
+        for source in chain.from_iterable(self._of.values()):
             self.take(source, "number")
 
     def column(self, name: str) -> str | None:
@@ -279,10 +280,10 @@ class Columns:
                 self.unavailable += blank_codes(quantity, values, of_ais)
                 if quantity == "speed" and COURSE not in self._of.values():
                     continue  # a speed without a course may be that of a state, which has a sign
-                found = impossible(quantity, values, self.naming.scale(quantity))
-                if found is not None:
-                    line = int(table.lines[found.row])
-                    mistakes.append(Place(self.path, line, 1, f"{column}: {found.what}"))
+                impossible_value = impossible(quantity, values, self.naming.scale(quantity))
+                if impossible_value is not None:
+                    line = int(table.lines[impossible_value.row])
+                    mistakes.append(Place(self.path, line, 1, f"{column}: {impossible_value.what}"))
                 self.far += [f"{self.path}: {column}: {what}" for what in far_values(values)]
         if mistakes:
             raise DataError(*mistakes)
@@ -304,10 +305,10 @@ class Columns:
         if not self.is_geodetic:
             return None
         place = self._geodetic(table)
-        there = np.flatnonzero(np.isfinite(np.stack(place)).all(axis=0))
-        if not len(there):
+        complete = np.flatnonzero(np.isfinite(np.stack(place)).all(axis=0))
+        if not len(complete):
             return None
-        latitude, longitude, height = (float(part[there[0]]) for part in place)
+        latitude, longitude, height = (float(part[complete[0]]) for part in place)
         return latitude * 180.0 / pi, longitude * 180.0 / pi, height
 
     def quantities(self, table: Table, origin: tuple[float, ...] | None) -> dict[str, Array]:
@@ -318,10 +319,10 @@ class Columns:
             latitude, longitude, *height = origin
             at = (latitude * pi / 180.0, longitude * pi / 180.0, *height, 0.0)[:3]
             places = np.stack(self._geodetic(table))
-            there = np.isfinite(places).all(axis=0)
-            known = Geodetic(*np.where(there, places, 0.0))
+            finite = np.isfinite(places).all(axis=0)
+            known = Geodetic(*np.where(finite, places, 0.0))
             enu = east_north_up(known, Geodetic(*map(np.asarray, at)))
-            plane = dict(zip(_PLANE, np.where(there, enu, np.nan), strict=True))
+            plane = dict(zip(_PLANE, np.where(finite, enu, np.nan), strict=True))
         out = {}
         # Step 2: each quantity from its column, from speed and course, or from Step 1.
         for name, sources in self._of.items():
@@ -357,7 +358,7 @@ class Columns:
 
     def _geodetic(self, table: Table) -> Geodetic:
         latitude, longitude = (self._value(table, name) for name in GEODETIC[:2])
-        if "altitude" in (s for sources in self._of.values() for s in sources):
+        if "altitude" in chain.from_iterable(self._of.values()):
             return Geodetic(latitude, longitude, self._value(table, "altitude"))
         return Geodetic(latitude, longitude, np.zeros_like(latitude))
 

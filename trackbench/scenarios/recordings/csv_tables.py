@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from functools import partial
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -161,7 +161,7 @@ def read_table(path: str, contents: Mapping[str, Content], form: str = "") -> Ta
     if _is_parquet(path):
         # Parquet: the cells become text, so that both formats have the same parsers.
         frame = _parquet(path, list(contents))
-        shown = {name: [_shown(v) for v in frame[name].tolist()] for name in contents}
+        shown = {name: list(map(_shown, frame[name].tolist())) for name in contents}
         reading.add(np.arange(2, len(frame) + 2), shown)
         return reading.table()
     lines = table_lines(path)
@@ -173,11 +173,11 @@ def read_table(path: str, contents: Mapping[str, Content], form: str = "") -> Ta
             raise DataError(Place(path, line, 1, f"two columns {name}"))
     # CSV: read piece by piece, until there are too many mistakes.
     while rows := list(islice(lines, _ROWS_AT_A_TIME)):
-        kept = reading.of_full_width(rows, len(names))
-        if kept:
-            columns: list[Sequence[str]] = list(zip(*(row[1] for row in kept), strict=True))
+        full_rows = reading.of_full_width(rows, len(names))
+        if full_rows:
+            columns: list[Sequence[str]] = list(zip(*(row[1] for row in full_rows), strict=True))
             cells = {name: columns[names.index(name)] for name in contents}
-            reading.add(np.array([row[0] for row in kept]), cells)
+            reading.add(np.array([row[0] for row in full_rows]), cells)
         if len(reading.mistakes) >= _MOST_MISTAKES:
             break
     return reading.table()
@@ -214,8 +214,10 @@ class _Reading:
     def add(self, lines: Index, cells: Mapping[str, Sequence[str]]) -> None:
         """Append rows by column."""
         if self.is_european and not self.comma:
-            numbers = (name for name, content in self.contents.items() if content == "number")
-            self.comma = any("," in cell for name in numbers for cell in cells[name])
+            numbers = (
+                cells[name] for name, content in self.contents.items() if content == "number"
+            )
+            self.comma = any("," in cell for cell in chain.from_iterable(numbers))
         for name, content in self.contents.items():
             values: Column
             column = cells[name]
@@ -240,8 +242,8 @@ class _Reading:
         if not self._lines and not self.mistakes:
             self.mistakes.append(Place(self.path, 1, 1, "has no rows"))
         if self.mistakes:
-            found = sorted(self.mistakes, key=lambda place: place.line)
-            raise DataError(*found[:_MOST_MISTAKES])
+            places = sorted(self.mistakes, key=lambda place: place.line)
+            raise DataError(*places[:_MOST_MISTAKES])
         # Pieces go as their column comes, so that no more than one is held twice.
         columns = {name: np.concatenate(self._pieces.pop(name)) for name in self.contents}
         words = {name: list(codes) for name, codes in self._codes.items()}

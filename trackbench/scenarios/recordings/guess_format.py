@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
-from itertools import islice
+from itertools import chain, islice, product
 from typing import NamedTuple
 
 import numpy as np
@@ -61,12 +61,12 @@ _SMALLEST_E7 = 1e6  # deg: angles beyond are whole numbers of 1e-7 deg
 _SAMPLE = 10_000  # rows
 _DAYS = ("%d/%m/%Y", "%m/%d/%Y", "%d.%m.%Y", "%d-%m-%Y", "%m-%d-%Y", "%Y/%m/%d", "%Y.%m.%d")
 _TIMES = ("%H:%M:%S", "%H:%M:%S.%f", "%I:%M:%S %p", "%H:%M")
-_FORMS = [*_TIMES, *(f"{day} {time}" for day in _DAYS for time in _TIMES)]
+_FORMS = [*_TIMES, *map(" ".join, product(_DAYS, _TIMES))]
 _MILLISECONDS = 1e11  # since 1970: from 1973 on; in seconds it would be the year 5138
 _ONE_SIGMA = 0.683  # of a normal law's values are within its standard deviation
 
 
-class Found(NamedTuple):
+class NamedColumn(NamedTuple):
     """A column that may be a quantity, and the unit in its name."""
 
     column: str
@@ -77,7 +77,7 @@ class Found(NamedTuple):
 class Guess:
     """Guess at a table: columns by quantity, units, and noise levels by sensor for a first try."""
 
-    columns: dict[str, Found]
+    columns: dict[str, NamedColumn]
     units: dict[str, str]
     why: dict[str, str]
     runs: list[tuple[str, int]]
@@ -97,10 +97,10 @@ class Guess:
         if self.places == ("range", "azimuth") or "sensor" in self.columns:
             return False
         both = [("vx", "vy"), ("speed", "course")]
-        return any(all(name in self.columns for name in pair) for pair in both)
+        return any(self.columns.keys() >= {*pair} for pair in both)
 
 
-def places_of(columns: dict[str, Found]) -> tuple[str, str]:
+def places_of(columns: dict[str, NamedColumn]) -> tuple[str, str]:
     """Return the pair of quantities that determines a position."""
     for pair in (("x", "y"), ("latitude", "longitude"), ("range", "azimuth")):
         if all(name in columns for name in pair):
@@ -112,11 +112,11 @@ def recognized(path: str) -> Guess:
     """Return the guess. Raises DataError if no time or no position can be made out."""
     # Step 1: find time and position by the columns' names.
     names = header(path)
-    columns, there = dict(_recognized(names)), ", ".join(names)[:200]
+    columns, known = dict(_recognized(names)), ", ".join(names)[:200]
     if "date" in columns and "time" not in columns:
         columns["time"] = columns.pop("date")
     if "time" not in columns and "step" not in columns:
-        what = f"no column looks like a time or a step; there are {there}"
+        what = f"no column looks like a time or a step; there are {known}"
         raise DataError(Place(path, 1, 1, what))
     sample = _Sample(path, names)
     sensors = sample.words(columns["sensor"].column) if "sensor" in columns else []
@@ -125,9 +125,9 @@ def recognized(path: str) -> Guess:
     try:
         pair = places_of(columns)
     except KeyError:
-        raise DataError(Place(path, 1, 1, _no_position(columns, sensors, there))) from None
+        raise DataError(Place(path, 1, 1, _no_position(columns, sensors, known))) from None
     # Step 2: take the units from the columns' names, or from values that are impossible otherwise.
-    units = {name: found.unit for name, found in columns.items() if found.unit is not None}
+    units = {name: column.unit for name, column in columns.items() if column.unit is not None}
     why = dict.fromkeys(units, "as the column's name says")
     if "speed" in columns and columns["speed"].column.lower() == "sog" and "speed" not in units:
         units["speed"], why["speed"] = "kn", "guess: speed over ground mostly is in knots"
@@ -135,31 +135,31 @@ def recognized(path: str) -> Guess:
         if (np.abs(sample.numbers(columns[name].column)) > _SMALLEST_E7).any():
             units[name], why[name] = "degE7", "guess: degrees would be impossible"
     # Step 3: read all rows.
-    missing = [float(v) for name in pair for v in outlying(sample.numbers(columns[name].column))]
-    missing = [value for value in dict.fromkeys(missing) if value % 1 == 0]
+    outliers = (outlying(sample.numbers(columns[name].column)) for name in pair)
+    missing = [v for v in dict.fromkeys(map(float, chain.from_iterable(outliers))) if v % 1 == 0]
     form = _time_format(sample, columns)
     named = {name: f.column for name, f in columns.items()}
     naming = Naming(columns=named, units=units, time_format=form, missing=tuple(missing))
-    found, wanted = Gathered(naming), pair if pair == ("range", "azimuth") else ("x", "y")
-    every = read_rows(found, [path], [wanted] * max(len(sensors), 1), names=sensors)
-    every = chosen_runs(found, every, ())
+    gathered, wanted = Gathered(naming), pair if pair == ("range", "azimuth") else ("x", "y")
+    every = read_rows(gathered, [path], [wanted] * max(len(sensors), 1), names=sensors)
+    every = chosen_runs(gathered, every, ())
     # Step 4: guess further units from the values.
     latest = max(float(np.abs(rows.time).max(initial=0.0)) for rows in every)
-    if "time" in columns and not found.dated and latest > _MILLISECONDS:
+    if "time" in columns and not gathered.dated and latest > _MILLISECONDS:
         units["time"], why["time"] = "ms", "guess: seconds would be thousands of years"
     widest = max(float(np.abs(rows.values[1]).max(initial=0.0)) for rows in every)
     if "azimuth" in wanted and "azimuth" not in naming.units and widest > _TURN:
         units["azimuth"], why["azimuth"] = "deg", "guess: there are angles beyond 2 pi"
     # Step 5: sort the runs by length; noise and speed are those of the longest.
-    sizes = np.sum([np.bincount(rows.run, minlength=len(found.runs)) for rows in every], axis=0)
-    runs = sorted(zip(found.runs, sizes.tolist(), strict=True), key=lambda run: -run[1])
+    sizes = np.sum([np.bincount(rows.run, minlength=len(gathered.runs)) for rows in every], axis=0)
+    runs = sorted(zip(gathered.runs, sizes.tolist(), strict=True), key=lambda run: -run[1])
     sigmas, speed = {}, 1.0
     for sensor, rows in zip(sensors or [""], every, strict=True):
-        own = in_order(found, rows.at(np.flatnonzero(rows.run == sizes.argmax())))
-        own = own.at(np.flatnonzero(np.isfinite(own.values).all(axis=0)))
-        if sensor and not len(own.time):
-            raise DataError(Place(path, 1, 1, _no_position(columns, sensors, there, sensor)))
-        sigmas[sensor], speed = _levels(own, units, "azimuth" in wanted)
+        longest = in_order(gathered, rows.at(np.flatnonzero(rows.run == sizes.argmax())))
+        longest = longest.at(np.flatnonzero(np.isfinite(longest.values).all(axis=0)))
+        if sensor and not len(longest.time):
+            raise DataError(Place(path, 1, 1, _no_position(columns, sensors, known, sensor)))
+        sigmas[sensor], speed = _levels(longest, units, "azimuth" in wanted)
     return Guess(columns, units, why, runs, sigmas, speed, form, missing)
 
 
@@ -177,12 +177,12 @@ def _levels(rows: Rows, units: dict[str, str], polar: bool) -> tuple[tuple[float
 
 
 def _no_position(
-    columns: dict[str, Found], sensors: list[str], there: str, sensor: str = ""
+    columns: dict[str, NamedColumn], sensors: list[str], known: str, sensor: str = ""
 ) -> str:
     """Return what to write where a table, or one of its sensors, holds no positions."""
     if len(sensors) < 2:
         pairs = "x and y, latitude and longitude, or range and azimuth"
-        return f"no columns look like {pairs}: {there}"
+        return f"no columns look like {pairs}: {known}"
     who = f"sensor {sensor}" if sensor else "a sensor"
     what = f"column {columns['sensor'].column} names {len(sensors)} sensors, and {who} has no positions"
     way = (
@@ -214,7 +214,7 @@ class _Sample:
         return values
 
 
-def _time_format(sample: _Sample, columns: dict[str, Found]) -> str:
+def _time_format(sample: _Sample, columns: dict[str, NamedColumn]) -> str:
     """Return the form of dates that are neither numbers nor in ISO 8601: that of the shortest span."""
     if "time" not in columns:
         return ""
@@ -234,7 +234,7 @@ def _time_format(sample: _Sample, columns: dict[str, Found]) -> str:
     return min(spans, key=lambda form: spans[form]) if spans else ""
 
 
-def _recognized(names: list[str]) -> Iterator[tuple[str, Found]]:
+def _recognized(names: list[str]) -> Iterator[tuple[str, NamedColumn]]:
     """Yield each quantity with the first column that may be it."""
     for quantity, words in _CALLED.items():
         for name in names:
@@ -243,7 +243,7 @@ def _recognized(names: list[str]) -> Iterator[tuple[str, Found]]:
             unit = next((_WRITTEN[p] for p in reversed(parts[1:]) if p in _WRITTEN), None)
             bare = "".join(p for i, p in enumerate(parts) if i == 0 or p not in _WRITTEN)
             if bare in words:
-                yield quantity, Found(name, unit)
+                yield quantity, NamedColumn(name, unit)
                 break
 
 
@@ -298,7 +298,7 @@ def _target_lines(guess: Guess) -> Iterator[str]:
     # Only what the sensors below measure: a file of several sensors has further columns.
     velocity = ("vx", "vy", "speed", "course") if guess.moves else ()
     read = {"time", "date", "step", "run", "sensor", *guess.places, *velocity}
-    columns = {name: found.column for name, found in guess.columns.items() if name in read}
+    columns = {name: named.column for name, named in guess.columns.items() if name in read}
     yield from (f"  {name}: {_quoted(column)}" for name, column in columns.items())
     units = {name: unit for name, unit in guess.units.items() if name in read}
     if units:
@@ -320,14 +320,14 @@ def _target_lines(guess: Guess) -> Iterator[str]:
 
 
 def _sensor_lines(guess: Guess) -> Iterator[str]:
-    told = "guess: how far measurements are from the line between their neighbors"
+    source = "guess: how far measurements are from the line between their neighbors"
     polar = guess.places == ("range", "azimuth")
     for one, two in guess.sigmas.values():
         if polar:
             keys = f"sigma_range: {one:g}, sigma_azimuth_mrad: {float(f'{1000.0 * two:.3g}'):g}"
-            yield f"- {{kind: range-azimuth, {keys}}}  # {told}"
+            yield f"- {{kind: range-azimuth, {keys}}}  # {source}"
         else:
-            yield f"- {{kind: position, sigma: {max(one, two):g}}}  # {told}"
+            yield f"- {{kind: position, sigma: {max(one, two):g}}}  # {source}"
     if guess.moves:
         velocity = float(f"{max(0.05 * guess.speed, 0.05):.1g}")
         yield f"- {{kind: velocity, sigma: {velocity:g}}}  # guess: 5 % of the usual speed"

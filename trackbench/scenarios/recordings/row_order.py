@@ -13,7 +13,7 @@ _MOST_INTERVALS = 10.0
 Difference = Callable[[Array, Array], Array]
 
 
-def in_order(found: Gathered, rows: Rows, difference: Difference = np.subtract) -> Rows:
+def in_order(gathered: Gathered, rows: Rows, difference: Difference = np.subtract) -> Rows:
     """Return the rows sorted by run and time; report unsorted and repeated rows.
 
     Raises DataError for a clock that falls far, and where two rows of a run and time differ unless
@@ -26,47 +26,47 @@ def in_order(found: Gathered, rows: Rows, difference: Difference = np.subtract) 
     # Step 2: sort by time within the runs if any row is late.
     same = rows.run[1:] == rows.run[:-1]
     if ((rows.time[1:] < rows.time[:-1]) & same).any():
-        _check_falls(found, rows)
+        _check_falls(gathered, rows)
         rows = rows.at(np.lexsort((rows.time, rows.run)))
     # Step 3: find rows of one run at one time.
     ticks = rows.ticks
     again = np.flatnonzero((np.diff(ticks) == 0) & (rows.run[1:] == rows.run[:-1])) + 1
-    return _without_twins(found, rows, again, difference) if len(again) else rows
+    return _without_twins(gathered, rows, again, difference) if len(again) else rows
 
 
-def _check_falls(found: Gathered, rows: Rows) -> None:
+def _check_falls(gathered: Gathered, rows: Rows) -> None:
     """Report rows that come after later ones. Raises DataError if the clock falls far."""
     late, largest, place = 0, 0.0, 0
-    unit = "" if found.stepped else " s"
-    for own in np.split(np.arange(len(rows.run)), np.flatnonzero(np.diff(rows.run)) + 1):
-        time = rows.time[own]
+    unit = "" if gathered.stepped else " s"
+    for indices in np.split(np.arange(len(rows.run)), np.flatnonzero(np.diff(rows.run)) + 1):
+        time = rows.time[indices]
         # A row is late by its distance to the latest time so far.
         falls = np.maximum.accumulate(time) - time
         late += int((falls > 0.0).sum())
         if falls.max() > largest:
-            largest, place = float(falls.max()), int(own[falls.argmax()])
+            largest, place = float(falls.max()), int(indices[falls.argmax()])
             apart = np.diff(np.unique(time))
             usual = float(np.sort(apart)[len(apart) // 2])
     if largest > _MOST_INTERVALS * usual:
         what = f"time falls by {largest:.9g}{unit}, where rows usually are {usual:.9g}{unit} apart"
         way = "write dates or go on counting if a clock began anew, or sort the rows by time"
         raise DataError(
-            found.place(rows, place, f"{what} ({late} rows come after later ones): {way}")
+            gathered.place(rows, place, f"{what} ({late} rows come after later ones): {way}")
         )
     what = f"{late} rows that came after later ones were put in order"
-    found.told.append(f"{what}; the largest fall is {largest:.9g}{unit}")
+    gathered.notices.append(f"{what}; the largest fall is {largest:.9g}{unit}")
 
 
-def _without_twins(found: Gathered, rows: Rows, again: Numbers, difference: Difference) -> Rows:
+def _without_twins(gathered: Gathered, rows: Rows, again: Numbers, difference: Difference) -> Rows:
     """Return the rows, those of one time without repetitions, or as ``same_time`` says."""
     # Step 1: repeated rows agree if every value is equal or missing in both.
     now, before = rows.values[:, again], rows.values[:, again - 1]
     differ = ~((now == before) | (np.isnan(now) & np.isnan(before))).all(axis=0)
     # A target at rest repeats its values: they count where times are spread.
-    differ |= found.naming.same_time == "spread"
+    differ |= gathered.naming.same_time == "spread"
     if (~differ).any():
         what = "rows that say again what the one before says were left out"
-        found.told.append(f"{(~differ).sum()} {what}")
+        gathered.notices.append(f"{(~differ).sum()} {what}")
         rows = rows.at(np.delete(np.arange(len(rows.run)), again[~differ]))
     if not differ.any():
         return rows
@@ -75,15 +75,18 @@ def _without_twins(found: Gathered, rows: Rows, again: Numbers, difference: Diff
     new[1:] = (np.diff(rows.ticks) != 0) | (np.diff(rows.run) != 0)
     first, group = np.flatnonzero(new), np.cumsum(new) - 1
     twice = np.flatnonzero(~new)
-    way = found.naming.same_time
+    way = gathered.naming.same_time
     if way is None:
-        unit = "step {:.0f}" if found.stepped else "time {:.9g} s"
+        unit = "step {:.0f}" if gathered.stepped else "time {:.9g} s"
         at = int(twice[0])
         more = f", as are {len(twice) - 1} more" if len(twice) > 1 else ""
-        what = f"run {found.runs[rows.run[at]]}: {unit.format(rows.time[at])} is there twice{more}, and"
+        place = f"run {gathered.runs[rows.run[at]]}: {unit.format(rows.time[at])}"
+        what = f"{place} is there twice{more}, and"
         hint = "say `same_time: mean`, `last` or `spread` (evenly until the next time)"
-        raise DataError(found.place(rows, at, f"{what} not with the same values: {hint}"))
-    found.told.append(f"{len(twice)} rows of a time that is there already: `same_time: {way}`")
+        raise DataError(gathered.place(rows, at, f"{what} not with the same values: {hint}"))
+    gathered.notices.append(
+        f"{len(twice)} rows of a time that is there already: `same_time: {way}`"
+    )
     # Step 3: keep the last row, take the mean, or spread the times.
     last = np.append(first[1:], len(new)) - 1
     if way == "last":
@@ -98,15 +101,15 @@ def _means(values: Array, first: Numbers, group: Numbers, difference: Difference
     # z_0 + mean(z - z_0), so that angles are averaged about the first that is there.
     start = np.full((len(values), len(first)), np.nan)
     for row in range(int(np.bincount(group).max())):
-        own = np.minimum(first + row, len(group) - 1)
-        there = group[own] == np.arange(len(first))
-        start = np.where(np.isnan(start) & there, values[:, own], start)
+        indices = np.minimum(first + row, len(group) - 1)
+        in_group = group[indices] == np.arange(len(first))
+        start = np.where(np.isnan(start) & in_group, values[:, indices], start)
     away = difference(values, start[:, group])
     total, count = np.zeros_like(start), np.zeros_like(start)
     for row_total, row_count, row_away in zip(total, count, away, strict=True):
-        there = np.isfinite(row_away)
-        np.add.at(row_total, group[there], row_away[there])
-        np.add.at(row_count, group[there], 1.0)
+        finite = np.isfinite(row_away)
+        np.add.at(row_total, group[finite], row_away[finite])
+        np.add.at(row_count, group[finite], 1.0)
     return np.where(count > 0.0, start + total / np.maximum(count, 1.0), np.nan)
 
 

@@ -8,6 +8,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, is_dataclass
 from glob import escape, glob
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -69,16 +70,16 @@ class Gathered:
     unavailable: Counter[str] = field(default_factory=Counter)
     runs: list[str] = field(default_factory=list)
     files: list[str] = field(default_factory=list)
-    told: list[str] = field(default_factory=list)
+    notices: list[str] = field(default_factory=list)
 
-    def check_origin(self, given: tuple[float, ...], *path: str) -> None:
+    def check_origin(self, origin: tuple[float, ...], *path: str) -> None:
         """Raise InvalidKeyError for an origin that is needed and not given, or given and not needed."""
-        if given and not self.geodetic:
+        if origin and not self.geodetic:
             what = (
                 "no file has latitude and longitude, which alone count from an origin; leave it out"
             )
             raise InvalidKeyError(what, *path)
-        if self.geodetic and self.planar and not given:
+        if self.geodetic and self.planar and not origin:
             what = (
                 f"{self.geodetic} has latitude and longitude, and {self.planar}, which counts from"
             )
@@ -137,14 +138,14 @@ def files_of(pattern: str) -> list[str]:
         return [pattern]
     # A folder that exists has this very name: what is in brackets there is no pattern.
     folder = str(next((parent for parent in Path(pattern).parents if parent.is_dir()), ""))
-    found = sorted(glob(escape(folder) + pattern.removeprefix(folder)))
-    if not found:
+    paths = sorted(glob(escape(folder) + pattern.removeprefix(folder)))
+    if not paths:
         raise DataError(Place(pattern, 1, 1, "no file has such a name"))
-    return found
+    return paths
 
 
 def read_rows(
-    found: Gathered,
+    gathered: Gathered,
     patterns: Sequence[str],
     sensors: Sequence[Sequence[str]],
     least: int | None = None,
@@ -162,13 +163,13 @@ def read_rows(
     for n, pattern in enumerate(patterns):
         part = slice(None) if shared else slice(n, n + 1)
         for number, path in enumerate(files_of(pattern)):
-            rows = _rows_of_file(found, path, sensors[part], least, str(number), names[part])
+            rows = _rows_of_file(gathered, path, sensors[part], least, str(number), names[part])
             for m, of_sensor in enumerate(rows, 0 if shared else n):
                 pieces[m].append(of_sensor)
-    if found.unavailable:
-        codes = ", ".join(f"{code} ({n})" for code, n in sorted(found.unavailable.items()))
+    if gathered.unavailable:
+        codes = ", ".join(f"{code} ({n})" for code, n in sorted(gathered.unavailable.items()))
         what = 'cells hold a code for "not available" and count as missing'
-        found.told.append(f"{found.unavailable.total()} {what}: {codes}")
+        gathered.notices.append(f"{gathered.unavailable.total()} {what}: {codes}")
     out = []
     # Step 2: join the files of one sensor after the other.
     while pieces:
@@ -179,7 +180,7 @@ def read_rows(
 
 
 def _rows_of_file(
-    found: Gathered,
+    gathered: Gathered,
     path: str,
     sensors: Sequence[Sequence[str]],
     least: int | None,
@@ -188,12 +189,12 @@ def _rows_of_file(
 ) -> list[Rows]:
     """Return the rows by sensor of one file, which is the run of this name if it does not name runs."""
     # Step 1: find the columns of the quantities, of time, run and sensor.
-    wanted = [quantity for components in sensors for quantity in components]
-    columns = Columns(path, found.naming, wanted, len(wanted) if least is None else least)
+    wanted = [*chain.from_iterable(sensors)]
+    columns = Columns(path, gathered.naming, wanted, len(wanted) if least is None else least)
     clock = columns.take("time", "time") or columns.take("step", "step")
     if clock is None:
-        there = ", ".join(columns.names)[:200]
-        raise columns.mistake(f"no column time or step; there are {there} (see `columns`)")
+        known = ", ".join(columns.names)[:200]
+        raise columns.mistake(f"no column time or step; there are {known} (see `columns`)")
     if columns.column("date") != clock:
         columns.take("date", "date")
     run = columns.take("run", "label")
@@ -201,38 +202,38 @@ def _rows_of_file(
     several = columns.take_unnamed_runs() if run is None else None
     # Step 2: read them; times become seconds, quantities SI.
     table = columns.read()
-    found.unavailable += columns.unavailable
-    found.told += columns.far
+    gathered.unavailable += columns.unavailable
+    gathered.notices += columns.far
     if several is not None and len(table.words[several]) > 1:
         what = f"column {several} has {len(table.words[several])} values, which would be one run"
         way = f'say `columns: {{run: {several}}}`, or `columns: {{run: ""}}` to mix them'
         raise columns.mistake(f"{what}: {way}")
-    time = found.timed(columns, table, clock)
+    time = gathered.timed(columns, table, clock)
     if columns.is_geodetic:
-        found.geodetic = found.geodetic or path
-    if beside := columns.of_columns(found.in_frame):
-        found.planar = found.planar or f"{path} has {beside}"
-    found.origin = found.origin or columns.first_place(table)
-    given = columns.quantities(table, found.origin)
+        gathered.geodetic = gathered.geodetic or path
+    if beside := columns.of_columns(gathered.in_frame):
+        gathered.planar = gathered.planar or f"{path} has {beside}"
+    gathered.origin = gathered.origin or columns.first_place(table)
+    quantities = columns.quantities(table, gathered.origin)
     # Step 3: number the runs; a file without their names is one run.
     if run is None:
-        runs = np.full(len(time), found.numbers_of([name])[0])
+        runs = np.full(len(time), gathered.numbers_of([name])[0])
     else:
-        runs = found.numbers_of(table.words[run])[table.columns[run].astype(np.intp)]
-    files = np.full(len(time), len(found.files), dtype=np.int32)
-    found.files.append(path)
+        runs = gathered.numbers_of(table.words[run])[table.columns[run].astype(np.intp)]
+    files = np.full(len(time), len(gathered.files), dtype=np.int32)
+    gathered.files.append(path)
     out = []
     # Step 4: choose the rows of each sensor.
     for m, components in enumerate(sensors):
-        rows = Rows(runs, time, np.stack([given[c] for c in components]), files, table.lines)
+        rows = Rows(runs, time, np.stack([quantities[c] for c in components]), files, table.lines)
         if which is not None and (len(sensors) > 1 or len(table.words[which]) > 1 or names):
-            rows = rows.at(_of_sensor(found, columns, table, which, m, len(sensors), names))
+            rows = rows.at(_of_sensor(gathered, columns, table, which, m, len(sensors), names))
         out.append(rows)
     return out
 
 
 def _of_sensor(
-    found: Gathered,
+    gathered: Gathered,
     columns: Columns,
     table: Table,
     which: str,
@@ -244,49 +245,54 @@ def _of_sensor(
     words, known = table.words[which], names or [str(number + 1) for number in range(n)]
     strange = [word for word in words if word not in known]
     if strange and not names:
-        there = f"column {which} names {len(words)} sensors ({', '.join(words[:8])[:80]})"
+        what = f"column {which} names {len(words)} sensors ({', '.join(words[:8])[:80]})"
         way = "name them in the order of `sensor`, such as `sensors: "
         way += f'[{", ".join(map(json.dumps, words[:8]))}]`; `columns: {{sensor: ""}}` mixes all'
-        raise columns.mistake(f"{there}, and the config has {n}: {way}")
+        raise columns.mistake(f"{what}, and the config has {n}: {way}")
     if absent := [name for name in names if name not in words]:
         what = f"column {which} has no {absent[0]!r}; there are {', '.join(words[:20])[:200]}"
         raise columns.mistake(what)
     if strange and not m:
         codes = [words.index(word) for word in strange]
         left_out = int(np.isin(table.columns[which], codes).sum())
-        found.told.append(f"{left_out} rows of {', '.join(strange)[:80]} were left out (`sensors`)")
+        gathered.notices.append(
+            f"{left_out} rows of {', '.join(strange)[:80]} were left out (`sensors`)"
+        )
     code = words.index(known[m]) if known[m] in words else -1
     return np.flatnonzero(table.columns[which] == code)
 
 
 def chosen_runs(
-    found: Gathered, rows: list[Rows], chosen: Collection[str], within: tuple[str, ...] = ("runs",)
+    gathered: Gathered,
+    rows: list[Rows],
+    chosen: Collection[str],
+    within: tuple[str, ...] = ("runs",),
 ) -> list[Rows]:
     """Return the rows of the chosen runs (default: all), which are then numbered in their order.
 
     That is the order they are chosen in, or that of their numbers if all are whole, or that in the file.
     """
-    names = list(chosen) or found.runs
+    names = list(chosen) or gathered.runs
     if not chosen and all(name.isascii() and name.isdigit() for name in names):
         names = sorted(names, key=int)
-    known = set(found.runs)
+    known = set(gathered.runs)
     for i, name in enumerate(names):
         if name not in known:
-            what = f"there is no run {name!r}; there are {', '.join(found.runs[:20])}"
+            what = f"there is no run {name!r}; there are {', '.join(gathered.runs[:20])}"
             raise InvalidKeyError(what, *within, i)
     wanted = {name: i for i, name in enumerate(names)}
     # place[number in the files] = number among the chosen runs, -1 if not chosen
-    place = np.array([wanted.get(name, -1) for name in found.runs], dtype=np.int32)
-    found.runs = names
+    place = np.array([wanted.get(name, -1) for name in gathered.runs], dtype=np.int32)
+    gathered.runs = names
     out = []
     while rows:
-        own = rows.pop(0)
-        own = own._replace(run=place[own.run])
-        out.append(own if (own.run >= 0).all() else own.at(np.flatnonzero(own.run >= 0)))
+        part = rows.pop(0)
+        part = part._replace(run=place[part.run])
+        out.append(part if (part.run >= 0).all() else part.at(np.flatnonzero(part.run >= 0)))
     return out
 
 
-def check_turns(found: Gathered, rows: Rows, angles: Mapping[str, int]) -> None:
+def check_turns(gathered: Gathered, rows: Rows, angles: Mapping[str, int]) -> None:
     """Raise DataError for angles, by name and row of the values, that are too large to be in radians."""
     for name, i in angles.items():
         most, turn = (0.5, "a quarter turn") if name == "elevation" else (2.0, "a whole turn")
@@ -295,7 +301,7 @@ def check_turns(found: Gathered, rows: Rows, angles: Mapping[str, int]) -> None:
             what = f"{name}: {rows.values[i, wide[0]]:.9g} rad is beyond {turn}"
             more = f", as are {len(wide) - 1} more" if len(wide) > 1 else ""
             way = f"say `units: {{{name}: deg}}`, or correct the cells"
-            raise DataError(found.place(rows, int(wide[0]), f"{what}{more}: {way}"))
+            raise DataError(gathered.place(rows, int(wide[0]), f"{what}{more}: {way}"))
 
 
 class FromFiles:
@@ -328,12 +334,12 @@ class FromFiles:
     def _stamps(self) -> dict[str, tuple[int, int]]:
         """Return the size and time of every file."""
         out = {}
-        for path in (path for pattern in self.patterns for path in files_of(pattern)):
+        for path in chain.from_iterable(map(files_of, self.patterns)):
             try:
-                found = require_regular_file(path).stat()
+                status = require_regular_file(path).stat()
             except OSError as error:
                 raise DataError(Place(path, 1, 1, (error.strerror or str(error)).lower())) from None
-            out[path] = found.st_size, found.st_mtime_ns
+            out[path] = status.st_size, status.st_mtime_ns
         return out
 
     @property

@@ -34,16 +34,16 @@ class Opened(NamedTuple):
     apart: Array
 
 
-def initial_scans(found: Gathered, rows: Rows, scans: int) -> Opened:
+def initial_scans(gathered: Gathered, rows: Rows, scans: int) -> Opened:
     """Return the first scans of each run that are whole, from rows in order."""
-    runs = len(found.runs)
+    runs = len(gathered.runs)
     # Rows with all components; where each run begins among them, and how many it has.
     whole = np.flatnonzero(np.isfinite(rows.values).all(axis=0))
     first = np.searchsorted(rows.run[whole], np.arange(runs))
-    there = np.searchsorted(rows.run[whole], np.arange(runs), side="right") - first
-    for m in np.flatnonzero(there < scans).tolist():
-        what = f"run {found.runs[m]} has {there[m]} positions, and its start takes {scans}"
-        raise DataError(Place(found.files[0], 1, 1, what))
+    number = np.searchsorted(rows.run[whole], np.arange(runs), side="right") - first
+    for m in np.flatnonzero(number < scans).tolist():
+        what = f"run {gathered.runs[m]} has {number[m]} positions, and its start takes {scans}"
+        raise DataError(Place(gathered.files[0], 1, 1, what))
     # The first scans of each run; the first state is that of the last of them.
     places = np.stack([whole[first + i] for i in range(scans)])
     times = rows.time[places]
@@ -52,7 +52,11 @@ def initial_scans(found: Gathered, rows: Rows, scans: int) -> Opened:
 
 
 def common_clock(
-    found: Gathered, sensors: Sequence[Rows], start: Opened | None, T: float, resample: float | None
+    gathered: Gathered,
+    sensors: Sequence[Rows],
+    start: Opened | None,
+    T: float,
+    resample: float | None,
 ) -> Clock:
     """Return the steps of all runs, their first states laid over each other where the scans give them.
 
@@ -62,37 +66,38 @@ def common_clock(
     """
     # Step 1: time of the first state; scans shift the runs so that their first states coincide.
     if start is None:
-        shift = np.zeros(len(found.runs))
-        begin = min(float(rows.time.min()) for rows in sensors) - _before(found, sensors, resample)
+        shift = np.zeros(len(gathered.runs))
+        begin = min(float(rows.time.min()) for rows in sensors)
+        begin -= _before(gathered, sensors, resample)
     else:
         shift, begin = start.time[0] - start.time, float(start.time[0])
     last = max(float((rows.time + shift[rows.run]).max()) for rows in sensors)
     # Step 2: equal steps, the file's own or resampled ones.
-    spacing = 1.0 if found.stepped else resample
+    spacing = 1.0 if gathered.stepped else resample
     if spacing is not None:
-        steps = np.arange(_counted(found, np.floor((last - begin) / spacing + 0.5) + 1.0))
-        times = np.asarray(steps * (T if found.stepped else spacing), dtype=float)
-        if found.stepped:
-            return _checked(found, Clock(steps + int(begin), times, shift, T))
-        return _checked(found, Clock(steps, times + begin, shift, spacing))
+        steps = np.arange(_counted(gathered, np.floor((last - begin) / spacing + 0.5) + 1.0))
+        times = np.asarray(steps * (T if gathered.stepped else spacing), dtype=float)
+        if gathered.stepped:
+            return _checked(gathered, Clock(steps + int(begin), times, shift, T))
+        return _checked(gathered, Clock(steps, times + begin, shift, spacing))
     # Step 3: otherwise a step at every time at which any run measured.
     times = _union(sensors, shift, begin)
-    return _checked(found, Clock(np.arange(len(times)), times, shift, _distance(times)))
+    return _checked(gathered, Clock(np.arange(len(times)), times, shift, _distance(times)))
 
 
-def _counted(found: Gathered, number: float) -> int:
+def _counted(gathered: Gathered, number: float) -> int:
     """Return the number of steps as an integer. Raises DataError if there are too many to allocate."""
     if number > MOST_STEPS:
         what = (
             f"gives {number:.9g} steps, more than {MOST_STEPS}: choose runs, or a longer `resample`"
         )
-        raise DataError(Place(found.files[0], 1, 1, what))
+        raise DataError(Place(gathered.files[0], 1, 1, what))
     return int(number)
 
 
-def _before(found: Gathered, sensors: Sequence[Rows], resample: float | None) -> float:
+def _before(gathered: Gathered, sensors: Sequence[Rows], resample: float | None) -> float:
     """Return how long before the first row an initial state without scans lies."""
-    if found.stepped:
+    if gathered.stepped:
         return 1.0
     if resample is not None:
         return resample
@@ -123,18 +128,18 @@ def _distance(times: Array) -> float | None:
     return float(f"{T:.12g}") if np.abs(apart - T).max() <= _EQUAL * T else None
 
 
-def _checked(found: Gathered, clock: Clock) -> Clock:
+def _checked(gathered: Gathered, clock: Clock) -> Clock:
     if len(clock.steps) < 2:
-        raise DataError(Place(found.files[0], 1, 1, "leaves nothing to measure after the start"))
-    _counted(found, len(clock.steps))
+        raise DataError(Place(gathered.files[0], 1, 1, "leaves nothing to measure after the start"))
+    _counted(gathered, len(clock.steps))
     return clock
 
 
 def measurement_array(
-    found: Gathered, sensors: Sequence[Rows], clock: Clock, resampled: bool
+    gathered: Gathered, sensors: Sequence[Rows], clock: Clock, resampled: bool
 ) -> Array:
     """Return measurements (n_z, K, M) by step and run, of several rows the nearest."""
-    steps, runs = len(clock.steps), len(found.runs)
+    steps, runs = len(clock.steps), len(gathered.runs)
     sizes = [len(rows.values) for rows in sensors]
     if sum(sizes) * steps * runs > _MOST_CELLS:
         what = f"{runs} runs of {steps} steps are too many: choose runs, or `resample`"
@@ -143,27 +148,28 @@ def measurement_array(
     moved, crowded, above = 0.0, 0, 0
     for rows, size in zip(sensors, sizes, strict=True):
         # Place the rows among the steps; only those after the first state are measurements.
-        place, away = _placed(found, rows, clock)
+        place, away = _placed(gathered, rows, clock)
         later = np.flatnonzero(place > 0)
         if resampled:
             # Of several rows of a step the nearest in time counts.
-            kept = _nearest(rows.run, place, away, later)
-            crowded += len(later) - len(kept)
-            moved, later = max(moved, float(away[kept].max(initial=0.0))), kept
+            nearest = _nearest(rows.run, place, away, later)
+            crowded += len(later) - len(nearest)
+            moved, later = max(moved, float(away[nearest].max(initial=0.0))), nearest
         # Rows of `out` from `above` on belong to this sensor.
         for c in range(size):
             out[above + c, place[later] - 1, rows.run[later]] = rows.values[c, later]
         above += size
     if resampled:
         what = f"resampled: measurements are taken to be up to {moved:.3g} s from when they were"
-        found.told.append(what + (f", {crowded} of one step were left out" if crowded else ""))
+        what += f", {crowded} of one step were left out" if crowded else ""
+        gathered.notices.append(what)
     return fixed(out)
 
 
-def _placed(found: Gathered, rows: Rows, clock: Clock) -> tuple[Index, Array]:
+def _placed(gathered: Gathered, rows: Rows, clock: Clock) -> tuple[Index, Array]:
     """Return the place (R,) of each row among the steps, and how far from its time it is, s."""
     times = rows.time + clock.shift[rows.run]
-    if found.stepped:
+    if gathered.stepped:
         return np.rint(times).astype(np.intp) - int(clock.steps[0]), np.zeros_like(times)
     # The nearest step: as many middles between steps lie before the time.
     middles = 0.5 * (clock.times[1:] + clock.times[:-1])
@@ -182,13 +188,13 @@ def _nearest(run: Numbers, place: Index, away: Array, among: Index) -> Index:
     return order[first]
 
 
-def with_scans(clock: Clock, found: Gathered, scans: int, apart: Array) -> Clock:
+def with_scans(clock: Clock, gathered: Gathered, scans: int, apart: Array) -> Clock:
     """Return the clock with the steps before the first state's that its scans take."""
     used = max(0, scans - 1)
     before = np.arange(-used, 0)
     if not used:
         return clock
-    if found.stepped:
+    if gathered.stepped:
         assert clock.T is not None
         steps = np.concatenate([clock.steps[0] + before, clock.steps])
         return clock._replace(steps=steps, times=(steps - steps[0]) * clock.T)
@@ -198,7 +204,7 @@ def with_scans(clock: Clock, found: Gathered, scans: int, apart: Array) -> Clock
 
 
 def truth_at(
-    found: Gathered,
+    gathered: Gathered,
     rows: Rows,
     clock: Clock,
     runs: list[str],
@@ -211,20 +217,20 @@ def truth_at(
     the rows ``angles`` turn the shorter way; NaN elsewhere. Raises DataError if there is none at all.
     """
     out = np.full((len(rows.values), len(clock.steps), len(runs)), np.nan)
-    steps = clock.steps.astype(float) if found.stepped else clock.times
-    number = {name: i for i, name in enumerate(found.runs)}
+    steps = clock.steps.astype(float) if gathered.stepped else clock.times
+    number = {name: i for i, name in enumerate(gathered.runs)}
     # One file without names of runs is the run "0".
-    shared = found.runs == ["0"]
+    shared = gathered.runs == ["0"]
     for m, name in enumerate(runs):
         i = 0 if shared else number.get(name)
         if i is not None:
             # The run's rows, shifted in time as its measurements are.
-            own = slice(*np.searchsorted(rows.run, [i, i + 1]))
-            at, values = rows.time[own] + clock.shift[m], rows.values[:, own]
+            of_run = slice(*np.searchsorted(rows.run, [i, i + 1]))
+            at, values = rows.time[of_run] + clock.shift[m], rows.values[:, of_run]
             out[:, :, m] = _between(at, values, steps, gap, angles)
     if not np.isfinite(out).any():
         hint = "" if gap is not None else ": name a `truth_gap` within which it is interpolated"
-        raise DataError(Place(found.files[0], 1, 1, f"has no truth at any step{hint}"))
+        raise DataError(Place(gathered.files[0], 1, 1, f"has no truth at any step{hint}"))
     return fixed(out)
 
 

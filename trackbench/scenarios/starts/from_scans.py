@@ -24,18 +24,18 @@ class _FromScans(Start):
         """Check that a sensor measures the position along every axis of the target."""
         if components not in (position_velocity_names(2), position_velocity_names(3)):
             raise InvalidKeyError("scans start a target in the plane or in space only", "start")
-        found = position_part(sensor)
-        if found is None:
+        part = position_part(sensor)
+        if part is None:
             raise InvalidKeyError("no sensor here tells a position in one scan", "start")
-        if 2 * found[0].axes != len(components):
-            what = f"the sensor sees {found[0].axes} axes of a target in {len(components) // 2}"
+        if 2 * part[0].axes != len(components):
+            what = f"the sensor sees {part[0].axes} axes of a target in {len(components) // 2}"
             raise InvalidKeyError(what, "start")
 
     def located(self, opening: InitialScans, sensor: Sensors, scan: int) -> Gaussian:
         """Return the position (axes, M) at one of the scans."""
-        found = position_part(sensor)
-        assert found is not None
-        one, rows = found
+        part = position_part(sensor)
+        assert part is not None
+        one, rows = part
         return one.located(opening.scans[rows, scan], opening.first_step + scan)
 
 
@@ -97,21 +97,21 @@ class OneScan(_FromScans):
         self, opening: InitialScans, sensor: Sensors, nominal: Array | None, rng: Streams
     ) -> Distribution:
         """Return the state at the first scan."""
-        seen = self.located(opening, sensor, 0)
-        n = 2 * len(seen.mean)
+        position = self.located(opening, sensor, 0)
+        n = 2 * len(position.mean)
         # Position by the scan; velocity zero, with sigma_velocity along each axis.
-        mean, cov = np.zeros((n, seen.mean.shape[1])), np.zeros((n, n, *seen.cov.shape[2:]))
-        mean[0::2], cov[0::2, 0::2] = seen.mean, seen.cov
+        mean, cov = np.zeros((n, position.mean.shape[1])), np.zeros((n, n, *position.cov.shape[2:]))
+        mean[0::2], cov[0::2, 0::2] = position.mean, position.cov
         for i in range(1, n, 2):
             cov[i, i] = self.sigma_velocity * self.sigma_velocity
         return Gaussian(mean, cov)
 
     def bound(self, path: Array, k: int, sensor: Sensors, T: float, diffusion: float) -> Array:
         """Return the scan's covariance, and the velocity's."""
-        told = _position_information(sensor, path[:, 0], k)
+        position = _position_information(sensor, path[:, 0], k)
         variance = self.sigma_velocity * self.sigma_velocity
         cov = np.diag(np.full(len(path), variance))
-        cov[0::2, 0::2] = told.cov
+        cov[0::2, 0::2] = position.cov
         return cov
 
 

@@ -48,7 +48,7 @@ class Flight(NamedTuple):
     """Truth (n_x, K, M) at every step, and measurements (n_z, K or K - 1, M)."""
 
     truth: Array
-    seen: Array
+    measurements: Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -206,11 +206,11 @@ def measured_along(
     first = 0 if scans else 1
     steps = timeline.steps.tolist()[first:]
     noise = rng.standard_normal((len(sensor.components), len(steps), runs))
-    seen = [
+    measurements = [
         sensor.measure(truth[:, i], k, noise[:, i - first], rng, certain=i < scans)
         for i, k in enumerate(steps, first)
     ]
-    return Flight(np.broadcast_to(truth, (*truth.shape[:2], runs)), np.stack(seen, axis=1))
+    return Flight(np.broadcast_to(truth, (*truth.shape[:2], runs)), np.stack(measurements, axis=1))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -257,13 +257,13 @@ class Schedule(NamedTuple):
     begin: float | None
     skipped: int
 
-    def check(self, own: Timeline | None) -> None:
+    def check(self, recorded: Timeline | None) -> None:
         """Raise InvalidKeyError if there is no step, or are too many, of these or the target's own."""
-        if own is not None:
+        if recorded is not None:
             # Recorded data number the steps: only the last one can be chosen.
             if self.first:
                 raise InvalidKeyError("the recorded data say it", "first")
-            steps = own.steps[self.skipped + 1 :]
+            steps = recorded.steps[self.skipped + 1 :]
             if self.last is not None and not steps[0] <= self.last <= steps[-1]:
                 what = f"what is recorded is measured in steps {steps[0]} to {steps[-1]}"
                 raise InvalidKeyError(what, "last")
@@ -284,14 +284,14 @@ class Schedule(NamedTuple):
         steps = np.arange(self.first, self.last + 1)
         return Timeline(steps, np.asarray((steps - self.first) * T + (self.begin or 0.0)), T)
 
-    def of_recorded(self, own: Timeline) -> Timeline:
+    def of_recorded(self, recorded: Timeline) -> Timeline:
         """Return the recorded steps up to the key `last`, shifted to start at the key `begin`."""
         if self.last is not None:
-            end = int(np.searchsorted(own.steps, self.last, side="right"))
-            own = own._replace(steps=own.steps[:end], times=own.times[:end])
+            end = int(np.searchsorted(recorded.steps, self.last, side="right"))
+            recorded = recorded._replace(steps=recorded.steps[:end], times=recorded.times[:end])
         # Shift all times so that the first one is `begin`.
-        shift = 0.0 if self.begin is None else self.begin - own.times[0]
-        return own._replace(times=own.times + shift) if shift else own
+        shift = 0.0 if self.begin is None else self.begin - recorded.times[0]
+        return recorded._replace(times=recorded.times + shift) if shift else recorded
 
 
 def recorded_columns(values: Array, rng: Streams) -> Array:
@@ -302,6 +302,6 @@ def recorded_columns(values: Array, rng: Streams) -> Array:
     assert isinstance(rng, RunStreams)
     out = np.full((*values.shape[:-1], len(rng.runs)), np.nan)
     # Recordings with these numbers; a negative number counts from the last.
-    there = [m for m in rng.runs if -values.shape[-1] <= m < values.shape[-1]]
-    out[..., : len(there)] = values[..., there]
+    existing = [m for m in rng.runs if -values.shape[-1] <= m < values.shape[-1]]
+    out[..., : len(existing)] = values[..., existing]
     return out

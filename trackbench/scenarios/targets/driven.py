@@ -69,12 +69,12 @@ class Driven(Target):
     def __post_init__(self) -> None:
         freeze_mappings(self)
         first = {"launch": self.launch, "polar": self.polar, "initial": self.initial}
-        given = [key for key, value in first.items() if value is not None]
-        if len(given) > 1:
-            raise ValueError(f"give one of {' and '.join(given)}")
-        if given and given != ["initial"] and not (self.is_moving or len(self.components) == 1):
+        keys = [key for key, value in first.items() if value is not None]
+        if len(keys) > 1:
+            raise ValueError(f"give one of {' and '.join(keys)}")
+        if keys and keys != ["initial"] and not (self.is_moving or len(self.components) == 1):
             names = ", ".join(self.components)
-            raise InvalidKeyError(f"the state is {names}: give its values in `initial`", *given)
+            raise InvalidKeyError(f"the state is {names}: give its values in `initial`", *keys)
         if self.initial is not None:
             by_component(self.initial, self.components, "initial")
 
@@ -126,12 +126,12 @@ class Driven(Target):
         motion = self.motion.sampled(timeline.T, self.axes)
         n, noise_of_one = len(start), (len(sensor.components), start.shape[1])
         truth = [append_noise(start, extra_std(motion), rng)]
-        seen = []
+        measurements = []
         # x_k given x_{k-1}, then z_k; the first state is measured only if scans are needed.
         for i, k in enumerate(timeline.steps.tolist()):
             if i > 0:
                 truth.append(motion.transition(truth[-1], k).sample(rng))
             if i > 0 or scans:
                 noise = rng.standard_normal(noise_of_one)
-                seen.append(sensor.measure(truth[-1], k, noise, rng, certain=i < scans))
-        return Flight(np.stack([x[:n] for x in truth], axis=1), np.stack(seen, axis=1))
+                measurements.append(sensor.measure(truth[-1], k, noise, rng, certain=i < scans))
+        return Flight(np.stack([x[:n] for x in truth], axis=1), np.stack(measurements, axis=1))

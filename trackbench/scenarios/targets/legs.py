@@ -56,11 +56,11 @@ class Onsets:
             # Mode just before the leg, and whether it comes on during the leg.
             first = int(np.argmax(during))
             before = on[first - 1] if first else np.zeros(on.shape[1], dtype=np.bool_)
-            found = on[during].any(axis=0)
+            detected = on[during].any(axis=0)
             # The sample at the onset itself carries none of the turn; `during` starts after it.
             met = first + np.argmax(on[during], axis=0)
             # Delay from the onset to that sample, if the mode was off before.
-            delay = np.where(found & ~before, self.times[met] - start, np.nan)
+            delay = np.where(detected & ~before, self.times[met] - start, np.nan)
             out[f"detection_delay_s[leg {n}]"] = delay
             if begun is not None:
                 # Estimated onset (time less the alarm's age) minus the true one.
@@ -68,7 +68,7 @@ class Onsets:
                 out[f"onset_error_s[leg {n}]"] = np.where(np.isnan(delay), np.nan, error)
                 out[f"onset_abs_error_s[leg {n}]"] = np.abs(out[f"onset_error_s[leg {n}]"])
                 out[f"onset_age_s[leg {n}]"] = delay - error
-            out[f"missed_maneuvers[leg {n}]"] = (~found).astype(float)
+            out[f"missed_maneuvers[leg {n}]"] = (~detected).astype(float)
             out[f"already_maneuvering[leg {n}]"] = before.astype(float)
         out["false_maneuvers_per_1000"] = self._false_alarms(on, alarm)
         return out

@@ -45,9 +45,9 @@ class Recording(NamedTuple):
     clock: Clock
     scans: Array
     apart: Array
-    seen: Array
+    measurements: Array
     truth: Array | None
-    told: tuple[str, ...]
+    notices: tuple[str, ...]
 
 
 def _angles(sensor: SensorBase) -> dict[str, int]:
@@ -139,12 +139,12 @@ class Measured(FromFiles, Naming, Target):
     @property
     def recorded_runs(self) -> int:
         """Return the number of recorded runs."""
-        return self._recording.seen.shape[-1]
+        return self._recording.measurements.shape[-1]
 
     @property
     def notices(self) -> tuple[str, ...]:
         """Return notes on changes to the rows."""
-        return self._recording.told
+        return self._recording.notices
 
     @property
     def _recording(self) -> "Recording":
@@ -154,21 +154,23 @@ class Measured(FromFiles, Naming, Target):
     def own_timeline(self, sensor: Sensors, start: Start, T: float) -> Timeline:
         """Return the steps of the files, those first that the start uses up."""
         self._check(sensor, start)
-        asked = (sensor.components, start.scans, T)
+        requested = (sensor.components, start.scans, T)
         # Read the files again only for another sensor, start or T.
-        if self.__dict__.get("_read", (None,))[0] != asked:
+        if self.__dict__.get("_read", (None,))[0] != requested:
             with self.reading():
-                object.__setattr__(self, "_read", (asked, self._made(sensor, start.scans, T)))
+                object.__setattr__(
+                    self, "_read", (requested, self._recorded(sensor, start.scans, T))
+                )
         clock, apart = self._recording.clock, self._recording.apart
         between = clock.T if clock.T is not None else float(clock.times[1] - clock.times[0])
         # Time between the scans of the start: one number, or one for each run.
-        own = None if start.scans < 2 else float(apart[0]) if np.ptp(apart) <= TICK else apart
-        if isinstance(own, np.ndarray) and issubclass(start.prior_type(sensor), TwoPoint):
+        gap = None if start.scans < 2 else float(apart[0]) if np.ptp(apart) <= TICK else apart
+        if isinstance(gap, np.ndarray) and issubclass(start.prior_type(sensor), TwoPoint):
             what = "two scans of a radar must be equally far apart in all runs: take one-scan"
             raise InvalidKeyError(what, "start")
-        return Timeline(clock.steps, clock.times, between, clock.T is not None, own)
+        return Timeline(clock.steps, clock.times, between, clock.T is not None, gap)
 
-    def _made(self, sensor: Sensors, scans: int, T: float) -> "Recording":
+    def _recorded(self, sensor: Sensors, scans: int, T: float) -> "Recording":
         # Step 1: read the chosen runs' rows of each sensor, in order of time.
         parts = rows_of(sensor)
         origin, path = self.origin, ["target", "origin"]
@@ -176,39 +178,41 @@ class Measured(FromFiles, Naming, Target):
             origin, path = self.truth_naming.origin, ["target", "truth_naming", "origin"]
         in_frame = {name for name in self.components if name in ("x", "y", "z", "px", "py", "pz")}
         in_frame |= self._of_position(sensor)
-        found = Gathered(self, origin or None, in_frame)
+        gathered = Gathered(self, origin or None, in_frame)
         components = [sensor.components[part] for part in parts]
         names = [str(name) for name in self.sensors]
-        rows = read_rows(found, self._measured, components, names=names)
-        rows = chosen_runs(found, rows, [str(name) for name in self.runs], ("target", "runs"))
+        rows = read_rows(gathered, self._measured, components, names=names)
+        rows = chosen_runs(gathered, rows, [str(name) for name in self.runs], ("target", "runs"))
         for m, one in enumerate(sensors_of(sensor)):
-            check_turns(found, rows[m], _angles(one))
-            rows[m] = in_order(found, rows[m], one.innovation)
+            check_turns(gathered, rows[m], _angles(one))
+            rows[m] = in_order(gathered, rows[m], one.innovation)
         # Step 2: take the first scans from the sensor that measures the position.
         telling = position_part(sensor)
         place = 0 if telling is None else parts.index(telling[1])
-        start = initial_scans(found, rows[place], scans) if scans else None
+        start = initial_scans(gathered, rows[place], scans) if scans else None
         # Step 3: put all runs on one clock, and the measurements on its steps.
-        clock = common_clock(found, rows, start, T, self.resample)
-        seen = measurement_array(found, rows, clock, self.resample is not None)
+        clock = common_clock(gathered, rows, start, T, self.resample)
+        measurements = measurement_array(gathered, rows, clock, self.resample is not None)
         # Step 4: add the scans of the start and the truth.
-        first = np.full((len(sensor.components), scans, len(found.runs)), np.nan)
+        first = np.full((len(sensor.components), scans, len(gathered.runs)), np.nan)
         if start is not None:
             first[parts[place]] = start.scans
-        truth = None if self.truth is None else self._truth(found, clock)
-        found.check_origin(origin, *path)
-        apart = np.full(len(found.runs), np.nan) if start is None else start.apart
-        told = tuple(dict.fromkeys(found.told))
-        return Recording(with_scans(clock, found, scans, apart), first, apart, seen, truth, told)
+        truth = None if self.truth is None else self._truth(gathered, clock)
+        gathered.check_origin(origin, *path)
+        apart = np.full(len(gathered.runs), np.nan) if start is None else start.apart
+        notices = tuple(dict.fromkeys(gathered.notices))
+        return Recording(
+            with_scans(clock, gathered, scans, apart), first, apart, measurements, truth, notices
+        )
 
     def _of_position(self, sensor: Sensors) -> set[str]:
         """Return the components of the measurement that depend on the position."""
         # Move a state along its axes of positions, and compare.
         away = np.array([name in ("px", "py", "pz") for name in self.components])
-        here = 1.0 + np.arange(len(away), dtype=float)[:, None]
+        state = 1.0 + np.arange(len(away), dtype=float)[:, None]
         with np.errstate(all="ignore"):
             before, after = (
-                sensor.measurement(x, 1).mean for x in (here, here + 7.0 * away[:, None])
+                sensor.measurement(x, 1).mean for x in (state, state + 7.0 * away[:, None])
             )
         return {
             c for c, same in zip(sensor.components, before == after, strict=True) if not same.all()
@@ -238,18 +242,20 @@ class Measured(FromFiles, Naming, Target):
             what = f"names {len(set(self.sensors))} of {len(every)} sensors: give each a name"
             raise InvalidKeyError(what, "target", "sensors")
 
-    def _truth(self, found: Gathered, clock: Clock) -> Array:
+    def _truth(self, gathered: Gathered, clock: Clock) -> Array:
         """Return the truth (n_x, K + 1, M) at the clock's steps."""
         assert self.truth is not None
         naming = self.truth_naming or self
-        of_truth = replace(found, naming=naming, runs=[], files=[], told=[], unavailable=Counter())
+        of_truth = replace(
+            gathered, naming=naming, runs=[], files=[], notices=[], unavailable=Counter()
+        )
         (rows,) = read_rows(of_truth, [self.truth], [self.components], least=1)
         (rows,) = chosen_runs(of_truth, [rows], ())
         rows = in_order(of_truth, rows)
-        found.told += [f"truth: {what}" for what in of_truth.told]
-        found.geodetic, found.planar = of_truth.geodetic, of_truth.planar
+        gathered.notices += [f"truth: {what}" for what in of_truth.notices]
+        gathered.geodetic, gathered.planar = of_truth.geodetic, of_truth.planar
         angles = [i for i, name in enumerate(self.components) if name in self.angles]
-        return truth_at(of_truth, rows, clock, found.runs, self.truth_gap, angles)
+        return truth_at(of_truth, rows, clock, gathered.runs, self.truth_gap, angles)
 
     def start(self, timeline: Timeline) -> Array:
         """Return the position of the first scan, as the true state is unknown."""
@@ -263,20 +269,20 @@ class Measured(FromFiles, Naming, Target):
         self, start: Array, timeline: Timeline, sensor: Sensors, rng: Streams, scans: int
     ) -> Flight:
         """Return the recorded runs of these numbers; a run beyond the last is empty."""
-        made, steps = self._recording, len(timeline.steps)
-        seen = np.concatenate([made.scans, made.seen], axis=1)
+        recording, steps = self._recording, len(timeline.steps)
+        measurements = np.concatenate([recording.scans, recording.measurements], axis=1)
         # The scenario may end before the recording.
-        end = seen.shape[1] - (len(made.clock.steps) - steps)
+        end = measurements.shape[1] - (len(recording.clock.steps) - steps)
         truth = recorded_columns(self._padded()[:, :steps], rng)
-        return Flight(truth, recorded_columns(seen[:, :end], rng))
+        return Flight(truth, recorded_columns(measurements[:, :end], rng))
 
     def _padded(self) -> Array:
         """Return the truth at every step, those that the start uses up included."""
-        made = self._recording
-        runs, steps = self.recorded_runs, len(made.clock.steps)
+        recording = self._recording
+        runs, steps = self.recorded_runs, len(recording.clock.steps)
         out = np.full((len(self.components), steps, runs), np.nan)
-        if made.truth is not None:
-            out[:, steps - made.truth.shape[1] :] = made.truth
+        if recording.truth is not None:
+            out[:, steps - recording.truth.shape[1] :] = recording.truth
         return out
 
     def run_metrics(self, values: Mapping[str, Array], scored: Scored) -> dict[str, Array]:

@@ -41,8 +41,8 @@ class Waypoints(Flown):
     def __post_init__(self) -> None:
         if (self.times is None) == (self.speed is None):
             raise ValueError("give one of times and speed")
-        given = [self.x, self.y, *(a for a in (self.z, self.times) if a is not None)]
-        if len({len(a) for a in given}) > 1 or len(self.x) < 2:
+        coordinates = [self.x, self.y, *(a for a in (self.z, self.times) if a is not None)]
+        if len({len(a) for a in coordinates}) > 1 or len(self.x) < 2:
             raise ValueError("points have as many entries along each axis, and times; at least two")
         if (np.diff(self._times) <= 0.0).any():
             raise ValueError("the times of the points must increase, and no two points be the same")
@@ -118,31 +118,33 @@ class RecordedPath(FromFiles, Naming, Flown):
     def _rows(self) -> tuple[Array, Array]:
         """Return times (R,) and x, y, z, vx, vy, vz (6, R), NaN where the file has none of them."""
         # Step 1: read the rows of one run, in order of time.
-        found = Gathered(self, self.origin or None)
-        rows = read_rows(found, [self.file], [(*_POSITIONS, *_VELOCITIES)], least=2)
-        found.check_origin(self.origin, "origin")
-        (path,) = chosen_runs(found, rows, () if self.run is None else (str(self.run),), ("run",))
-        path = in_order(found, path)
-        if found.stepped:
+        gathered = Gathered(self, self.origin or None)
+        rows = read_rows(gathered, [self.file], [(*_POSITIONS, *_VELOCITIES)], least=2)
+        gathered.check_origin(self.origin, "origin")
+        (path,) = chosen_runs(
+            gathered, rows, () if self.run is None else (str(self.run),), ("run",)
+        )
+        path = in_order(gathered, path)
+        if gathered.stepped:
             raise self._mistake("a path needs a column time")
-        if len(found.runs) > 1:
-            raise self._mistake(f"has {len(found.runs)} runs: name one by `run`")
+        if len(gathered.runs) > 1:
+            raise self._mistake(f"has {len(gathered.runs)} runs: name one by `run`")
         # Step 2: check the columns: x and y, perhaps z, and velocities along all axes or none.
-        there = np.isfinite(path.values)
-        x, y, z, *moving = (bool(column.any()) for column in there)
+        finite = np.isfinite(path.values)
+        x, y, z, *moving = (bool(column.any()) for column in finite)
         if not (x and y):
             raise self._mistake("a path needs the columns x and y")
         if any(moving) and moving != [True, True, z]:
             wanted = ", ".join(_VELOCITIES[: 2 + z])
             raise self._mistake(f"velocities are {wanted}, all or none")
         # Step 3: keep the rows that have a number in each of these columns.
-        whole = np.flatnonzero(there[[x, y, z, *moving]].all(axis=0))
+        whole = np.flatnonzero(finite[[x, y, z, *moving]].all(axis=0))
         if len(whole) < 2:
             raise self._mistake("a path needs two rows, at two times")
         left_out = len(path.time) - len(whole)
         if left_out:
-            found.told.append(f"{left_out} rows with an empty cell were left out")
-        object.__setattr__(self, "_told", tuple(found.told))
+            gathered.notices.append(f"{left_out} rows with an empty cell were left out")
+        object.__setattr__(self, "_notices", tuple(gathered.notices))
         return path.time[whole], path.values[:, whole]
 
     def _mistake(self, what: str) -> DataError:
@@ -156,7 +158,7 @@ class RecordedPath(FromFiles, Naming, Flown):
     @property
     def notices(self) -> tuple[str, ...]:
         """Return notes on changes to the rows."""
-        return self.__dict__["_told"]
+        return self.__dict__["_notices"]
 
     @property
     def axes(self) -> int:
