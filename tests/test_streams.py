@@ -95,7 +95,7 @@ def test_values_beside_texts_are_no_place_for_codes(folders: tuple[Path, Path]) 
             content = json.loads(whole) | {key: "\x1b[31m"}
             (folder / "manifest.json").write_text(json.dumps(content))
             for words in (("compare", folder, other), ("report", folder), ("codecheck", folder)):
-                done = trackbench(*words)
+                done = trackbench(*words, cwd=folder.parent)
                 assert "\x1b" not in done.stdout + done.stderr
     finally:
         (folder / "manifest.json").write_text(whole)
