@@ -77,7 +77,7 @@ class GaussianSum(Filter[Mixture]):
 
     @property
     def particle_count(self) -> int:
-        """Return the initial number of components."""
+        """Initial number of components."""
         return self.split**2
 
     def _components_at_once(self, model: Model) -> int:
