@@ -29,19 +29,19 @@ class Distribution(Protocol):
 
     @property
     def mean(self) -> Array:
-        """Return the mean (n, *batch)."""
+        """Mean (n, *batch)."""
 
     @property
     def cov(self) -> Array:
-        """Return the covariance (n, n) or (n, n, *batch)."""
+        """Covariance (n, n) or (n, n, *batch)."""
 
     @property
     def loc(self) -> Array:
-        """Return the value without its noise (n, *batch): the mean, if the noise has mean zero."""
+        """Value without its noise (n, *batch): the mean, if the noise has mean zero."""
 
     @property
     def mode(self) -> Array:
-        """Return the point of highest density (n, *batch)."""
+        """Point of highest density (n, *batch)."""
 
     def sample(self, rng: Streams, *trailing: int) -> Array:
         """Return one draw per batch member, shape (n, *batch, *trailing)."""
@@ -71,12 +71,12 @@ class Symmetric:
 
     @property
     def loc(self: Distribution) -> Array:
-        """Return the mean."""
+        """Mean."""
         return self.mean
 
     @property
     def mode(self: Distribution) -> Array:
-        """Return the mean."""
+        """Mean."""
         return self.mean
 
 
@@ -164,22 +164,22 @@ class Gamma:
 
     @property
     def expectation(self) -> float:
-        """Return shape / rate."""
+        """Shape / rate."""
         return self.shape / self.rate
 
     @property
     def variance(self) -> float:
-        """Return shape / rate^2."""
+        """Shape / rate^2."""
         return self.shape / (self.rate * self.rate)
 
     @cached_property
     def cov(self) -> Array:
-        """Return the variance as a matrix (1, 1)."""
+        """Variance as a matrix (1, 1)."""
         return fixed(np.array([[self.variance]]))
 
     @property
     def peak(self) -> float:
-        """Return the value of highest density: (shape - 1) / rate, or zero."""
+        """Value of highest density: (shape - 1) / rate, or zero."""
         return max(self.shape - 1.0, 0.0) / self.rate
 
     def draw(self, rng: Streams, size: tuple[int, ...]) -> Array:
@@ -200,7 +200,7 @@ class Gamma:
 
     @property
     def smooth(self) -> bool:
-        """Return whether the density's formula is smooth across zero: the shape is an integer."""
+        """True if the density's formula is smooth across zero: the shape is an integer."""
         return self.shape == int(self.shape)
 
     def log_density(self, v: Array) -> Array:
@@ -243,7 +243,7 @@ class Shifted:
 
     @property
     def cov(self) -> Array:
-        """Return the noise's variance (1, 1)."""
+        """The noise's variance (1, 1)."""
         return self.noise.cov
 
     def sample(self, rng: Streams, *trailing: int) -> Array:
@@ -270,7 +270,7 @@ class PointMass(Symmetric):
 
     @property
     def cov(self) -> Array:
-        """Return zeros (n, n)."""
+        """Zeros (n, n)."""
         return np.zeros((len(self.mean),) * 2)
 
     def sample(self, rng: Streams, *trailing: int) -> Array:
@@ -296,12 +296,12 @@ class Uniform(Symmetric):
 
     @property
     def mean(self) -> Array:
-        """Return the centers (n, M)."""
+        """Centers (n, M)."""
         return np.tile((0.5 * (self.low + self.high))[:, None], (1, self.runs))
 
     @property
     def cov(self) -> Array:
-        """Return the diagonal (n, n) of ``(high - low)^2 / 12``."""
+        """Diagonal (n, n) of ``(high - low)^2 / 12``."""
         return np.diag(np.square(self.high - self.low) / 12.0)
 
     def sample(self, rng: Streams, *trailing: int) -> Array:

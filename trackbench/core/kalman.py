@@ -26,7 +26,7 @@ class Innovation(NamedTuple):
 
     @property
     def nis(self) -> Array:
-        """Return the normalized innovation squared, nu' S^-1 nu (*batch), with mean n_z.
+        """Normalized innovation squared, nu' S^-1 nu (*batch), with mean n_z.
 
         It uses the measured components, and is NaN if all are missing.
         """
@@ -44,7 +44,7 @@ class Innovation(NamedTuple):
 
     @property
     def log_likelihood(self) -> Array:
-        """Return log N(nu; 0, S) (*batch), the log-density of the measurement before any conversion.
+        """Log N(nu; 0, S) (*batch), the log-density of the measurement before any conversion.
 
         It uses the measured components, and is NaN if all are missing.
         """

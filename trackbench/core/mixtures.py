@@ -167,17 +167,17 @@ class GaussianMixture(Symmetric):
 
     @property
     def mean(self) -> Array:
-        """Return the mean (n, M)."""
+        """Mean (n, M)."""
         return np.tile(self._moments.mean, (1, self.runs))
 
     @property
     def cov(self) -> Array:
-        """Return the covariance (n, n)."""
+        """Covariance (n, n)."""
         return self._moments.cov[..., 0]
 
     @property
     def mode(self) -> Array:
-        """Return the mean (n, M) of the part at whose mean the density is highest."""
+        """Mean (n, M) of the part at whose mean the density is highest."""
         heights = [float(self.log_prob(part.mean[:, None])[0]) for part in self.parts]
         return np.tile(self.parts[int(np.argmax(heights))].mean[:, None], (1, self.runs))
 

@@ -31,7 +31,7 @@ class Particles(NamedTuple):
 
     @property
     def mean(self) -> Array:
-        """Return the weighted mean (n, M)."""
+        """Weighted mean (n, M)."""
         return dot(self.x, self.w)
 
     def expectation(self, g: Callable[[Array], dict[str, Array]]) -> dict[str, Array]:
@@ -73,7 +73,7 @@ class Mass(NamedTuple):
 
     @property
     def log(self) -> Array:
-        """Return the logarithm of the sum (M,), -inf of a run with weight collapse."""
+        """Logarithm of the sum (M,), -inf of a run with weight collapse."""
         return self.top + elementary.log(self.scale)
 
 
@@ -99,7 +99,7 @@ class Evidence(NamedTuple):
 
     @property
     def log(self) -> Array:
-        """Return the log of the mean unnormalized weight (M,) (Doucet & Johansen 2009, section 4.1)."""
+        """Log of the mean unnormalized weight (M,) (Doucet & Johansen 2009, section 4.1)."""
         if isinstance(self.carried, float):
             # N equal log-weights of zero have the sum N.
             before = elementary.log(float(self.N))

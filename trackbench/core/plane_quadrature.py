@@ -60,7 +60,7 @@ class Box:
 
     @cached_property
     def nodes(self) -> Array:
-        """Return the nodes (2, n1 n2), the second axis fastest."""
+        """Nodes (2, n1 n2), the second axis fastest."""
         lines = [
             low + (np.arange(n) + 0.5) * step
             for low, step, n in zip(self.low, self.step, self.shape, strict=True)
@@ -70,7 +70,7 @@ class Box:
 
     @property
     def cell(self) -> float:
-        """Return the area of a cell."""
+        """Area of a cell."""
         return float(abs(_determinant(self.basis)) * self.step[0] * self.step[1])
 
     def places(self, x: Array) -> Array:
@@ -99,13 +99,13 @@ class Plane:
 
     @cached_property
     def mass(self) -> Array:
-        """Return the probability at each node, in sum one."""
+        """Probability at each node, in sum one."""
         p = exp(self.log_density - self.log_density.max())
         return np.asarray(p / total(p))
 
     @cached_property
     def moments(self) -> Gaussian:
-        """Return the mean (2,) and covariance (2, 2)."""
+        """Mean (2,) and covariance (2, 2)."""
         return _moments(self.box.nodes, self.mass)
 
 

@@ -102,7 +102,7 @@ class Posterior(Protocol):
 
     @property
     def places(self) -> int:
-        """Return the number N + 1 of places that a rank among N particles has; 0 for a density."""
+        """Number N + 1 of places that a rank among N particles has; 0 for a density."""
         return 0
 
     def uniform(self, probability: Array) -> Array:
@@ -219,7 +219,7 @@ class ParticlePosterior(Posterior):
 
     @property
     def places(self) -> int:
-        """Return one more than there are particles."""
+        """One more than there are particles."""
         return self.particles.w.shape[-1] + 1
 
 

@@ -41,17 +41,17 @@ class Panel(NamedTuple):
 
     @property
     def half(self) -> Array:
-        """Return half the panel's width (M,)."""
+        """Half the panel's width (M,)."""
         return 0.5 * (self.high - self.low)
 
     @property
     def is_point(self) -> bool:
-        """Return whether all mass is at one value: a panel of one node without width."""
+        """True if all mass is at one value: a panel of one node without width."""
         return len(self.x) == 1
 
     @property
     def mass(self) -> Array:
-        """Return the probability at each node (n, M)."""
+        """Probability at each node (n, M)."""
         if self.is_point:
             return self.density
         return np.asarray(self.half * _rule(len(self.x)).weights[:, None] * self.density)

@@ -104,7 +104,7 @@ class GaussHermite:
 
     @cached_property
     def nodes(self) -> list[tuple[float, float]]:
-        """Return nodes, the roots of the Hermite polynomial, and their weights, which sum to one."""
+        """Nodes, the roots of the Hermite polynomial, and their weights, which sum to one."""
         n = self.order
         norm = factorial(n) / (n * n)
         return [(x, norm / _hermite(n - 1, x) ** 2) for x in _hermite_roots(n)]

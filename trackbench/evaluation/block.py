@@ -62,7 +62,7 @@ class BlockTask:
 
     @property
     def assumed_scenario(self) -> Scenario:
-        """Return the scenario with the model that the filter assumes."""
+        """Scenario with the model that the filter assumes."""
         return self.scenario if self.assume is None else self.scenario.with_assumptions(self.assume)
 
     @property
@@ -83,7 +83,7 @@ class BlockTask:
 
     @property
     def data(self) -> Simulation:
-        """Return the data of the whole block, or stack of blocks."""
+        """Data of the whole block, or stack of blocks."""
         scenario, width = self.scenario.without_scoring, self.stacked * self.width
         if self.copies == 1:
             return simulate(scenario, self.seed, self.first_run, width)
@@ -91,7 +91,7 @@ class BlockTask:
 
     @property
     def filtering_key(self) -> "BlockTask":
-        """Return the equal for all tasks of which the filter makes the same estimates."""
+        """Task that is equal for all tasks of which the filter makes the same estimates."""
         alone = BlockTask(
             self.scenario.without_scoring, self.filter, self.seed, self.index, self.width, 0
         )
@@ -106,7 +106,7 @@ class BlockTask:
 
     @property
     def reference_task(self) -> "BlockTask":
-        """Return the reference's own task, as it is among the filters."""
+        """The reference's own task, as it is among the filters."""
         assert self.reference is not None
         return replace(self.filtering_key, filter=self.reference, assume=None)
 

@@ -71,22 +71,22 @@ class Measure(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Return the metric over its window or at its step, as per_run.csv has it."""
+        """Metric over its window or at its step, as per_run.csv has it."""
         return in_window(self.metric, self.window) + str(self.steps or "")
 
     @property
     def plain(self) -> "Measure":
-        """Return the expression of one filter, from a comparison of two."""
+        """Expression of one filter, from a comparison of two."""
         return self._replace(relation="", other="")
 
     @property
     def family(self) -> tuple[Metric, str]:
-        """Return the metric's meaning and its quantity."""
+        """The metric's meaning and its quantity."""
         return metric_of(self.metric)
 
     @property
     def base(self) -> str:
-        """Return the metric without statistic, window and step."""
+        """Metric without statistic, window and step."""
         spec, quantity = self.family
         if spec.name == "rank":  # a bar of a histogram: kept with what it is of
             return joined("pit", quantity.rpartition("_")[0])
@@ -96,23 +96,23 @@ class Measure(NamedTuple):
 
     @property
     def is_row(self) -> bool:
-        """Return whether this is a metric of a CSV file: no statistic, step or second filter."""
+        """True if this is a metric of a CSV file: no statistic, step or second filter."""
         return not (self.statistic or self.steps or self.relation)
 
     @property
     def is_error(self) -> bool:
-        """Return whether this is an error against the truth."""
+        """True if this is an error against the truth."""
         spec, quantity = self.family
         return spec.name == "rmse" and not quantity.startswith(("predicted_", "held_"))
 
     @property
     def is_cpu_time(self) -> bool:
-        """Return whether this is a CPU time."""
+        """True if this is a CPU time."""
         return self.metric == "cpu_s_per_run"
 
     @property
     def is_efficiency(self) -> bool:
-        """Return whether this is an efficiency, from the runs of a filter and of the reference."""
+        """True if this is an efficiency, from the runs of a filter and of the reference."""
         return self.family[0].name == "efficiency" and self.is_row
 
     def made_of(self) -> tuple["Measure", "Measure"]:
@@ -123,24 +123,24 @@ class Measure(NamedTuple):
 
     @property
     def is_over_runs(self) -> bool:
-        """Return whether this is a statistic over runs of one number per run."""
+        """True if this is a statistic over runs of one number per run."""
         return self.statistic in STATISTICS and not self.relation
 
     @property
     def is_share(self) -> bool:
-        """Return whether this is the share of runs with an event."""
+        """True if this is the share of runs with an event."""
         return self.is_over_runs and self.statistic == "mean" and self.family[0].is_event
 
     @property
     def step(self) -> int | None:
-        """Return the number of its step, if it is at one that has a number."""
+        """Number of its step, if it is at one that has a number."""
         if self.steps is None or self.steps.last or self.steps.first == "last":
             return None
         return int(self.steps.first)
 
     @property
     def is_many(self) -> bool:
-        """Return whether this is a range of steps."""
+        """True if this is a range of steps."""
         return self.steps is not None and bool(self.steps.last)
 
     def of(self, label: str) -> "Measure":

@@ -52,7 +52,7 @@ class PrecisionCheck(NamedTuple):
 
     @property
     def enough(self) -> bool:
-        """Return whether the target is met, or every run is lost."""
+        """True if the target is met, or every run is lost."""
         return self.share <= 1.0 or self.row.runs == 0
 
 

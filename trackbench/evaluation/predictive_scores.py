@@ -93,7 +93,7 @@ class PredictionScorer:
 
     @property
     def disabled(self) -> bool:
-        """Return whether no predictive score is requested."""
+        """True if no predictive score is requested."""
         return not self._wanted and self._held_out is None
 
     def snapshot(self, state: Any) -> Any:

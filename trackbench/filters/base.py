@@ -94,7 +94,7 @@ class Filter(Part, Generic[State]):
 
     @property
     def diagnostic_names(self) -> frozenset[str]:
-        """Return the names of the diagnostics; a class without this hook is run for one step."""
+        """Names of the diagnostics; a class without this hook is run for one step."""
         return frozenset()
 
     def expectation(self, state: State, g: Callable[[Array], dict[str, Array]]) -> dict[str, Array]:
@@ -138,7 +138,7 @@ class Filter(Part, Generic[State]):
 
     @property
     def smooths(self) -> bool:
-        """Return whether the filter's estimates are those of `smoothed`."""
+        """True if the filter's estimates are those of `smoothed`."""
         return False
 
     def smoothed(self, model: Model, states: list[State], k: int, rng: Generator) -> list[State]:
@@ -164,12 +164,12 @@ class Filter(Part, Generic[State]):
 
     @property
     def particle_count(self) -> int:
-        """Return the number of particles per run: the key N, or 1."""
+        """Number of particles per run: the key N, or 1."""
         return int(getattr(self, "N", 1))
 
     @property
     def max_particle_count(self) -> int:
-        """Return the largest number of particles per run in any step."""
+        """Largest number of particles per run in any step."""
         return self.particle_count
 
 
@@ -212,12 +212,12 @@ class SmoothingFilter(Filter[State]):
 
     @property
     def smooths(self) -> bool:
-        """Return whether the key ``smooth`` is set."""
+        """True if the key ``smooth`` is set."""
         return self.smooth is not False
 
     @property
     def lag(self) -> int | None:
-        """Return the number of later measurements that an estimate uses, or None for all."""
+        """Number of later measurements that an estimate uses, or None for all."""
         return None if isinstance(self.smooth, bool) else self.smooth.lag
 
 
@@ -262,7 +262,7 @@ class InnovationFilter(Filter[InnovationState]):
 
     @property
     def diagnostic_names(self) -> frozenset[str]:
-        """Return the names of `diagnostics`."""
+        """Names of `diagnostics`."""
         return frozenset({"nis"})
 
     def diagnostics(self, state: InnovationState) -> dict[str, Array]:

@@ -148,7 +148,7 @@ class IPLF(NonlinearFilter):
 
     @property
     def rule(self) -> PointRule:
-        """Return points and weights of the regressions."""
+        """Points and weights of the regressions."""
         return _CUBATURE if self.order is None else gauss_hermite(self.order)
 
     def transition(self, model: Model, state: Gaussian, k: int) -> Transition:

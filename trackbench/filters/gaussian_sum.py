@@ -76,7 +76,7 @@ class GaussianSum(Filter[Mixture]):
 
     @property
     def particle_count(self) -> int:
-        """Return the initial number of components."""
+        """Initial number of components."""
         return self.split**2
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Mixture:

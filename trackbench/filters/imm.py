@@ -216,7 +216,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
 
     @property
     def diagnostic_names(self) -> frozenset[str]:
-        """Return the names of `diagnostics`."""
+        """Names of `diagnostics`."""
         return frozenset({"nis", "mode"} | ({"gated"} if self.filter.gate else set()))
 
     def diagnostics(self, state: ModelBank) -> dict[str, Array]:

@@ -65,7 +65,7 @@ class InputEstimation(Filter[Corrected]):
 
     @property
     def detector(self) -> Detector:
-        """Return the detector, as one of `adaptive-kf`."""
+        """Detector, as one of `adaptive-kf`."""
         return Detector(eta=self.eta, window_s=self.window_s, min_window_s=self.min_window_s)
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:

@@ -59,7 +59,7 @@ class JumpMarkov(Filter[State]):
 
     @property
     def initial_weights(self) -> Array:
-        """Return the probabilities (r,) of the models at the start."""
+        """Probabilities (r,) of the models at the start."""
         r = len(self.motions)
         return np.full(r, 1.0 / r) if self.initial is None else np.array(self.initial)
 

@@ -111,7 +111,7 @@ class ProposalFilter(Filter[PFState]):
 
     @property
     def diagnostic_names(self) -> frozenset[str]:
-        """Return the names of `diagnostics`."""
+        """Names of `diagnostics`."""
         return frozenset({"collapsed_steps", "ess", "distinct_particles"}) | self._extra_diagnostics
 
     def diagnostics(self, state: PFState) -> dict[str, Array]:

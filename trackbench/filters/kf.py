@@ -132,7 +132,7 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
 
     @property
     def diagnostic_names(self) -> frozenset[str]:
-        """Return the names of `diagnostics`."""
+        """Names of `diagnostics`."""
         return frozenset({"nis"} if self.gate is None else {"nis", "gated"})
 
     def diagnostics(self, state: Tracked) -> dict[str, Array]:
@@ -193,7 +193,7 @@ class NonlinearFilter(GaussianFilter):
 
     @property
     def assumed(self) -> AssumedNoise:
-        """Return the keys Q, R and noise_mean, which replace the model's noise."""
+        """Keys Q, R and noise_mean, which replace the model's noise."""
         return AssumedNoise(self.Q, self.R, self.noise_mean)
 
     def transition(self, model: Model, state: Gaussian, k: int) -> Transition:

@@ -115,7 +115,7 @@ class ParticleFilter(WeightedParticlesFilter):
 
     @property
     def max_particle_count(self) -> int:
-        """Return the number of particles during the boost."""
+        """Number of particles during the boost."""
         return self.N * (self.boost if self.boost_scans else 1)
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:

@@ -32,7 +32,7 @@ class SigmaPointFilter(NonlinearFilter):
 
     @property
     def rule(self) -> PointRule:
-        """Return points and weights."""
+        """Points and weights."""
         raise NotImplementedError
 
     def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
@@ -45,7 +45,7 @@ class SigmaPointFilter(NonlinearFilter):
 
     @property
     def augmented(self) -> bool:
-        """Return whether the points are of state and noise together."""
+        """True if the points are of state and noise together."""
         return False
 
 
@@ -85,12 +85,12 @@ class UKF(SigmaPointFilter):
 
     @property
     def augmented(self) -> bool:
-        """Return whether the points are of state and noise together."""
+        """True if the points are of state and noise together."""
         return self.noise == "augmented"
 
     @property
     def rule(self) -> PointRule:
-        """Return the scaled unscented transform."""
+        """Scaled unscented transform."""
         return Unscented(self.alpha, self.beta, self.kappa)
 
 
@@ -130,5 +130,5 @@ class GHKF(SigmaPointFilter):
 
     @property
     def rule(self) -> PointRule:
-        """Return the product rule."""
+        """Product rule."""
         return gauss_hermite(self.order)

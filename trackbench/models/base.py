@@ -125,7 +125,7 @@ class SampledMotion(Protocol):
 
     @property
     def components(self) -> tuple[str, ...]:
-        """Return names of the state's components, in order."""
+        """Names of the state's components, in order."""
 
     def transition(self, x: Array, k: int) -> Distribution:
         """Return the distribution of x_k given x_{k-1} = x.
@@ -184,12 +184,12 @@ class Motion(Part):
 
     @property
     def known_angles(self) -> tuple[str, ...]:
-        """Return names of components that are angles, rad: whole turns are no error."""
+        """Names of components that are angles, rad: whole turns are no error."""
         return ()
 
     @property
     def uses_time(self) -> bool:
-        """Return whether the motion depends on the time k T, so that all steps must be equal."""
+        """True if the motion depends on the time k T, so that all steps must be equal."""
         return False
 
 
@@ -198,7 +198,7 @@ class Sensor(Protocol):
 
     @property
     def components(self) -> tuple[str, ...]:
-        """Return names of the measurement's components, in order."""
+        """Names of the measurement's components, in order."""
 
     def measurement(self, x: Array, k: int) -> Gaussian:
         """Return the distribution of z_k given x_k = x.
@@ -251,7 +251,7 @@ class NormalMotion(Protocol):
 
     @property
     def Q(self) -> Array:
-        """Return the covariance of the noise (n_x, n_x)."""
+        """Covariance of the noise (n_x, n_x)."""
 
 
 @runtime_checkable
@@ -260,7 +260,7 @@ class GammaMotion(Protocol):
 
     @property
     def noise(self) -> Gamma:
-        """Return the noise's distribution."""
+        """The noise's distribution."""
 
 
 @runtime_checkable
@@ -332,21 +332,21 @@ class Scene(Part):
     @property
     @abstractmethod
     def steps(self) -> Index:
-        """Return step numbers k (T + 1,), starting with the step of the prior."""
+        """Step numbers k (T + 1,), starting with the step of the prior."""
 
     @property
     @abstractmethod
     def times(self) -> Array:
-        """Return times of the steps (T + 1,), s."""
+        """Times of the steps (T + 1,), s."""
 
     @property
     def prior_type(self) -> type[Distribution]:
-        """Return the class of the prior, for filters that use more of it than moments."""
+        """Class of the prior, for filters that use more of it than moments."""
         return Gaussian
 
     @property
     def turns(self) -> tuple[float, ...]:
-        """Return sizes of the accelerations of the target's turns, m/s^2."""
+        """Sizes of the accelerations of the target's turns, m/s^2."""
         return ()
 
 

@@ -286,7 +286,7 @@ class ArrayProgram:
 
     @cached_property
     def jacobian(self) -> "ArrayProgram":
-        """Return the derivatives (*shape, n_x) by the components."""
+        """Derivatives (*shape, n_x) by the components."""
         names = self._equations.components
         slopes = [derivative(node, name) for node, name in product(self._nodes, names)]
         return ArrayProgram(self._equations, slopes, (*self.shape, len(names)))

@@ -71,12 +71,12 @@ class TwoPoint(Symmetric):
 
     @property
     def mean(self) -> Array:
-        """Return the mean of `gaussian` with the modified unbiased conversion (4, M)."""
+        """Mean of `gaussian` with the modified unbiased conversion (4, M)."""
         return self.gaussian("mucm").mean
 
     @property
     def cov(self) -> Array:
-        """Return the covariance of `gaussian` with the modified unbiased conversion (4, 4, M)."""
+        """Covariance of `gaussian` with the modified unbiased conversion (4, 4, M)."""
         return self.gaussian("mucm").cov
 
     def gaussian(self, conversion: Conversion) -> Gaussian:
@@ -165,12 +165,12 @@ class Augmented(Symmetric):
 
     @property
     def mean(self) -> Array:
-        """Return the mean (n + m, M)."""
+        """Mean (n + m, M)."""
         return augment_gaussian(self.prior, self.std).mean
 
     @property
     def cov(self) -> Array:
-        """Return the covariance (n + m, n + m[, M])."""
+        """Covariance (n + m, n + m[, M])."""
         return augment_gaussian(self.prior, self.std).cov
 
     def sample(self, rng: Streams, *trailing: int) -> Array:

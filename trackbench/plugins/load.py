@@ -57,12 +57,12 @@ class Plugin:
 
     @property
     def digest(self) -> str:
-        """Return the SHA-256 of the content."""
+        """SHA-256 of the content."""
         return hashlib.sha256(self.source).hexdigest()
 
     @property
     def identity(self) -> str:
-        """Return the SHA-256 of a plugin's content and of all that it imports and reads."""
+        """SHA-256 of a plugin's content and of all that it imports and reads."""
         files = []
         for digests in (self.files, (*self.code, *self.opened)):
             files.append(sorted((Path(name).name, digest) for name, digest in digests))

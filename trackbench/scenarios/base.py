@@ -32,7 +32,7 @@ class Scenario(Scene):
     @property
     @abstractmethod
     def windows(self) -> Mapping[str, Mask]:
-        """Return the steps (T + 1,) of each window of the error metrics; ``""`` is the whole run."""
+        """Steps (T + 1,) of each window of the error metrics; ``""`` is the whole run."""
 
     @abstractmethod
     def simulate(self, rng: Streams, runs: int) -> Simulation:
@@ -44,22 +44,22 @@ class Scenario(Scene):
 
     @property
     def components(self) -> tuple[str, ...]:
-        """Return the truth's component names, the first of every filter's state."""
+        """The truth's component names, the first of every filter's state."""
         return self.model.motion.components
 
     @property
     def angles(self) -> tuple[str, ...]:
-        """Return names of components that are angles, rad, so that whole turns are no error."""
+        """Names of components that are angles, rad, so that whole turns are no error."""
         return ()
 
     @property
     def angle_rows(self) -> tuple[int, ...]:
-        """Return the rows of the angles in the truth."""
+        """Rows of the angles in the truth."""
         return tuple(i for i, name in enumerate(self.components) if name in self.angles)
 
     @property
     def true_sensor(self) -> Sensor:
-        """Return the sensor that makes the measurements; default: the model's."""
+        """Sensor that makes the measurements; default: the model's."""
         return self.model.sensor
 
     def with_assumptions(self, assume: Assume) -> "Scenario":
@@ -72,37 +72,37 @@ class Scenario(Scene):
 
     @property
     def without_scoring(self) -> "Scenario":
-        """Return the scenario without what only scores estimates; equal ones are filtered once."""
+        """Scenario without what only scores estimates; equal ones are filtered once."""
         return self
 
     @property
     def has_truth(self) -> bool:
-        """Return whether there is a truth; if there are measurements only, there are no errors."""
+        """True if there is a truth; if there are measurements only, there are no errors."""
         return True
 
     @property
     def recorded_runs(self) -> int | None:
-        """Return the number of recorded runs; None for simulated scenarios."""
+        """Number of recorded runs; None for simulated scenarios."""
         return None
 
     @property
     def training(self) -> "Scenario | None":
-        """Return the scenario for tuning: the first part of recorded data; None: the scenario itself."""
+        """Scenario for tuning: the first part of recorded data; None: the scenario itself."""
         return None
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """Return notes on properties of the data that are legal and unexpected."""
+        """Notes on properties of the data that are legal and unexpected."""
         return ()
 
     @property
     def lost_beyond(self) -> float | None:
-        """Return the error beyond which a run is lost, in the unit of the first quantity of `errors`."""
+        """Error beyond which a run is lost, in the unit of the first quantity of `errors`."""
         return None
 
     @property
     def marginals(self) -> Mapping[str, tuple[int, ...]]:
-        """Return components by name of a part of the state: its own NEES beside the whole state's."""
+        """Components by name of a part of the state: its own NEES beside the whole state's."""
         return {}
 
     def observables(self, x: Array) -> dict[str, Array]:
@@ -123,7 +123,7 @@ class Scenario(Scene):
 
     @property
     def why_no_bound(self) -> str | None:
-        """Return the reason why `bounds` is invalid; None if it is valid."""
+        """Reason why `bounds` is invalid; None if it is valid."""
         return "" if type(self).bounds is Scenario.bounds else None
 
     @property

@@ -109,25 +109,25 @@ class Tracking(Scenario):
 
     @cached_property
     def _timeline(self) -> Timeline:
-        """Return every step, those that a start uses up included."""
+        """Every step, those that a start uses up included."""
         if self._recorded_timeline is None:
             return self._schedule.regular(self.T)
         return self._schedule.of_recorded(self._recorded_timeline)
 
     @cached_property
     def _start(self) -> Start:
-        """Return the start of the target's state; raises InvalidKeyError."""
+        """Start of the target's state; raises InvalidKeyError."""
         return self.start.for_state(self.components)
 
     @property
     def _drawn_start(self) -> FixedStart | None:
-        """Return the start if it draws the first state of the target."""
+        """Start if it draws the first state of the target."""
         start, driven = self._start, self.target.own_motion is not None
         return start if driven and isinstance(start, FixedStart) and start.draws_truth else None
 
     @cached_property
     def _assumed_start(self) -> FixedStart | None:
-        """Return the start that filters assume, if it is another; raises InvalidKeyError."""
+        """Start that filters assume, if it is another; raises InvalidKeyError."""
         start = self.assume.start
         if start is None:
             return None
@@ -152,17 +152,17 @@ class Tracking(Scenario):
 
     @property
     def _skipped(self) -> int:
-        """Return the steps before that of the first state."""
+        """Steps before that of the first state."""
         return max(0, self._start.scans - 1)
 
     @property
     def components(self) -> tuple[str, ...]:
-        """Return components of the truth, which every filter estimates."""
+        """Components of the truth, which every filter estimates."""
         return self.target.components
 
     @cached_property
     def angles(self) -> tuple[str, ...]:
-        """Return components that are angles: of the target, the assumed motion, or a sensor alone."""
+        """Components that are angles: of the target, the assumed motion, or a sensor alone."""
         assumed = self.assume.motion
         angular = {*self.target.known_angles, *(assumed.known_angles if assumed else ())}
         angular.update(*(sensor.measured_angles for sensor in sensors_of(self.true_sensor)))
@@ -170,7 +170,7 @@ class Tracking(Scenario):
 
     @cached_property
     def true_sensor(self) -> Sensors:
-        """Return the sensor, or all of them as one."""
+        """Sensor, or all of them as one."""
         return self._stacked(self.sensor, "sensor")
 
     def _stacked(self, sensors: SensorBase | tuple[SensorBase, ...], *path: str) -> Sensors:
@@ -187,7 +187,7 @@ class Tracking(Scenario):
 
     @cached_property
     def model(self) -> Model:
-        """Return motion and sensor of the filter model; raises InvalidKeyError without a motion."""
+        """Motion and sensor of the filter model; raises InvalidKeyError without a motion."""
         motion = self.assume.motion or self.target.own_motion
         if motion is None:
             what = "name the motion that filters assume: the target has none of its own"
@@ -214,12 +214,12 @@ class Tracking(Scenario):
 
     @cached_property
     def without_scoring(self) -> "Tracking":
-        """Return the scenario without scored steps, windows and limits."""
+        """Scenario without scored steps, windows and limits."""
         return replace(self, score=Score(marginals=self.score.marginals))
 
     @property
     def prior_type(self) -> type[Distribution]:
-        """Return the class of the prior."""
+        """Class of the prior."""
         return (self._assumed_start or self._start).prior_type(self.true_sensor)
 
     @cached_property
@@ -229,24 +229,24 @@ class Tracking(Scenario):
 
     @property
     def training(self) -> "Tracking | None":
-        """Return the recorded data up to where they are scored, if they are to be tuned on."""
+        """Recorded data up to where they are scored, if they are to be tuned on."""
         if self._trained is None:
             return None
         return replace(self, last=self._trained, score=self.score.of_training(self._trained))
 
     @property
     def steps(self) -> Index:
-        """Return the steps from the first state's to the last."""
+        """Steps from the first state's to the last."""
         return self._timeline.steps[self._skipped :]
 
     @property
     def times(self) -> Array:
-        """Return times of the steps, s."""
+        """Times of the steps, s."""
         return self._timeline.times[self._skipped :]
 
     @property
     def windows(self) -> dict[str, Mask]:
-        """Return all that is scored, the target's own stretches, and those that the score names."""
+        """All that is scored, the target's own stretches, and those that the score names."""
         scored = self.score.scored(self.steps, self._trained)
         out = {"": scored} | self.target.windows(self.times, scored)
         out |= self.score.named(self.steps, scored)
@@ -259,12 +259,12 @@ class Tracking(Scenario):
 
     @property
     def turns(self) -> tuple[float, ...]:
-        """Return sizes of the accelerations of the target's turns, m/s^2."""
+        """Sizes of the accelerations of the target's turns, m/s^2."""
         return self.target.turns
 
     @cached_property
     def position_sigma(self) -> float | None:
-        """Return the largest standard deviation of the position by one scan at the first state, m.
+        """Largest standard deviation of the position by one scan at the first state, m.
 
         In space an upper bound of it. None if a scan does not tell the position.
         """
@@ -282,14 +282,14 @@ class Tracking(Scenario):
 
     @property
     def lost_beyond(self) -> float | None:
-        """Return error beyond which a run counts as lost, in the unit of the first quantity."""
+        """Error beyond which a run counts as lost, in the unit of the first quantity."""
         if self.score.lost_sigmas is None or self.position_sigma is None:
             return self.score.lost_beyond
         return self.score.lost_sigmas * self.position_sigma
 
     @property
     def marginals(self) -> dict[str, tuple[int, ...]]:
-        """Return parts of the state with a consistency measure of their own."""
+        """Parts of the state with a consistency measure of their own."""
         n = len(self.components)
         parts = {"position": tuple(range(0, n, 2)), "velocity": tuple(range(1, n, 2))}
         return {name: parts[name] for name in self.score.marginals}
@@ -325,7 +325,7 @@ class Tracking(Scenario):
 
     @property
     def why_no_bound(self) -> str | None:
-        """Return the reason why a lower bound is invalid; None if it is valid."""
+        """Reason why a lower bound is invalid; None if it is valid."""
         if self._recorded_timeline is not None:
             return "the data are recorded"
         if not isinstance(self._motion, Linear):
@@ -343,7 +343,7 @@ class Tracking(Scenario):
 
     @cached_property
     def _bound(self) -> Bound:
-        """Return the posterior Cramer-Rao bound, over the paths of a driven target."""
+        """Posterior Cramer-Rao bound, over the paths of a driven target."""
         motion, line, path = self._motion, self._timeline, self.target.path(self._timeline)
         assert isinstance(motion, Linear)
         sensor, steps = self.true_sensor, line.steps.tolist()[self._skipped :]
@@ -371,23 +371,23 @@ class Tracking(Scenario):
 
     @cached_property
     def _motion(self) -> SampledMotion:
-        """Return the target's motion; on a fixed path, accelerations that may be known."""
+        """The target's motion; on a fixed path, accelerations that may be known."""
         motion = self.target.own_motion or ConstantVelocity(q=0.0)
         return motion.sampled(self.T, self.target.axes)
 
     @property
     def has_truth(self) -> bool:
-        """Return whether errors can be measured."""
+        """True if errors can be measured."""
         return self.target.has_truth
 
     @property
     def recorded_runs(self) -> int | None:
-        """Return the number of recorded runs; None for simulated targets."""
+        """Number of recorded runs; None for simulated targets."""
         return self.target.recorded_runs
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """Return notes on changes to the target's data."""
+        """Notes on changes to the target's data."""
         return self.target.notices
 
     def run_metrics(self, values: Mapping[str, Array]) -> dict[str, Array]:

@@ -65,7 +65,7 @@ class Search:
 
     @property
     def best(self) -> Values:
-        """Return the values of the smallest rank; among equal ones the first."""
+        """Values of the smallest rank; among equal ones the first."""
         return min(self.ranks, key=lambda values: self.ranks[values])
 
     def run(self) -> Asking:
@@ -201,7 +201,7 @@ class Trial(NamedTuple):
 
     @property
     def rank(self) -> tuple[int, float]:
-        """Return the sort key of trials: fewer lost runs first, then the smaller objective."""
+        """Sort key of trials: fewer lost runs first, then the smaller objective."""
         return self.lost, self.objective if isfinite(self.objective) else inf
 
 
@@ -218,7 +218,7 @@ class Record:
 
     @property
     def best(self) -> Trial:
-        """Return the trial of the smallest rank; among equal ones the adopted trial, or the first.
+        """Trial of the smallest rank; among equal ones the adopted trial, or the first.
 
         Objectives that differed before rounding may be equal after reading them from the file.
         """

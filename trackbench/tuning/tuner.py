@@ -161,7 +161,7 @@ class Training:
 
     @property
     def start(self) -> Shares:
-        """Return the shares of the config's own values; the middle for values outside the axes."""
+        """Shares of the config's own values; the middle for values outside the axes."""
         configured = given_values(self._experiment, self._label)
         shares = (axis.share(configured.get(axis.key)) for axis in self.axes)
         return tuple(0.5 if share is None else share for share in shares)

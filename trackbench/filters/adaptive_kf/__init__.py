@@ -56,7 +56,7 @@ class AdaptiveKF(JoinableVariableDimension):
 
     @property
     def parameters(self) -> Parameters:
-        """Return motions and decisions, from the keys."""
+        """Motions and decisions, from the keys."""
         return Parameters(self.nmf, self.mf, self.detector, self.dlw, self.exit, self.initialize)
 
     @classmethod
@@ -105,7 +105,7 @@ class VDF(JoinableVariableDimension):
 
     @property
     def parameters(self) -> Parameters:
-        """Return the decisions: the fading sum raises alarms, all confirmed, the window is the onset."""
+        """Decisions: the fading sum raises alarms, all confirmed, the window is the onset."""
         detector = Detector(kind="fading", gamma=self.gamma, eta=self.eta, alpha=self.alpha)
         leave = Exit(p=self.p, Ta=self.Ta)
         return Parameters(self.nmf, self.mf, detector, CONFIRM_EVERY_ALARM, leave, "barshalom")

@@ -58,7 +58,7 @@ class Detector:
 
     @property
     def threshold(self) -> float:
-        """Return eta, or that of alpha: exact tail of rho, chi-square of two degrees for one zeta."""
+        """Eta, or that of alpha: exact tail of rho, chi-square of two degrees for one zeta."""
         if self.eta is not None:
             return self.eta
         assert self.alpha is not None
@@ -68,7 +68,7 @@ class Detector:
 
     @property
     def onset_rule(self) -> str:
-        """Return the rule of the onset: argmax, window or paper."""
+        """Rule of the onset: argmax, window or paper."""
         return self.onset or ("window" if self.kind == "fading" else "argmax")
 
     def window(self, T: float) -> int:

@@ -123,7 +123,7 @@ class VariableDimension(Filter[AdaptiveState]):
     @property
     @abstractmethod
     def parameters(self) -> Parameters:
-        """Return motions and decisions, from the filter's keys."""
+        """Motions and decisions, from the filter's keys."""
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Reject windows that do not fit into the scenario's runs."""
@@ -209,7 +209,7 @@ class VariableDimension(Filter[AdaptiveState]):
 
     @property
     def diagnostic_names(self) -> frozenset[str]:
-        """Return the names of `diagnostics`."""
+        """Names of `diagnostics`."""
         is_argmax = self.parameters.detector.onset_rule == "argmax"
         of_onset = {"zeta", "zeta_beyond"} if is_argmax else set()
         return frozenset({"nis", "mode", "alarm", "alarm_age_s", *of_onset})

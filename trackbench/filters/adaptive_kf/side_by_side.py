@@ -41,7 +41,7 @@ class SideBySide(VariableDimension):
 
     @cached_property
     def parameters(self) -> Parameters:
-        """Return motions and decisions with numbers per run."""
+        """Motions and decisions with numbers per run."""
         each = [f.parameters for f in self.filters]
         nmf, mf, detector, dlw, leave, _ = zip(*each, strict=True)
         joined = (_PerRun(parts, self.width) for parts in (nmf, mf, detector, dlw, leave))

@@ -44,17 +44,17 @@ class Irregular:
 
     @property
     def Q(self) -> Array:
-        """Return the noise covariance (n, n) of the first interval, which is singular if all are."""
+        """Noise covariance (n, n) of the first interval, which is singular if all are."""
         return self._one.Q  # type: ignore[attr-defined]
 
     @property
     def components(self) -> tuple[str, ...]:
-        """Return names of the state's components, in order."""
+        """Names of the state's components, in order."""
         return self._one.components
 
     @property
     def extra_std(self) -> tuple[float, ...]:
-        """Return initial standard deviations of further components, as `base.extra_std`."""
+        """Initial standard deviations of further components, as `base.extra_std`."""
         return extra_std(self._one)
 
     @cached_property

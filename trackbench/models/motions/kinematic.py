@@ -43,7 +43,7 @@ class Linear:
 
     @property
     def alike_axes(self) -> tuple[Array, Array]:
-        """Return F = [1 T; 0 1] and Q (2, 2) of each axis of (px, vx, py, vy).
+        """F = [1 T; 0 1] and Q (2, 2) of each axis of (px, vx, py, vy).
 
         It raises AttributeError unless this is constant velocity with equal noise along x and y.
         """
@@ -88,7 +88,7 @@ class PerAxis(Motion):
 
     @property
     def acceleration_std(self) -> float:
-        """Return the initial standard deviation of the acceleration, m/s^2, if it is a component."""
+        """Initial standard deviation of the acceleration, m/s^2, if it is a component."""
         return 0.0
 
 
@@ -209,7 +209,7 @@ class Singer(PerAxis):
 
     @property
     def acceleration_std(self) -> float:
-        """Return the stationary standard deviation of the acceleration."""
+        """Stationary standard deviation of the acceleration."""
         return self.sigma
 
 

@@ -34,7 +34,7 @@ class AngledMotion(Motion):
 
     @property
     def known_angles(self) -> tuple[str, ...]:
-        """Return names of components that are angles."""
+        """Names of components that are angles."""
         return self.angles
 
     def with_angles(self, angles: tuple[str, ...], axes: int) -> Self:
@@ -81,7 +81,7 @@ class EquationMotion(AngledMotion):
     @property
     @abstractmethod
     def _terms(self) -> tuple[str, dict[str, Term]]:
-        """Return the key of the equations and their expressions by component."""
+        """Key of the equations and their expressions by component."""
 
     def _compiled(self, T: float) -> tuple[ArrayProgram, ArrayProgram, ArrayProgram]:
         """Return the right sides (n,), their Jacobian (n, n) and Q (n, n); raises InvalidKeyError."""
@@ -98,7 +98,7 @@ class EquationMotion(AngledMotion):
 
     @property
     def uses_time(self) -> bool:
-        """Return whether the time t is in the equations."""
+        """True if the time t is in the equations."""
         return any(program.uses("t") for program in self._compiled(1.0))
 
     @lru_cache(maxsize=64)  # noqa: B019 (a motion is a few numbers)
@@ -235,7 +235,7 @@ class SteppedMotion:
 
     @property
     def hessian(self) -> Callable[[Array, int], Array]:
-        """Return the second derivatives of f as a function; AttributeError without a closed form."""
+        """Second derivatives of f as a function; AttributeError without a closed form."""
         return self.step.hessian  # type: ignore[attr-defined]
 
 

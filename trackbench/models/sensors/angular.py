@@ -72,7 +72,7 @@ class AngularSensor(SensorBase):
 
     @property
     def at_origin(self) -> bool:
-        """Return whether the sensor stands at the origin of the state's coordinates."""
+        """True if the sensor stands at the origin of the state's coordinates."""
         return self.platform is None and not any(self.at)
 
     def relative_position(self, x: Array, k: int) -> list[Array]:
@@ -139,7 +139,7 @@ class Bearing(AngularSensor):
 
     @cached_property
     def R(self) -> Array:
-        """Return the noise covariance (1, 1), rad^2."""
+        """Noise covariance (1, 1), rad^2."""
         return fixed(np.array([[1e-6 * self.sigma_mrad * self.sigma_mrad]]))
 
     def measurement(self, x: Array, k: int) -> Gaussian:

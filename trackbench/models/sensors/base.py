@@ -97,12 +97,12 @@ class SensorBase(Part):
 
     @property
     def has_noise_of_state(self) -> bool:
-        """Return whether R depends on the state, which the Fisher information leaves out."""
+        """True if R depends on the state, which the Fisher information leaves out."""
         return False
 
     @property
     def measured_angles(self) -> tuple[str, ...]:
-        """Return components of the state that are measured as they are, as an angle; default: none."""
+        """Components of the state that are measured as they are, as an angle; default: none."""
         return ()
 
     def innovation(self, z: Array, z_pred: Array) -> Array:
@@ -209,7 +209,7 @@ class StackedSensor:
 
     @cached_property
     def components(self) -> tuple[str, ...]:
-        """Return names of the measurement's components, in order."""
+        """Names of the measurement's components, in order."""
         names: list[str] = []
         for n, sensor in enumerate(self.sensors, 1):
             names += [f"{n}.{component}" for component in sensor.components]
@@ -259,7 +259,7 @@ class StackedSensor:
 
     @property
     def H(self) -> Callable[[int], Array]:
-        """Return H (n_z, n) as a function of n; AttributeError if a sensor is nonlinear."""
+        """H (n_z, n) as a function of n; AttributeError if a sensor is nonlinear."""
         parts = [sensor.H for sensor in self.sensors]  # type: ignore[attr-defined]
         return lambda n: np.concatenate([H(n) for H in parts])
 
@@ -282,7 +282,7 @@ class StackedSensor:
 
     @cached_property
     def rows(self) -> list[slice]:
-        """Return each sensor's rows in a measurement."""
+        """Each sensor's rows in a measurement."""
         ends = np.cumsum([len(sensor.components) for sensor in self.sensors]).tolist()
         return [slice(a, b) for a, b in pairwise([0, *ends])]
 

@@ -59,7 +59,7 @@ class Noise:
 
     @property
     def variance(self) -> float:
-        """Return the variance of a component of unit R; infinite for df <= 2."""
+        """Variance of a component of unit R; infinite for df <= 2."""
         if self.df is not None:
             return self.scale * self.scale * self.df / (self.df - 2.0) if self.df > 2.0 else inf
         share, factor = self._mixture
@@ -67,7 +67,7 @@ class Noise:
 
     @property
     def _mixture(self) -> tuple[float, float]:
-        """Return share and factor of the outliers."""
+        """Share and factor of the outliers."""
         assert self.outliers is not None
         assert self.factor is not None
         return self.outliers, self.factor
@@ -103,7 +103,7 @@ class Noise:
 
     @property
     def information(self) -> float:
-        """Return the Fisher information of a shift of a component of unit R."""
+        """Fisher information of a shift of a component of unit R."""
         if self.df is not None:
             return (self.df + 1.0) / (self.df + 3.0) / (self.scale * self.scale)
         share, factor = self._mixture
@@ -233,7 +233,7 @@ class FunctionSensor(SensorBase):
 
     @property
     def measured_angles(self) -> tuple[str, ...]:
-        """Return components of the state that are measured as they are, as an angle."""
+        """Components of the state that are measured as they are, as an angle."""
         return tuple(str(self.h[name]) for name in self.angles or () if self.h[name] in self.state)
 
     def has_density(self) -> bool:
@@ -303,7 +303,7 @@ class FunctionSensor(SensorBase):
 
     @property
     def has_noise_of_state(self) -> bool:
-        """Return whether R depends on the state, which the Fisher information leaves out."""
+        """True if R depends on the state, which the Fisher information leaves out."""
         return any(map(self._programs[2].uses, self.state))
 
     def log_density(self, z: Array, x: Array, k: int) -> Array:
@@ -365,7 +365,7 @@ class FunctionSensor(SensorBase):
 
     @property
     def H(self) -> "Constant":
-        """Return H (n_z, n) as a function of n; AttributeError if h is not linear."""
+        """H (n_z, n) as a function of n; AttributeError if h is not linear."""
         h, jacobian, R = self._programs
         if self._is_count:
             raise AttributeError("the variance of a count depends on the state")

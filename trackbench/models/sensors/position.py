@@ -23,7 +23,7 @@ class LinearSensor(SensorBase):
 
     @property
     def R(self) -> Array:
-        """Return the noise covariance (n_z, n_z)."""
+        """Noise covariance (n_z, n_z)."""
         raise NotImplementedError
 
     def H(self, n: int = 4) -> Array:
@@ -50,7 +50,7 @@ class Positions(LinearSensor):
 
     @cached_property
     def R(self) -> Array:
-        """Return the noise covariance (axes, axes), m^2."""
+        """Noise covariance (axes, axes), m^2."""
         return fixed(self.sigma * self.sigma * np.eye(self.axes))
 
     def located(self, z: Array, k: int) -> Gaussian:
@@ -74,7 +74,7 @@ class PositionSensor(Positions):
 
     @property
     def per_axis(self) -> Array:
-        """Return the variance (1, 1) along each axis, for filters with a state per axis."""
+        """Variance (1, 1) along each axis, for filters with a state per axis."""
         return np.array([[self.sigma * self.sigma]])
 
 
@@ -104,7 +104,7 @@ class PositionVelocity(LinearSensor):
 
     @cached_property
     def R(self) -> Array:
-        """Return the noise covariance (4, 4)."""
+        """Noise covariance (4, 4)."""
         # R = diag(sigma^2, sigma_v^2, sigma^2, sigma_v^2)
         both = np.square([self.sigma, self.sigma_velocity])
         return fixed(np.diag(np.tile(both, 2)))
@@ -131,7 +131,7 @@ class VelocitySensor(LinearSensor):
 
     @cached_property
     def R(self) -> Array:
-        """Return the noise covariance (2, 2), (m/s)^2."""
+        """Noise covariance (2, 2), (m/s)^2."""
         return fixed(self.sigma * self.sigma * np.eye(2))
 
     def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
@@ -152,7 +152,7 @@ class ScalarSensor(LinearSensor):
 
     @cached_property
     def R(self) -> Array:
-        """Return the noise covariance (1, 1)."""
+        """Noise covariance (1, 1)."""
         return fixed(np.array([[self.sigma * self.sigma]]))
 
 

@@ -35,7 +35,7 @@ class Radar(AngularSensor):
 
     @property
     def sigma_azimuth(self) -> float:
-        """Return the standard deviation of the azimuth, rad."""
+        """Standard deviation of the azimuth, rad."""
         return 1e-3 * self.sigma_azimuth_mrad
 
     def polar(self, x: Array, k: int = 0) -> Array:
@@ -120,7 +120,7 @@ class RangeAzimuth(Radar):
 
     @cached_property
     def R(self) -> Array:
-        """Return the noise covariance (2, 2)."""
+        """Noise covariance (2, 2)."""
         return fixed(np.diag(np.square([self.sigma_range, self.sigma_azimuth])))
 
     def measurement(self, x: Array, k: int) -> Gaussian:
@@ -202,7 +202,7 @@ class RangeAzimuthDoppler(Radar):
 
     @cached_property
     def R(self) -> Array:
-        """Return the noise covariance (3, 3)."""
+        """Noise covariance (3, 3)."""
         sigma = [self.sigma_range, self.sigma_azimuth, self.sigma_range_rate]
         return fixed(np.diag(np.square(sigma)))
 
@@ -252,7 +252,7 @@ class RangeAzimuthElevation(AngularSensor):
 
     @cached_property
     def R(self) -> Array:
-        """Return the noise covariance (3, 3)."""
+        """Noise covariance (3, 3)."""
         angles = 1e-3 * self.sigma_azimuth_mrad, 1e-3 * self.sigma_elevation_mrad
         return fixed(np.diag(np.square([self.sigma_range, *angles])))
 

@@ -291,7 +291,7 @@ class Columns:
 
     @property
     def is_geodetic(self) -> bool:
-        """Return whether positions are made of latitude and longitude."""
+        """True if positions are made of latitude and longitude."""
         return any("latitude" in sources for sources in self._of.values())
 
     def of_columns(self, names: Collection[str]) -> str:

@@ -88,12 +88,12 @@ class Guess:
 
     @property
     def places(self) -> tuple[str, str]:
-        """Return the two quantities of the position."""
+        """Two quantities of the position."""
         return places_of(self.columns)
 
     @property
     def moves(self) -> bool:
-        """Return whether velocities are measured, too."""
+        """True if velocities are measured, too."""
         if self.places == ("range", "azimuth") or "sensor" in self.columns:
             return False
         both = [("vx", "vy"), ("speed", "course")]

@@ -44,7 +44,7 @@ class Rows(NamedTuple):
 
     @property
     def ticks(self) -> Numbers:
-        """Return times as whole numbers of `TICK`, for comparison."""
+        """Times as whole numbers of `TICK`, for comparison."""
         return np.rint(self.time / TICK).astype(np.int64)
 
 
@@ -309,7 +309,7 @@ class FromFiles:
 
     @property
     def patterns(self) -> tuple[str, ...]:
-        """Return all files, as the config names them."""
+        """All files, as the config names them."""
         raise NotImplementedError
 
     @property

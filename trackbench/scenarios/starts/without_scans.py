@@ -74,7 +74,7 @@ class _Spread:
 
     @property
     def _cov(self) -> Array:
-        """Return the covariance (n, n)."""
+        """Covariance (n, n)."""
         if self.cov is None:
             assert isinstance(self.sigma, tuple)  # after `for_state`
             return np.diag(np.square(self.sigma))
@@ -98,7 +98,7 @@ class _Located(_Spread):
 
     @property
     def gaussian(self) -> Gaussian:
-        """Return the distribution with mean (n,), after `for_state`."""
+        """Distribution with mean (n,), after `for_state`."""
         return Gaussian(np.array(self.mean), self._cov)
 
 

@@ -70,7 +70,7 @@ class Launch:
 
     @property
     def axes(self) -> int:
-        """Return axes of the space the target moves in."""
+        """Axes of the space the target moves in."""
         return 2 if self.z is None else 3
 
     @property
@@ -85,12 +85,12 @@ class Target(Part):
 
     @property
     def components(self) -> tuple[str, ...]:
-        """Return names of the truth's components, in order."""
+        """Names of the truth's components, in order."""
         return position_velocity_names(self.axes)
 
     @property
     def known_angles(self) -> tuple[str, ...]:
-        """Return names of components that are angles, as far as the target's own keys say so."""
+        """Names of components that are angles, as far as the target's own keys say so."""
         return () if self.own_motion is None else self.own_motion.known_angles
 
     def with_angles(self, angles: tuple[str, ...]) -> "Target":
@@ -99,37 +99,37 @@ class Target(Part):
 
     @property
     def is_moving(self) -> bool:
-        """Return whether its state is position and velocity along each axis."""
+        """True if its state is position and velocity along each axis."""
         return self.components in map(position_velocity_names, (1, 2, 3))
 
     @property
     @abstractmethod
     def axes(self) -> int:
-        """Return the number of axes of the space in which the target moves."""
+        """Number of axes of the space in which the target moves."""
 
     @property
     def own_motion(self) -> Motion | None:
-        """Return the motion that drives the target, the filters' default model; None without one."""
+        """Motion that drives the target, the filters' default model; None without one."""
         return None
 
     @property
     def diffusion(self) -> float:
-        """Return the spectral density of its white acceleration, m^2/s^3, if it has one."""
+        """Spectral density of its white acceleration, m^2/s^3, if it has one."""
         return 0.0
 
     @property
     def has_truth(self) -> bool:
-        """Return whether the true path is known."""
+        """True if the true path is known."""
         return True
 
     @property
     def recorded_runs(self) -> int | None:
-        """Return the number of recorded runs; None for simulated targets."""
+        """Number of recorded runs; None for simulated targets."""
         return None
 
     @property
     def notices(self) -> tuple[str, ...]:
-        """Return notes on properties of the data that are legal and unexpected."""
+        """Notes on properties of the data that are legal and unexpected."""
         return ()
 
     def own_timeline(self, sensor: Sensors, start: Start, T: float) -> Timeline | None:
@@ -141,7 +141,7 @@ class Target(Part):
 
     @property
     def why_no_bound(self) -> str | None:
-        """Return the reason why a bound along its path is invalid; None if it is valid."""
+        """Reason why a bound along its path is invalid; None if it is valid."""
         return None
 
     @abstractmethod
@@ -175,7 +175,7 @@ class Target(Part):
 
     @property
     def turns(self) -> tuple[float, ...]:
-        """Return sizes of the accelerations of its turns, m/s^2."""
+        """Sizes of the accelerations of its turns, m/s^2."""
         return ()
 
     def run_metrics(self, values: Mapping[str, Array], scored: "Scored") -> dict[str, Array]:

@@ -84,23 +84,23 @@ class Driven(Target):
 
     @property
     def axes(self) -> int:
-        """Return axes of the space it moves in."""
+        """Axes of the space it moves in."""
         return self._first.axes
 
     @property
     def components(self) -> tuple[str, ...]:
-        """Return the position and velocity, or the scalar that the motion has."""
+        """Position and velocity, or the scalar that the motion has."""
         every = self.motion.sampled(1.0, self.axes)
         return every.components[: len(every.components) - len(extra_std(every))]
 
     @property
     def own_motion(self) -> Motion | None:
-        """Return the motion that drives it."""
+        """Motion that drives it."""
         return self.motion
 
     @property
     def diffusion(self) -> float:
-        """Return the spectral density of its white acceleration, m^2/s^3."""
+        """Spectral density of its white acceleration, m^2/s^3."""
         return self.motion.q if isinstance(self.motion, WhiteAcceleration) else 0.0
 
     def start(self, timeline: Timeline) -> Array:

@@ -116,7 +116,7 @@ class Leg:
 
     @property
     def size(self) -> float:
-        """Return the size of the acceleration, m/s^2; zero of a turn at a constant rate."""
+        """Size of the acceleration, m/s^2; zero of a turn at a constant rate."""
         ax, ay, az = self.acceleration
         return float(np.sqrt(ax * ax + ay * ay + az * az))
 
@@ -141,7 +141,7 @@ class Legs(Flown):
 
     @property
     def axes(self) -> int:
-        """Return axes of the space it moves in."""
+        """Axes of the space it moves in."""
         return self.launch.axes
 
     def check(self, timeline: Timeline) -> None:
@@ -203,7 +203,7 @@ class Legs(Flown):
 
     @property
     def turns(self) -> tuple[float, ...]:
-        """Return sizes of the legs' accelerations, m/s^2."""
+        """Sizes of the legs' accelerations, m/s^2."""
         return tuple(leg.size for leg in self.legs if leg.size)
 
     def run_metrics(self, values: Mapping[str, Array], scored: Scored) -> dict[str, Array]:
@@ -317,7 +317,7 @@ class RandomLegs(Target):
 
     @property
     def why_no_bound(self) -> str | None:
-        """Return the reason: every run flies another path."""
+        """Reason: every run flies another path."""
         return "the target flies another path in every run"
 
     def start(self, timeline: Timeline) -> Array:

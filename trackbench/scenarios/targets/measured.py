@@ -107,7 +107,7 @@ class Measured(FromFiles, Naming, Target):
 
     @property
     def patterns(self) -> tuple[str, ...]:
-        """Return all files, as they are given."""
+        """All files, as they are given."""
         return self._measured if self.truth is None else (*self._measured, self.truth)
 
     @property
@@ -117,14 +117,14 @@ class Measured(FromFiles, Naming, Target):
 
     @property
     def components(self) -> tuple[str, ...]:
-        """Return names of the truth's components, in order."""
+        """Names of the truth's components, in order."""
         if self.state:
             return self.state
         return position_velocity_names(self.axes) if self.axes else ("x",)
 
     @property
     def known_angles(self) -> tuple[str, ...]:
-        """Return names of components that are angles."""
+        """Names of components that are angles."""
         return self.angles
 
     def with_angles(self, angles: tuple[str, ...]) -> "Measured":
@@ -133,22 +133,22 @@ class Measured(FromFiles, Naming, Target):
 
     @property
     def has_truth(self) -> bool:
-        """Return whether there is a file of it."""
+        """True if there is a file of it."""
         return self.truth is not None
 
     @property
     def recorded_runs(self) -> int:
-        """Return the number of recorded runs."""
+        """Number of recorded runs."""
         return self._recording.measurements.shape[-1]
 
     @property
     def notices(self) -> tuple[str, ...]:
-        """Return notes on changes to the rows."""
+        """Notes on changes to the rows."""
         return self._recording.notices
 
     @property
     def _recording(self) -> "Recording":
-        """Return the recording read for the scenario's sensor and start."""
+        """Recording read for the scenario's sensor and start."""
         return self.__dict__["_read"][1]
 
     def own_timeline(self, sensor: Sensors, start: Start, T: float) -> Timeline:

@@ -49,7 +49,7 @@ class Waypoints(Flown):
 
     @property
     def axes(self) -> int:
-        """Return axes of the space it moves in."""
+        """Axes of the space it moves in."""
         return 2 if self.z is None else 3
 
     def states(self, times: Array) -> Array:
@@ -152,17 +152,17 @@ class RecordedPath(FromFiles, Naming, Flown):
 
     @property
     def patterns(self) -> tuple[str, ...]:
-        """Return the file."""
+        """File."""
         return (self.file,)
 
     @property
     def notices(self) -> tuple[str, ...]:
-        """Return notes on changes to the rows."""
+        """Notes on changes to the rows."""
         return self.__dict__["_notices"]
 
     @property
     def axes(self) -> int:
-        """Return axes of the space it moves in."""
+        """Axes of the space it moves in."""
         return 2 if np.isnan(self._path[1][2, 0]) else 3
 
     @property
