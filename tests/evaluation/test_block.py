@@ -8,7 +8,7 @@ from tests.linear_problem import LINEAR
 from tests.papers import maneuver, merwe
 from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.error_series import FOUND, series
+from trackbench.evaluation.error_series import NOT_LOST, series
 from trackbench.evaluation.run_block import run_block
 from trackbench.statistics.over_runs import median
 
@@ -40,7 +40,7 @@ def test_what_is_kept_for_medians_leaves_lost_runs_out() -> None:
     scenario = maneuver(duration=200.0, legs=(), score_from=100.0, lost_beyond=150.0)
     task = BlockTask(scenario, make_filter("kf"), 1, 0, 60, 60, keep_steps=("squared_position",))
     found = run_block(task)
-    lost = found.per_run["lost"] != FOUND
+    lost = found.per_run["lost"] != NOT_LOST
     assert 0 < lost.sum() < 60
     rows = found.run_series["squared_position"]
     assert np.isnan(rows[:, lost]).all()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from trackbench.evaluation.error_series import FOUND, TOO_FAR, step_sums
+from trackbench.evaluation.error_series import NOT_LOST, TOO_FAR, step_sums
 from trackbench.evaluation.metric_expression import measure
 from trackbench.evaluation.summary import (
     FilterResult,
@@ -74,9 +74,9 @@ def test_the_standard_error_is_that_of_repetitions():
 
 def test_the_summary_takes_the_error_of_the_shares():
     squared = correlated((RUNS,), np.random.default_rng(14))
-    lost = np.full(RUNS, FOUND)
+    lost = np.full(RUNS, NOT_LOST)
     lost[5] = TOO_FAR
-    kept = {"squared_x": np.where(lost == FOUND, squared, np.nan)}
+    kept = {"squared_x": np.where(lost == NOT_LOST, squared, np.nan)}
     result = FilterResult({"lost": lost}, {"squared_x": step_sums(squared, lost)}, kept, None, [])
     windows = {"": np.ones(STEPS, dtype=bool)}
     asked = ["rmse_x@4", "rmse_x@last", "time-mean(rmse_x)", "time-mean(rmse_y)", "rmse_x@99"]
@@ -88,8 +88,8 @@ def test_the_summary_takes_the_error_of_the_shares():
     row = after["time-mean(rmse_x)"]
     assert row.value == before["time-mean(rmse_x)"].value
     shares = shared.per_run["time-mean(rmse_x)"]
-    assert row.stderr == st.mean(shares[lost == FOUND]).stderr < before[row.metric].stderr
-    found = squared[:, lost == FOUND]
+    assert row.stderr == st.mean(shares[lost == NOT_LOST]).stderr < before[row.metric].stderr
+    found = squared[:, lost == NOT_LOST]
     assert after["rms(rmse_x@4)"].value == pytest.approx(np.sqrt(found[4].mean()))
     assert after["rms(rmse_x@last)"].value == pytest.approx(np.sqrt(found[-1].mean()))
     assert "mean(time-mean(rmse_x))" not in after

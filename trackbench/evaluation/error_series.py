@@ -24,7 +24,7 @@ from trackbench.metrics import in_window, is_reserved, joined, metrics_of
 from trackbench.scenarios.base import Scenario
 
 _OF_TRUTH = re.compile(r"squared(?!_(?:predicted|held)_)")
-FOUND, NOT_FINITE, TOO_FAR = 0.0, 1.0, 2.0
+NOT_LOST, NOT_FINITE, TOO_FAR = 0.0, 1.0, 2.0
 LOST_BECAUSE = {NOT_FINITE: "the estimate left the numbers", TOO_FAR: "the error passed the limit"}
 
 
@@ -153,7 +153,7 @@ class SeriesSums:
             if (series, name) not in self._sums:
                 self._sums[series, name] = WindowSums(self._masks, rows.shape[1])
             self._sums[series, name].add(each, first)
-        self._of_steps[series].append(step_sums(rows, np.full(rows.shape[1], FOUND)))
+        self._of_steps[series].append(step_sums(rows, np.full(rows.shape[1], NOT_LOST)))
 
     def over_runs(self) -> dict[str, StepSums]:
         """Return the sums over all runs at each step, lost runs too; -0.0 becomes 0.0."""
@@ -204,19 +204,19 @@ def lost_runs(scenario: Scenario, values: dict[str, Array], finite: Mask) -> Arr
     errors = [rows for name, rows in values.items() if _OF_TRUTH.match(name)]
     # Without a truth only estimates that are not finite count as lost.
     if not errors:
-        return np.where(finite, FOUND, NOT_FINITE)
+        return np.where(finite, NOT_LOST, NOT_FINITE)
     # The first error of the scenario decides.
     first = errors[0]
-    lost = np.where(finite & ~np.isinf(first).any(axis=0), FOUND, NOT_FINITE)
+    lost = np.where(finite & ~np.isinf(first).any(axis=0), NOT_LOST, NOT_FINITE)
     limit = scenario.lost_beyond
     if limit is not None:
-        lost = np.where((lost == FOUND) & (first > limit * limit).any(axis=0), TOO_FAR, lost)
+        lost = np.where((lost == NOT_LOST) & (first > limit * limit).any(axis=0), TOO_FAR, lost)
     return lost
 
 
 def step_sums(rows: Array, lost: Array) -> StepSums:
     """Return sums over the runs that are not lost and whose value exists."""
-    there = lost == FOUND
+    there = lost == NOT_LOST
     if there.all() and not any_nan(rows):
         return StepSums(total(rows), dot(rows, rows), np.full(len(rows), float(rows.shape[1])))
     counted: Mask = there & ~np.isnan(rows)

@@ -11,7 +11,7 @@ from trackbench.core.arrays import Array, LatestResults, Mask
 from trackbench.evaluation.block import MOST_STACKED, BlockResult, BlockTask, Tracks
 from trackbench.evaluation.consistency_and_calibration import likelihood_ratio, rank_of
 from trackbench.evaluation.error_series import (
-    FOUND,
+    NOT_LOST,
     SeriesSums,
     StepSums,
     per_run_metrics,
@@ -141,7 +141,7 @@ def _reduce(task: BlockTask, data: Simulation, output: FilterOutput) -> dict[int
     values, sums = _series_and_sums(task, data, output, told, None if exact is None else exact.mean)
     # Step 2: over the whole block, then trimmed: numpy adds up a single column in another order.
     per_run = per_run_metrics(task.scenario, values, sums, _stayed_finite(output.mean))
-    lost = (per_run["lost"] != FOUND).any()
+    lost = (per_run["lost"] != NOT_LOST).any()
     known = {task.width: {} if lost else sums.over_runs()}
     return {
         used: _trimmed(task, data, output, values, per_run, used, known.get(used, {}))
@@ -217,7 +217,7 @@ def _trimmed(
     return BlockResult(
         per_run=per_run,
         steps=with_unused(steps),
-        run_series={n: np.where(per_run["lost"] == FOUND, values[n], np.nan) for n in kept},
+        run_series={n: np.where(per_run["lost"] == NOT_LOST, values[n], np.nan) for n in kept},
         tracks=tracks,
         cpu_s=result.cpu_s,
         width=task.width,

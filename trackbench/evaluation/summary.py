@@ -9,7 +9,7 @@ from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.sums import mean as average
 from trackbench.core.sums import total
 from trackbench.evaluation.block import BlockResult, Tracks
-from trackbench.evaluation.error_series import FOUND, StepSums, over_windows
+from trackbench.evaluation.error_series import NOT_LOST, StepSums, over_windows
 from trackbench.evaluation.exact_errors import QUADRATIC
 from trackbench.evaluation.metric_expression import TIME_MEAN, Measure, measured
 from trackbench.evaluation.timing import Measured
@@ -114,7 +114,7 @@ def summary_rows(
     are any; where nothing asks for it, no more than an upper bound is given, the mean of the steps' own,
     because errors that are correlated in time cannot add up to more.
     """
-    lost = int((result.per_run["lost"] != FOUND).sum())
+    lost = int((result.per_run["lost"] != NOT_LOST).sum())
     for metric, values in result.per_run.items():
         finite, of = values[~np.isnan(values)], measured(metric)
         share = of.statistic == TIME_MEAN
@@ -330,7 +330,7 @@ def _share(
     if m.steps is None:
         # A time mean: each run's share of it, over the window's steps.
         mask = windows.get(m.window)
-        not_lost = result.per_run["lost"] == FOUND
+        not_lost = result.per_run["lost"] == NOT_LOST
         return None if mask is None else time_mean_shares(rows[mask], not_lost)
     # At a step: each run's error there; a squared one is rooted.
     number = steps[-1] if m.steps.first == "last" else int(m.steps.first)
