@@ -93,9 +93,9 @@ def logaddexp(a: Array, b: ArrayLike) -> Array:
 
 def power(x: ArrayLike, y: float) -> Array:
     """Return ``x^y`` for x >= 0; a whole y of up to 16 by multiplication."""
-    x = np.asarray(x, dtype=float)
     # x^y = x x ... x
     if y == int(y) and 0 <= y <= 16:
+        x = np.asarray(x, dtype=float)
         product = x.copy() if y else np.ones_like(x)
         for _ in range(int(y) - 1):
             product = product * x

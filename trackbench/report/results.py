@@ -4,7 +4,7 @@ A table or figure that fails becomes a line with its place; the others are made.
 """
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -194,6 +194,11 @@ class Results(ResultsFolder):
             (p, pairs_at(self.runs(p), self.labels, self.judged_steps(p), self.config))
             for p in self.points()
         ]
+
+    @cached_property
+    def known_rankings(self) -> dict[tuple[str, Collection[str]], list[Any]]:
+        """Return the rankings computed so far, by metric and filters."""
+        return {}
 
     @property
     def batches(self) -> int:

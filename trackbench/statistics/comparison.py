@@ -7,12 +7,14 @@ filters, so that the best of many is compared with its rivals at a level that al
 """
 
 from collections.abc import Hashable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, Mask
 from trackbench.statistics import rules
 from trackbench.statistics.estimates import (
     OfSteps,
@@ -28,7 +30,8 @@ from trackbench.statistics.over_runs import STATISTICS, influence, mean, without
 Key = TypeVar("Key", bound=Hashable)
 
 
-class Sample(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Sample:
     """Metric of a filter over the runs, and the statistic that is compared."""
 
     values: Array
@@ -44,7 +47,11 @@ class Sample(NamedTuple):
         of_steps = None if steps is None else OfSteps.of(float(values[0]), steps)
         return cls(values, statistic, of_steps)
 
-    @property
+    def over(self, runs: Mask) -> "Sample":
+        """Return the sample of some of the runs (M,); itself if these are all."""
+        return self if runs.all() else replace(self, values=self.values[runs])
+
+    @cached_property
     def overall(self) -> RunEstimate:
         """Return the statistic over the runs with a finite value."""
         x = self.values[np.isfinite(self.values)]
@@ -125,12 +132,11 @@ def compare(a: Sample, b: Sample) -> Comparison | None:
     if not both.any():
         return None
     # Step 2: runs are compared by their influences on the statistic.
-    x, y = a.values[both], b.values[both]
-    first, second = a._replace(values=x).overall, b._replace(values=y).overall
-    difference = _difference_of(a.statistic, x, y)
+    a, b = a.over(both), b.over(both)
+    difference = _difference_of(a, b)
     if a.statistic == "variance":
-        difference = as_difference_of_variances(difference, first, second, 1.0)
-    return Comparison(first, second, difference, difference.z())
+        difference = as_difference_of_variances(difference, a.overall, b.overall, 1.0)
+    return Comparison(a.overall, b.overall, difference, difference.z())
 
 
 @np.errstate(all="ignore")
@@ -172,12 +178,17 @@ def compare_all(samples: Mapping[str, Sample]) -> Family:
     return Family(as_family({pair: found for pair, found in pairs if found is not None}))
 
 
-def _difference_of(statistic: str, a: Array, b: Array) -> RunEstimate:
-    """Return the difference of a statistic over common runs (M,), with the runs' influences on it."""
-    if statistic == "mean":
-        differences = without_rounding(a, b)
-        return RunEstimate(*mean(differences), influence("mean", differences), len(a))
-    b = np.where(without_rounding(a, b) == 0.0, a, b)
-    of = influence(statistic, a) - influence(statistic, b)
-    over = STATISTICS[statistic]
-    return RunEstimate(over(a).value - over(b).value, mean(of).stderr, of, len(a))
+def _difference_of(a: Sample, b: Sample) -> RunEstimate:
+    """Return the difference of two samples of common runs (M,), with the runs' influences on it."""
+    differences = without_rounding(a.values, b.values)
+    if a.statistic == "mean":
+        return RunEstimate(*mean(differences), influence("mean", differences), len(differences))
+    # What is rounding in b is no difference.
+    rounded = (differences == 0.0) & (a.values != b.values)
+    if rounded.any():
+        b = replace(b, values=np.where(rounded, a.values, b.values))
+    of_a, of_b = a.overall.influences, b.overall.influences
+    assert of_a is not None
+    assert of_b is not None
+    of = of_a - of_b
+    return RunEstimate(a.overall.value - b.overall.value, mean(of).stderr, of, len(of))

@@ -134,6 +134,9 @@ class HeatMap(FigureKind):
             tick.set_ha("right")
         if _has_room(z, _z_text, (sheet().width_in - 2.5) / len(labels)):
             write_cells(ax, z, _z_text, image)
+            # Texts within the axes do not change the layout, which would measure each of them.
+            for text in ax.texts:
+                text.set_in_layout(False)
         ax.set(xlabel="less that of this filter", ylabel=f"{self.metric.name} of this filter")
         style.title(figure, self.title)
         figure.colorbar(image, ax=ax, extend="both", label="z (blue: left is smaller)")

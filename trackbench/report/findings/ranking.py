@@ -142,14 +142,19 @@ def rankings(
     known = ranking_metrics(results)
     shown = [name for name in compared_statistics(results.config) if name in known]
     metric = metric or next(iter([*shown, *known]), "")
-    found, labels = [], results.filters if labels is None else labels
+    labels = tuple(results.filters if labels is None else labels)
+    if (metric, labels) not in results.known_rankings:
+        results.known_rankings[metric, labels] = list(_by_scene(results, metric, labels))
+    return [*results.known_rankings[metric, labels]]
+
+
+def _by_scene(results: Results, metric: str, labels: Collection[str]) -> Iterator[Ranking]:
     for where in scenes(results) if metric else []:
         statistic = compared_statistic(results.config, metric)
         every = _settings(results, points_of(results, where), metric, statistic)
         settings = [candidate for candidate in every if candidate.label in labels]
         reference = results.config.get("reference")
-        found.append(ranking_of(settings, metric, reference)._replace(scene=where))
-    return found
+        yield ranking_of(settings, metric, reference)._replace(scene=where)
 
 
 def best_settings(results: Results) -> list[Ranking]:
