@@ -159,9 +159,9 @@ def _check_manifest(results: Results) -> None:
         raise IncompleteResultsError(*problems)
 
 
-def _lines(folder: Path, found: Damage) -> list[str]:
+def _lines(folder: Path, damage: Damage) -> list[str]:
     """Return a line on missing files and a line on changed ones, each unless there are none."""
-    ends = ((found.missing, ("is", "are"), "missing"), (found.changed, ("was", "were"), _CHANGED))
+    ends = ((damage.missing, ("is", "are"), "missing"), (damage.changed, ("was", "were"), _CHANGED))
     return [
         f"{folder}: {_few(names)} {verbs[len(names) > 1]} {what}: {RUN_AGAIN}"
         for names, verbs, what in ends

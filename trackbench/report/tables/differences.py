@@ -89,9 +89,9 @@ class Claims(TableKind):
         table = Table(self.title, ["Claim"], names, self.digits)
         at = [Evaluator(results, point) for point in points]
         for words, claim in self.claims.items():
-            found = [_compared(evidence, claim) for evidence in at]
-            table.add([words], [Cell.of(term) for term, _ in found])
-            table.notes.append(f"{words}: {_ranges(names, [word for _, word in found])}.")
+            tests = [_compared(evidence, claim) for evidence in at]
+            table.add([words], [Cell.of(term) for term, _ in tests])
+            table.notes.append(f"{words}: {_ranges(names, [word for _, word in tests])}.")
         return table
 
 
@@ -107,7 +107,7 @@ def _compared(evidence: Evaluator, claim: ClaimRow) -> tuple[RunEstimate, str]:
 
 def _ranges(names: list[str], words: list[str]) -> str:
     """Return ``holds at 0, 0.1; inconclusive at 1; fails at 10``."""
-    found: dict[str, list[str]] = {"holds": [], UNDECIDED: [], "fails": []}
+    by_verdict: dict[str, list[str]] = {"holds": [], UNDECIDED: [], "fails": []}
     for name, word in zip(names, words, strict=True):
-        found.get(word, found[UNDECIDED]).append(name)
-    return "; ".join(f"{verdict} at {', '.join(at)}" for verdict, at in found.items() if at)
+        by_verdict.get(word, by_verdict[UNDECIDED]).append(name)
+    return "; ".join(f"{verdict} at {', '.join(at)}" for verdict, at in by_verdict.items() if at)

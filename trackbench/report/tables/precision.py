@@ -45,7 +45,7 @@ class Precision(TableKind):
                 result = _result(results.runs(point), label)
                 for w in wanted:
                     # The number at every look; the last look gives the cell.
-                    at = [found for n in stops for found in _look(results, point, result, w, n)]
+                    at = [check for n in stops for check in _look(results, point, result, w, n)]
                     if at:
                         row = at[-1].row
                         cell = Cell(Estimate(row.value, row.stderr), row.runs, 0)
