@@ -71,7 +71,7 @@ def make_plan(experiment: Experiment, save_tracks: bool = False, looks: Sequence
     """Split every filter's runs into blocks; ``looks`` are the numbers of runs to stop at."""
     settings = experiment.settings
     shown = settings.runs if save_tracks else min(experiment.shown_runs, settings.runs)
-    kept, told = _kept_series(experiment), requested_predictions(experiment)
+    series, predictions = _kept_series(experiment), requested_predictions(experiment)
     tasks = {}
     for i, point in enumerate(experiment.points):
         reference = point.filters.get(settings.reference) if settings.reference else None
@@ -90,11 +90,11 @@ def make_plan(experiment: Experiment, save_tracks: bool = False, looks: Sequence
                     reference=None if label == settings.reference else reference,
                     runs_with_tracks=shown,
                     keep_covariance=save_tracks or experiment.shown_covariances,
-                    keep_steps=kept,
+                    keep_steps=series,
                     extra_run_counts=tuple(
                         n - block * width for n in looks if 0 < n - block * width < width
                     ),
-                    predictive_metrics=told,
+                    predictive_metrics=predictions,
                     hold_out=settings.hold_out,
                 )
                 for block in range(ceil(settings.runs / width))
