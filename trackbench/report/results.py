@@ -370,7 +370,7 @@ def scenes(results: Results) -> list[GridPoint]:
 
 
 def points_of(results: Results, scene: GridPoint) -> list[GridPoint]:
-    """Return the points of the grid with these scenario values."""
+    """Select the points of the grid with these scenario values."""
     return [p for p in results.points() if all(p[k] == v for k, v in scene.items())]
 
 

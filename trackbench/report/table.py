@@ -148,7 +148,7 @@ def table_html(table: TextTable) -> str:
 def results_html(
     title: str, lines: Sequence[str], tables: Iterable[TextTable], picture: bytes | None
 ) -> str:
-    """Return the title, lines, a figure as PNG, tables."""
+    """Join title, lines, a figure as PNG and tables for a notebook."""
     parts = [f"<h4>{escape(title)}</h4>", *(f"<div>{escape(line)}</div>" for line in lines)]
     if picture:
         data = base64.b64encode(picture).decode()
@@ -296,16 +296,12 @@ def rounded(value: float, stderr: float, digits: int) -> str:
         decimals = min(max(decimals, place), place + 1) if value else place + 1
     decimals = max(decimals, 0)
     if decimals > max(7, digits + 3) or abs(value) >= 1e6:
-        return _with_exponents(value, stderr, digits)
+        if not isfinite(stderr):
+            return f"{value:.{_exact_places(digits)}e}"
+        return f"{value:.{_places(value, stderr, digits)}e} ± {stderr:.1e}"
     if not isfinite(stderr):
         return f"{value:.{decimals}f}"
     return f"{value:.{decimals}f} ± {stderr:.{decimals}f}"
-
-
-def _with_exponents(value: float, stderr: float, digits: int) -> str:
-    if not isfinite(stderr):
-        return f"{value:.{_exact_places(digits)}e}"
-    return f"{value:.{_places(value, stderr, digits)}e} ± {stderr:.1e}"
 
 
 def _places(value: float, stderr: float, digits: int) -> int:

@@ -211,7 +211,7 @@ def short_answer(standings: Sequence[Ranking]) -> str:
 
 
 def _together(comparisons: list[Verdicts]) -> Verdicts:
-    """Return the summary over several experiments."""
+    """Join the verdicts of several experiments, to count them together."""
     return Verdicts(
         list(chain.from_iterable(c.rows for c in comparisons)),
         list(chain.from_iterable(c.claims for c in comparisons)),

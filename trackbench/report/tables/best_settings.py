@@ -28,7 +28,7 @@ class BestSettings(TableKind):
     """significant digits of the values"""
 
     def table(self, results: Results) -> Table:
-        """Return the table from a results folder."""
+        """Fill a row for each filter whose keys the grid varies."""
         rankings = best_settings(results)
         where = [results.axis(path) for path in (rankings[0].scene if rankings else ())]
         heads = [*where, "Filter", "Best at", "No significant difference"]

@@ -110,7 +110,7 @@ class CalibrationTable(TableKind):
         return steps_that_are_not("rows", self.rows.values(), points)
 
     def table(self, results: Results) -> Table:
-        """Return the table from a results folder."""
+        """Fill a row for each filter and PIT; a note judges all histograms together."""
         keys = [*results.grid_heads, "Filter", "PIT"]
         table = Table(self.title, keys, _HEADS, self.digits)
         every: list[tuple[str, str, Histogram]] = []

@@ -42,7 +42,7 @@ class Consistency(TableKind):
     """significant digits of the values"""
 
     def table(self, results: Results) -> Table:
-        """Return the table from a results folder."""
+        """Count the steps at which each filter stays in its bands."""
         sized = [
             "ANEES, median step",
             "steps in its band",

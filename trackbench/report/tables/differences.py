@@ -37,7 +37,7 @@ class Differences(TableKind):
     """significant digits of the values"""
 
     def table(self, results: Results) -> Table:
-        """Return the table from a results folder."""
+        """Fill a row for each filter but `against`: paired differences, metric by metric."""
         labels = results.chosen(self.filters)
         heads = [*results.grid_heads, f"Difference to {self.against}"]
         table = Table(self.title, heads, list(self.columns), self.digits)
@@ -83,7 +83,7 @@ class Claims(TableKind):
     """significant digits of the values"""
 
     def table(self, results: Results) -> Table:
-        """Return the table from a results folder."""
+        """Judge every claim at each point of the grid."""
         points = results.points()
         names = [", ".join(map(phrases.number, point.values())) or "all runs" for point in points]
         table = Table(self.title, ["Claim"], names, self.digits)

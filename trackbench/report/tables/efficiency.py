@@ -59,7 +59,7 @@ class EfficiencyTable(TableKind):
         return {} if self.metric.is_efficiency else {"metric": f"'{self.metric}' is no efficiency"}
 
     def table(self, results: Results) -> Table:
-        """Return the table from a results folder."""
+        """Fill a row for each scenario and each form of a filter."""
         heads = ["Efficiency", "Without control variate", "Runs saved", "Cross term / MSE"]
         every, labels = scenes(results), shown(results, self.filters)
         table = Table(self.title, [*map(results.axis, every[0]), "Filter"], heads, self.digits)
@@ -134,7 +134,7 @@ class EqualCost(TableKind):
         return cost_conflicts(points, self.metric, self.along, {"of": self.of})
 
     def table(self, results: Results) -> Table:
-        """Return the table from a results folder."""
+        """Compare the filters at the CPU times of each size of the filter `of`."""
         every, metric = scenes(results), str(self.metric)
         heads = [*map(results.axis, every[0]), f"At {self.of}'s {self.along}", "Filter"]
         values = [COST, self.along, metric, "Interpolation", f"Over {self.of}'s"]

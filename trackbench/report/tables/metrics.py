@@ -61,7 +61,7 @@ class Metrics(TableKind):
         return replace(self, columns=columns) if columns else None
 
     def table(self, results: Results) -> Table:
-        """Return the table of a results folder."""
+        """Fill a row for each filter, a column for each metric expression."""
         labels = results.chosen(self.filters, exact=True)
         table = Table(self.title, [*results.grid_heads, "Filter"], list(self.columns), self.digits)
         no_rivals = {*map(results.config.get, ("bound", "reference")), *results.exact}

@@ -80,7 +80,7 @@ class Readings(TableKind):
     """significant digits of the values"""
 
     def table(self, results: Results) -> Table:
-        """Return the table from a results folder."""
+        """Rank the readings by the distance of their numbers from the printed ones."""
         # Step 1: printed numbers, distinct points of the grid, ways to measure the numbers.
         numbers = self._numbers(results)
         measured = set[str]().union(*(number.labels for number in numbers))
@@ -95,7 +95,9 @@ class Readings(TableKind):
             expressions = Evaluator(results, point)
             for way, chosen in ways:
                 every = _measured(expressions, chosen)
-                parts = [distance(_of_filter(every, label)) for label in labels]
+                parts = []
+                for label in labels:
+                    parts.append(distance([number for number in every if number.label == label]))
                 tried.append(([*shown, *way], distance(every), parts))
         tried.sort(key=lambda reading: reading[1].estimate.value)
         # Step 3: a row per reading; of several filters also the distance of each.
@@ -199,10 +201,6 @@ def _measured(expressions: Evaluator, numbers: list[PublishedNumber]) -> list[Nu
     return measured
 
 
-def _of_filter(numbers: list[Number], label: str) -> list[Number]:
-    return [number for number in numbers if number.label == label]
-
-
 def readings(
     results: Results, labels: list[str]
 ) -> tuple[list[str], list[tuple[list[str], dict[str, Any]]]]:
@@ -280,7 +278,7 @@ class ClaimReadings(TableKind):
     """how many readings are shown"""
 
     def table(self, results: Results) -> Table:
-        """Return the table from a results folder."""
+        """Rank the readings by the number of claims that hold."""
         # Step 1: judge every claim at every point.
         heads, points = readings(results, list(results.filters))
         claims, verdicts = _judged(results, self._claims(results), [point for _, point in points])

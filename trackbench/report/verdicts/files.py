@@ -4,7 +4,7 @@ The files are comparison.csv, comparison.md and claims.csv; paired.csv has the p
 """
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import chain
 from math import isfinite, isnan
 from typing import Any, NamedTuple
@@ -309,20 +309,16 @@ _MOST_REASONS = 5
 
 def reasons(comparison: Verdicts, runs: int) -> list[str]:
     """Return why numbers and claims are inconclusive, a line each; ``runs`` of each filter."""
+    rows: list[Compared | ClaimVerdict] = [number.best for number in comparison.numbers]
     lines = [
         f"inconclusive: {_name_of_row(row)}: {_reason(row, runs)}"
-        for row in _judged_rows(comparison)
+        for row in [*rows, *comparison.claims]
         if row.verdict.word == UNDECIDED
     ]
     more = len(lines) - _MOST_REASONS
     if more < 2:
         return lines
     return [*lines[:_MOST_REASONS], f"inconclusive: {more} more: comparison.md"]
-
-
-def _judged_rows(comparison: Verdicts) -> Iterator[Compared | ClaimVerdict]:
-    yield from (number.best for number in comparison.numbers)
-    yield from comparison.claims
 
 
 def _name_of_row(row: Compared | ClaimVerdict) -> str:
