@@ -273,7 +273,7 @@ def formats(text: str, printed: tuple[str, ...] = ()) -> list[str]:
 
 
 def one_of(option: str, value: str, known: tuple[str, ...]) -> str:
-    """Return the value if it is allowed; raises UserError."""
+    """Check a word against those allowed; raises UserError."""
     from trackbench.errors import Mark, Problem, UserError
 
     if value not in known:

@@ -203,7 +203,7 @@ def with_tuned(job: Job, options: Options) -> Job:
 
 
 def most_workers(options: Options) -> int:
-    """Return the largest number of workers."""
+    """Limit the number of workers."""
     return options.workers or cpu_count()
 
 

@@ -98,7 +98,7 @@ def number_of_points(
     reference: str | None,
     every: bool,
 ) -> int:
-    """Return the number of points in `combinations`."""
+    """Count the points of `combinations` without building them."""
     groups = _varied_together(grid, labels, reference, every)
     lengths = {path: len(values) for path, values in grid.items()}
     in_all = set[str].intersection(*groups)

@@ -156,7 +156,9 @@ def check_filter(
     list of Finding
     """
     name = "has a default for every key"
-    if tracker is None and (required := _required_keys(cls)):
+    keys = fields(cls) if is_dataclass(cls) else ()
+    required = [f.name for f in keys if f.init and f.default is f.default_factory is MISSING]
+    if tracker is None and required:
         why = f"{', '.join(required)} have none: `--on CONFIG` names an experiment with values"
         return [Finding(name, "left out", why), Finding("everything else", "left out", why)]
     try:
@@ -221,12 +223,6 @@ def run_check(
     except Exception as error:
         return Finding(name, "bad", in_line(located_message(error, tracker)))
     return Finding(name, "good")
-
-
-def _required_keys(cls: type[AnyFilter]) -> list[str]:
-    """Return the keys without a default."""
-    every = fields(cls) if is_dataclass(cls) else ()
-    return [f.name for f in every if f.init and f.default is f.default_factory is MISSING]
 
 
 def _with_defaults(cls: type[AnyFilter]) -> AnyFilter:

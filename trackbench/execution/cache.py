@@ -32,7 +32,7 @@ from trackbench.field_types import require_regular_file
 
 
 def block_key(task: BlockTask, used: int) -> str:
-    """Return the key of a block reduced to its first ``used`` runs."""
+    """Digest everything that a block of ``used`` runs depends on: its file name in the cache."""
     shown = task.runs_with_tracks_among(used)
     facts = [
         _part(task.scenario),

@@ -32,7 +32,7 @@ class Environment(NamedTuple):
 
 @cache
 def environment_digests() -> Environment:
-    """Return the digests of this process."""
+    """Digest this process, to compare it with the process that sends the work."""
     return Environment(
         code_digest(), code_digests.own_arithmetic(), code_digests.numpy_arithmetic()
     )

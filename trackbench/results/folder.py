@@ -291,7 +291,7 @@ class ResultsFolder:
         return {}
 
     def at(self, frame: "pd.DataFrame", point: GridPoint) -> "pd.DataFrame":
-        """Return the rows of one grid point."""
+        """Select the rows of one grid point."""
         for path, value in point.items():
             frame = frame[frame[path] == value]
         return frame
