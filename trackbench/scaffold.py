@@ -47,7 +47,9 @@ def write_new(what: str, name: str, folder: Path, form: str = "") -> list[Path]:
     for path in filled:
         if path.exists():
             raise UserError(Problem(mark, "", f"there is a file {path}"))
-    if what != "experiment" and _is_of_python(module):
+    # Python's modules; plugins are loaded apart.
+    is_of_python = module in sys.builtin_module_names or PathFinder.find_spec(module) is not None
+    if what != "experiment" and is_of_python:
         hidden = f"{module}.py would hide the module of this name from Python"
         raise UserError(Problem(mark, "", hidden))
     for path, text in filled.items():
@@ -99,8 +101,3 @@ def _filled(template: str, words: list[str]) -> str:
     for mark, value in values.items():
         text = text.replace(mark, value)
     return text
-
-
-def _is_of_python(module: str) -> bool:
-    """Return whether Python has a module of this name, plugins that are loaded apart."""
-    return module in sys.builtin_module_names or PathFinder.find_spec(module) is not None

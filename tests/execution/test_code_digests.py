@@ -214,7 +214,7 @@ def test_a_worker_refuses_what_may_come_out_otherwise() -> None:
         with pytest.raises(RuntimeError, match="numpy computes otherwise on this worker"):
             worker.compute(pickle.dumps([task]), (), other)
     with pytest.raises(RuntimeError, match="not that of IEEE 754"):
-        worker.compute(pickle.dumps([OWN]), (), here._replace(own="of another"))
+        worker.compute(pickle.dumps([OWN]), (), here._replace(arithmetic="of another"))
     with pytest.raises(RuntimeError, match="another version"):
         worker.compute(pickle.dumps([OWN]), (), here._replace(code="of another"))
 

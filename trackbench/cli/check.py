@@ -1,5 +1,6 @@
 """Commands that check a config or a filter, and manage the cache."""
 
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -73,15 +74,15 @@ def cache(
         clear_cache(root, old_only=not clear)
     size = cache_size(root)
 
-    def told(held: FolderSize, word: str = "block") -> str:
-        return f"{counted(held.number, word)}, {held.bytes / 1e6:.1f} MB"
+    def described(size: FolderSize, word: str = "block") -> str:
+        return f"{counted(size.number, word)}, {size.bytes / 1e6:.1f} MB"
 
-    typer.echo(f"{root}/: {told(size.blocks)}")
+    typer.echo(f"{root}/: {described(size.blocks)}")
     if size.old_blocks.number:
-        old = told(size.old_blocks)
+        old = described(size.old_blocks)
         typer.echo(f"of other versions of the code: {old}; remove them with --prune")
     if size.figures.number:
-        typer.echo(f"figures: {told(size.figures, 'file')}; --clear removes them, too")
+        typer.echo(f"figures: {described(size.figures, 'file')}; --clear removes them, too")
 
 
 def _check_config(config: Path, options: "Options", json: bool, picture: Path | None) -> None:
@@ -99,8 +100,8 @@ def _check_config(config: Path, options: "Options", json: bool, picture: Path | 
     points, filters = len(experiment.points), list(experiment.points[0].filters)
     if json:
         settings = experiment.settings
-        found = {"experiment": settings.name, "runs": settings.runs, "points": points}
-        echo_line({"good": True, "config": str(config), **found, "filters": filters})
+        summary = {"experiment": settings.name, "runs": settings.runs, "points": points}
+        echo_line({"good": True, "config": str(config), **summary, "filters": filters})
         return
     grid = f" at {points} points" if points > 1 else ""
     typer.echo(f"{config}: good, {counted(len(filters), 'filter')}{grid}")
@@ -119,10 +120,10 @@ def _draw(experiment: "Experiment", picture: Path) -> None:
 def _check_contract(path: Path, on: Path | None, allow_plugins: bool, json: bool) -> None:
     from trackbench.contract import check_file, report
 
-    found = check_file(path, on, allow_plugins)
-    for line in report(found) if not json else ():
+    by_kind = check_file(path, on, allow_plugins)
+    for line in report(by_kind) if not json else ():
         typer.echo(line)
-    for kind, findings in found.items() if json else ():
+    for kind, findings in by_kind.items() if json else ():
         echo_line({"file": str(path), "kind": kind, "contract": [vars(f) for f in findings]})
-    if any(finding.verdict == "bad" for findings in found.values() for finding in findings):
+    if any(finding.verdict == "bad" for finding in chain.from_iterable(by_kind.values())):
         raise typer.Exit(1)

@@ -34,12 +34,12 @@ def list_(
 
     known = (*GROUPS, "experiments", "problems", "metrics", "statistics")
     word = None if group is None else one_of("list", group, known)
-    asked = config if word == "metrics" else None
+    experiment = config if word == "metrics" else None
     if not json:
-        typer.echo(_listing(word, asked, allow_plugins))
+        typer.echo(_listing(word, experiment, allow_plugins))
         return
     every = (*GROUPS, "experiments") if word is None else (word,)
-    for row in metrics.rows_of_config(asked, allow_plugins) if asked else rows(every):
+    for row in metrics.rows_of_config(experiment, allow_plugins) if experiment else rows(every):
         echo_line(row)
 
 

@@ -234,11 +234,11 @@ def _shared(
 
 def runs_experiments(command: Callable[..., None]) -> Callable[..., None]:
     """Add the shared options to a command, in its ``**given``; its own options come first."""
-    own = dict(inspect.signature(command).parameters)
-    given = own.popitem()[1]
+    specific = dict(inspect.signature(command).parameters)
+    given = specific.popitem()[1]
     assert given.kind is inspect.Parameter.VAR_KEYWORD
-    shared = {k: p for k, p in inspect.signature(_shared).parameters.items() if k not in own}
-    parameters = [*own.values(), *shared.values()]
+    shared = {k: p for k, p in inspect.signature(_shared).parameters.items() if k not in specific}
+    parameters = [*specific.values(), *shared.values()]
     by_name = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in parameters]
     command.__signature__ = inspect.Signature(by_name, return_annotation=None)  # type: ignore[attr-defined]
     command.__annotations__ = {p.name: p.annotation for p in parameters}
@@ -273,7 +273,7 @@ def formats(text: str, printed: tuple[str, ...] = ()) -> list[str]:
 
 
 def one_of(option: str, value: str, known: tuple[str, ...]) -> str:
-    """Return the value if it is allowed; raises UserError."""
+    """Check a word against those allowed; raises UserError."""
     from trackbench.errors import Mark, Problem, UserError
 
     if value not in known:

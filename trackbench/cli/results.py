@@ -45,25 +45,25 @@ def compare(
         verdict_tables,
     )
 
-    found, results = stored_results.compare(folder), Results(folder)
+    verdicts, results = stored_results.compare(folder), Results(folder)
     times = time_tables(time_verdicts(results))
     if json:
-        for row in (*number_rows(found), *claim_rows(found)):
+        for row in (*number_rows(verdicts), *claim_rows(verdicts)):
             echo_line(row)
         return
-    if not found.rows and not found.claims and not times:
+    if not verdicts.rows and not verdicts.claims and not times:
         text = "this experiment names no published numbers; compare two folders: trackbench compare"
         typer.echo(f"{folder}: {text} {folder} DIR2", err=True)
         return
     if format_ or not sys.stdout.isatty():
-        typer.echo("\n".join([markdown(results, found), *(table.markdown() for table in times)]))
+        typer.echo("\n".join([markdown(results, verdicts), *(table.markdown() for table in times)]))
         return
     from trackbench.cli.screen import print_lines, print_tables
     from trackbench.report.verdicts.files import reasons
 
-    print_lines([*summary_lines(found), ""])
-    print_tables([*verdict_tables(found), *times])
-    print_lines(reasons(found, results.config["runs"]))
+    print_lines([*summary_lines(verdicts), ""])
+    print_tables([*verdict_tables(verdicts), *times])
+    print_lines(reasons(verdicts, results.config["runs"]))
 
 
 def plot(

@@ -213,8 +213,8 @@ def _run_after_changes(config: Path, go: Callable[[], None], others: Iterable[Pa
         files |= _named(config, files)
         before = _stamps(files, {})
         go()
-        there = sum(stamp is not None for stamp in before.values())
-        typer.echo(f"watching {counted(there, 'file')}, until Ctrl-C: {config}", err=True)
+        existing = sum(stamp is not None for stamp in before.values())
+        typer.echo(f"watching {counted(existing, 'file')}, until Ctrl-C: {config}", err=True)
         for file in changed(before):
             typer.echo(f"{time.strftime('%H:%M:%S')} {file} was saved", err=True)
 
@@ -249,14 +249,14 @@ def _stamps(files: Iterable[Path], known: Stamps) -> Stamps:
 def _stamp(file: Path, known: Stamp | None) -> Stamp | None:
     """Return the stamp of a file; its content is read only if it was written since ``known``."""
     try:
-        found = file.stat()
-        if not S_ISREG(found.st_mode):
+        status = file.stat()
+        if not S_ISREG(status.st_mode):
             return None
-        if known is not None and known[:2] == (found.st_mtime_ns, found.st_size):
+        if known is not None and known[:2] == (status.st_mtime_ns, status.st_size):
             return known
         with file.open("rb") as content:
             digest = hashlib.file_digest(content, "sha256").hexdigest()
-        return Stamp(found.st_mtime_ns, found.st_size, digest)
+        return Stamp(status.st_mtime_ns, status.st_size, digest)
     except (OSError, ValueError):  # not there, or a word that is no name of a file
         return None
 

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
+from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -98,9 +99,9 @@ def file_of(config: Config, options: Options) -> Path | Mapping[str, Any]:
 
 
 def prepare(
-    config: Config, options: Options, found: Mapping[str, Chosen] | None = None
+    config: Config, options: Options, tuned: Mapping[str, Chosen] | None = None
 ) -> Experiment:
-    """Read and validate a config with the options' overrides; ``found`` are tuned values."""
+    """Read and validate a config with the options' overrides; ``tuned`` are tuned values."""
     return configurations.load(
         file_of(config, options),
         options.set,
@@ -110,7 +111,7 @@ def prepare(
         options.grid,
         options.product,
         options.allow_plugins,
-        found,
+        tuned,
         [Path(file) for file in options.filters],
         options.quick,
     )
@@ -156,7 +157,7 @@ def jobs_of(configs: Sequence[Config], options: Options) -> list[Job]:
 def _computes(jobs: Sequence[Job], options: Options) -> bool:
     """Return whether any block of the jobs is still to be computed."""
     store = BlockStore(cache_folder())
-    tasks = (task for job in jobs for task in job.plan.unique)
+    tasks = chain.from_iterable(job.plan.unique for job in jobs)
     return options.fresh or any(store.get(task) is None for task in tasks)
 
 
@@ -195,14 +196,14 @@ def with_tuned(job: Job, options: Options) -> Job:
     workers, store = most_workers(options), BlockStore(cache_folder())
     open_engine = engine(options.engine, workers, options.scheduler)
     tuning = tune(job.experiment, store, open_engine, workers, options.fresh, not options.quiet)
-    found = {label: record.best.values for label, record in tuning.items()}
-    experiment = first_batch(prepare(job.config, options, found))
+    tuned = {label: record.best.values for label, record in tuning.items()}
+    experiment = first_batch(prepare(job.config, options, tuned))
     plan = plan_of(experiment, job.most, options)
     return job._replace(experiment=experiment, plan=plan, tuning=tuning)
 
 
 def most_workers(options: Options) -> int:
-    """Return the largest number of workers."""
+    """Limit the number of workers."""
     return options.workers or cpu_count()
 
 
@@ -267,5 +268,5 @@ def _is_written(config: Path) -> bool:
 
 def _may_write(folder: Path) -> bool:
     """Return whether the folder, or its first existing parent, is writable."""
-    there = next((f for f in (folder, *folder.absolute().parents) if f.exists()), folder)
-    return os.access(there, os.W_OK | os.X_OK)
+    existing = next((f for f in (folder, *folder.absolute().parents) if f.exists()), folder)
+    return os.access(existing, os.W_OK | os.X_OK)

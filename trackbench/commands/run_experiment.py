@@ -157,8 +157,8 @@ def _reported(job: Job, outcome: Outcome, options: Options, sweep: bool) -> Repo
 
 def _what_happened(outcome: Outcome) -> Iterator[str]:
     if outcome.reused:
-        kept = outcome.reused + outcome.computed
-        yield f"reused {outcome.reused} of {counted(kept, 'block')} from {outcome.store.root}/"
+        finished = outcome.reused + outcome.computed
+        yield f"reused {outcome.reused} of {counted(finished, 'block')} from {outcome.store.root}/"
     if outcome.damaged:
         yield f"{_were(outcome.damaged, 'damaged block')} computed again"
     if outcome.deaths:
@@ -223,18 +223,20 @@ def times_of(experiment: Experiment, outcome: Outcome, fresh: bool) -> Times:
     file = times_folder() / f"{name}.json"
     if not fresh:
         with suppress(OSError, ValueError, TypeError):
-            kept = [Measured(*row) for row in json.loads(require_regular_file(file).read_bytes())]
-            return Times({key: kept[unique.index(task)] for key, task in tasks.items()}, {})
-    found = dict(zip(unique, measure(unique, guarded), strict=True))
-    good = {key: m for key, task in tasks.items() if isinstance(m := found[task], Measured)}
-    failed = {key[1]: in_line(str(found[task])) for key, task in tasks.items() if key not in good}
+            stored = [Measured(*row) for row in json.loads(require_regular_file(file).read_bytes())]
+            return Times({key: stored[unique.index(task)] for key, task in tasks.items()}, {})
+    measured = dict(zip(unique, measure(unique, guarded), strict=True))
+    good = {key: m for key, task in tasks.items() if isinstance(m := measured[task], Measured)}
+    failed = {
+        key[1]: in_line(str(measured[task])) for key, task in tasks.items() if key not in good
+    }
     if not failed:
         with (
             record_writes(),
             suppress(OSError, WriteError),
         ):  # it is none of the results folder's files
             file.parent.mkdir(parents=True, exist_ok=True)
-            write_text(file, json.dumps([*found.values()]) + "\n")
+            write_text(file, json.dumps([*measured.values()]) + "\n")
     return Times(good, failed)
 
 
@@ -259,11 +261,11 @@ def run_shard(jobs: Sequence[Job], options: Options, open_engine: OpenEngine, wo
 
 
 def _parse_shard(text: str) -> tuple[int, int]:
-    found = re.fullmatch(r"(\d{1,6})/(\d{1,6})", text)
-    if found is None or not 1 <= int(found[1]) <= int(found[2]):
+    match = re.fullmatch(r"(\d{1,6})/(\d{1,6})", text)
+    if match is None or not 1 <= int(match[1]) <= int(match[2]):
         what = f"{text!r} is no shard; allowed: 1/8 to 8/8 of eight shards"
         raise UserError(Problem(Mark("--shard"), "", what))
-    return int(found[1]), int(found[2])
+    return int(match[1]), int(match[2])
 
 
 def _plan_of_shard(plan: Plan, shard: int, shards: int) -> Plan:

@@ -225,10 +225,10 @@ def report(folder: Path | str, allow_plugins: bool = False) -> list[Path]:
         _check_writable(folder)
         return write_overview(folder)
     if _is_read_only(folder):
-        here = Path(f"{folder.resolve().name}-report.html")
+        path = Path(f"{folder.resolve().name}-report.html")
         with explain_content_errors(folder):
             results = open_with_notes(folder, allow_plugins)
-            return _whole(results, [write_report(results, path=here)])
+            return _whole(results, [write_report(results, path=path)])
     with _written_again(folder, allow_plugins) as (results, _):
         written = [write_report(results)]
     return _whole(results, written)

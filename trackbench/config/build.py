@@ -83,7 +83,7 @@ def hints_of(cls: type) -> dict[str, object]:
 
 @_cached
 def file_keys(cls: type) -> frozenset[str]:
-    """Return the keys of a dataclass that are paths of data files."""
+    """Name the keys whose values are paths of data files."""
 
     def is_file(hint: object) -> bool:
         options = (hint, *get_args(hint))

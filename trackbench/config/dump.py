@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable
 from dataclasses import asdict, fields, is_dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any, TypeAlias, cast
 
@@ -74,9 +75,10 @@ def resolved(experiment: Experiment, folder: Path) -> PlainData:
 def _with_varied_defaults(experiment: Experiment) -> set[Keys]:
     """Return the paths of components whose kind or preset the grid or tuning varies."""
     settings = experiment.settings
-    paths = [path for joint in settings.grid for path in single_paths(joint)]
+    paths = list(chain.from_iterable(map(single_paths, settings.grid)))
     for label, keys in settings.tune.items():
-        paths += [f"filters.{of}.{key}" for of in (label, tuned_label(label)) for key in keys]
+        for of in (label, tuned_label(label)):
+            paths += [f"filters.{of}.{key}" for key in keys]
     varied = [split_path(experiment.source, path) for path in paths]
     varied = [keys for keys in varied if keys[-1] in ("kind", "preset")]
     return {keys[:1] if keys[0] == "scenario" else keys[:2] for keys in varied}

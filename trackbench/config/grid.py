@@ -72,7 +72,7 @@ def _varied_together(
 ) -> list[set[str]]:
     """Return the paths varied by each filter group; those that all filters depend on are in each."""
     apart = [] if every else independent_filter_paths(grid, labels, reference)
-    independent = {path for paths in apart for path in paths}
+    independent = set[str]().union(*apart)
     return [(grid.keys() - independent) | {*paths} for paths in apart or [[]]]
 
 
@@ -98,12 +98,11 @@ def number_of_points(
     reference: str | None,
     every: bool,
 ) -> int:
-    """Return the number of points in `combinations`."""
+    """Count the points of `combinations` without building them."""
     groups = _varied_together(grid, labels, reference, every)
-    *sizes, shared = (
-        prod(len(grid[path]) for path in paths)
-        for paths in (*groups, set[str].intersection(*groups))
-    )
+    lengths = {path: len(values) for path, values in grid.items()}
+    in_all = set[str].intersection(*groups)
+    *sizes, shared = (prod(map(lengths.__getitem__, paths)) for paths in (*groups, in_all))
     # Points at which every filter has its first values are in all groups, and count once.
     return sum(sizes) - (len(groups) - 1) * shared
 

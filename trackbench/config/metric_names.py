@@ -73,7 +73,7 @@ class Names:
         return {measured(name).base for name in self.per_run | self.per_step}
 
     def of(self, role: str) -> set[str]:
-        """Return the names that a key of this role may use."""
+        """Name the metrics that a key of this role may use."""
         return {
             "base": self.bases,
             "summary": self.summary | self.filter_numbers,

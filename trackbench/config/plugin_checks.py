@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, fields, is_dataclass
+from itertools import chain
 from pathlib import Path
 from typing import cast
 
@@ -54,8 +55,8 @@ def add_filters(source: Source, files: Sequence[Path]) -> dict[str, Mark]:
 def show_filters(source: Source, labels: Mapping[str, Mark]) -> None:
     """Add the labels to every list of filters to run, in tables and in figures."""
     groups = [source.data.get(group) for group in ("tables", "figures")]
-    parts = [part for group in groups if isinstance(group, dict) for part in group.values()]
-    parts = [part for part in parts if isinstance(part, dict)]
+    exhibits = chain.from_iterable(group.values() for group in groups if isinstance(group, dict))
+    parts = [part for part in exhibits if isinstance(part, dict)]
     for shown in (source.data.get("only"), *(part.get("filters") for part in parts)):
         for label, mark in labels.items() if isinstance(shown, list) and shown else ():
             _append(shown, label, mark)

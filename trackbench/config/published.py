@@ -13,6 +13,7 @@ from contextlib import suppress
 from dataclasses import MISSING, dataclass, field, fields, replace
 from difflib import get_close_matches
 from glob import escape, glob
+from itertools import chain
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -180,7 +181,7 @@ class Published:
     def expressions(self) -> list[Measure]:
         """Return the metric expressions of all published numbers and claims."""
         rows: list[PublishedNumber | Claim] = [*self.numbers, *self.claims]
-        return [e for row in rows for e in row.expressions]
+        return list(chain.from_iterable(row.expressions for row in rows))
 
 
 _NUMBERS = re.compile("[-_.]*[0-9]+")
@@ -251,9 +252,8 @@ def _misspelt(known: _Known, folders: list[Path]) -> Iterator[Problem]:
     unknown_names = known.first_rows.keys() - set(shipped_experiments.names())
     if not unknown_names:
         return
-    places = (place for folder in {*folders} for place in (folder, folder.parent))
-    near = (name for place in places for name in _configs(place))
-    names = {known.experiment, *shipped_experiments.names(), *near}
+    places = {*folders, *(folder.parent for folder in folders)}
+    names = {known.experiment, *shipped_experiments.names()}.union(*map(_configs, places))
     for name in sorted(unknown_names - names):
         for match in get_close_matches(name, sorted(names), 1, 0.75):
             if _NUMBERS.sub("", name) != _NUMBERS.sub("", match):

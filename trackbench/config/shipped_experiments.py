@@ -66,16 +66,16 @@ def listed() -> list[Shipped]:
 
 def problems() -> list[ShippedProblem]:
     """Return every standard problem, sorted by name."""
-    found = []
+    shipped = []
     for name, title, paper, cpu_s in listed():
         text = _file(name).read_text(encoding="utf-8")
         if mark := _PROBLEM.search(text):
             reference = mark[2] or _line("reference", text) or _line("bound", text)
             numbers = _published_numbers(name, _line("published", text))
-            found.append(
+            shipped.append(
                 ShippedProblem(name, int(mark[1]), title, numbers, reference, paper, cpu_s)
             )
-    return found
+    return shipped
 
 
 def _published_numbers(name: str, files: str) -> int:

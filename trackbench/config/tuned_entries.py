@@ -61,7 +61,7 @@ def add_smoothed(source: Source) -> None:
     for i, label in enumerate(labels if isinstance(labels, list) else ()):
         if not isinstance(label, str) or not _is_entry(source, label):
             continue
-        smoothed = copies[label] = smoothed_label(label)
+        smoothed = copies[label] = f"{label}, smoothed"
         if not _is_entry(source, smoothed):
             filters, mark = source.data["filters"], source.mark(("smoothed", i))
             put(filters, smoothed, copy.deepcopy(filters[label]), mark, mark)
@@ -73,11 +73,6 @@ def add_smoothed(source: Source) -> None:
             source.add_problem(("smoothed", i), what)
     if copies:
         _order(source, copies)
-
-
-def smoothed_label(label: str) -> str:
-    """Return the label of a filter's copy with a smoother."""
-    return f"{label}, smoothed"
 
 
 def _check_tuned_label(source: Source, label: str) -> None:

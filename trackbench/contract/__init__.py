@@ -8,6 +8,7 @@ a class attribute: ``contract_exemptions = {"kalman": "uses no measurement"}``. 
 import pickle
 from collections.abc import Iterator, Sequence
 from dataclasses import MISSING, fields, is_dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Literal, NamedTuple
 from warnings import catch_warnings, simplefilter
@@ -115,20 +116,17 @@ def check_file(
     return out
 
 
-def _with_other_keys(found: dict[str, list[Finding]]) -> dict[str, list[Finding]]:
+def _with_other_keys(by_kind: dict[str, list[Finding]]) -> dict[str, list[Finding]]:
     """Return the findings; if the filter fits with the keys of one entry, the code is right."""
     name = CHECKS["consistency"][0]
-    if Finding(name, "good") not in [f for findings in found.values() for f in findings]:
-        return found
-    return {
-        label: [
-            f._replace(verdict="left out", why=f"fits with other keys; with these {f.why}")
-            if f.check == name and f.verdict == "bad"
-            else f
-            for f in findings
-        ]
-        for label, findings in found.items()
-    }
+    if Finding(name, "good") not in chain.from_iterable(by_kind.values()):
+        return by_kind
+    for findings in by_kind.values():
+        for i, f in enumerate(findings):
+            if f.check == name and f.verdict == "bad":
+                why = f"fits with other keys; with these {f.why}"
+                findings[i] = f._replace(verdict="left out", why=why)
+    return by_kind
 
 
 def check_filter(
@@ -158,7 +156,9 @@ def check_filter(
     list of Finding
     """
     name = "has a default for every key"
-    if tracker is None and (required := _required_keys(cls)):
+    keys = fields(cls) if is_dataclass(cls) else ()
+    required = [f.name for f in keys if f.init and f.default is f.default_factory is MISSING]
+    if tracker is None and required:
         why = f"{', '.join(required)} have none: `--on CONFIG` names an experiment with values"
         return [Finding(name, "left out", why), Finding("everything else", "left out", why)]
     try:
@@ -223,12 +223,6 @@ def run_check(
     except Exception as error:
         return Finding(name, "bad", in_line(located_message(error, tracker)))
     return Finding(name, "good")
-
-
-def _required_keys(cls: type[AnyFilter]) -> list[str]:
-    """Return the keys without a default."""
-    every = fields(cls) if is_dataclass(cls) else ()
-    return [f.name for f in every if f.init and f.default is f.default_factory is MISSING]
 
 
 def _with_defaults(cls: type[AnyFilter]) -> AnyFilter:

@@ -141,7 +141,7 @@ class Estimates(NamedTuple):
 
 
 def new_rng() -> Generator:
-    """Return the same random numbers every time."""
+    """Begin the same stream of random numbers for every check."""
     return Generator(SFC64(20260101))
 
 

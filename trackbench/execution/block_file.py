@@ -85,7 +85,7 @@ def _arrays(result: BlockResult) -> Iterator[tuple[_ArrayPath, Array]]:
 
 def _result(header: dict[str, Any], raw: bytes) -> BlockResult:
     per_run: dict[str, Array] = {}
-    kept: dict[str, Array] = {}
+    run_series: dict[str, Array] = {}
     tracks: dict[str, Array] = {}
     sums: dict[str, dict[str, Array]] = {}
     at = 0
@@ -96,11 +96,11 @@ def _result(header: dict[str, Any], raw: bytes) -> BlockResult:
         if path[0] == "steps":
             sums.setdefault(path[1], {})[path[2]] = array
         else:
-            {"per_run": per_run, "kept": kept, "tracks": tracks}[path[0]][path[1]] = array
+            {"per_run": per_run, "kept": run_series, "tracks": tracks}[path[0]][path[1]] = array
     return BlockResult(
         per_run=per_run,
         steps={name: StepSums(**parts) for name, parts in sums.items()},
-        run_series=kept,
+        run_series=run_series,
         tracks=Tracks(**{"cov": None, **tracks}) if tracks else None,  # type: ignore[arg-type]
         cpu_s=header["cpu_s"],
         width=header["width"],

@@ -16,6 +16,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache, lru_cache
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -31,7 +32,7 @@ from trackbench.field_types import require_regular_file
 
 
 def block_key(task: BlockTask, used: int) -> str:
-    """Return the key of a block reduced to its first ``used`` runs."""
+    """Digest everything that a block of ``used`` runs depends on: its file name in the cache."""
     shown = task.runs_with_tracks_among(used)
     facts = [
         _part(task.scenario),
@@ -50,9 +51,10 @@ def block_key(task: BlockTask, used: int) -> str:
 def _part(part: Any) -> list[Any]:
     """Return the keys of a filter or scenario, digests of its data files and plugin code."""
     parts = [inner for inner in walk_parts(part) if not isinstance(inner, type)]
-    code = [digest for inner in parts for digest in _foreign_code(type(inner))]
+    code: list[str] = []
     read: dict[str, str] = {}
     for inner in parts:
+        code += _foreign_code(type(inner))
         read |= inner.contents if isinstance(inner, Part) else {}
     # What was read makes the numbers: the file itself may have been edited since.
     keys = as_config(part, lambda path: read.get(path) or _content_digest(path))
@@ -168,8 +170,9 @@ class FolderSize(NamedTuple):
     @classmethod
     def of(cls, folders: Iterable[Path]) -> "FolderSize":
         """Count the files of some folders."""
-        files = [path for folder in folders for path in folder.rglob("*.*") if path.is_file()]
-        return cls(len(files), sum(path.stat().st_size for path in files))
+        paths = chain.from_iterable(folder.rglob("*.*") for folder in folders)
+        sizes = [path.stat().st_size for path in paths if path.is_file()]
+        return cls(len(sizes), sum(sizes))
 
 
 class CacheSize(NamedTuple):
@@ -181,10 +184,11 @@ class CacheSize(NamedTuple):
 
 
 def cache_size(root: Path) -> CacheSize:
-    """Return the size of a cache folder."""
+    """Count the files that `cache` reports and that `--prune` and `--clear` remove."""
     now = code_digest()[:_CODE_DIGITS]
-    mine, others = ([f for f in _versions(root) if (f.name == now) is own] for own in (True, False))
-    return CacheSize(FolderSize.of(mine), FolderSize.of(others), FolderSize.of([root / "figures"]))
+    current = [folder for folder in _versions(root) if folder.name == now]
+    old = [folder for folder in _versions(root) if folder.name != now]
+    return CacheSize(FolderSize.of(current), FolderSize.of(old), FolderSize.of([root / "figures"]))
 
 
 _MARKER = ".trackbench-cache"

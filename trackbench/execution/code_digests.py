@@ -12,6 +12,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from functools import cache
 from importlib.metadata import version
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -119,7 +120,9 @@ def numpy_arithmetic() -> str:
     square = x[:4096].reshape(64, 64)
     positive = square @ square.T + np.eye(64)
     functions = (np.exp, np.log, np.log1p, np.expm1, np.sin, np.cos, np.tan, np.arctan, np.sqrt)
-    results = [function(a) for function in functions for a in (x, x.astype(np.float32))]
+    results = []
+    for function in functions:
+        results += [function(x), function(x.astype(np.float32))]
     results += [np.arctan2(x, y), np.hypot(x, y), np.power(x, y), np.add.reduce(x), x.var()]
     results += [np.vecdot(x, y), square @ square, np.einsum("ij,ij->i", square, square.T)]
     results += [np.linalg.cholesky(positive), np.linalg.inv(positive)]
@@ -132,7 +135,8 @@ def uses_numpy_arithmetic(*parts: Any) -> bool:
 
     Plugins do, and so does gamma noise of a shape that numpy draws.
     """
-    return any(not _uses_own_arithmetic_only(inner) for part in parts for inner in walk_parts(part))
+    inner_parts = chain.from_iterable(map(walk_parts, parts))
+    return not all(map(_uses_own_arithmetic_only, inner_parts))
 
 
 def _uses_own_arithmetic_only(part: Any) -> bool:

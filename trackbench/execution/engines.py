@@ -185,7 +185,7 @@ class SerialExecutor(Executor):
 
 
 def cpu_count() -> int:
-    """Return the number of processors that this process may use."""
+    """Count the processors that this process may use."""
     return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
 
 

@@ -71,7 +71,7 @@ def make_plan(experiment: Experiment, save_tracks: bool = False, looks: Sequence
     """Split every filter's runs into blocks; ``looks`` are the numbers of runs to stop at."""
     settings = experiment.settings
     shown = settings.runs if save_tracks else min(experiment.shown_runs, settings.runs)
-    kept, told = _kept_series(experiment), requested_predictions(experiment)
+    series, predictions = _kept_series(experiment), requested_predictions(experiment)
     tasks = {}
     for i, point in enumerate(experiment.points):
         reference = point.filters.get(settings.reference) if settings.reference else None
@@ -90,11 +90,11 @@ def make_plan(experiment: Experiment, save_tracks: bool = False, looks: Sequence
                     reference=None if label == settings.reference else reference,
                     runs_with_tracks=shown,
                     keep_covariance=save_tracks or experiment.shown_covariances,
-                    keep_steps=kept,
+                    keep_steps=series,
                     extra_run_counts=tuple(
                         n - block * width for n in looks if 0 < n - block * width < width
                     ),
-                    predictive_metrics=told,
+                    predictive_metrics=predictions,
                     hold_out=settings.hold_out,
                 )
                 for block in range(ceil(settings.runs / width))
@@ -119,7 +119,7 @@ def _width(settings: Settings, tracker: AnyFilter, scenario: Scenario) -> int:
 
 
 def block_width(tracker: AnyFilter, scenario: Scenario) -> int:
-    """Return the number of runs per block.
+    """Choose the number of runs per block.
 
     About 32 000 particles, so that the cost of numpy's calls is small, at most 500 runs. Filters that
     loop over runs get ten. Long tracks and filters with boosted particle counts get fewer, because a
@@ -140,13 +140,9 @@ def stack_limit(task: BlockTask) -> int:
     alone = task.filter.mixes_runs or task.filter.loops_over_runs or task.hold_out
     if alone or task.width == 1 or foreign_parts((task.scenario, task.filter, task.assume)):
         return 1
-    return _largest_stack(task.filter, task.scenario, task.width)
-
-
-def _largest_stack(tracker: AnyFilter, scenario: Scenario, width: int) -> int:
-    """Return how many blocks' particles fit in the cache, and their tracks in memory."""
-    most = min(_run_limit(tracker), _STACKED // len(scenario.steps))
-    return max(1, min(MOST_STACKED, most // width))
+    # The blocks' particles fit in the cache, and their tracks in memory.
+    most = min(_run_limit(task.filter), _STACKED // len(task.scenario.steps))
+    return max(1, min(MOST_STACKED, most // task.width))
 
 
 def _run_limit(tracker: AnyFilter) -> int:

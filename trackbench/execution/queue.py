@@ -33,7 +33,7 @@ _TASK_SECONDS = 1.0
 _SCHEDULER_SECONDS = 0.004
 """Time that a cluster's scheduler takes for a task."""
 
-Found: TypeAlias = dict[int, BlockResult] | Exception
+BlockOutcome: TypeAlias = dict[int, BlockResult] | Exception
 """A block's results by the number of runs used, or why there are none; empty if they are stored."""
 Stack: TypeAlias = list[BlockTask]
 """Adjacent blocks of one filter, or one block of several, which a worker filters side by side."""
@@ -82,7 +82,7 @@ class Queue:
             stack.append(task)
         self._waiting.extend(_joined(stacks, most))
 
-    def run(self, open_engine: OpenEngine) -> Generator[tuple[BlockTask, Found]]:
+    def run(self, open_engine: OpenEngine) -> Generator[tuple[BlockTask, BlockOutcome]]:
         """Yield tasks with their results as they finish; raises RunError if no worker starts."""
         unstarted = 0
         while self._waiting:
@@ -108,14 +108,17 @@ class Queue:
         runs = f"runs {task.first_run} to {last}"
         why = str(error) if isinstance(error, FilterError) else message_of(error)
         self.failed.setdefault(lost, in_line(f"{why} ({runs})"))
-        left_out = [t for stack in self._waiting for t in stack if algorithm(t) == lost]
-        stacks = ([t for t in stack if algorithm(t) != lost] for stack in self._waiting)
-        self._waiting = deque(filter(None, stacks))
+        left_out = []
+        for _ in range(len(self._waiting)):
+            stack = self._waiting.popleft()
+            left_out += [t for t in stack if algorithm(t) == lost]
+            if others := [t for t in stack if algorithm(t) != lost]:
+                self._waiting.append(others)
         return [task, *left_out]
 
     def _drain(
         self, executor: Executor, least_seconds: float, shared: Path | None
-    ) -> Iterator[tuple[BlockTask, Found]]:
+    ) -> Iterator[tuple[BlockTask, BlockOutcome]]:
         expected = environment_digests()
         # Not concurrent.futures.wait: a signal within it leaves futures locked, and the pool hangs.
         finished: SimpleQueue[Future[list[Computed]]] = SimpleQueue()
@@ -132,15 +135,15 @@ class Queue:
             future = finished.get()
             if future not in self._running:
                 continue  # taken back
-            found = _results(future)
+            outcomes = _results(future)
             batch = self._running.pop(future)
-            if isinstance(found, Exception):
+            if isinstance(outcomes, Exception):
                 if len(batch) > 1:  # each stack alone
                     self._waiting.extendleft(reversed(batch))
                     least_seconds = 0.0
                     continue
-                found = [Computed(found, nan, 0)]
-            for stack, computed in zip(batch, found, strict=True):
+                outcomes = [Computed(outcomes, nan, 0)]
+            for stack, computed in zip(batch, outcomes, strict=True):
                 yield from self._finish(stack, computed)
             if len(self._running) > self._limit():
                 self._take_back()
@@ -156,7 +159,7 @@ class Queue:
     def _work(self, stack: Stack) -> Work:
         return Work(pickle.dumps(stack), [self._store.files(task) for task in stack])
 
-    def _finish(self, stack: Stack, computed: Computed) -> Iterator[tuple[BlockTask, Found]]:
+    def _finish(self, stack: Stack, computed: Computed) -> Iterator[tuple[BlockTask, BlockOutcome]]:
         # Memory that a worker has taken once stays with it: the first block of a filter counts.
         if self.hungriest is None or computed.memory > 1.05 * self.hungriest[1]:
             self.hungriest = stack[0], computed.memory
@@ -191,8 +194,7 @@ class Queue:
         Every worker has tasks in advance, unless the memory is too small for all of them.
         """
         stacks = [*chain(*self._running.values()), *list(self._waiting)[:1]]
-        suspect = any(self.deaths[task] for stack in stacks for task in stack)
-        if suspect:
+        if any(self.deaths[task] for task in chain.from_iterable(stacks)):
             return 1
         return _AHEAD * self._workers if self.fitting == self._workers else self.fitting
 
@@ -207,7 +209,7 @@ class Queue:
     def _after_death(self) -> Iterator[tuple[BlockTask, Exception]]:
         # Nothing runs in a pool that never began: its first stack is suspected.
         suspects = [*chain(*self._running.values())] or [self._waiting.popleft()]
-        for task in (task for stack in suspects for task in stack):
+        for task in chain.from_iterable(suspects):
             self.deaths[task] += 1
             if self.deaths[task] < _MOST_DEATHS:
                 self._waiting.appendleft([task])

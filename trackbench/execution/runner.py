@@ -23,7 +23,7 @@ from trackbench.execution.block_file import decode, encode
 from trackbench.execution.cache import BlockStore
 from trackbench.execution.engines import OpenEngine
 from trackbench.execution.plan import Key, Plan
-from trackbench.execution.queue import Found, Queue, algorithm, progress_bar
+from trackbench.execution.queue import BlockOutcome, Queue, algorithm, progress_bar
 
 
 @dataclass
@@ -61,11 +61,11 @@ class Outcome:
 
 def stored_block(store: BlockStore, task: BlockTask) -> BlockResult:
     """Return a finished block; computes it again if it was removed meanwhile."""
-    found = store.get(task)
-    if found is None:
-        found = decode(encode(run_whole_block(task)[task.runs_used], ""), "")
-    assert found is not None
-    return found
+    block = store.get(task)
+    if block is None:
+        block = decode(encode(run_whole_block(task)[task.runs_used], ""), "")
+    assert block is not None
+    return block
 
 
 More: TypeAlias = Callable[[int, Outcome], Plan | None]
@@ -160,18 +160,18 @@ def _missing(outcome: Outcome, fresh: bool) -> Iterator[BlockTask]:
 
 
 def _record_result(
-    outcomes: Sequence[Outcome], queue: Queue, task: BlockTask, found: Found
+    outcomes: Sequence[Outcome], queue: Queue, task: BlockTask, computed: BlockOutcome
 ) -> None:
     """Store a finished block for all plans that wait for it, or give up its filter."""
-    if isinstance(found, Exception):
-        gone = queue.give_up(task, found)
+    if isinstance(computed, Exception):
+        gone = queue.give_up(task, computed)
     else:
-        outcomes[0].store.put(task, found)
+        outcomes[0].store.put(task, computed)
         gone = [task]
     for outcome in outcomes:
-        there = outcome.missing.intersection(gone)
-        outcome.missing -= there
-        outcome.computed += 0 if isinstance(found, Exception) else len(there)
+        finished = outcome.missing.intersection(gone)
+        outcome.missing -= finished
+        outcome.computed += 0 if isinstance(computed, Exception) else len(finished)
 
 
 def _bar(outcome: Outcome, progress: bool) -> Any:
@@ -209,25 +209,25 @@ def next_batch(experiment: Experiment, most: int, outcome: Outcome) -> Experimen
     left, *earlier = [[*imprecise(experiment, outcome, runs)] for runs in done[:-3:-1]]
     if not left and earlier and not earlier[0]:
         return None
-    worst = max((found for _, found in left), key=_finite_share, default=None)
+    worst = max((check for _, check in left), key=_finite_share, default=None)
     outcome.still = f"{worst.wanted.metric}: {worst.share:.2g} x the error wanted" if worst else ""
     return with_runs(experiment, stops[len(done)])
 
 
-def _finite_share(found: PrecisionCheck) -> float:
-    return found.share if isfinite(found.share) else inf
+def _finite_share(check: PrecisionCheck) -> float:
+    return check.share if isfinite(check.share) else inf
 
 
 def imprecise(
     experiment: Experiment, outcome: Outcome, runs: int | None = None
 ) -> Iterator[tuple[Key, PrecisionCheck]]:
     """Yield the numbers that are not precise enough after ``runs`` runs, by default all."""
-    asked = [PrecisionTarget.read(*item) for item in experiment.settings.until.items()]
+    targets = [PrecisionTarget.read(*item) for item in experiment.settings.until.items()]
     for key, result in outcome.results():
         scenario = experiment.points[key[0]].scenario
-        for found in check_precision(asked, result, sizes(scenario), scenario.windows, runs):
-            if not found.enough:
-                yield key, found
+        for check in check_precision(targets, result, sizes(scenario), scenario.windows, runs):
+            if not check.enough:
+                yield key, check
 
 
 def stop_reason(experiment: Experiment, most: int, outcome: Outcome) -> Iterator[str]:
@@ -237,10 +237,10 @@ def stop_reason(experiment: Experiment, most: int, outcome: Outcome) -> Iterator
     runs, left = experiment.settings.runs, list(imprecise(experiment, outcome))
     if not left:
         yield f"{runs} of at most {most} runs: every number is as exact as `until` asks"
-    for key, found in left:
-        asked = found.wanted
-        error = f"{asked.error:.3g}" if not asked.relative else f"{100 * asked.error:g} %"
+    for key, check in left:
+        target = check.wanted
+        error = f"{target.error:.3g}" if not target.relative else f"{100 * target.error:g} %"
         yield (
             f"note: {experiment.title_of(key)}: after all {runs} runs the standard error of "
-            f"{asked.metric} is {found.share:.3g} times the {error} that `until` asks"
+            f"{target.metric} is {check.share:.3g} times the {error} that `until` asks"
         )

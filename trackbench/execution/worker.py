@@ -26,13 +26,13 @@ class Environment(NamedTuple):
     """Digests of what a block's numbers depend on: code, own arithmetic, numpy's arithmetic."""
 
     code: str
-    own: str
+    arithmetic: str
     numpy: str
 
 
 @cache
 def environment_digests() -> Environment:
-    """Return the digests of this process."""
+    """Digest this process, to compare it with the process that sends the work."""
     return Environment(
         code_digest(), code_digests.own_arithmetic(), code_digests.numpy_arithmetic()
     )
@@ -45,16 +45,16 @@ def compute(
 
     Raises RuntimeError if its numbers could differ from those of the requesting process.
     """
-    here = environment_digests()
-    if here.code != expected.code:
+    digests = environment_digests()
+    if digests.code != expected.code:
         raise RuntimeError("this worker has another version of trackbench, numpy or Python")
-    if here.own != expected.own:
+    if digests.arithmetic != expected.arithmetic:
         raise RuntimeError("this worker's floating point is not that of IEEE 754")
     for plugin in plugins:
         load_plugin(plugin)
     blocks: list[BlockTask] = pickle.loads(stack)
     block = blocks[0]
-    if here.numpy != expected.numpy and code_digests.uses_numpy_arithmetic(
+    if digests.numpy != expected.numpy and code_digests.uses_numpy_arithmetic(
         block.scenario, *(b.filter for b in blocks), block.reference, block.assume
     ):
         raise RuntimeError(

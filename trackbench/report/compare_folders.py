@@ -101,8 +101,8 @@ def compare_folders(a: Results, b: Results) -> tuple[list[Row], str]:
     stored = all((results.folder / "per_run.csv").is_file() for results in (a, b))
     exact = set(a.deterministic) & set(b.deterministic)
     for point in points:
-        sizes = [len(x) for r in (a, b) if not why for x in r.runs(point).values()]
-        runs = min(sizes, default=None)
+        columns = [*a.runs(point).values(), *b.runs(point).values()] if not why else []
+        runs = min(map(len, columns), default=None)
         first, second = (_numbers(results, point, stored, runs, statistics) for results in (a, b))
         for (label, metric), sample in first.items():
             if other := second.get((label, metric)):
@@ -112,14 +112,14 @@ def compare_folders(a: Results, b: Results) -> tuple[list[Row], str]:
 
 def judged(rows: Sequence[Row]) -> list[Row]:
     """Return the rows with verdicts by the rule for filters; the rows of a metric are a family."""
-    found = dict(enumerate(rows))
+    by_index = dict(enumerate(rows))
     for metric in dict.fromkeys(row.metric for row in rows):
-        of = {i: row for i, row in found.items() if row.metric == metric}
+        of = {i: row for i, row in by_index.items() if row.metric == metric}
         changes = as_family({i: row.change for i, row in of.items()})
         worse = as_family({i: row.worse for i, row in of.items()})
         for i, row in of.items():
-            found[i] = row._replace(change=changes[i], worse=worse[i])
-    return [row._replace(verdict=_verdict(row)) for row in found.values()]
+            by_index[i] = row._replace(change=changes[i], worse=worse[i])
+    return [row._replace(verdict=_verdict(row)) for row in by_index.values()]
 
 
 def _verdict(row: Row) -> str:
@@ -169,20 +169,20 @@ def _numbers(
     Values of the first runs if they are ``stored``, else the rows of summary.csv. ``statistics`` returns
     the statistic by which a metric is compared.
     """
-    found, sizes = dict[tuple[str, str], Sample | RunEstimate](), results.facts(point).sizes
+    numbers, sizes = dict[tuple[str, str], Sample | RunEstimate](), results.facts(point).sizes
     for (label, metric), x in results.runs(point).items() if stored else ():
         values = ((x != 0.0) * 1.0 if metric == "lost" else x)[:most]
         columns = {row: values / n for row, n in per_component(measured(metric), sizes)}
         for name, column in (columns or {metric: values}).items():
-            found[label, name] = Sample(column, statistics(name))
+            numbers[label, name] = Sample(column, statistics(name))
     for row in results.columns("summary", point).records() if not stored else ():
         of, label, runs = measured(row["metric"]), row["filter"], row["runs"]
         if label in results.filters and (of.is_row or of.statistic == statistics(of.metric)):
             name = of.name if of.statistic in ("", "mean") else str(of)
-            found[label, name] = RunEstimate(row["value"], row["stderr"], None, runs)
+            numbers[label, name] = RunEstimate(row["value"], row["stderr"], None, runs)
             every = runs + row["lost"]
-            found[label, "lost"] = RunEstimate(row["lost"] / every, nan, None, every)
-    return found
+            numbers[label, "lost"] = RunEstimate(row["lost"] / every, nan, None, every)
+    return numbers
 
 
 @np.errstate(all="ignore")

@@ -80,9 +80,9 @@ class Curve:
 
         Where several sizes take that time, at the largest. What is fixed is had at all above its own.
         """
-        own = next((spot for spot in self.spots if spot.cost is cost), None)
-        if own is not None:
-            return AtCost(own.size, logged(own.error), lost=own.lost)
+        match = next((spot for spot in self.spots if spot.cost is cost), None)
+        if match is not None:
+            return AtCost(match.size, logged(match.error), lost=match.lost)
         if self.is_fixed:
             (spot,) = self.spots
             dear = spot.cost.value > cost.value
@@ -129,13 +129,13 @@ def cost_conflicts(
     if not points[0].values:
         return {"": f"there is no grid: give {key} of the filters several values"}
     is_made = metric.is_efficiency or metric.family[0].over_steps == "rms"
-    found = {} if is_made else {"metric": f"'{metric}' is no RMSE, distance or efficiency"}
+    conflicts = {} if is_made else {"metric": f"'{metric}' is no RMSE, distance or efficiency"}
     for where, label in varied.items():
         number = len(own_sizes(points, label, key))
         if label in points[0].filters and number < 2:
             values = "one value" if number else "no value"
-            found[where] = f"{key} of {label} takes {values} over the grid; two are needed"
-    return found
+            conflicts[where] = f"{key} of {label} takes {values} over the grid; two are needed"
+    return conflicts
 
 
 def shown(results: Results, wanted: Collection[str] | None) -> list[str]:
@@ -148,17 +148,17 @@ def curves(
     results: Results, scene: GridPoint, labels: Sequence[str], metric: Measure, key: str
 ) -> list[Curve]:
     """Return every filter's errors and times in a scene, a curve for each set of its other keys."""
-    found: dict[tuple[str, str], tuple[dict[str, Any], dict[float, Spot]]] = {}
+    groups: dict[tuple[str, str], tuple[dict[str, Any], dict[float, Spot]]] = {}
     for point in points_of(results, scene):
         filters, expressions = results.facts(point).filters, Evaluator(results, point)
         for label in (label for label in labels if label in filters):
             keys = {name: value for name, value in filters[label].items() if name != key}
             size = float(filters[label].get(key, np.nan))
-            _, spots = found.setdefault((label, json.dumps(keys)), (keys, {}))
+            _, spots = groups.setdefault((label, json.dumps(keys)), (keys, {}))
             if size not in spots:
                 spots[size] = _spot(expressions, label, metric, size)
     every: list[Curve] = []
-    for (label, _), (keys, spots) in found.items():
+    for (label, _), (keys, spots) in groups.items():
         in_order = [spots[size] for size in sorted(spots)]
         every.append(Curve(label, keys, tuple(filter(_has_worked, in_order))))
     named = []

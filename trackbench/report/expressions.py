@@ -171,7 +171,7 @@ class Evaluator:
     def stored(self) -> dict[tuple[str, str], RunEstimate]:
         """Return rows of summary.csv, and the times of timing.csv, of all runs, by (filter, metric)."""
         rows = self.results.columns("summary", self.point).records()
-        found = {
+        estimates = {
             (r["filter"], r["metric"]): RunEstimate(
                 r["value"], r["stderr"], None, r["runs"], r["lost"]
             )
@@ -179,14 +179,14 @@ class Evaluator:
         }
         for r in self.results.columns("timing", self.point).records():
             of_run = RunEstimate(r["cpu_s_per_run"], r["stderr"], None, r["runs"])
-            found[r["filter"], "cpu_s_per_run"] = of_run
-        return found
+            estimates[r["filter"], "cpu_s_per_run"] = of_run
+        return estimates
 
     def _paired_times(self, mine: Measure, other: Measure) -> RunEstimate | None:
         """Return the ratio of two filters' measured times, repeat by repeat; None if either has none."""
         rows = self.results.columns("timing", self.point).records()
-        found = {row["filter"]: repeats_of(row) for row in rows}
-        a, b = (found.get(m.filter, np.empty(0)) for m in (mine, other))
+        repeats = {row["filter"]: repeats_of(row) for row in rows}
+        a, b = (repeats.get(m.filter, np.empty(0)) for m in (mine, other))
         return RunEstimate(*median(a / b), None, len(a)) if len(a) == len(b) > 1 else None
 
     def _of_runs(self, m: Measure) -> _OverRuns | None:
@@ -241,15 +241,15 @@ class Evaluator:
         self, label: str, name: str, values: Array, common: Mask | bool = True
     ) -> RunEstimate:
         """Return a statistic of values (M,) over the filter's valid runs, NaN for missing."""
-        there = ~np.isnan(values)
+        finite = ~np.isnan(values)
         codes = self.runs.get((label, "lost"))
-        lost = int((~there if codes is None else codes > 0).sum())
-        kept = there & common
-        x = values[kept]
+        lost = int((~finite if codes is None else codes > 0).sum())
+        used = finite & common
+        x = values[used]
         if not len(x):
             return MISSING._replace(lost=lost)
         influences = np.full(len(values), np.nan)
-        influences[kept] = influence(name, x)
+        influences[used] = influence(name, x)
         return RunEstimate(*OVER_RUNS[name](x), influences, len(x), lost)
 
     def _efficiency(self, m: Measure, common: Mask | bool) -> RunEstimate:
@@ -258,13 +258,13 @@ class Evaluator:
         if floor is None or distance is None:
             return MISSING
         both = ~np.isnan(floor) & ~np.isnan(distance)
-        kept = both & common
+        used = both & common
         lost = int((~both).sum())
-        if not kept.any():
+        if not used.any():
             return MISSING._replace(lost=lost)
-        found, influences = efficiency(floor[kept], distance[kept]), np.full(len(both), np.nan)
-        influences[kept] = found.influences
-        return RunEstimate(*found.estimate, influences, int(kept.sum()), lost)
+        ratio, influences = efficiency(floor[used], distance[used]), np.full(len(both), np.nan)
+        influences[used] = ratio.influences
+        return RunEstimate(*ratio.estimate, influences, int(used.sum()), lost)
 
     def reference_and_rmsd(self, m: Measure) -> tuple[Array | None, Array | None]:
         """Return each run's (M,) parts of an efficiency; the reference's own difference is missing."""

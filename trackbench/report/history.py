@@ -52,8 +52,10 @@ def history(every: Sequence[Results], metric: str = "") -> list[Table]:
         raise UserError(Problem(Mark(f"--metric {metric}"), "", what))
     # Put the rows of one filter together.
     for table in tables.values():
-        order = {label: i for i, label in enumerate(dict.fromkeys(k[0] for k in table.keys))}
-        rows = sorted(zip(table.keys, table.cells, strict=True), key=lambda r: order[r[0][0]])
+        labels = list(dict.fromkeys(keys[0] for keys in table.keys))
+        rows = sorted(
+            zip(table.keys, table.cells, strict=True), key=lambda r: labels.index(r[0][0])
+        )
         table.keys, table.cells = [keys for keys, _ in rows], [cells for _, cells in rows]
     series = [table for table in tables.values() if len({keys[1] for keys in table.keys}) > 1]
     if len(tables) > 1 and not series:

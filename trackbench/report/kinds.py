@@ -24,7 +24,7 @@ class TableKind(Exhibit):
 
     @abstractmethod
     def table(self, results: "Results") -> Table:
-        """Return the table of a results folder."""
+        """Fill the table from a results folder."""
 
     def without_cpu_times(self) -> "TableKind | None":
         """Return the table without columns that depend on CPU times; None if all columns do."""
@@ -55,7 +55,7 @@ class FigureKind(DrawnExhibit):
 
     @abstractmethod
     def draw(self, results: "Results") -> "Figure":
-        """Return the figure of a results folder."""
+        """Draw the figure from a results folder."""
 
 
 def shows_cpu_times(exhibit: Exhibit) -> bool:

@@ -56,7 +56,7 @@ def explain_content_errors(folder: Path | str) -> Iterator[None]:
 
 
 def open_results(folder: Path) -> Results:
-    """Return the results in a folder.
+    """Read and check the results in a folder.
 
     Raises IncompleteResultsError if a file of the run is damaged, and UserError if the folder has no
     results, those of a newer version, or a config that does not fit them.
@@ -82,18 +82,14 @@ def _open(folder: Path) -> Results:
         source.add_problem((), "is not an experiment's config")
     elif build(Settings, source, ()) is not None:
         missing = set(results.columns("summary")["filter"]) - set(results.labels)
-        if _grid_columns(results) != results.grid:
+        columns = list(results.columns("summary"))
+        if columns[: columns.index("filter")] != results.grid:
             source.add_problem(("grid",), "the results were computed over another grid")
         elif missing:
             what = f"{min(missing)!r} has results but is not a filter here any more"
             source.add_problem(("filters",), what)
     source.check()
     return results
-
-
-def _grid_columns(results: Results) -> list[str]:
-    columns = list(results.columns("summary"))
-    return columns[: columns.index("filter")]
 
 
 def open_with_notes(folder: Path, allow_plugins: bool = False) -> Results:
@@ -159,9 +155,9 @@ def _check_manifest(results: Results) -> None:
         raise IncompleteResultsError(*problems)
 
 
-def _lines(folder: Path, found: Damage) -> list[str]:
+def _lines(folder: Path, damage: Damage) -> list[str]:
     """Return a line on missing files and a line on changed ones, each unless there are none."""
-    ends = ((found.missing, ("is", "are"), "missing"), (found.changed, ("was", "were"), _CHANGED))
+    ends = ((damage.missing, ("is", "are"), "missing"), (damage.changed, ("was", "were"), _CHANGED))
     return [
         f"{folder}: {_few(names)} {verbs[len(names) > 1]} {what}: {RUN_AGAIN}"
         for names, verbs, what in ends

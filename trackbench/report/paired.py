@@ -39,8 +39,8 @@ def primary_metrics(metrics: list[str]) -> list[str]:
 
     Of a log score more is better: a positive difference is in favor of the first filter.
     """
-    found = ((name, measured(name)) for name in metrics)
-    rows = ((name, m.family[0]) for name, m in found if m.is_row and not m.window)
+    measures = ((name, measured(name)) for name in metrics)
+    rows = ((name, m.family[0]) for name, m in measures if m.is_row and not m.window)
     return [name for name, metric in rows if metric.name in ("rmse", "crps") or metric.is_score]
 
 
@@ -48,11 +48,11 @@ def compared_statistics(config: Mapping[str, Any]) -> dict[str, str]:
     """Return the statistic by which filters are compared, by metric: that of its first column."""
     tables = config.get("tables") or {}
     specs = [spec for spec in tables.values() if spec.get("kind") == "metrics"]
-    found: dict[str, str] = {}
+    statistics: dict[str, str] = {}
     for m in (measured(text) for spec in specs for text in spec["columns"].values()):
         if not (m.window or m.steps or m.relation) and m.statistic in ("mean", "rms"):
-            found.setdefault(m.metric, m.statistic)
-    return found
+            statistics.setdefault(m.metric, m.statistic)
+    return statistics
 
 
 def compared_statistic(config: Mapping[str, Any], metric: str) -> str:
@@ -91,4 +91,4 @@ def pairs_of(metric: str, samples: Mapping[str, Sample]) -> list[Pair]:
     """Return every two filters with common runs, from their samples of a metric by label."""
     statistic = next((sample.statistic for sample in samples.values()), "mean")
     name = metric if statistic == "mean" else f"{statistic}({metric})"
-    return [Pair(a, b, name, found) for (a, b), found in compare_all(samples).items()]
+    return [Pair(a, b, name, comparison) for (a, b), comparison in compare_all(samples).items()]

@@ -163,22 +163,26 @@ def drawing_pool(
     Unless ``fresh``, those that were drawn before are not drawn again.
     """
     figures = results.parts("figures") if formats else {}
-    own = {name: spec for name, spec in figures.items() if not is_plugin(type(spec).__module__)}
-    store = KeptFigures.of(results) if own and not fresh else None
-    kept = {
-        name: files for name, spec in own.items() if store and (files := store.get(spec, formats))
+    cacheable = {
+        name: spec for name, spec in figures.items() if not is_plugin(type(spec).__module__)
     }
-    sent = {n: s for n, s in own.items() if n not in kept} if processes > 1 else {}
+    store = KeptFigures.of(results) if cacheable and not fresh else None
+    cached = {
+        name: files
+        for name, spec in cacheable.items()
+        if store and (files := store.get(spec, formats))
+    }
+    sent = {n: s for n, s in cacheable.items() if n not in cached} if processes > 1 else {}
     begun: dict[str, Future[Files]] = {}
 
     def draw(name: str, spec: FigureKind) -> Files:
-        if name in kept:
-            return kept[name]
+        if name in cached:
+            return cached[name]
         try:
             files = result_of(begun[name])
         except (KeyError, BrokenExecutor):  # none that draws it, or it was killed
             files = draw_figure(spec, results, formats)
-        if store and name in own:
+        if store and name in cacheable:
             store.put(spec, files)
         return files
 

@@ -52,7 +52,7 @@ def default_keys(group: Group, metrics: Iterable[str], points: int, filters: int
     ``metrics`` are those of summary.csv: the first two errors over the whole run are shown.
     """
     metrics = list(dict.fromkeys(metrics))
-    errors = [found for found in map(_ERROR.fullmatch, metrics) if found]
+    errors = [match for match in map(_ERROR.fullmatch, metrics) if match]
     if group == "figures":
         if points > 1 or not errors:
             return {}
@@ -151,11 +151,11 @@ class Results(ResultsFolder):
     @cached_property
     def tables(self) -> dict[str, Table]:
         """Return the experiment's tables by name, without those of plugins that fail."""
-        made = {}
+        tables = {}
         for name, spec in self.parts("tables").items():
             with self.without(f"table {name}", spec):
-                made[name] = self.with_units(as_table(spec.table(self), spec))
-        return made
+                tables[name] = self.with_units(as_table(spec.table(self), spec))
+        return tables
 
     def with_units(self, table: Table) -> Table:
         """Return the table with the units of the grid's paths in its headings."""
@@ -236,17 +236,16 @@ class Results(ResultsFolder):
 
         The floor or baseline of any figure is drawn as such in all figures.
         """
-        own = style.line([*self.config["filters"], label].index(label))
-        return self._references.get(label, own)
+        default = style.line([*self.config["filters"], label].index(label))
+        return self._references.get(label, default)
 
     @cached_property
     def _references(self) -> dict[str, dict[str, Any]]:
-        return dict.fromkeys(self.exact, style.EXACT) | {
-            figure[key]: look
-            for key, look in (("baseline", style.BASELINE), ("floor", style.FLOOR))
-            for figure in self.figure_configs.values()
-            if isinstance(figure.get(key), str)
-        }
+        looks = dict.fromkeys(self.exact, style.EXACT)
+        for key, look in (("baseline", style.BASELINE), ("floor", style.FLOOR)):
+            labels = (figure.get(key) for figure in self.figure_configs.values())
+            looks |= {label: look for label in labels if isinstance(label, str)}
+        return looks
 
     def axis(self, path: str) -> str:
         """Return a swept path as the label of an axis: ``q (m^2/s^3)``."""
@@ -257,7 +256,7 @@ class Results(ResultsFolder):
     @cached_property
     def grid_units(self) -> dict[str, str]:
         """Return the units of paths of the grid that the keys' documentation names, not the keys."""
-        found: dict[str, str] = {}
+        units: dict[str, str] = {}
         for path in (p for p in self.grid if not phrases.quantity(p)[1]):
             keys = split_path(self.source, single_paths(path)[0])
             first, *rest = (str(key) for key in keys if not isinstance(key, int))
@@ -265,8 +264,8 @@ class Results(ResultsFolder):
             if first == "filters":
                 part, group, rest = part[rest[0]], "filters", rest[1:]
             if rest and (unit := _unit(part, group, None, rest)):
-                found[path] = unit
-        return found
+                units[path] = unit
+        return units
 
 
 def _unit(part: Any, group: str | None, cls: type[Any] | None, keys: Sequence[str]) -> str:
@@ -329,27 +328,27 @@ def catch_errors(part: Any = None) -> Iterator[None]:
         raise OutputError(package_line(error)) from error
 
 
-def as_table(found: object, part: Any) -> Table:
+def as_table(table: object, part: Any) -> Table:
     """Return the table of a kind; raises WrongOutputError if it is none, or cannot be written."""
-    if not isinstance(found, Table):
-        raise WrongOutputError("table", f"table gives a {type(found).__name__}, not a Table")
+    if not isinstance(table, Table):
+        raise WrongOutputError("table", f"table gives a {type(table).__name__}, not a Table")
     try:
-        found.csv_rows(), found.markdown(), found.texts().tex("")
+        table.csv_rows(), table.markdown(), table.texts().tex("")
     except Exception as error:
         if not is_foreign(part):
             raise
         what = f"the table cannot be written: {message_of(error)}"
         raise WrongOutputError("table", what) from None
-    return found
+    return table
 
 
-def as_figure(found: object) -> "Figure":
+def as_figure(figure: object) -> "Figure":
     """Return a plugin's figure; raises WrongOutputError if it is none."""
     from matplotlib.figure import Figure
 
-    if not isinstance(found, Figure):
-        raise WrongOutputError("draw", f"draw gives a {type(found).__name__}, not a Figure")
-    return found
+    if not isinstance(figure, Figure):
+        raise WrongOutputError("draw", f"draw gives a {type(figure).__name__}, not a Figure")
+    return figure
 
 
 def missing_paths(points: Sequence[Point], **wanted: str | None) -> dict[str, str]:
@@ -367,12 +366,16 @@ def missing_paths(points: Sequence[Point], **wanted: str | None) -> dict[str, st
 def scenes(results: Results) -> list[GridPoint]:
     """Return the grid's combinations of scenario values, in order; one empty one without any."""
     paths = [path for path in results.grid if is_of_scenario(path)]
-    every = [{path: point[path] for path in paths} for point in results.points()]
-    return [scene for i, scene in enumerate(every) if scene not in every[:i]]
+    every: list[GridPoint] = []
+    for point in results.points():
+        scene = {path: point[path] for path in paths}
+        if scene not in every:
+            every.append(scene)
+    return every
 
 
 def points_of(results: Results, scene: GridPoint) -> list[GridPoint]:
-    """Return the points of the grid with these scenario values."""
+    """Select the points of the grid with these scenario values."""
     return [p for p in results.points() if all(p[k] == v for k, v in scene.items())]
 
 
@@ -380,16 +383,14 @@ def own_values(results: Results, point: GridPoint, label: str) -> GridPoint:
     """Return the values that a point gives a filter, by single path."""
     place = results.index_of(point)
     values = point if place is None else results.grid_points[place]  # lists, where files have words
-    singles = (
-        pair
-        for path, value in values.items()
-        for pair in zip(single_paths(path), values_of(path, value), strict=True)
-    )
+    singles: GridPoint = {}
+    for path, value in values.items():
+        singles |= zip(single_paths(path), values_of(path, value), strict=True)
     every = results.config["filters"]
-    return {path: value for path, value in singles if label in filters_of(path, every)}
+    return {path: value for path, value in singles.items() if label in filters_of(path, every)}
 
 
 def named_form(label: str, keys: GridPoint, others: Sequence[GridPoint]) -> str:
     """Return a filter's label with the keys that differ between its forms."""
-    told = {k: v for k, v in keys.items() if any(other.get(k) != v for other in others)}
-    return f"{label} ({phrases.heading(told)})" if told else label
+    differing = {k: v for k, v in keys.items() if any(other.get(k) != v for other in others)}
+    return f"{label} ({phrases.heading(differing)})" if differing else label

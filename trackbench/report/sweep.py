@@ -51,15 +51,15 @@ def _figures(settings: Settings) -> dict[str, DrawnExhibit]:
     """Return a figure for each group of paths that are varied together, if they are one or two."""
     grid = list(settings.grid)
     apart = independent_filter_paths(grid, settings.filters, settings.reference)
-    together = [path for path in grid if not any(path in paths for paths in apart)]
-    found: dict[str, DrawnExhibit] = {}
+    together = [path for path in grid if path not in set[str]().union(*apart)]
+    figures: dict[str, DrawnExhibit] = {}
     for paths in apart or [[]]:
         shown = [path for path in grid if path in paths or path in together]
         if len(shown) <= _AXES:
             name = "-".join(["sweep", *map(_file_name, shown)])[:70]
             figure = SweepFigure(paths=tuple(shown), title=_title(shown, settings))
-            found[free_name(name, found)] = figure
-    return found
+            figures[free_name(name, figures)] = figure
+    return figures
 
 
 def _title(paths: list[str], settings: Settings) -> str:

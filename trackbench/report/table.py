@@ -6,6 +6,7 @@ import unicodedata
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from html import escape
+from itertools import chain
 from math import floor, isfinite, isinf, log10
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -43,7 +44,8 @@ class TextTable:
     def markdown(self) -> str:
         """Return a Markdown table with a bold caption."""
         lines = [_line(list(map(_escaped, self.heads))), _line(["---"] * len(self.heads))]
-        lines += [_line([_escaped(cell.text) for cell in row]) for row in self.rows]
+        for row in self.rows:
+            lines.append(_line([_escaped(cell.text) for cell in row]))
         caption = f"**{_escaped(self.title)}**\n\n" if self.title else ""
         notes = "".join(f"\n{_escaped(note)}\n" for note in self.notes)
         return caption + "\n".join(lines) + "\n" + notes
@@ -60,9 +62,9 @@ class TextTable:
     def tex(self, name: str = "") -> str:
         """Return a LaTeX table for booktabs, graphicx and siunitx (3); ``name`` is its label."""
         columns = "".join("l" if self._words(i) else "r" for i in range(len(self.heads)))
-        rows = [
-            " & ".join(cell.tex or _tex(cell.text) for cell in row) + r" \\" for row in self.rows
-        ]
+        rows = []
+        for row in self.rows:
+            rows.append(" & ".join(cell.tex or _tex(cell.text) for cell in row) + r" \\")
         notes = [f"\n{_tex(note)}\\par" for note in self.notes]
         return "\n".join(
             [
@@ -146,7 +148,7 @@ def table_html(table: TextTable) -> str:
 def results_html(
     title: str, lines: Sequence[str], tables: Iterable[TextTable], picture: bytes | None
 ) -> str:
-    """Return the title, lines, a figure as PNG, tables."""
+    """Join title, lines, a figure as PNG and tables for a notebook."""
     parts = [f"<h4>{escape(title)}</h4>", *(f"<div>{escape(line)}</div>" for line in lines)]
     if picture:
         data = base64.b64encode(picture).decode()
@@ -228,20 +230,22 @@ class Table:
     @property
     def csv_header(self) -> list[str]:
         """Return keys, then value and standard error of each column, then the runs lost."""
-        pairs = [name for head in self.value_headers for name in (head, f"{head} stderr")]
-        return [*self.key_headers, *pairs, "lost"]
+        header = [*self.key_headers]
+        for head in self.value_headers:
+            header += [head, f"{head} stderr"]
+        return [*header, "lost"]
 
     def csv_rows(self) -> list[list[object]]:
         """Return one row per row, numbers in full."""
         rows = []
         for keys, cells in zip(self.keys, self.cells, strict=True):
-            values = [x for cell in cells for x in cell.estimate]
+            values = chain.from_iterable(cell.estimate for cell in cells)
             rows.append([*keys, *values, max(c.lost for c in cells)])
         return rows
 
     def texts(self) -> TextTable:
         """Return ``value ± stderr`` in every cell; lost runs are named in a last column."""
-        lost = any(c.lost for cells in self.cells for c in cells)
+        lost = any(cell.lost for cell in chain.from_iterable(self.cells))
         keys = [f"{h} ({self.units[h]})" if h in self.units else h for h in self.key_headers]
         heads = [*keys, *self.value_headers, *(["Lost runs"] if lost else [])]
         table = TextTable(self.title, heads, notes=self.notes)
@@ -292,16 +296,12 @@ def rounded(value: float, stderr: float, digits: int) -> str:
         decimals = min(max(decimals, place), place + 1) if value else place + 1
     decimals = max(decimals, 0)
     if decimals > max(7, digits + 3) or abs(value) >= 1e6:
-        return _with_exponents(value, stderr, digits)
+        if not isfinite(stderr):
+            return f"{value:.{_exact_places(digits)}e}"
+        return f"{value:.{_places(value, stderr, digits)}e} ± {stderr:.1e}"
     if not isfinite(stderr):
         return f"{value:.{decimals}f}"
     return f"{value:.{decimals}f} ± {stderr:.{decimals}f}"
-
-
-def _with_exponents(value: float, stderr: float, digits: int) -> str:
-    if not isfinite(stderr):
-        return f"{value:.{_exact_places(digits)}e}"
-    return f"{value:.{_places(value, stderr, digits)}e} ± {stderr:.1e}"
 
 
 def _places(value: float, stderr: float, digits: int) -> int:

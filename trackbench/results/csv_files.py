@@ -98,9 +98,9 @@ class CsvFiles:
         for of_series in columns:
             lines: list[list[str]] = []
             at, runs = [heads[i] for i in of_series.positions.tolist()], of_series.runs.tolist()
-            for metric, found in of_series.metrics.items():
+            for metric, estimates in of_series.metrics.items():
                 if is_stored(stored, measured(metric).base):
-                    name, value, stderr = cells([metric]), *(_texts(x, file) for x in found)
+                    name, value, stderr = cells([metric]), *(_texts(x, file) for x in estimates)
                     rows = zip(at, value, stderr, runs, strict=True)
                     lines.append([f"{a},{name},{x},{s},{n}\n" for a, x, s, n in rows])
             self._writers[file].write("".join(chain.from_iterable(zip(*lines, strict=True))))
@@ -134,8 +134,8 @@ def _texts(values: Array, file: str) -> list[str]:
 def _without_runs(columns: StepColumns) -> StepColumns:
     """Return exact numbers, which no runs and so no standard errors belong to."""
     metrics = {
-        name: Estimates(found.value, np.full_like(found.stderr, np.nan))
-        for name, found in columns.metrics.items()
+        name: Estimates(estimates.value, np.full_like(estimates.stderr, np.nan))
+        for name, estimates in columns.metrics.items()
     }
     return columns._replace(metrics=metrics, runs=np.zeros_like(columns.runs))
 

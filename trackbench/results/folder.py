@@ -106,7 +106,10 @@ class ResultsFolder:
     def labels(self) -> list[str]:
         """Return filter labels in the config's order, each before its exact errors; the bound's last."""
         bound = self.config.get("bound")
-        labels = [b for f in self.filters for b in (f, exact_label(f)) if b == f or b in self.exact]
+        labels: list[str] = []
+        for label in self.filters:
+            exact = exact_label(label)
+            labels += [label, exact] if exact in self.exact else [label]
         return [*labels, *([bound] if bound else [])]
 
     @cached_property
@@ -288,7 +291,7 @@ class ResultsFolder:
         return {}
 
     def at(self, frame: "pd.DataFrame", point: GridPoint) -> "pd.DataFrame":
-        """Return the rows of one grid point."""
+        """Select the rows of one grid point."""
         for path, value in point.items():
             frame = frame[frame[path] == value]
         return frame
@@ -317,8 +320,8 @@ class ResultsFolder:
         """Return a value of the config; nothing if it is not there."""
         value: Any = self.config
         for key in split_path(self.source, path):
-            there = value if isinstance(value, dict) else dict(enumerate(value or ()))
-            value = there.get(key)
+            children = value if isinstance(value, dict) else dict(enumerate(value or ()))
+            value = children.get(key)
         return value
 
 

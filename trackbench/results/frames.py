@@ -53,7 +53,7 @@ class Columns:
         return iter(self.arrays)
 
     def where(self, **values: Any) -> "Columns":
-        """Return the rows that have these values in these columns."""
+        """Select the rows that have these values in these columns."""
         return self.at(values)
 
     def at(self, values: Mapping[str, Any]) -> "Columns":

@@ -1,5 +1,6 @@
 """Tracks of runs as npz files: ``tracks.npz`` with all of them, ``shown.npz`` with those of figures."""
 
+from itertools import chain
 from pathlib import Path
 from typing import Any, cast
 from zipfile import ZIP_LZMA, ZipFile
@@ -83,7 +84,8 @@ class FigureTracks(TrackFile):
         if len(only_lines) < len(of_filter):
             arrays[f"mean/{label}"] = means
         elif only_lines:
-            components = sorted({c for f in only_lines for c in f.shown_components or ()})
+            shown = (figure.shown_components or () for figure in only_lines)
+            components = sorted(set(chain.from_iterable(shown)))
             arrays[f"mean/{label}"] = _quantized(means, components)
         if tracks.cov is not None and any(f.shown_covariances for f in of_filter):
             arrays[f"cov/{label}"] = tracks.cov[..., :exact]

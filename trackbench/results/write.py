@@ -10,6 +10,7 @@ from contextlib import ExitStack, suppress
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, distribution, version
 from importlib.resources import files
+from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -166,7 +167,7 @@ def facts_of_run(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
         "platform": platform.platform(),
         "processor": _processor(),
         "packages": {name: version(name) for name in _PACKAGES}
-        | dict(package for plugin in experiment.plugins for package in plugin.packages),
+        | dict(chain.from_iterable(plugin.packages for plugin in experiment.plugins)),
         "lock": compare_lock(),
         "plugins": {Path(plugin.path).name: plugin.digest for plugin in experiment.plugins},
         "code": code_digest(),

@@ -13,6 +13,7 @@ import shutil
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -69,7 +70,8 @@ def _compare(results: Results, experiment: Experiment, runs: int) -> Iterator[st
         has_runs = (folder / "per_run.csv").is_file()
         if has_runs:
             yield from compare_derived(results, folder)
-            numbers = {len(x) for point in results.points() for x in results.runs(point).values()}
+            columns = chain.from_iterable(results.runs(p).values() for p in results.points())
+            numbers = set(map(len, columns))
             if numbers - {every}:
                 # As many runs as the config asks for may take for ever.
                 yield "per_run.csv: has not as many runs of every metric as the config asks for"

@@ -26,7 +26,11 @@ _FILE = "tuning.csv"
 def compare_tuning(results: Results, experiment: Experiment, runs: int) -> Iterator[str]:
     """Yield differences in tuning.csv, and in the values that the config took from it."""
     is_whole = runs >= experiment.settings.runs
-    repeated = _tune_again(experiment) if is_whole and results.tuning else {}
+    repeated: dict[str, Record] = {}
+    if is_whole and results.tuning:
+        workers, store = cpu_count(), BlockStore(cache_folder())
+        processes = engine("processes", workers)
+        repeated = tune(experiment, store, processes, workers, fresh=True, progress=False)
     for label in experiment.tuned:
         if label not in results.tuning:
             yield f"{_FILE}: has no trials of {label}"
@@ -41,12 +45,6 @@ def compare_tuning(results: Results, experiment: Experiment, runs: int) -> Itera
         stored = record.trials if is_whole else [record.trials[0], record.best]
         again = repeated[label].trials if is_whole else _run_trials(record, training, stored)
         yield from _compare_trials(label, stored, again)
-
-
-def _tune_again(experiment: Experiment) -> dict[str, Record]:
-    workers, store = cpu_count(), BlockStore(cache_folder())
-    processes = engine("processes", workers)
-    return tune(experiment, store, processes, workers, fresh=True, progress=False)
 
 
 def _run_trials(record: Record, training: Training, trials: list[Trial]) -> list[Trial]:

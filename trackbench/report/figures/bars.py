@@ -107,8 +107,8 @@ class Bars(FigureKind):
     def _published(self, ax: Axes, results: Results, point: GridPoint, labels: list[str]) -> None:
         look: LineStyle = {"marker": "D", "linestyle": "", "markerfacecolor": "none"}
         for number in results.published.numbers:
-            here = number.expression == self.metric and point_of(results, number.point) == point
-            for label in number.labels if here else ():
+            matches = number.expression == self.metric and point_of(results, number.point) == point
+            for label in number.labels if matches else ():
                 if label in labels and not isinstance(number.value, str):
                     ax.plot(number.value, labels.index(label), color="black",
                             markersize=5, label="Published", **look)  # fmt: skip

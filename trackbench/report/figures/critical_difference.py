@@ -61,8 +61,8 @@ class CriticalDifference(FigureKind):
 def mean_ranks(values: Array) -> Array:
     """Return mean ranks (k,) of k filters from values (k, M); NaN is worst, ties share."""
     worst = np.where(np.isnan(values), np.inf, values)
-    better = [np.sum(worst < own, axis=0) for own in worst]
-    equal = [np.sum(worst == own, axis=0) for own in worst]  # with itself
+    better = [np.sum(worst < row, axis=0) for row in worst]
+    equal = [np.sum(worst == row, axis=0) for row in worst]  # with itself
     return np.mean(np.array(better) + 0.5 * (np.array(equal) + 1), axis=1)
 
 

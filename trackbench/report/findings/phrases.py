@@ -24,17 +24,17 @@ def ranking(values: Mapping[str, float], better: Better, what: str) -> str:
 
     Empty of a metric that only describes, and of fewer than two numbers.
     """
-    there = {label: value for label, value in values.items() if isfinite(value)}
-    if not better or len(there) < 2:
+    finite = {label: value for label, value in values.items() if isfinite(value)}
+    if not better or len(finite) < 2:
         return ""
-    if len(alike := {three_digits(value) for value in there.values()}) == 1:
+    if len(alike := {three_digits(value) for value in finite.values()}) == 1:
         return f"{what}, all have {alike.pop()}."
     # Best first: the first three and the last are named.
-    order = sorted(there, key=lambda label: _far(there[label], better))
+    order = sorted(finite, key=lambda label: _far(finite[label], better))
     first, last = _BEST[better]
-    told = [f"{named(label)} ({three_digits(there[label])})" for label in order]
-    rest = f"; {last}: {told[-1]}" if len(told) > _FIRST else ""
-    return f"{what}, {first}: {', '.join(told[:_FIRST])}{rest}."
+    texts = [f"{named(label)} ({three_digits(finite[label])})" for label in order]
+    rest = f"; {last}: {texts[-1]}" if len(texts) > _FIRST else ""
+    return f"{what}, {first}: {', '.join(texts[:_FIRST])}{rest}."
 
 
 def _far(value: float, better: Better) -> float:
@@ -54,10 +54,10 @@ _SCORES = {"log_score": "log score", "held_log_score": "held-out log score"}
 
 def metric_words(metric: Measure) -> str:
     """Return ``position RMSE``, ``log score``."""
-    found, quantity = metric.family
-    if found.name in _SCORES:
-        return _SCORES[found.name]
-    return f"{without_unit(quantity)[0].replace('_', ' ')} {found.name.upper()}".strip()
+    family, quantity = metric.family
+    if family.name in _SCORES:
+        return _SCORES[family.name]
+    return f"{without_unit(quantity)[0].replace('_', ' ')} {family.name.upper()}".strip()
 
 
 def statistic_words(statistic: str, metric: Measure) -> str:

@@ -37,8 +37,8 @@ def thumbnail(content: bytes) -> str:
     for element in _drawn(root):
         name = element.tag.removeprefix(_SVG)
         if name == "image":
-            kept = {k: v for k, v in element.attrib.items() if k.rpartition("}")[2] in _OF_IMAGE}
-            ET.SubElement(small, element.tag, kept)
+            names = [name for name in element.attrib if name.rpartition("}")[2] in _OF_IMAGE]
+            ET.SubElement(small, element.tag, {name: element.attrib[name] for name in names})
             continue
         d = _coarse(element.get("d", ""))
         look = dict(_STYLE.findall(element.get("style", "")))
@@ -69,12 +69,12 @@ def _coarse(d: str) -> str:
     """Return a path of straight lines in whole points, without those that are hardly apart."""
     parts = []
     for points, closed in outline(d):
-        kept = [points[0]]
+        corners = [points[0]]
         for point in points[1:]:
-            if max(abs(point[0] - kept[-1][0]), abs(point[1] - kept[-1][1])) >= _APART:
-                kept.append(point)
-        if len(kept) > 1:
-            text = " ".join(f"{x:.0f},{y:.0f}" for x, y in kept)
+            if max(abs(point[0] - corners[-1][0]), abs(point[1] - corners[-1][1])) >= _APART:
+                corners.append(point)
+        if len(corners) > 1:
+            text = " ".join(f"{x:.0f},{y:.0f}" for x, y in corners)
             parts.append(f"M{text}{'z' if closed else ''}")
     return "".join(parts)
 
@@ -110,23 +110,23 @@ def write_overview(folder: Path) -> list[Path]:
     If folders lack the runs that their verdicts need, as in a git clone, index.html leaves them out and
     README.md stays.
     """
-    found, left_out = _opened(folder)
-    everything = _together([comparison for _, comparison in found])
-    index = _write_index(folder, found, everything)
+    experiments, left_out = _opened(folder)
+    everything = _together([comparison for _, comparison in experiments])
+    index = _write_index(folder, experiments, everything)
     ledger = folder / "README.md"
     if left_out:
-        missing = f"per_run.csv is missing in {left_out} of {left_out + len(found)} folders"
+        missing = f"per_run.csv is missing in {left_out} of {left_out + len(experiments)} folders"
         print(f"note: {ledger} is not written again: {missing}", file=sys.stderr)
         return [index]
-    write_text(ledger, _ledger(folder, found, everything))
+    write_text(ledger, _ledger(folder, experiments, everything))
     return [index, ledger]
 
 
-def _write_index(folder: Path, found: Overview, everything: Verdicts) -> Path:
+def _write_index(folder: Path, experiments: Overview, everything: Verdicts) -> Path:
     # The verdicts on CPU times of all experiments are counted separately.
-    times = chain.from_iterable(time_verdicts(results) for results, _ in found)
+    times = chain.from_iterable(time_verdicts(results) for results, _ in experiments)
     cards = {}
-    for topic, group in _by_topic(found).items():
+    for topic, group in _by_topic(experiments).items():
         cards[topic] = [_card(folder, *item) for item in group]
     return write_page(
         folder / "index.html",
@@ -161,10 +161,10 @@ _RECORDINGS, _ANGLES = "Recordings", "Targets seen by radar, lidar or bearings"
 _POSITIONS, _OTHERS = "Targets with measured positions", "Other dynamic systems"
 
 
-def _by_topic(found: Overview) -> dict[str, Overview]:
+def _by_topic(experiments: Overview) -> dict[str, Overview]:
     """Return the experiments by what is estimated and measured; topics without any are left out."""
     groups: dict[str, Overview] = {t: [] for t in (_RECORDINGS, _ANGLES, _POSITIONS, _OTHERS)}
-    for item in found:
+    for item in experiments:
         groups[_topic(item[0])].append(item)
     return {topic: group for topic, group in groups.items() if group}
 
@@ -190,33 +190,33 @@ def _has_runs(results: Results) -> bool:
     return (results.folder / "per_run.csv").is_file()
 
 
-def short_answer(found: Sequence[Ranking]) -> str:
+def short_answer(standings: Sequence[Ranking]) -> str:
     """Return the result in about five words: ``IMM best of 16 filters``; empty without a ranking."""
-    best = chain.from_iterable(ranking.among_the_best for ranking in found)
+    best = chain.from_iterable(ranking.among_the_best for ranking in standings)
     leaders = Counter(candidate.label for candidate in best)
     if not leaders:
-        return "which is best is inconclusive" if any(s.order[1:] for s in found) else ""
+        return "which is best is inconclusive" if any(s.order[1:] for s in standings) else ""
     (label, most), *others = leaders.most_common()
-    if len(found) > 1:
-        return f"{label} best at {most} of {len(found)}"
-    filters = len(found[0].order) + len(found[0].losing)
+    if len(standings) > 1:
+        return f"{label} best at {most} of {len(standings)}"
+    filters = len(standings[0].order) + len(standings[0].losing)
     if filters == 1:
         return ""
     if len(others) + 1 == filters:
         return f"no significant difference between {filters}"
-    first = found[0].among_the_best[0].label
+    first = standings[0].among_the_best[0].label
     return (
         f"{first} and {len(others)} others best" if others else f"{first} best of {filters} filters"
     )
 
 
 def _together(comparisons: list[Verdicts]) -> Verdicts:
-    """Return the summary over several experiments."""
+    """Join the verdicts of several experiments, to count them together."""
     return Verdicts(
-        [row for c in comparisons for row in c.rows],
-        [row for c in comparisons for row in c.claims],
-        [row for c in comparisons for row in c.ranks],
-        [row for c in comparisons for row in c.left_out],
+        list(chain.from_iterable(c.rows for c in comparisons)),
+        list(chain.from_iterable(c.claims for c in comparisons)),
+        list(chain.from_iterable(c.ranks for c in comparisons)),
+        list(chain.from_iterable(c.left_out for c in comparisons)),
     )
 
 
@@ -245,10 +245,10 @@ def _opened(folder: Path) -> tuple[Overview, int]:
     return opened, len(without_runs)
 
 
-def _ledger(folder: Path, found: Overview, everything: Verdicts) -> str:
+def _ledger(folder: Path, experiments: Overview, everything: Verdicts) -> str:
     lines = [f"- {line}" for line in summary_lines(everything)]
     parts = [_HEAD.rstrip(), "\n".join(lines) or "Nothing is published about these experiments."]
-    for topic, group in _by_topic(found).items():
+    for topic, group in _by_topic(experiments).items():
         parts.append(f"## {topic}")
         for results, comparison in group:
             name = results.folder.relative_to(folder).as_posix()

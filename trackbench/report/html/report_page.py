@@ -66,7 +66,7 @@ def write_report(
         rerun=_rerun(results),
         config=as_yaml(results.config),
         versions=_versions(results),
-        sections=[(id_, name) for id_, name, there in sections if there],
+        sections=[(id_, name) for id_, name, has_content in sections if has_content],
     )
 
 
@@ -143,15 +143,15 @@ def drawings(results: Results) -> list[Drawing]:
     """Return all figures, the key figure first; disallowed plugins' as stored."""
     from markupsafe import Markup
 
-    found = []
+    drawn = []
     for name, spec, content in _pictures(results):
-        asked = results.figure_configs.get(name, {})
-        title, said = (results.fill_title(asked.get(key) or "") for key in ("title", "caption"))
+        config = results.figure_configs.get(name, {})
+        title, said = (results.fill_title(config.get(key) or "") for key in ("title", "caption"))
         what = (inspect.getdoc(type(spec)) or "").partition("\n")[0] if spec is not None else ""
         caption = said or _caption(results, name, spec) or what
         svg = Markup(inline(content, name, ". ".join(filter(None, [title or name, what]))))
-        found.append(Drawing(name, svg, "" if title else f"{name}.", caption))
-    return found
+        drawn.append(Drawing(name, svg, "" if title else f"{name}.", caption))
+    return drawn
 
 
 def _caption(results: Results, name: str, spec: FigureKind | None) -> str:
@@ -173,8 +173,8 @@ def key_picture(results: Results) -> bytes | None:
 
 def _pictures(results: Results) -> Iterator[tuple[str, FigureKind | None, bytes]]:
     """Name, kind and SVG of each figure that is in the folder, or can be drawn."""
-    specs, asked = results.parts("figures"), results.figure_configs
-    names = [*(name for name in specs if name not in asked), *asked]
+    specs, configs = results.parts("figures"), results.figure_configs
+    names = [*(name for name in specs if name not in configs), *configs]
     for name in sorted(names, key=lambda name: name != results.key_figure):
         spec = specs.get(name)
         place = Path("figures" if spec is None else figure_folder(spec)) / f"{name}.svg"
@@ -182,7 +182,7 @@ def _pictures(results: Results) -> Iterator[tuple[str, FigureKind | None, bytes]
         is_own = path.is_file() and not any((results.folder / p).is_symlink() for p in parts)
         contents = [path.read_bytes()] if is_own else []
         failed = f"figure {name}" in results.unmade
-        if not contents and spec is not None and name in asked and not failed:
+        if not contents and spec is not None and name in configs and not failed:
             with results.without(f"figure {name}"):
                 contents = [content for _, content in draw_figure(spec, results, ["svg"])]
         if contents:

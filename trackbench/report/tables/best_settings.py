@@ -28,14 +28,14 @@ class BestSettings(TableKind):
     """significant digits of the values"""
 
     def table(self, results: Results) -> Table:
-        """Return the table from a results folder."""
-        found = best_settings(results)
-        where = [results.axis(path) for path in (found[0].scene if found else ())]
+        """Fill a row for each filter whose keys the grid varies."""
+        rankings = best_settings(results)
+        where = [results.axis(path) for path in (rankings[0].scene if rankings else ())]
         heads = [*where, "Filter", "Best at", "No significant difference"]
-        value = mean_of(found[0].metric) if found else "Mean"
+        value = mean_of(rankings[0].metric) if rankings else "Mean"
         title = self.title or "Each filter's best values"
         table = Table(title, heads, [value, "Next"], self.digits)
-        for standing in found:
+        for standing in rankings:
             if standing.best is not None:
                 keys = [*map(phrases.number, standing.scene.values()), *_keys(standing)]
                 table.add(keys, _cells(standing))

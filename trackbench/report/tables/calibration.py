@@ -66,11 +66,11 @@ class Uniformity(NamedTuple):
     tests: int
 
 
-def judged(found: Iterable[tuple[str, str, Histogram]], alpha: float) -> Uniformity:
+def judged(histograms: Iterable[tuple[str, str, Histogram]], alpha: float) -> Uniformity:
     """Test the histograms of (filter, PIT) with family-wise error alpha (Holm 1979)."""
-    tests = [
-        (label, head, p) for label, head, h in found for p in (h.p_distance, h.p) if np.isfinite(p)
-    ]
+    tests = []
+    for label, head, ranks in histograms:
+        tests += [(label, head, p) for p in (ranks.p_distance, ranks.p) if np.isfinite(p)]
     bad: dict[str, list[str]] = {}
     for (label, head, _), p in zip(tests, holm(np.array([p for _, _, p in tests])), strict=True):
         if p < alpha and head not in bad.setdefault(label, []):
@@ -110,7 +110,7 @@ class CalibrationTable(TableKind):
         return steps_that_are_not("rows", self.rows.values(), points)
 
     def table(self, results: Results) -> Table:
-        """Return the table from a results folder."""
+        """Fill a row for each filter and PIT; a note judges all histograms together."""
         keys = [*results.grid_heads, "Filter", "PIT"]
         table = Table(self.title, keys, _HEADS, self.digits)
         every: list[tuple[str, str, Histogram]] = []
@@ -118,23 +118,23 @@ class CalibrationTable(TableKind):
             for label in results.chosen(self.filters):
                 row = [*(str(v) for v in point.values()), label]
                 for head, m in self.rows.items():
-                    found = histogram(results, point, label, m)
-                    table.add([*row, head], _cells(found))
-                    every.append((", ".join(row), head, found))
+                    ranks = histogram(results, point, label, m)
+                    table.add([*row, head], _cells(ranks))
+                    every.append((", ".join(row), head, ranks))
         table.notes += _verdict(judged(every, self.alpha), self.alpha)
         return table
 
 
-def _cells(found: Histogram) -> list[Cell]:
-    numbers = (found.distance, found.p_distance, found.p)
-    return [Cell(Estimate(x, np.nan), found.runs, 0) for x in numbers]
+def _cells(ranks: Histogram) -> list[Cell]:
+    numbers = (ranks.distance, ranks.p_distance, ranks.p)
+    return [Cell(Estimate(x, np.nan), ranks.runs, 0) for x in numbers]
 
 
-def _verdict(found: Uniformity, alpha: float) -> Iterator[str]:
+def _verdict(uniformity: Uniformity, alpha: float) -> Iterator[str]:
     """Return which ranks are not uniform, and which show no difference."""
-    by = f"by {found.tests} tests, {alpha:g} for all of them (Holm)"
-    if found.bad:
-        words = "; ".join(f"{label} in {joined(heads)}" for label, heads in found.bad.items())
+    by = f"by {uniformity.tests} tests, {alpha:g} for all of them (Holm)"
+    if uniformity.bad:
+        words = "; ".join(f"{label} in {joined(heads)}" for label, heads in uniformity.bad.items())
         yield f"Not calibrated {by}: {words}."
-    if found.good:
-        yield f"Not seen to be otherwise than calibrated {by}: {', '.join(found.good)}."
+    if uniformity.good:
+        yield f"Not seen to be otherwise than calibrated {by}: {', '.join(uniformity.good)}."

@@ -42,19 +42,19 @@ class Consistency(TableKind):
     """significant digits of the values"""
 
     def table(self, results: Results) -> Table:
-        """Return the table from a results folder."""
+        """Count the steps at which each filter stays in its bands."""
         sized = [
             "ANEES, median step",
             "steps in its band",
             "ANIS, median step",
             "steps in its band ",
         ]
-        found = {tuple(point.items()): Evaluator(results, point) for point in results.points()}
-        refused = _refused(found.values())
+        evaluators = {tuple(point.items()): Evaluator(results, point) for point in results.points()}
+        refused = _refused(evaluators.values())
         keys = [*results.grid_heads, "Filter"]
         table = Table(self.title, keys, [*sized, *refused], self.digits)
         every: dict[str, dict[int, set[float]]] = {"ANEES": {}, "ANIS": {}}
-        for point, evaluator in found.items():
+        for point, evaluator in evaluators.items():
             given, frame = results.facts(dict(point)), results.columns("per_step", dict(point))
             sizes = {"anees": len(given.components), "nis": len(given.measured)}
             for label in results.chosen(self.filters):
@@ -119,12 +119,12 @@ def components(numbers: Array) -> float:
     unweighted mean has sum(2 / n_i) / M^2, which a chi-square over its M^2 / sum(1 / n_i) degrees of
     freedom has, too (Satterthwaite 1946, Biometrics Bull. 2, 110). Of equal n_i exactly M n; 0 of none.
     """
-    there = numbers[numbers > 0]
-    if not len(there):
+    positive = numbers[numbers > 0]
+    if not len(positive):
         return 0.0
-    least = there.min()  # so that of equal numbers nothing is rounded
+    least = positive.min()  # so that of equal numbers nothing is rounded
     # N = M^2 / sum(1 / n_i)
-    return float(len(there) * least * (len(there) / total(least / there)))
+    return float(len(positive) * least * (len(positive) / total(least / positive)))
 
 
 def anis_band(numbers: Array) -> tuple[float, float]:
@@ -175,12 +175,12 @@ class Innovations(TableKind):
 
     def table(self, results: Results) -> Table:
         """Return the table from a results folder; columns that no filter has are left out."""
-        found = {tuple(point.items()): Evaluator(results, point) for point in results.points()}
-        there = {metric for evaluator in found.values() for _, metric in evaluator.stored}
-        columns = {h: m for h, m in _COLUMNS.items() if m in there} | _error_columns(results)
-        columns |= _refused(found.values())
+        evaluators = {tuple(point.items()): Evaluator(results, point) for point in results.points()}
+        metrics = {metric for evaluator in evaluators.values() for _, metric in evaluator.stored}
+        columns = {h: m for h, m in _COLUMNS.items() if m in metrics} | _error_columns(results)
+        columns |= _refused(evaluators.values())
         table = Table(self.title, [*results.grid_heads, "Filter"], list(columns), self.digits)
-        for point, evaluator in found.items():
+        for point, evaluator in evaluators.items():
             for label in results.chosen(self.filters):
                 row = [_innovation_cell(evaluator, label, metric) for metric in columns.values()]
                 table.add([*(str(v) for _, v in point), label], row)
@@ -190,8 +190,8 @@ class Innovations(TableKind):
 
 def _refused(evaluators: Iterable[Evaluator]) -> dict[str, str]:
     """Return the column of refused measurements, where any filter has a gate."""
-    there = {metric for evaluator in evaluators for _, metric in evaluator.stored}
-    return {head: metric for head, metric in _REFUSED.items() if metric in there}
+    metrics = {metric for evaluator in evaluators for _, metric in evaluator.stored}
+    return {head: metric for head, metric in _REFUSED.items() if metric in metrics}
 
 
 def _innovation_cell(evaluator: Evaluator, label: str, metric: str) -> Cell:
@@ -201,13 +201,13 @@ def _innovation_cell(evaluator: Evaluator, label: str, metric: str) -> Cell:
 
 def _error_columns(results: Results) -> dict[str, str]:
     """Return the heading and metric of a column for each component of the measurement."""
-    found = {}
+    columns = {}
     for head, kind in _ERRORS.items():
         for name in dict.fromkeys(results.columns("summary")["metric"]):
             component = name.removeprefix(f"rms(rmse_{kind}_").removesuffix(")")
             if name == f"rms(rmse_{kind}_{component})" and "[" not in component:
-                found[f"{head} error, {component}"] = name
-    return found
+                columns[f"{head} error, {component}"] = name
+    return columns
 
 
 def _band_notes(results: Results, labels: list[str]) -> list[str]:
@@ -217,27 +217,27 @@ def _band_notes(results: Results, labels: list[str]) -> list[str]:
     for point in results.points():
         alike: dict[str, list[str]] = {}
         for label in labels:
-            for told in _note_on_bands(results.runs(point), label):
-                alike.setdefault(told, []).append(label)
-        for told, names in alike.items():
+            for sentence in _note_on_bands(results.runs(point), label):
+                alike.setdefault(sentence, []).append(label)
+        for sentence, names in alike.items():
             who = [phrases.listed(names)] if len(alike) > 1 else []
             where = [phrases.heading(point)] if point else []
-            said.setdefault(told, []).append(", ".join(who + where))
+            said.setdefault(sentence, []).append(", ".join(who + where))
     if len(said) == 1:
         return list(said)
-    return [f"{'; '.join(places)}: {told}" for told, places in said.items()]
+    return [f"{'; '.join(places)}: {sentence}" for sentence, places in said.items()]
 
 
 def _note_on_bands(runs: dict[tuple[str, str], Array], label: str) -> list[str]:
     """Return the sentence on a filter's bands; none for a filter without predictions."""
     numbers = runs.get((label, "innovations"), np.empty(0))
-    there = ~np.isnan(numbers)
-    if not there.any():
+    finite = ~np.isnan(numbers)
+    if not finite.any():
         return []
-    number = round(float(numbers[there].sum()))
+    number = round(float(numbers[finite].sum()))
     if not number:
         return ["Nothing was measured after the start: nothing can be said of a filter."]
-    low, high = anis_band(numbers[there])
+    low, high = anis_band(numbers[finite])
     bands = [f"ANIS {low:.3f} to {high:.3f}"]
     # The band of the autocorrelation is that of the runs that have one.
     paired = ~np.isnan(runs.get((label, "autocorrelation_1"), np.full(len(numbers), np.nan)))

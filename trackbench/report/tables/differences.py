@@ -37,7 +37,7 @@ class Differences(TableKind):
     """significant digits of the values"""
 
     def table(self, results: Results) -> Table:
-        """Return the table from a results folder."""
+        """Fill a row for each filter but `against`: paired differences, metric by metric."""
         labels = results.chosen(self.filters)
         heads = [*results.grid_heads, f"Difference to {self.against}"]
         table = Table(self.title, heads, list(self.columns), self.digits)
@@ -83,15 +83,15 @@ class Claims(TableKind):
     """significant digits of the values"""
 
     def table(self, results: Results) -> Table:
-        """Return the table from a results folder."""
+        """Judge every claim at each point of the grid."""
         points = results.points()
         names = [", ".join(map(phrases.number, point.values())) or "all runs" for point in points]
         table = Table(self.title, ["Claim"], names, self.digits)
         at = [Evaluator(results, point) for point in points]
         for words, claim in self.claims.items():
-            found = [_compared(evidence, claim) for evidence in at]
-            table.add([words], [Cell.of(term) for term, _ in found])
-            table.notes.append(f"{words}: {_ranges(names, [word for _, word in found])}.")
+            tests = [_compared(evidence, claim) for evidence in at]
+            table.add([words], [Cell.of(term) for term, _ in tests])
+            table.notes.append(f"{words}: {_ranges(names, [word for _, word in tests])}.")
         return table
 
 
@@ -107,7 +107,7 @@ def _compared(evidence: Evaluator, claim: ClaimRow) -> tuple[RunEstimate, str]:
 
 def _ranges(names: list[str], words: list[str]) -> str:
     """Return ``holds at 0, 0.1; inconclusive at 1; fails at 10``."""
-    found: dict[str, list[str]] = {"holds": [], UNDECIDED: [], "fails": []}
+    by_verdict: dict[str, list[str]] = {"holds": [], UNDECIDED: [], "fails": []}
     for name, word in zip(names, words, strict=True):
-        found.get(word, found[UNDECIDED]).append(name)
-    return "; ".join(f"{verdict} at {', '.join(at)}" for verdict, at in found.items() if at)
+        by_verdict.get(word, by_verdict[UNDECIDED]).append(name)
+    return "; ".join(f"{verdict} at {', '.join(at)}" for verdict, at in by_verdict.items() if at)

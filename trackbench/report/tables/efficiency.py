@@ -59,7 +59,7 @@ class EfficiencyTable(TableKind):
         return {} if self.metric.is_efficiency else {"metric": f"'{self.metric}' is no efficiency"}
 
     def table(self, results: Results) -> Table:
-        """Return the table from a results folder."""
+        """Fill a row for each scenario and each form of a filter."""
         heads = ["Efficiency", "Without control variate", "Runs saved", "Cross term / MSE"]
         every, labels = scenes(results), shown(results, self.filters)
         table = Table(self.title, [*map(results.axis, every[0]), "Filter"], heads, self.digits)
@@ -88,20 +88,20 @@ class EfficiencyTable(TableKind):
         lost = runs.shape[1] - len(floor)
         with_, without = efficiency(floor, distance), plain_efficiency(floor, error)
         cross = cross_share(floor, error, distance)
-        found = (with_, without, runs_saved(without, with_), cross)
-        return [Cell(part.estimate, len(floor), lost) for part in found]
+        estimates = (with_, without, runs_saved(without, with_), cross)
+        return [Cell(part.estimate, len(floor), lost) for part in estimates]
 
 
 def _forms(results: Results, scene: GridPoint, label: str) -> Iterator[tuple[str, GridPoint]]:
     """Yield the filter with each of its varied key sets, their name, and the first point."""
-    found: list[dict[str, Any]] = []
+    variants: list[dict[str, Any]] = []
     points = []
     for point in points_of(results, scene):
         keys = results.facts(point).filters.get(label)
-        if keys is not None and keys not in found:
-            found.append(keys)
+        if keys is not None and keys not in variants:
+            variants.append(keys)
             points.append(point)
-    yield from zip((named_form(label, keys, found) for keys in found), points, strict=True)
+    yield from zip((named_form(label, keys, variants) for keys in variants), points, strict=True)
 
 
 @register("tables", "equal-cost")
@@ -134,7 +134,7 @@ class EqualCost(TableKind):
         return cost_conflicts(points, self.metric, self.along, {"of": self.of})
 
     def table(self, results: Results) -> Table:
-        """Return the table from a results folder."""
+        """Compare the filters at the CPU times of each size of the filter `of`."""
         every, metric = scenes(results), str(self.metric)
         heads = [*map(results.axis, every[0]), f"At {self.of}'s {self.along}", "Filter"]
         values = [COST, self.along, metric, "Interpolation", f"Over {self.of}'s"]
@@ -143,9 +143,9 @@ class EqualCost(TableKind):
         for scene in every:
             wanted = dict.fromkeys([*labels, self.of])
             # Curves of error over CPU time; each size of the filter `of` gives a budget.
-            there = curves(results, scene, list(wanted), self.metric, self.along)
-            rivals = [curve for curve in there if curve.label in labels]
-            for curve in there:
+            in_scene = curves(results, scene, list(wanted), self.metric, self.along)
+            rivals = [curve for curve in in_scene if curve.label in labels]
+            for curve in in_scene:
                 for spot in curve.spots if curve.label == self.of else ():
                     size = phrases.number(spot.size) + curve.name.removeprefix(self.of)
                     keys = [*map(phrases.number, scene.values()), size]
@@ -154,18 +154,18 @@ class EqualCost(TableKind):
 
     def _add(self, table: Table, keys: list[str], rivals: Sequence[Curve], budget: Spot) -> None:
         """Add the rows at one CPU time, and the conclusion."""
-        own = AtCost(budget.size, logged(budget.error), lost=budget.lost)
+        reference = AtCost(budget.size, logged(budget.error), lost=budget.lost)
         # Every filter's error at this CPU time; None where its own times do not reach.
-        found = {curve.name: curve.at(budget.cost) for curve in rivals}
-        there = {name: at for name, at in found.items() if at is not None}
-        best, open_, fewer = _compared(there, self.metric.family[0].more_is_better)
-        for name, at in found.items():
+        errors = {curve.name: curve.at(budget.cost) for curve in rivals}
+        reached = {name: at for name, at in errors.items() if at is not None}
+        best, open_, fewer = _compared(reached, self.metric.family[0].more_is_better)
+        for name, at in errors.items():
             if name in (*best, *open_):
                 table.best.add((len(table.keys), table.value_headers.index(str(self.metric))))
-            cells = [Cell.missing()] * 4 if at is None else _cells(at, own)
+            cells = [Cell.missing()] * 4 if at is None else _cells(at, reference)
             time = Cell(Estimate(*(MICRO * x for x in budget.cost.estimate)), budget.cost.runs, 0)
             table.add([*keys, name], [time, *cells])
-        if there:
+        if reached:
             text = f"{MICRO * budget.cost.value:.3g} µs a step"
             where = ", ".join([*map(" = ".join, zip(table.key_headers[:-2], keys, strict=False))])
             heading = f"{table.key_headers[-2]} = {keys[-1]}" + (f", {where}" if where else "")
@@ -175,10 +175,10 @@ class EqualCost(TableKind):
             table.notes.append(f"{heading} ({text}): {'; '.join(parts)}.")
 
 
-def _cells(at: AtCost, own: AtCost) -> list[Cell]:
+def _cells(at: AtCost, reference: AtCost) -> list[Cell]:
     """Return size, error, interpolation error, and the ratio to the named filter's error."""
-    value, difference = float(exp(at.error.value)), compare_at(at, own).difference
-    other = float(np.hypot(at.other, own.other))
+    value, difference = float(exp(at.error.value)), compare_at(at, reference).difference
+    other = float(np.hypot(at.other, reference.other))
     ratio = float(exp(difference.value))
     lost = int((at.lost > 0).sum())
     # Of logarithms: relative errors from the runs and from the times add in squares.
@@ -192,16 +192,18 @@ def _cells(at: AtCost, own: AtCost) -> list[Cell]:
     return [Cell(number, at.error.runs, lost) for number in numbers]
 
 
-def _compared(found: dict[str, AtCost], higher: bool) -> tuple[list[str], list[str], list[str]]:
+def _compared(errors: dict[str, AtCost], higher: bool) -> tuple[list[str], list[str], list[str]]:
     """Return the best filter, those that may be as good, and worse ones that lose fewer runs."""
     sign = -1.0 if higher else 1.0
-    order = sorted(found, key=lambda name: sign * found[name].error.value)
-    family = as_family({(a, b): compare_at(found[b], found[a]) for a, b in combinations(order, 2)})
+    order = sorted(errors, key=lambda name: sign * errors[name].error.value)
+    family = as_family(
+        {(a, b): compare_at(errors[b], errors[a]) for a, b in combinations(order, 2)}
+    )
     best, open_, fewer = order[:1], list[str](), list[str]()
     for name in order[1:]:
         # Those behind a worse one are no ties. A worse filter may still lose fewer runs.
         if not family[best[0], name].sign and len(open_) == order.index(name) - 1:
             open_.append(name)
-        elif rules.loses_more(found[best[0]].lost, found[name].lost, len(found)):
+        elif rules.loses_more(errors[best[0]].lost, errors[name].lost, len(errors)):
             fewer.append(name)
     return best, open_, fewer

@@ -61,7 +61,7 @@ class Metrics(TableKind):
         return replace(self, columns=columns) if columns else None
 
     def table(self, results: Results) -> Table:
-        """Return the table of a results folder."""
+        """Fill a row for each filter, a column for each metric expression."""
         labels = results.chosen(self.filters, exact=True)
         table = Table(self.title, [*results.grid_heads, "Filter"], list(self.columns), self.digits)
         no_rivals = {*map(results.config.get, ("bound", "reference")), *results.exact}
@@ -105,12 +105,12 @@ def best_labels(expressions: Evaluator, labels: Sequence[str], m: Measure) -> li
     if not (smaller or m.family[0].is_score) or m.relation in ("gain", "win_rate"):
         return []
     every = [*labels, *(b for b in expressions.results.filters if b not in labels)]
-    found = {b: c for b in every for c in _candidate(expressions, m.plain.of(b))}
-    rivals = [found[label] for label in labels if label in found]
+    candidates = {b: c for b in every for c in _candidate(expressions, m.plain.of(b))}
+    rivals = [candidates[label] for label in labels if label in candidates]
     if len(rivals) > 1:
         if len({c.overall.value for c in rivals}) == 1:
             return []
-        others = [c for label, c in found.items() if label not in labels]
+        others = [c for label, c in candidates.items() if label not in labels]
         ranking = ranking_of(rivals, m.metric, unranked=others)
         return [c.label for c in ranking.among_the_best]
     values = {label: _cell(expressions, m.of(label)).estimate.value for label in labels}
@@ -122,9 +122,9 @@ def best_labels(expressions: Evaluator, labels: Sequence[str], m: Measure) -> li
 
 def _candidate(expressions: Evaluator, m: Measure) -> Iterator[Candidate]:
     """Yield a filter with the values of its runs, if the measure has them."""
-    if (found := expressions.per_run(m)) is None:
+    if (column := expressions.per_run(m)) is None:
         return
-    statistic, values = found
+    statistic, values = column
     if statistic not in STATISTICS:  # no ranking is by it
         return
     point, lost = expressions.point, expressions.runs.get((m.filter, "lost"), np.zeros(len(values)))
@@ -159,12 +159,15 @@ def _tail_notes(
 ) -> Iterator[str]:
     """Yield for each error the filters of which a few runs decide a number, with their medians."""
     medians: dict[tuple[str, str], str] = {}
-    for m in (m.of(label) for m in columns if m.is_error and not m.relation for label in labels):
+    errors: list[Measure] = []
+    for m in columns:
+        errors += [m.of(label) for label in labels] if m.is_error and not m.relation else []
+    for m in errors:
         name = f"{m.metric}[{m.window}]" if m.window else m.metric
-        found = expressions.per_run(m)
-        if found is not None and found[0] in ("mean", "rms", "variance"):
-            x = found[1][np.isfinite(found[1])]
-            if tail_index(influence(found[0], x)) < _LIGHT:
+        column = expressions.per_run(m)
+        if column is not None and column[0] in ("mean", "rms", "variance"):
+            x = column[1][np.isfinite(column[1])]
+            if tail_index(influence(column[0], x)) < _LIGHT:
                 middle, (low, high) = STATISTICS["median"](x).value, interval("median", x)
                 medians[name, m.filter] = (
                     f"{named(m.filter)} {middle:.3g} ({low:.3g} to {high:.3g})"

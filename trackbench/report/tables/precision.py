@@ -16,7 +16,6 @@ from trackbench.registry import register
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
-from trackbench.results.point_facts import GridPoint
 from trackbench.statistics.over_runs import Estimate
 
 
@@ -32,7 +31,7 @@ class Precision(TableKind):
     """significant digits of the values"""
 
     def table(self, results: Results) -> Table:
-        """Return the table from a results folder."""
+        """Check every number of `until` at each number of runs at which the run looked."""
         config = results.config
         wanted = [
             PrecisionTarget.read(metric, error) for metric, error in config.get("until", {}).items()
@@ -41,15 +40,18 @@ class Precision(TableKind):
         heads = [*results.grid_heads, "Filter", "Number", "Standard error wanted", "Enough after"]
         table = Table(self.title, heads, ["Value"], self.digits)
         for point in results.points():
+            sizes = results.facts(point).sizes
             for label in results.filters:
                 result = _result(results.runs(point), label)
-                for w in wanted:
+                for w in wanted if "lost" in result.per_run else ():
                     # The number at every look; the last look gives the cell.
-                    at = [found for n in stops for found in _look(results, point, result, w, n)]
-                    if at:
-                        row = at[-1].row
+                    looks: list[PrecisionCheck] = []
+                    for runs in stops:
+                        looks += check_precision([w], result, sizes, {}, runs)
+                    if looks:
+                        row = looks[-1].row
                         cell = Cell(Estimate(row.value, row.stderr), row.runs, 0)
-                        enough = exact_after(stops, [look.enough for look in at]) or "no"
+                        enough = exact_after(stops, [look.enough for look in looks]) or "no"
                         keys = [label, w.metric, config["until"][w.metric], enough]
                         table.add([*map(str, point.values()), *map(str, keys)], [cell])
         return table
@@ -59,15 +61,3 @@ def _result(runs: dict[tuple[str, str], Array], label: str) -> FilterResult:
     """Return a filter's values from per_run.csv."""
     per_run = {metric: values for (of, metric), values in runs.items() if of == label}
     return FilterResult(per_run, {}, {}, None, [])
-
-
-def _look(
-    results: Results,
-    point: GridPoint,
-    result: FilterResult,
-    wanted: PrecisionTarget,
-    runs: int,
-) -> list[PrecisionCheck]:
-    if "lost" not in result.per_run:
-        return []
-    return check_precision([wanted], result, results.facts(point).sizes, {}, runs)

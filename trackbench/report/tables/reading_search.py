@@ -80,7 +80,7 @@ class Readings(TableKind):
     """significant digits of the values"""
 
     def table(self, results: Results) -> Table:
-        """Return the table from a results folder."""
+        """Rank the readings by the distance of their numbers from the printed ones."""
         # Step 1: printed numbers, distinct points of the grid, ways to measure the numbers.
         numbers = self._numbers(results)
         measured = set[str]().union(*(number.labels for number in numbers))
@@ -90,22 +90,24 @@ class Readings(TableKind):
         heads += more
         printed = len(ways[0][1]) if numbers else 0
         # Step 2: distance of each point measured in each way, the nearest first.
-        found = []
+        tried = []
         for shown, point in points:
             expressions = Evaluator(results, point)
             for way, chosen in ways:
                 every = _measured(expressions, chosen)
-                parts = [distance(_of_filter(every, label)) for label in labels]
-                found.append(([*shown, *way], distance(every), parts))
-        found.sort(key=lambda reading: reading[1].estimate.value)
+                parts = []
+                for label in labels:
+                    parts.append(distance([number for number in every if number.label == label]))
+                tried.append(([*shown, *way], distance(every), parts))
+        tried.sort(key=lambda reading: reading[1].estimate.value)
         # Step 3: a row per reading; of several filters also the distance of each.
         columns = ["Distance", *labels] if len(labels) > 1 else ["Distance"]
         table = Table(self.title, ["Rank", *heads], columns, self.digits)
-        for rank, (shown, whole, parts) in enumerate(found[: self.rows], start=1):
+        for rank, (shown, whole, parts) in enumerate(tried[: self.rows], start=1):
             cells = [whole, *parts] if len(labels) > 1 else [whole]
             table.add([str(rank), *shown], [Cell.of(d.estimate) for d in cells])
         if numbers:
-            table.notes += _notes(heads, [(shown, whole) for shown, whole, _ in found], printed)
+            table.notes += _notes(heads, [(shown, whole) for shown, whole, _ in tried], printed)
         else:
             table.notes.append(f"Nothing is published about {self.of} that these filters measure.")
         return table
@@ -162,15 +164,15 @@ def ways_to_measure(
         assert n.expression is not None
         rows.setdefault((n.paper, n.table, n.row, n.filter, n.metric), []).append(n.expression)
     # Printed metrics that are measured by several expressions.
-    several = {at[-1]: dict.fromkeys(found) for at, found in rows.items() if len(set(found)) > 1}
+    several = {at[-1]: dict.fromkeys(ms) for at, ms in rows.items() if len(set(ms)) > 1}
     ways = []
     # Every combination of a statistic and one expression for each of these metrics.
     for statistic, *taken in itertools.product(statistics or ("",), *several.values()):
         chosen = dict(zip(several, taken, strict=True))
-        kept = [n for n in numbers if n.expression == chosen.get(n.metric, n.expression)]
+        selected = [n for n in numbers if n.expression == chosen.get(n.metric, n.expression)]
         words = [statistic] if statistic else []
         words += [m.name if _is_average(m) else str(m) for m in taken]
-        ways.append((words, [_by(statistic, n) for n in kept]))
+        ways.append((words, [_by(statistic, n) for n in selected]))
     return [*(["statistic"] if statistics else []), *several], ways
 
 
@@ -189,18 +191,14 @@ def _is_average(m: Measure) -> bool:
 
 
 def _measured(expressions: Evaluator, numbers: list[PublishedNumber]) -> list[Number]:
-    found = []
+    measured = []
     for number in numbers:
         if (m := number.expression) is not None:
             printed, is_variance = float(number.value), m.statistic == "variance"
             for label in number.labels:
                 term = expressions.term(m.of(label))
-                found.append(Number(label, printed, term, is_variance))
-    return found
-
-
-def _of_filter(numbers: list[Number], label: str) -> list[Number]:
-    return [number for number in numbers if number.label == label]
+                measured.append(Number(label, printed, term, is_variance))
+    return measured
 
 
 def readings(
@@ -224,12 +222,12 @@ def _concerns(results: Results, path: str, labels: list[str]) -> bool:
     return any(where[0] == "scenario" or where[1] in labels for where in keys)
 
 
-def _notes(heads: list[str], found: list[tuple[list[str], Distance]], numbers: int) -> list[str]:
-    shown, nearest = found[0]
-    finite = [d.estimate for _, d in found if isfinite(d.estimate.value)]
-    lost = len(found) - len(finite)
+def _notes(heads: list[str], tried: list[tuple[list[str], Distance]], numbers: int) -> list[str]:
+    shown, nearest = tried[0]
+    finite = [d.estimate for _, d in tried if isfinite(d.estimate.value)]
+    lost = len(tried) - len(finite)
     notes = [
-        f"{len(found)} readings, {lost} of which lose most runs of a filter; {numbers} printed numbers."
+        f"{len(tried)} readings, {lost} of which lose most runs of a filter; {numbers} printed numbers."
     ]
     if finite:
         pairs = {i: compare_estimates(d, nearest.estimate) for i, d in enumerate(finite)}
@@ -241,7 +239,7 @@ def _notes(heads: list[str], found: list[tuple[list[str], Distance]], numbers: i
             f"{nearest.near} of {numbers} numbers within 10 %. Not significantly farther, itself "
             f"counted: {alike}."
         )
-        shown, most = max(found, key=lambda reading: reading[1].near)
+        shown, most = max(tried, key=lambda reading: reading[1].near)
         if most.near > nearest.near:
             where = _named(heads, shown)
             notes.append(f"Most numbers within 10 %: {where}; {most.near} of {numbers}.")
@@ -280,7 +278,7 @@ class ClaimReadings(TableKind):
     """how many readings are shown"""
 
     def table(self, results: Results) -> Table:
-        """Return the table from a results folder."""
+        """Rank the readings by the number of claims that hold."""
         # Step 1: judge every claim at every point.
         heads, points = readings(results, list(results.filters))
         claims, verdicts = _judged(results, self._claims(results), [point for _, point in points])
@@ -288,24 +286,24 @@ class ClaimReadings(TableKind):
             note = f"Nothing is claimed in {self.of} that these filters measure."
             return Table(self.title, ["Rank"], [], digits=1, notes=[note])
         # Step 2: the most claims that hold come first, then the fewest that fail.
-        found = [_Reading(shown, at) for (shown, _), at in zip(points, verdicts, strict=True)]
-        found.sort(key=lambda r: (-r.count("holds"), r.count("fails")))
+        tried = [_Reading(shown, at) for (shown, _), at in zip(points, verdicts, strict=True)]
+        tried.sort(key=lambda r: (-r.count("holds"), r.count("fails")))
         table = Table(self.title, ["Rank", *heads], [w.capitalize() for w in CLAIM_WORDS], digits=1)
-        for rank, reading in enumerate(found[: self.rows], start=1):
+        for rank, reading in enumerate(tried[: self.rows], start=1):
             cells = [Cell(Estimate(reading.count(w), float("nan")), 0, 0) for w in CLAIM_WORDS]
             table.add([str(rank), *reading.shown], cells)
-        table.notes += _claim_notes(heads, claims, found)
+        table.notes += _claim_notes(heads, claims, tried)
         return table
 
     def _claims(self, results: Results) -> list[Claim]:
         """Return the claims about the experiment's filters."""
         published = read_published(results.folder, results.config.get("published", []), self.of)
-        found = []
+        claims = []
         for claim in published.claims:
             is_of_time = any(m.metric.startswith("cpu_s") for m in claim.expressions)
             if claim.labels and set(claim.labels) <= {*results.filters} and not is_of_time:
-                found.append(claim)
-        return found
+                claims.append(claim)
+        return claims
 
 
 def _judged(
@@ -322,14 +320,14 @@ def _judged(
     return measured, [list(words) for words in zip(*by_claim, strict=True)]
 
 
-def _claim_notes(heads: list[str], claims: list[Claim], found: list[_Reading]) -> list[str]:
-    first, most = found[0], found[0].count("holds")
-    alike = sum(reading.count("holds") == most for reading in found)
+def _claim_notes(heads: list[str], claims: list[Claim], tried: list[_Reading]) -> list[str]:
+    first, most = tried[0], tried[0].count("holds")
+    alike = sum(reading.count("holds") == most for reading in tried)
     notes = [
-        f"{len(found)} readings, {len(claims)} claims. Most hold at {_named(heads, first.shown)}: "
+        f"{len(tried)} readings, {len(claims)} claims. Most hold at {_named(heads, first.shown)}: "
         f"{most}; as many at {alike} of the readings."
     ]
-    for claim, there in zip(claims, zip(*(r.verdicts for r in found), strict=True), strict=True):
-        holds, fails = there.count("holds"), there.count("fails")
+    for claim, words in zip(claims, zip(*(r.verdicts for r in tried), strict=True), strict=True):
+        holds, fails = words.count("holds"), words.count("fails")
         notes.append(f"{claim.claim}: holds at {holds}, fails at {fails} of the readings.")
     return notes

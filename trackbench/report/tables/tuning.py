@@ -42,7 +42,7 @@ class TuningTable(TableKind):
     """significant digits of the values"""
 
     def table(self, results: Results) -> Table:
-        """Return the table from a results folder."""
+        """Compare each tuned filter with the one as configured, on the runs of the results."""
         tuning, runs = results.config["tuning"], results.runs({})
         objective = Objective.of(tuning["metric"], results.facts({}).sizes)
         by = f"Tuned by {words_of(tuning['metric'])}, {_trained_on(results)}"

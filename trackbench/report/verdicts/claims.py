@@ -111,11 +111,11 @@ def _test(expressions: Evaluator, claim: Claim, right: str) -> _Test:
 
 def _weakest(tests: list[_Test], terms: list[list[RunEstimate]], steps: int) -> list[float]:
     """Return z of the weakest test by each part of the runs; none unless every test has parts."""
-    found = []
+    weakest = []
     for part in zip(*terms, strict=True) if all(terms) else ():
         zs = [test.in_favor(term) for test, term in zip(tests, part, strict=True)]
-        found.append(rules.weakest(zs, steps))
-    return found
+        weakest.append(rules.weakest(zs, steps))
+    return weakest
 
 
 def _why(whole: Evaluator, test: _Test) -> str:

@@ -9,6 +9,7 @@ agrees with it, and fails if no part of it does. A printed number differs if it 
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from itertools import chain
 from math import inf, isnan, nan
 from typing import NamedTuple
 
@@ -71,8 +72,8 @@ def time_verdicts(results: Results) -> list[TimeVerdict]:
     """Compare the measured CPU times with the published numbers, then with the claims."""
     published = results.published
     rows: list[PublishedNumber | Claim] = [*published.numbers, *published.claims]
-    of_time = filter(_is_of_time, rows)
-    return [verdict for row in of_time for verdict in _verdicts(results, row)]
+    verdicts = (_verdicts(results, row) for row in rows if _is_of_time(row))
+    return list(chain.from_iterable(verdicts))
 
 
 def _verdicts(results: Results, row: PublishedNumber | Claim) -> Iterator[TimeVerdict]:
@@ -81,10 +82,10 @@ def _verdicts(results: Results, row: PublishedNumber | Claim) -> Iterator[TimeVe
     if not isinstance(row, Claim):
         yield from (_verdict(results, row, left, other) for left in row.labels or [""])
         return
-    found = [_verdict(results, row, row.left, right) for right in row.rights or [other]]
+    verdicts = [_verdict(results, row, row.left, right) for right in row.rights or [other]]
     # A claim has the worst verdict of its comparisons.
     order = ("fails", UNDECIDED, "holds")
-    yield min(found, key=lambda verdict: order.index(verdict.word))
+    yield min(verdicts, key=lambda verdict: order.index(verdict.word))
 
 
 def _verdict(results: Results, row: PublishedNumber | Claim, left: str, right: str) -> TimeVerdict:
@@ -141,11 +142,11 @@ class _Stored(NamedTuple):
 
 def _stored(results: Results, point: dict[str, object]) -> dict[str, _Stored]:
     """Return each filter's repeats and operations; of a folder without measured times none."""
-    found = {}
+    stored = {}
     for row in results.columns("timing", point).records():
         words = (f"{row.get(name, '-')} {name}" for name in ("likelihoods", "covariances"))
-        found[row["filter"]] = _Stored(repeats_of(row), ", ".join(words))
-    return found
+        stored[row["filter"]] = _Stored(repeats_of(row), ", ".join(words))
+    return stored
 
 
 def write_time_verdicts(results: Results) -> None:
@@ -179,8 +180,8 @@ def time_tables(verdicts: Iterable[TimeVerdict]) -> list[TextTable]:
 def time_line(results: Results) -> list[str]:
     """Return one line on these verdicts; none if there is none."""
     words = Counter(verdict.word for verdict in time_verdicts(results))
-    found = ", ".join(f"{number} {word}" for word, number in words.items())
-    return [f"CPU times, on this machine: {found}; {TIME_VERDICTS} has them"] if found else []
+    counts = ", ".join(f"{number} {word}" for word, number in words.items())
+    return [f"CPU times, on this machine: {counts}; {TIME_VERDICTS} has them"] if counts else []
 
 
 def _ends(low: float, high: float) -> str:

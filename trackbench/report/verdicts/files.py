@@ -4,9 +4,10 @@ The files are comparison.csv, comparison.md and claims.csv; paired.csv has the p
 """
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
+from itertools import chain
 from math import isfinite, isnan
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from trackbench.atomic_files import remove, write_csv, write_text
 from trackbench.config.published import PublishedNumber
@@ -55,9 +56,9 @@ class Bar(NamedTuple):
         return f"{self.title}: {', '.join(parts)}"
 
 
-def parts(found: Iterable[Compared | ClaimVerdict]) -> list[Tally]:
+def parts(verdicts: Iterable[Compared | ClaimVerdict]) -> list[Tally]:
     """Return the parts in a fixed order, without those of which there is none."""
-    rows = list(found)
+    rows = list(verdicts)
     numbers = Counter(row.verdict.word for row in rows)
     fragile = Counter(row.verdict.word for row in rows if row.verdict.fragile)
     words = ("equal", "agrees", "compatible", "differs", "holds", "fails", UNDECIDED)
@@ -74,7 +75,7 @@ def bars(comparison: Verdicts) -> list[Bar]:
     # Words on a bias are counted apart from numbers.
     words = [row for row in best if isinstance(row.published.value, str)]
     numbers = [row for row in best if not isinstance(row.published.value, str)]
-    found = (
+    groups = (
         (counted(len(numbers), "published number"), parts(numbers)),
         (
             counted(len(words), "published word") + " on a bias, by a margin chosen here",
@@ -82,7 +83,7 @@ def bars(comparison: Verdicts) -> list[Bar]:
         ),
         (counted(len(claims), "claim"), parts(claims)),
     )
-    return [Bar(title, there) for title, there in found if there]
+    return [Bar(title, tallies) for title, tallies in groups if tallies]
 
 
 NUMBER_HEADER = [
@@ -113,7 +114,9 @@ def write_comparison(results: Results, comparison: Verdicts) -> None:
 
 def write_paired(results: Results) -> None:
     """Write paired.csv."""
-    rows = [[*point.values(), *pair.cells] for point, pairs in results.pairs for pair in pairs]
+    rows: list[list[Any]] = []
+    for point, pairs in results.pairs:
+        rows += [[*point.values(), *pair.cells] for pair in pairs]
     write_csv(results.target / "paired.csv", [*results.grid, *COLUMNS], rows)
 
 
@@ -205,7 +208,8 @@ def _number_tables(comparison: Verdicts) -> list[TextTable]:
         best = [_row(number.best, number.readings) for number in numbers]
         table = TextTable(f"{place}: published and measured", _HEADS, best)
         tables.append(_explained(table, [number.best.verdict for number in numbers]))
-        readings = [row for number in numbers if number.readings > 1 for row in number.rows]
+        several = (number.rows for number in numbers if number.readings > 1)
+        readings = list(chain.from_iterable(several))
         if readings:
             table = TextTable(f"{place}: every reading", _HEADS, [_row(row) for row in readings])
             tables.append(_explained(table, [row.verdict for row in readings]))
@@ -305,20 +309,16 @@ _MOST_REASONS = 5
 
 def reasons(comparison: Verdicts, runs: int) -> list[str]:
     """Return why numbers and claims are inconclusive, a line each; ``runs`` of each filter."""
+    rows: list[Compared | ClaimVerdict] = [number.best for number in comparison.numbers]
     lines = [
         f"inconclusive: {_name_of_row(row)}: {_reason(row, runs)}"
-        for row in _judged_rows(comparison)
+        for row in [*rows, *comparison.claims]
         if row.verdict.word == UNDECIDED
     ]
     more = len(lines) - _MOST_REASONS
     if more < 2:
         return lines
     return [*lines[:_MOST_REASONS], f"inconclusive: {more} more: comparison.md"]
-
-
-def _judged_rows(comparison: Verdicts) -> Iterator[Compared | ClaimVerdict]:
-    yield from (number.best for number in comparison.numbers)
-    yield from comparison.claims
 
 
 def _name_of_row(row: Compared | ClaimVerdict) -> str:

@@ -7,6 +7,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
+from itertools import chain
 from math import inf, isfinite, isnan, nan
 from typing import Any, NamedTuple
 
@@ -84,11 +85,11 @@ class Verdicts:
     @cached_property
     def numbers(self) -> list[Reproduced]:
         """Return a verdict for each published number, however many readings of it were tried."""
-        found: dict[tuple[str, ...], list[Compared]] = defaultdict(list)
+        readings: dict[tuple[str, ...], list[Compared]] = defaultdict(list)
         # Rows that are printed at one place are readings of one number.
         for row in self.rows:
-            found[row.published.printed_at].append(row)
-        return [Reproduced(rows) for rows in found.values()]
+            readings[row.published.printed_at].append(row)
+        return [Reproduced(rows) for rows in readings.values()]
 
 
 def _rank(row: Compared) -> tuple[int, float]:
@@ -103,7 +104,8 @@ def compare(results: Results) -> Verdicts:
     published, at = without_times(results.published), cache(partial(evidence_at, results))
     left_out = [number for number in published.numbers if not number.labels]
     measured = [number for number in published.numbers if number.labels]
-    rows = [row for number in measured for row in _readings(number, at(number.point))]
+    readings = (_readings(number, at(number.point)) for number in measured)
+    rows = list(chain.from_iterable(readings))
     claims = [judge(claim, at(claim.point)) for claim in published.claims]
     return Verdicts(rows, claims, list(rank_agreement(rows)), left_out)
 
@@ -116,13 +118,13 @@ def rank_agreement(rows: list[Compared]) -> Iterator[Ranked]:
         if isfinite(row.measured.value) and not isinstance(row.published.value, str):
             p = row.published
             columns[p.paper, p.table, p.row, p.metric].append(row)
-    for (paper, table, part, metric), found in columns.items():
+    for (paper, table, part, metric), column in columns.items():
         # Skip columns of one or two filters, and those in which a filter has several readings.
-        if len(found) < 3 or len({r.published.filter for r in found}) < len(found):
+        if len(column) < 3 or len({r.published.filter for r in column}) < len(column):
             continue
-        order = kendall([r.published.value for r in found], [r.measured.value for r in found])
+        order = kendall([r.published.value for r in column], [r.measured.value for r in column])
         heading = f"{metric}, {part}" if part else metric
-        yield Ranked(paper, table, heading, len(found), order)
+        yield Ranked(paper, table, heading, len(column), order)
 
 
 def kendall(a: Sequence[Any], b: Sequence[Any]) -> float:
