@@ -49,6 +49,11 @@ class Tracked(NamedTuple):
     innovation: Innovation | None = None
     gated: Mask | None = None
 
+    @property
+    def prediction(self) -> Gaussian | None:
+        """Estimate of the step without its measurement, bit for bit; None if it is not stored."""
+        return None if self.innovation is None else self.innovation.predicted
+
 
 @dataclass(frozen=True, kw_only=True)
 class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
@@ -86,6 +91,8 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
         before = self.prepared(state.posterior)
         posterior, innovation = self.update(model, before, z, k)
         nis = innovation.nis
+        if self.smooths:
+            innovation = innovation._replace(predicted=None)  # all states stay in memory
         if self.gate is None:
             return Tracked(posterior, nis, innovation)
         # The limit of the NIS depends on the number of measured components.
