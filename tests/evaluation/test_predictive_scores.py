@@ -248,3 +248,13 @@ def test_stored_predictions_are_the_estimates_of_steps_without_a_measurement(kin
         np.testing.assert_array_equal(
             np.broadcast_to(state.prediction.cov, aside.cov.shape), aside.cov
         )
+
+
+def test_scores_of_all_steps_at_once_are_those_of_single_steps(monkeypatch: Any) -> None:
+    task = BlockTask(LINEAR, KF(), 1, index=0, width=3, runs_used=3, predictive_metrics=BOTH)
+    together = run_filter(task, task.data).diagnostics
+    monkeypatch.setattr(KF, "all_steps", Filter.all_steps)
+    single = run_filter(task, task.data).diagnostics
+    assert single.keys() == together.keys()
+    for name, rows in single.items():
+        np.testing.assert_array_equal(together[name], rows)

@@ -18,7 +18,7 @@ judge innovations). Whoever is asked goes on from where it was, with the noise t
 from collections.abc import Iterator, Sequence
 from copy import deepcopy
 from itertools import product
-from typing import Any, Literal, NamedTuple, cast
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
@@ -30,7 +30,7 @@ from trackbench.core.kalman import Innovation
 from trackbench.core.sums import total
 from trackbench.evaluation.validate_output import checked_numbers
 from trackbench.extension_points import foreign_parts
-from trackbench.filters.base import AnyFilter, has_likelihood
+from trackbench.filters.base import AnyFilter, Steps, has_likelihood
 from trackbench.models.base import Model
 from trackbench.models.gaussian_steps import SensorOfSteps, predicted_innovation
 
@@ -124,6 +124,29 @@ class PredictionScorer:
         if self._held_out is not None:
             self._score_held_out(step, np.where(self._held_out[i], self._all[:, i], np.nan))
 
+    def add_steps(self, ahead: Steps, part: slice, steps: Sequence[int]) -> bool:
+        """Add the steps that used the measurements of a part; False if each must be added alone."""
+        if self.disabled:
+            return True
+        if self._held_out is not None or not self._has_predictions or ahead.together is None:
+            return False
+        state, z = ahead.together(), self.visible[:, part]
+        predicted = _finite(state.prediction)
+        if predicted is None:
+            return False
+        if "score" in self._wanted:
+            scores = self._scores(state, _measured(z))
+            self._rows.setdefault(_SCORE, []).extend(scores[_SCORE])
+        if "prediction" in self._wanted:
+            # The batch (T, M) becomes one axis.
+            n, batch = len(predicted.mean), z.shape[1:]
+            cov = np.broadcast_to(predicted.cov, (n, n, *batch)).reshape(n, n, -1)
+            self._predict(
+                Gaussian(predicted.mean.reshape(n, -1), cov), z.reshape(len(z), -1), steps
+            )
+            self._refused.extend(np.zeros(batch, dtype=np.bool_))
+        return True
+
     def series(self) -> dict[str, Array]:
         """Return values (T + 1, M) by the name of their series; of the first state there are none."""
         rows = {name: np.stack(values) for name, values in self._rows.items()}
@@ -140,10 +163,8 @@ class PredictionScorer:
 
     def _prediction(self, step: Step, z: Array) -> Gaussian:
         """Return the estimate after a step without a measurement."""
-        stored = getattr(step.after, "prediction", None) if self._has_predictions else None
-        # An update turns infinite moments to NaN.
-        if stored is not None and np.isfinite(stored.mean).all() and np.isfinite(stored.cov).all():
-            return cast(Gaussian, stored)
+        if self._has_predictions and (stored := _finite(getattr(step.after, "prediction", None))):
+            return stored
         estimate = self._aside(step, freeze(np.full_like(z, np.nan)))[1]
         # A filter may write to its own arrays at its next step.
         return Gaussian(estimate.mean.copy(), estimate.cov.copy())
@@ -154,18 +175,19 @@ class PredictionScorer:
             estimates, z, steps = zip(*self._pending, strict=True)
             means = np.concatenate([estimate.mean for estimate in estimates], axis=-1)
             covs = np.concatenate([estimate.cov for estimate in estimates], axis=-1)
-            model = Model(self._model.motion, SensorOfSteps(self._model.sensor, steps))
-            innovation = predicted_innovation(
-                model, Gaussian(means, covs), np.concatenate(z, axis=1), steps[-1]
-            )
-            self._innovations.append(innovation)
+            self._predict(Gaussian(means, covs), np.concatenate(z, axis=1), steps)
             self._pending.clear()
+
+    def _predict(self, predicted: Gaussian, z: Array, steps: Sequence[int]) -> None:
+        """Compute the innovations of z (n_z, T M), each step's runs in turn."""
+        model = Model(self._model.motion, SensorOfSteps(self._model.sensor, steps))
+        self._innovations.append(predicted_innovation(model, predicted, z, steps[-1]))
 
     def _scores(self, state: Any, measured: Mask) -> dict[str, Array]:
         if not has_likelihood(self._tracker):
             return {}
         increments: Any = self._tracker.log_likelihood(state)
-        checked = checked_numbers("series", {_SCORE: increments}, len(measured))
+        checked = checked_numbers("series", {_SCORE: increments}, *measured.shape)
         return {_SCORE: np.where(measured, checked[_SCORE], np.nan)}
 
     def _predicted(self) -> dict[str, Array]:
@@ -211,13 +233,20 @@ class PredictionScorer:
             self._rows.setdefault(name, []).append(row)
 
 
+def _finite(stored: Gaussian | None) -> Gaussian | None:
+    """Return a stored prediction without infinite moments, which an update would turn to NaN."""
+    if stored is None or not (np.isfinite(stored.mean).all() and np.isfinite(stored.cov).all()):
+        return None
+    return stored
+
+
 def after_first(rows: Array) -> Array:
     """Return the series (T + 1, M) of values (T, M), NaN for the first state."""
     return np.vstack([np.full_like(rows[:1], np.nan), rows])
 
 
 def _measured(z: Array) -> Mask:
-    """Return the runs (M,) with a measurement, or a component of one."""
+    """Return the runs (*batch) with a measurement, or a component of one."""
     return np.asarray(~np.isnan(z).all(axis=0))
 
 

@@ -239,4 +239,11 @@ class KF(GaussianFilter):
             posterior = Gaussian(x.mean[:, i], x.cov[:, :, i, 0])
             return Tracked(posterior, nis[i], Innovation(nu.nu[:, i], nu.S[:, :, i, 0]))
 
-        return Steps(x, {"nis": nis}, at)
+        def together() -> Tracked:
+            mean = np.concatenate([state.posterior.mean[:, None], x.mean[:, :-1]], axis=1)
+            first = state.posterior.cov[..., None, None]
+            before = Gaussian(mean, np.concatenate([first, x.cov[:, :, :-1]], axis=2))
+            predicted = kalman.predict(before, motion.F, motion.Q)
+            return Tracked(x, nis, nu._replace(predicted=predicted))
+
+        return Steps(x, {"nis": nis}, at, together)
