@@ -21,6 +21,7 @@ from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.sensors.position import PositionSensor
 
 BOTH = ("score", "prediction")
+MOTIONS = tuple(WhiteAcceleration(q=q) for q in (0.1, 2.0))
 GAPPY = replace(
     LINEAR,
     last=40,
@@ -221,3 +222,39 @@ def test_a_likelihood_of_another_shape_is_the_filters_failure() -> None:
     wrong: Any = Wrong()
     with pytest.raises(ValueError, match="log_likelihood"):
         track(GAPPY, wrong, 2, predictive_metrics=BOTH)
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        {"kind": "kf", "gate": 0.9},
+        {"kind": "ekf", "fading": 1.1},
+        {"kind": "iekf"},
+        {"kind": "iplf"},
+        {"kind": "ukf"},
+        {"kind": "ckf", "gate": 0.9},
+        {"kind": "imm", "motions": MOTIONS, "transition": ((0.9, 0.1), (0.2, 0.8))},
+    ],
+)
+def test_stored_predictions_are_the_estimates_of_steps_without_a_measurement(kind: Any) -> None:
+    tracker, simulated = make_filter(**kind), simulate(GAPPY, 1, 0, 3)
+    z, rng = simulated.measurements, np.random.default_rng(0)
+    state = tracker.init(GAPPY.model, simulated.prior, rng)
+    for k in range(1, z.shape[1] + 1):
+        nothing = np.full_like(z[:, k - 1], np.nan)
+        aside = tracker.estimate(tracker.step(GAPPY.model, state, nothing, k, rng))
+        state = tracker.step(GAPPY.model, state, z[:, k - 1], k, rng)
+        np.testing.assert_array_equal(state.prediction.mean, aside.mean)
+        np.testing.assert_array_equal(
+            np.broadcast_to(state.prediction.cov, aside.cov.shape), aside.cov
+        )
+
+
+def test_scores_of_all_steps_at_once_are_those_of_single_steps(monkeypatch: Any) -> None:
+    task = BlockTask(LINEAR, KF(), 1, index=0, width=3, runs_used=3, predictive_metrics=BOTH)
+    together = run_filter(task, task.data).diagnostics
+    monkeypatch.setattr(KF, "all_steps", Filter.all_steps)
+    single = run_filter(task, task.data).diagnostics
+    assert single.keys() == together.keys()
+    for name, rows in single.items():
+        np.testing.assert_array_equal(together[name], rows)

@@ -23,6 +23,8 @@ class Innovation(NamedTuple):
     """volume of converted measurements per volume of measurements (*batch), if ``nu`` is converted"""
     root: Array | None = None
     """lower factor of S, if it was computed without S"""
+    predicted: Gaussian | None = None
+    """prediction that the measurement updates, if an update without it returns the same bytes"""
 
     @property
     def nis(self) -> Array:
@@ -127,7 +129,7 @@ def update(predicted: Gaussian, nu: Array, H: Array, R: Array) -> Updated:
         posterior, root = update_roots(predicted.mean, known, L, linalg.matmul(H, L), R)
         return posterior, Innovation(nu, linalg.matmul(root, linalg.transpose(root)), root=root)
     S, K = gain(predicted.cov, H, R)
-    return _with_gain(predicted, known, K, H, R), Innovation(nu, S)
+    return _with_gain(predicted, known, K, H, R), Innovation(nu, S, predicted=predicted)
 
 
 def track(

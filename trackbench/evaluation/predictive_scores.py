@@ -25,18 +25,20 @@ from numpy.random import Generator
 
 from trackbench.core import linalg
 from trackbench.core.arrays import Array, Mask, freeze
-from trackbench.core.distributions import Gaussian
+from trackbench.core.distributions import Gaussian, per_run_moments
 from trackbench.core.kalman import Innovation
 from trackbench.core.sums import total
 from trackbench.evaluation.validate_output import checked_numbers
-from trackbench.filters.base import AnyFilter, has_likelihood
+from trackbench.extension_points import foreign_parts
+from trackbench.filters.base import AnyFilter, Steps, has_likelihood
 from trackbench.models.base import Model
-from trackbench.models.gaussian_steps import predicted_innovation
+from trackbench.models.gaussian_steps import SensorOfSteps, predicted_innovation
 
 Kind = Literal["score", "prediction"]
 """What is wanted: the filters' own log-likelihoods; all that a prediction of each measurement tells."""
 LAGS = 10
 _SCORE = "log_likelihood"
+_AT_ONCE = 65_536  # numbers in the covariances of predictions whose innovations are one call
 
 
 def held_out(measurements: Array, every: int) -> Mask:
@@ -88,8 +90,11 @@ class PredictionScorer:
         if self._held_out is not None:
             self.visible = freeze(np.where(self._held_out, np.nan, measurements))
         self._rows: dict[str, list[Array]] = {}
+        self._pending: list[tuple[Gaussian, Array, int]] = []
         self._innovations: list[Innovation] = []
         self._refused: list[Mask] = []
+        # The state of a plugin's filter may call something else its prediction.
+        self._has_predictions = not foreign_parts(tracker)
 
     @property
     def disabled(self) -> bool:
@@ -110,18 +115,42 @@ class PredictionScorer:
         if "score" in self._wanted:
             self._note(self._scores(step.after, _measured(z)))
         if "prediction" in self._wanted:
-            # The prediction is the estimate after a step without a measurement.
-            nothing = freeze(np.full_like(z, np.nan))
-            _, estimate = self._aside(step, nothing)
-            self._innovations.append(predicted_innovation(self._model, estimate, z, step.k))
+            predicted = per_run_moments(self._prediction(step, z))
+            self._pending.append((predicted, z, step.k))
+            if len(self._pending) * predicted.cov.size >= _AT_ONCE:
+                self._predict_pending()
             refused = np.zeros(z.shape[1]) if step.refused is None else step.refused
             self._refused.append(refused > 0.0)
         if self._held_out is not None:
             self._score_held_out(step, np.where(self._held_out[i], self._all[:, i], np.nan))
 
+    def add_steps(self, ahead: Steps, part: slice, steps: Sequence[int]) -> bool:
+        """Add the steps that used the measurements of a part; False if each must be added alone."""
+        if self.disabled:
+            return True
+        if self._held_out is not None or not self._has_predictions or ahead.together is None:
+            return False
+        state, z = ahead.together(), self.visible[:, part]
+        predicted = _finite(state.prediction)
+        if predicted is None:
+            return False
+        if "score" in self._wanted:
+            scores = self._scores(state, _measured(z))
+            self._rows.setdefault(_SCORE, []).extend(scores[_SCORE])
+        if "prediction" in self._wanted:
+            # The batch (T, M) becomes one axis.
+            n, batch = len(predicted.mean), z.shape[1:]
+            cov = np.broadcast_to(predicted.cov, (n, n, *batch)).reshape(n, n, -1)
+            self._predict(
+                Gaussian(predicted.mean.reshape(n, -1), cov), z.reshape(len(z), -1), steps
+            )
+            self._refused.extend(np.zeros(batch, dtype=np.bool_))
+        return True
+
     def series(self) -> dict[str, Array]:
         """Return values (T + 1, M) by the name of their series; of the first state there are none."""
         rows = {name: np.stack(values) for name, values in self._rows.items()}
+        self._predict_pending()
         if self._innovations:
             scores = {_SCORE: rows.pop(_SCORE)} if _SCORE in rows else {}
             rows = scores | self._predicted() | rows
@@ -132,17 +161,41 @@ class PredictionScorer:
         state = self._tracker.step(self._model, before, z, step.k, self._rng)
         return state, self._tracker.estimate(state)
 
+    def _prediction(self, step: Step, z: Array) -> Gaussian:
+        """Return the estimate after a step without a measurement."""
+        if self._has_predictions and (stored := _finite(getattr(step.after, "prediction", None))):
+            return stored
+        estimate = self._aside(step, freeze(np.full_like(z, np.nan)))[1]
+        # A filter may write to its own arrays at its next step.
+        return Gaussian(estimate.mean.copy(), estimate.cov.copy())
+
+    def _predict_pending(self) -> None:
+        """Compute the innovations of the steps since the last call, all at once."""
+        if self._pending:
+            estimates, z, steps = zip(*self._pending, strict=True)
+            means = np.concatenate([estimate.mean for estimate in estimates], axis=-1)
+            covs = np.concatenate([estimate.cov for estimate in estimates], axis=-1)
+            self._predict(Gaussian(means, covs), np.concatenate(z, axis=1), steps)
+            self._pending.clear()
+
+    def _predict(self, predicted: Gaussian, z: Array, steps: Sequence[int]) -> None:
+        """Compute the innovations of z (n_z, T M), each step's runs in turn."""
+        model = Model(self._model.motion, SensorOfSteps(self._model.sensor, steps))
+        self._innovations.append(predicted_innovation(model, predicted, z, steps[-1]))
+
     def _scores(self, state: Any, measured: Mask) -> dict[str, Array]:
         if not has_likelihood(self._tracker):
             return {}
         increments: Any = self._tracker.log_likelihood(state)
-        checked = checked_numbers("series", {_SCORE: increments}, len(measured))
+        checked = checked_numbers("series", {_SCORE: increments}, *measured.shape)
         return {_SCORE: np.where(measured, checked[_SCORE], np.nan)}
 
     def _predicted(self) -> dict[str, Array]:
         """Return the series (T, M) of the innovations, all steps at once."""
-        nu = np.stack([innovation.nu for innovation in self._innovations], axis=1)
-        S = np.stack([innovation.S for innovation in self._innovations], axis=2)
+        T, M = np.shape(self._refused)
+        nu = np.concatenate([i.nu for i in self._innovations], axis=1).reshape(-1, T, M)
+        S = np.concatenate([i.S for i in self._innovations], axis=2)
+        S = S.reshape(*S.shape[:2], T, M)
         # Step 1: whiten, e = L^-1 nu with S = L L'; missing and refused components have no e.
         missing = np.isnan(nu) | np.stack(self._refused)
         number = (~missing).sum(axis=0)
@@ -180,13 +233,20 @@ class PredictionScorer:
             self._rows.setdefault(name, []).append(row)
 
 
+def _finite(stored: Gaussian | None) -> Gaussian | None:
+    """Return a stored prediction without infinite moments, which an update would turn to NaN."""
+    if stored is None or not (np.isfinite(stored.mean).all() and np.isfinite(stored.cov).all()):
+        return None
+    return stored
+
+
 def after_first(rows: Array) -> Array:
     """Return the series (T + 1, M) of values (T, M), NaN for the first state."""
     return np.vstack([np.full_like(rows[:1], np.nan), rows])
 
 
 def _measured(z: Array) -> Mask:
-    """Return the runs (M,) with a measurement, or a component of one."""
+    """Return the runs (*batch) with a measurement, or a component of one."""
     return np.asarray(~np.isnan(z).all(axis=0))
 
 

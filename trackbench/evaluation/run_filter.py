@@ -82,12 +82,12 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
         # Step 2: one timed step per measurement, or many in one call; recording is not timed.
         steps = task.scenario.steps[1:].tolist()
         at_once = max(1, _AT_ONCE // task.runs)
-        one_by_one = tracker.smooths or not scorer.disabled or recorder.needs_states
+        one_by_one = tracker.smooths or recorder.needs_states
         for first in range(0, len(steps), at_once):
             part = slice(first, first + at_once)
             with clock:
                 ahead = _steps_ahead(tracker, model, state, scorer.visible[:, part], steps[first])
-            if ahead is not None and not one_by_one:
+            if ahead and not one_by_one and scorer.add_steps(ahead, part, steps[part]):
                 recorder.add_steps(ahead)
                 state = ahead.state(-1)
                 continue

@@ -63,9 +63,9 @@ def check_axes(first: Gaussian, start: Array) -> None:
         raise WrongReturnError("estimate", what)
 
 
-def checked_numbers(what: str, given: dict[str, Any], runs: int) -> dict[str, Array]:
-    """Return copies of real numbers per run (M,) by name; raises ValueError for anything else."""
-    check_numbers(what, given, runs)
+def checked_numbers(what: str, given: dict[str, Any], *batch: int) -> dict[str, Array]:
+    """Return copies of real numbers (*batch) by name; raises ValueError for anything else."""
+    check_numbers(what, given, *batch)
     return {name: np.array(row, dtype=np.float64) for name, row in given.items()}
 
 

@@ -185,6 +185,8 @@ class Steps(NamedTuple):
     """arrays (T, M) by name"""
     state: Callable[[int], Any]
     """returns the state after the measurement of this index: 0 is the first of the T, -1 the last"""
+    together: Callable[[], Any] | None = None
+    """returns one state of all T steps with its `prediction`, each step and run an entry (T, M)"""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -49,6 +49,21 @@ class ModelBank(NamedTuple):
     refused: Array | None = None
     """1 for each run (M,) whose gates refused the last measurement"""
 
+    @property
+    def moments(self) -> Gaussian:
+        """Moments of the mixture, of the components that all models have."""
+        n = self.reported
+        shared = [Gaussian(s.mean[:n], s.cov[:n, :n]) for s in self.states]
+        return combine(shared, self.weights)
+
+    @property
+    def prediction(self) -> Gaussian | None:
+        """Estimate of the step without its measurement, bit for bit; None if it is not stored."""
+        states = [i.predicted for i in self.innovations if i.predicted is not None]
+        if self.predicted is None or len(states) < len(self.states):
+            return None
+        return self._replace(states=tuple(states), weights=self.predicted).moments
+
 
 @register("filters", "imm")
 @dataclass(frozen=True, kw_only=True)
@@ -130,6 +145,8 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         pairs = [*zip(models, mixed_states, strict=True)]
         updated = [self.filter.update(of, mixed, z, k) for of, mixed in pairs]
         states, innovations = zip(*updated, strict=True)
+        if self.smooths:  # all states stay in memory
+            innovations = tuple(innovation._replace(predicted=None) for innovation in innovations)
         # Step 4: weights mu_j ~ c_j N(nu_j; 0, S_j).
         judged = [innovation.nis_and_scale() for innovation in innovations]
         nis, mantissa, exponent = (np.stack(rows) for rows in zip(*judged, strict=True))
@@ -203,9 +220,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
 
     def estimate(self, state: ModelBank) -> Gaussian:
         """Return the moments of the mixture, without components that only some models have."""
-        n = state.reported
-        shared = [Gaussian(s.mean[:n], s.cov[:n, :n]) for s in state.states]
-        return combine(shared, state.weights)
+        return state.moments
 
     def log_likelihood(self, state: ModelBank) -> Array:
         """Return the logarithm (M,) of the models' likelihoods, summed with predicted weights."""

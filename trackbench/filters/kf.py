@@ -49,6 +49,11 @@ class Tracked(NamedTuple):
     innovation: Innovation | None = None
     gated: Mask | None = None
 
+    @property
+    def prediction(self) -> Gaussian | None:
+        """Estimate of the step without its measurement, bit for bit; None if it is not stored."""
+        return None if self.innovation is None else self.innovation.predicted
+
 
 @dataclass(frozen=True, kw_only=True)
 class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
@@ -86,6 +91,8 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
         before = self.prepared(state.posterior)
         posterior, innovation = self.update(model, before, z, k)
         nis = innovation.nis
+        if self.smooths:
+            innovation = innovation._replace(predicted=None)  # all states stay in memory
         if self.gate is None:
             return Tracked(posterior, nis, innovation)
         # The limit of the NIS depends on the number of measured components.
@@ -232,4 +239,11 @@ class KF(GaussianFilter):
             posterior = Gaussian(x.mean[:, i], x.cov[:, :, i, 0])
             return Tracked(posterior, nis[i], Innovation(nu.nu[:, i], nu.S[:, :, i, 0]))
 
-        return Steps(x, {"nis": nis}, at)
+        def together() -> Tracked:
+            mean = np.concatenate([state.posterior.mean[:, None], x.mean[:, :-1]], axis=1)
+            first = state.posterior.cov[..., None, None]
+            before = Gaussian(mean, np.concatenate([first, x.cov[:, :, :-1]], axis=2))
+            predicted = kalman.predict(before, motion.F, motion.Q)
+            return Tracked(x, nis, nu._replace(predicted=predicted))
+
+        return Steps(x, {"nis": nis}, at, together)

@@ -3,6 +3,7 @@
 They serve a filter of M runs (mean (n, M)) and a proposal per particle (mean (n, M, N)).
 """
 
+from collections.abc import Sequence
 from itertools import product
 from typing import NamedTuple, cast
 
@@ -20,9 +21,11 @@ from trackbench.models.base import (
     Model,
     NormalMotion,
     Scene,
+    Sensor,
     jacobian_at,
 )
 from trackbench.models.sensors.base import SensorBase
+from trackbench.models.sensors.position import LinearSensor
 
 
 class AssumedNoise(NamedTuple):
@@ -257,6 +260,26 @@ def predicted_innovation(model: Model, predicted: Gaussian, z: Array, k: int) ->
     return Innovation(measured.nu, measured.S)
 
 
+class SensorOfSteps:
+    """Sensor of many steps at once: the batch (T M,) is the runs of each step in turn."""
+
+    def __init__(self, sensor: Sensor, steps: Sequence[int]) -> None:
+        self.components, self.innovation = sensor.components, sensor.innovation
+        self._sensor, self._steps = sensor, steps
+
+    def measurement(self, x: Array, k: int) -> Gaussian:
+        """Return the distribution of the measurements of states x (n_x, *points, T M)."""
+        if getattr(type(self._sensor), "measurement", None) is LinearSensor.measurement:
+            return self._sensor.measurement(x, k)  # which is equal at every step
+        means, covs = [], []
+        for part, step in zip(np.split(x, len(self._steps), axis=-1), self._steps, strict=True):
+            measured = self._sensor.measurement(np.ascontiguousarray(part), step)
+            cov = with_trailing(measured.cov, 1, leading=2)
+            means.append(measured.mean)
+            covs.append(np.broadcast_to(cov, (*cov.shape[:-1], part.shape[-1])))
+        return Gaussian(np.concatenate(means, axis=-1), np.concatenate(covs, axis=-1))
+
+
 class _Measured(NamedTuple):
     """Measurements of points about the center's, their moments, and the innovation of z."""
 
@@ -336,7 +359,7 @@ def _condition(
         cov = points.cross(rest, zero, rest, zero)
         cov = cov if R is None else cov + linalg.sandwich(K, R)
         posterior = Gaussian(posterior.mean, np.where(cancelled, cov, posterior.cov))
-    return posterior, Innovation(nu, S)
+    return posterior, Innovation(nu, S, predicted=predicted)
 
 
 def is_cancelled(difference: Array, of: Array) -> Mask:
