@@ -164,7 +164,7 @@ class SeriesSums:
 
     def over_windows(self, values: Mapping[str, Array]) -> dict[str, Array]:
         """Return each metric's numbers per run (M,) by window; ``values`` are the whole series."""
-        found: list[dict[str, Array]] = [{} for _ in self._windows]
+        by_window: list[dict[str, Array]] = [{} for _ in self._windows]
         last = [np.flatnonzero(mask)[-1] for mask in self._masks]
         for series, wanted in self._kinds.items():
             if not wanted:
@@ -176,11 +176,11 @@ class SeriesSums:
                 numbers["rms"] = np.sqrt(mean)  # of squares
             if "root" in wanted.values():
                 numbers["root"] = self._sums[series, "roots"].total / number
-            for i, of_window in enumerate(found):
+            for i, of_window in enumerate(by_window):
                 of_window |= {name: numbers[how][i] for name, how in wanted.items()}
-        for of_window, mask in zip(found, self._masks, strict=True):
+        for of_window, mask in zip(by_window, self._masks, strict=True):
             of_window |= _of_innovations(values, mask)
-        each = zip(self._windows, found, strict=True)
+        each = zip(self._windows, by_window, strict=True)
         return {in_window(name, w): rows for w, of_w in each for name, rows in of_w.items()}
 
 
@@ -195,8 +195,8 @@ def _of_innovations(values: Mapping[str, Array], mask: Mask) -> Iterator[tuple[s
     for name, rows in values.items():
         if name.startswith("autocovariance_"):
             paired = ~np.isnan(rows[mask]).all(axis=0)
-            found = np.where(paired, _sum(rows[mask]) / nis, np.nan)
-            yield name.replace("covariance", "correlation"), found
+            correlation = np.where(paired, _sum(rows[mask]) / nis, np.nan)
+            yield name.replace("covariance", "correlation"), correlation
 
 
 def lost_runs(scenario: Scenario, values: dict[str, Array], finite: Mask) -> Array:
@@ -216,12 +216,14 @@ def lost_runs(scenario: Scenario, values: dict[str, Array], finite: Mask) -> Arr
 
 def step_sums(rows: Array, lost: Array) -> StepSums:
     """Return sums over the runs that are not lost and whose value exists."""
-    there = lost == NOT_LOST
-    if there.all() and not any_nan(rows):
+    not_lost = lost == NOT_LOST
+    if not_lost.all() and not any_nan(rows):
         return StepSums(total(rows), dot(rows, rows), np.full(len(rows), float(rows.shape[1])))
-    counted: Mask = there & ~np.isnan(rows)
-    kept = np.where(counted, rows, 0.0)
-    return StepSums(total(kept), dot(kept, kept), counted.sum(axis=1).astype(float))
+    counted: Mask = not_lost & ~np.isnan(rows)
+    counted_rows = np.where(counted, rows, 0.0)
+    return StepSums(
+        total(counted_rows), dot(counted_rows, counted_rows), counted.sum(axis=1).astype(float)
+    )
 
 
 def with_unused(steps: dict[str, StepSums]) -> dict[str, StepSums]:

@@ -134,11 +134,13 @@ def _reduce(task: BlockTask, data: Simulation, output: FilterOutput) -> dict[int
     """Return the block's metrics by the number of runs that they are reduced over."""
     check_names(task.filter.summed_diagnostics)
     exact = None if task.reference is None else _reference_of(task)
-    told = dict(output.diagnostics)
+    predictive = dict(output.diagnostics)
     if exact is not None and "likelihood_ratio" in task.predictive_metrics:
-        told |= likelihood_ratio(told, exact.diagnostics)
+        predictive |= likelihood_ratio(predictive, exact.diagnostics)
     # Step 1: error series (T + 1, M), then the filter's diagnostics and the likelihood ratio.
-    values, sums = _series_and_sums(task, data, output, told, None if exact is None else exact.mean)
+    values, sums = _series_and_sums(
+        task, data, output, predictive, None if exact is None else exact.mean
+    )
     # Step 2: over the whole block, then trimmed: numpy adds up a single column in another order.
     per_run = per_run_metrics(task.scenario, values, sums, _stayed_finite(output.mean))
     lost = (per_run["lost"] != NOT_LOST).any()
@@ -153,25 +155,25 @@ def _series_and_sums(
     task: BlockTask,
     data: Simulation,
     output: FilterOutput,
-    told: dict[str, Array],
+    predictive: dict[str, Array],
     exact_mean: Array | None,
 ) -> tuple[dict[str, Array], SeriesSums]:
     """Return the series of errors and those that are told, and their sums.
 
     The steps are taken in pieces, whose series are added up while they are in the cache.
     """
-    values, whole = dict[str, Array](), {"nees": output.nees} | told
+    values, whole = dict[str, Array](), {"nees": output.nees} | predictive
     sums = SeriesSums(task.scenario.windows, task.filter.summed_diagnostics)
     steps, runs = output.nees.shape
     at_a_time = max(1, _COLUMNS // runs)
-    rank = rank_of("nees", told, len(data.truth))
+    rank = rank_of("nees", predictive, len(data.truth))
     for first in range(0, steps, at_a_time):
         part = slice(first, first + at_a_time)
         mean, truth, nees = output.mean[:, part], data.truth[:, part], output.nees[part]
         exact = None if exact_mean is None else exact_mean[:, part]
         of_part = None if rank is None else rank[part]
         rows = series(task.scenario, truth, mean, nees, exact, of_part)
-        for name, row in (rows | {name: whole[name][part] for name in told}).items():
+        for name, row in (rows | {name: whole[name][part] for name in predictive}).items():
             if name not in values:
                 values[name] = whole[name] if name in whole else np.empty((steps, runs))
             if name not in whole:
@@ -184,9 +186,9 @@ def _stayed_finite(mean: Array) -> Mask:
     """Return the runs (M,) that are finite at every step, in the components that any run estimates."""
     if np.isfinite(np.add.reduce(mean, axis=None)):  # in any order: a finite sum has finite terms
         return np.ones(mean.shape[-1], dtype=np.bool_)
-    there = np.isfinite(mean)
-    estimated = there.any(axis=(1, 2))  # a converted measurement, say, has no velocity
-    return np.asarray(there[estimated].all(axis=(0, 1)) & estimated.any())
+    finite = np.isfinite(mean)
+    estimated = finite.any(axis=(1, 2))  # a converted measurement, say, has no velocity
+    return np.asarray(finite[estimated].all(axis=(0, 1)) & estimated.any())
 
 
 def _trimmed(
@@ -201,13 +203,13 @@ def _trimmed(
     # Keep the first ``used`` runs of every series and metric.
     values = {name: rows[:, :used] for name, rows in values.items()}
     per_run = {name: numbers[:used] for name, numbers in per_run.items()}
-    kept = [name for name in task.keep_steps if name in values]
+    series = [name for name in task.keep_steps if name in values]
     # Whole tracks of the first runs, for figures.
     tracks, shown = None, task.runs_with_tracks_among(used)
     if shown:
         cov = None if result.cov is None else _first_runs(result.cov, shown)
-        truth, seen = _first_runs(data.truth, shown), _first_runs(data.measurements, shown)
-        tracks = Tracks(truth, seen, _first_runs(result.mean, shown), cov)
+        truth, measurements = _first_runs(data.truth, shown), _first_runs(data.measurements, shown)
+        tracks = Tracks(truth, measurements, _first_runs(result.mean, shown), cov)
     # Sums per step; training runs (index < 0) have none.
     steps = {
         name: known[name] if name in known else step_sums(rows, per_run["lost"])
@@ -217,7 +219,7 @@ def _trimmed(
     return BlockResult(
         per_run=per_run,
         steps=with_unused(steps),
-        run_series={n: np.where(per_run["lost"] == NOT_LOST, values[n], np.nan) for n in kept},
+        run_series={n: np.where(per_run["lost"] == NOT_LOST, values[n], np.nan) for n in series},
         tracks=tracks,
         cpu_s=result.cpu_s,
         width=task.width,

@@ -65,8 +65,8 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
         side_by_side([stream(task.seed, block) for block in task.blocks], task.width)
         for stream in (block_stream, aside_stream)
     )
-    seen, wanted = data.measurements, task.predictive_metrics
-    scorer = PredictionScorer(tracker, model, seen, wanted, task.hold_out, aside)
+    measurements, wanted = data.measurements, task.predictive_metrics
+    scorer = PredictionScorer(tracker, model, measurements, wanted, task.hold_out, aside)
     data = _with_assumed_prior(task, data)
     prior, clock = prior_of(data, model), _Clock()
     recorder = _Recorder(task, data, model, covariances)
@@ -74,11 +74,11 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
         with clock:
             # Step 1: initialize from the prior.
             state = tracker.init(model, prior, rng)
-            found = tracker.estimate(state)
+            estimate = tracker.estimate(state)
         states = [state]
         if not tracker.smooths:
-            recorder.add(state, found)
-        check_axes(found, prior.mean)
+            recorder.add(state, estimate)
+        check_axes(estimate, prior.mean)
         # Step 2: one timed step per measurement, or many in one call; recording is not timed.
         steps = task.scenario.steps[1:].tolist()
         at_once = max(1, _AT_ONCE // task.runs)
@@ -98,14 +98,14 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
                         state = tracker.step(model, state, scorer.visible[:, i], k, rng)
                     else:
                         state = ahead.state(i - first)
-                    found = tracker.estimate(state)
+                    estimate = tracker.estimate(state)
                 recorder.note(diagnostics := tracker.diagnostics(state))
                 if tracker.smooths:
                     states.append(state)
                 else:
-                    recorder.add(state, found)
+                    recorder.add(state, estimate)
                 # The state before the step predicts the measurement.
-                scorer.add(Step(before, state, found, k, diagnostics.get("gated")), i)
+                scorer.add(Step(before, state, estimate, k, diagnostics.get("gated")), i)
         if tracker.smooths:
             with clock:
                 # Step 3: a smoother goes back through all states; these estimates are recorded.
@@ -195,13 +195,13 @@ class _Recorder:
         self._noted = self._filled(self._noted, self._next_note, diagnostics)
         self._next_note += 1
 
-    def add(self, state: Any, found: Gaussian) -> None:
+    def add(self, state: Any, estimate: Gaussian) -> None:
         """Record a step's state and estimate; score the truth's components of the estimate."""
-        check_estimate(found, self._sizes, self._task.runs)
+        check_estimate(estimate, self._sizes, self._task.runs)
         k, n = self._next, self._sizes[0]
         # Drop the components that only the filter's motion has: the truth has none of them.
-        if len(found.mean) > n:
-            found = Gaussian(found.mean[:n], found.cov[:n, :n])
+        if len(estimate.mean) > n:
+            estimate = Gaussian(estimate.mean[:n], estimate.cov[:n, :n])
         posterior = None
         if self._angles or not self._judged.disabled:
             posterior = self._task.filter.posterior(state)
@@ -209,17 +209,20 @@ class _Recorder:
             # Particles on both sides of an angle's cut have their mean direction.
             cloud = posterior.particles
             cloud = cloud._replace(x=cloud.x[:n])
-            together = particles_together(cloud, found.mean, self._angles)
-            found, posterior = moments_together(found, cloud, together), ParticlePosterior(together)
-        self._mean[:, k] = found.mean
-        self._consistency.add(found.cov)
+            together = particles_together(cloud, estimate.mean, self._angles)
+            estimate, posterior = (
+                moments_together(estimate, cloud, together),
+                ParticlePosterior(together),
+            )
+        self._mean[:, k] = estimate.mean
+        self._consistency.add(estimate.cov)
         if self.needs_states:
-            truth = near(self._data.truth[:, k], found.mean, self._angles)
-            self._judged.add(posterior, found, truth)
-            seen = observed(self._task.scenario, self._task.filter, state, truth)
-            self._observed = self._filled(self._observed, k, seen)
+            truth = near(self._data.truth[:, k], estimate.mean, self._angles)
+            self._judged.add(posterior, estimate, truth)
+            rows = observed(self._task.scenario, self._task.filter, state, truth)
+            self._observed = self._filled(self._observed, k, rows)
         if self._covariances:
-            self._covs.append(per_run_moments(found).cov[..., : self._covariances].copy())
+            self._covs.append(per_run_moments(estimate).cov[..., : self._covariances].copy())
         self._next += 1
 
     def add_steps(self, steps: Steps) -> None:
@@ -237,7 +240,7 @@ class _Recorder:
             self._covs += [*np.moveaxis(per_run[..., : self._covariances], 2, 0).copy()]
         self._next = self._next_note = part.stop
 
-    def filtered(self, z: Array, told: dict[str, Array], cpu_s: float) -> FilterOutput:
+    def filtered(self, z: Array, predictive: dict[str, Array], cpu_s: float) -> FilterOutput:
         """Return the output, with the predictive series; z (n_z, T, M) are the measurements."""
         errors = self._consistency.series()
         errors |= self._judged.series(errors)
@@ -252,7 +255,7 @@ class _Recorder:
             errors["unused_nis"] = np.where(np.isnan(nis), np.nan, missing)
         # Covariances of the shown runs (n, n, T + 1, r).
         cov = np.stack(self._covs, axis=2) if self._covs else None
-        series = (self._noted or {}) | errors | (self._observed or {}) | told
+        series = (self._noted or {}) | errors | (self._observed or {}) | predictive
         return FilterOutput(self._mean, nees, cov, series, cpu_s)
 
     def _filled(self, series: Series, steps: int | slice, rows: dict[str, Array]) -> Series:

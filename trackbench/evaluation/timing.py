@@ -54,14 +54,14 @@ Guard: TypeAlias = Callable[[], AbstractContextManager[None]]
 def measure(tasks: Sequence[BlockTask], guard: Guard = nullcontext) -> list[Measured | Exception]:
     """Time filters over their blocks, in turns; return times, or the exception of a filter."""
     keep_freed_memory()
-    found = [_tried(guard, _Pass, task) for task in tasks]
+    passes = [_tried(guard, _Pass, task) for task in tasks]
     for repeat in range(REPEATS):
         # A B C, then C B A
         for i in range(len(tasks))[:: -1 if repeat % 2 else 1]:
-            if isinstance(one := found[i], _Pass):
-                found[i] = _tried(guard, one.repeated)
+            if isinstance(one := passes[i], _Pass):
+                passes[i] = _tried(guard, one.repeated)
     simulate.cache_clear()  # a plugin may have written to the data
-    return [p if isinstance(p, Exception) else p.measured() for p in found]
+    return [p if isinstance(p, Exception) else p.measured() for p in passes]
 
 
 def _tried(guard: Guard, function: Any, *arguments: Any) -> Any:
@@ -130,12 +130,12 @@ class _Pass:
         A repeat stands for all steps by how far it is from the median of its own.
         """
         turns, seconds = np.arange(len(self._seconds)) % len(self._kept), np.array(self._seconds)
-        own = np.array([np.median(seconds[turns == j]) for j in range(turns.max() + 1)])
+        medians = np.array([np.median(seconds[turns == j]) for j in range(turns.max() + 1)])
         # Seconds of the block = those of the pass, slower or faster as its repeated steps.
-        passed = self._spent[[*self._kept][: len(own)]]
-        of_block = self._spent.sum() * own.sum() / passed.sum()
+        passed = self._spent[[*self._kept][: len(medians)]]
+        of_block = self._spent.sum() * medians.sum() / passed.sum()
         of_block /= _weights(self._operations, len(self._steps))[: len(self._spent)].sum()
-        of_run = of_block / self._task.width * seconds / np.maximum(own, _LEAST**2)[turns]
+        of_run = of_block / self._task.width * seconds / np.maximum(medians, _LEAST**2)[turns]
         # Mean operations of a step; a filter that notes none has none.
         likelihoods, covariances = self._operations.mean(axis=1).tolist()
         hidden = not self._operations.any()
@@ -155,11 +155,11 @@ def operations(task: BlockTask) -> Array:
     """Return likelihoods and covariance updates (2, steps) of one run: the same on every machine."""
     tracker, model = task.filter, freeze(task.assumed_scenario.model)
     data = simulate(task.scenario.without_scoring, task.seed, 0, 1)
-    rng, found = block_stream(task.seed, 0), []
+    rng, numbers = block_stream(task.seed, 0), []
     state = tracker.init(model, prior_of(data, model), rng)
     # Count the operations of the first steps of one run.
     for i, k in enumerate(task.scenario.steps[1 : _COUNTED + 1].tolist()):
         with counting() as counts:
             state = tracker.step(model, state, data.measurements[:, i], k, rng)
-        found.append([counts["likelihoods"], counts["covariances"]])
-    return np.array(found, dtype=np.float64).T
+        numbers.append([counts["likelihoods"], counts["covariances"]])
+    return np.array(numbers, dtype=np.float64).T

@@ -34,16 +34,16 @@ def explain_read_only_errors() -> Iterator[None]:
         raise ValueError(f"{what} ({error})") from error
 
 
-def check_estimate(found: Gaussian, sizes: tuple[int, int], *batch: int) -> None:
+def check_estimate(estimate: Gaussian, sizes: tuple[int, int], *batch: int) -> None:
     """Raise ValueError unless the mean is (n, M) and the covariance (n, n, M) or (n, n), all real.
 
     n is either of the sizes: components of the truth, or of the motion that the filter assumes. Of many
     steps the batch is (S, M), and covariances that the runs share are (n, n, S, 1).
     """
     try:
-        mean, cov = found.mean, found.cov
+        mean, cov = estimate.mean, estimate.cov
     except AttributeError:
-        what = f"an estimate is a Gaussian, and this is a {type(found).__name__}"
+        what = f"an estimate is a Gaussian, and this is a {type(estimate).__name__}"
         raise WrongReturnError("estimate", what) from None
     # The truth's number of components, or that of the assumed motion.
     n = sizes[0] if _is_real(mean, (sizes[0], *batch)) else sizes[1]
@@ -83,12 +83,12 @@ def check_numbers(what: str, given: dict[str, Any], *batch: int) -> None:
 
 def checked_metrics(given: dict[str, Any], runs: int) -> dict[str, Array]:
     """Validate a scenario's run metrics and their names, such as ``detection_delay_s[leg 1]``."""
-    found = checked_numbers("metric", given, runs)
-    for name in found:
+    metrics = checked_numbers("metric", given, runs)
+    for name in metrics:
         if not _METRIC.fullmatch(name):
             why = "use letters, digits, . _ - and what it is of as in detection_delay_s[leg 1]"
             raise WrongReturnError("run_metrics", f"a metric cannot be named {name!r}: {why}")
-    return found
+    return metrics
 
 
 def check_names(names: Iterable[str]) -> None:
@@ -109,6 +109,6 @@ def _is_real(given: Any, *shapes: tuple[int, ...]) -> bool:
 
 def _refused(method: str, what: str, given: Any, *shapes: tuple[int, ...]) -> WrongReturnError:
     is_array = type(given) is np.ndarray
-    found = f"an array {given.shape} of {given.dtype}" if is_array else f"a {type(given).__name__}"
+    got = f"an array {given.shape} of {given.dtype}" if is_array else f"a {type(given).__name__}"
     expected = " or ".join(map(str, shapes))
-    return WrongReturnError(method, f"{what} is {found}, not an array {expected} of real numbers")
+    return WrongReturnError(method, f"{what} is {got}, not an array {expected} of real numbers")

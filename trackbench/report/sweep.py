@@ -124,12 +124,12 @@ def _best(standing: Ranking, best: Candidate) -> Best:
         text += f"; {by} {side} at {nearest.setting}"
     return Best(
         filter=best.label,
-        point=best.own | standing.scene,
+        point=best.varied | standing.scene,
         metric=f"mean({metric})",
         value=best.overall.value,
         stderr=best.overall.stderr,
-        ties=[rival.filter.own for rival in standing.not_worse],
-        next={} if nearest is None else nearest.own,
+        ties=[rival.filter.varied for rival in standing.not_worse],
+        next={} if nearest is None else nearest.varied,
         difference=apart,
         difference_stderr=nan if standing.nearest is None else standing.nearest.difference.stderr,
         text=text,

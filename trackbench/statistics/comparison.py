@@ -113,10 +113,10 @@ class Family(dict[tuple[str, str], Comparison]):
 
     def between(self, a: str, b: str) -> Comparison | None:
         """Return the comparison of a with b in this order; None without common runs."""
-        if (found := self.get((a, b))) is not None:
-            return found
-        found = self.get((b, a))
-        return None if found is None else found.swapped
+        if (comparison := self.get((a, b))) is not None:
+            return comparison
+        comparison = self.get((b, a))
+        return None if comparison is None else comparison.swapped
 
 
 @np.errstate(all="ignore")
@@ -175,7 +175,9 @@ def as_family(comparisons: Mapping[Key, Comparison], tests: int = 0) -> dict[Key
 def compare_all(samples: Mapping[str, Sample]) -> Family:
     """Return the comparison of every two filters, as one family of tests."""
     pairs = ((pair, compare(*map(samples.__getitem__, pair))) for pair in combinations(samples, 2))
-    return Family(as_family({pair: found for pair, found in pairs if found is not None}))
+    return Family(
+        as_family({pair: comparison for pair, comparison in pairs if comparison is not None})
+    )
 
 
 def _difference_of(a: Sample, b: Sample) -> RunEstimate:

@@ -147,8 +147,8 @@ class RunEstimate(NamedTuple):
         """Return the number of runs with these influences on this one."""
         x = influences[~np.isnan(influences)]
         shift, stderr = mean(x)
-        found = self._replace(value=self.value + shift, stderr=stderr, runs=len(x), pair=None)
-        return found._replace(influences=influences - shift)
+        shifted = self._replace(value=self.value + shift, stderr=stderr, runs=len(x), pair=None)
+        return shifted._replace(influences=influences - shift)
 
     def z(self, target: float = 0.0, other: float = 0.0) -> float:
         """Return z of the hypothesis that the number is the target with standard error ``other``."""
@@ -293,8 +293,8 @@ def linear_combination(
     """Return the estimate of ``of_a`` times a plus ``of_b`` times b, paired by runs."""
     runs, of_runs = min(a.runs, b.runs), _combined(a, b, a.influences, b.influences, of_a, of_b)
     if of_runs is not None:
-        there = of_runs[~np.isnan(of_runs)]
-        return RunEstimate(value, mean(there).stderr, of_runs, len(there), a.lost)
+        known = of_runs[~np.isnan(of_runs)]
+        return RunEstimate(value, mean(known).stderr, of_runs, len(known), a.lost)
     stderr = float(np.hypot(of_a * a.stderr, of_b * b.stderr))
     return RunEstimate(value, stderr, None, runs, a.lost)
 

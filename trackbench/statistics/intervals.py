@@ -74,8 +74,8 @@ def of_variances(first: Array, second: Array) -> Sides | None:
 
 def correlation(a: Array, b: Array) -> float:
     """Return the correlation of two numbers from their influences (M,); zero without spread."""
-    there = ~np.isnan(a - b)
-    a, b = a[there], b[there]
+    common = ~np.isnan(a - b)
+    a, b = a[common], b[common]
     # rho = sum a b / sqrt(sum a^2 sum b^2) over the common runs
     scale = sqrt(float(total(a * a)) * float(total(b * b)))
     return float(total(a * b)) / scale if scale > 0.0 else 0.0
@@ -202,12 +202,12 @@ def studentized(value: float, influences: Array, other: float = 0.0) -> float:
     ``other`` is an independent normal standard error that the hypothesis has itself. NaN without an
     error: for fewer than two runs, and for 0 / 0.
     """
-    found = spread(influences, other)
-    T, a = float(np.divide(value, found.stderr)), found.skewness
+    error = spread(influences, other)
+    T, a = float(np.divide(value, error.stderr)), error.skewness
     # g(T) = T + a T^2 / 3 + a^2 T^3 / 27 + a / 6
     if a != 0.0:
         T += a * (1.0 / 6.0 + T * T / 3.0 + a * T * T * T / 27.0)
-    return normal_of_t(T, found.freedom)
+    return normal_of_t(T, error.freedom)
 
 
 def two_sided(z: float) -> float:
@@ -251,8 +251,8 @@ def interval_of(
     value: float, influences: Array, level: float = 0.95, other: float = 0.0
 ) -> tuple[float, float]:
     """Return the confidence interval: all values that `studentized` accepts."""
-    found, z = spread(influences, other), deviations(level)
-    return value - found.below(z), value + found.above(z)
+    error, z = spread(influences, other), deviations(level)
+    return value - error.below(z), value + error.above(z)
 
 
 def anees_band(n_x: int, runs: float, level: float = 0.95) -> tuple[float, float]:

@@ -74,8 +74,8 @@ def median(x: Array) -> Estimate:
 
 def _quantiles(x: Array, shares: list[float]) -> list[float]:
     """Return quantiles; between two infinities lies infinity."""
-    found = np.quantile(x, shares)
-    return [float(q) for q in np.where(np.isnan(found), x.max(), found)]
+    quantiles = np.quantile(x, shares)
+    return [float(q) for q in np.where(np.isnan(quantiles), x.max(), quantiles)]
 
 
 @_quietly
@@ -183,10 +183,10 @@ def influence_of_ratio(a: float, b: float, of_a: Array, of_b: Array) -> Array:
 
 def _left_out(value: float, without: Array) -> Array:
     """Return centered influences from a number and its values without each run (jackknife)."""
-    there = ~np.isnan(without)
+    known = ~np.isnan(without)
     # (M - 1) (value - value without run m)
-    moved = (int(there.sum()) - 1.0) * (value - without)
-    return np.asarray(moved - _mean(moved[there]))
+    moved = (int(known.sum()) - 1.0) * (value - without)
+    return np.asarray(moved - _mean(moved[known]))
 
 
 def without_rounding(a: Array, b: Array) -> Array:

@@ -221,17 +221,17 @@ def number_verdict(
     """Return the verdict on a published number from all runs and from the parts of them."""
     judge = _bias if isinstance(number.value, str) else _difference
     word, z = judge(number, whole, DECIDED)
-    found = [judge(number, part, SURE) for part in parts]
+    verdicts = [judge(number, part, SURE) for part in parts]
     # Fragile: what other runs could well have measured changes the word.
     turns = any(judge(number, other, DECIDED)[0] != word for other in _others(whole))
     # Batches that do not show the word, or contradict it, make it inconclusive.
-    word = combine_batches(word, [w for w, _ in found])
+    word = combine_batches(word, [w for w, _ in verdicts])
     if word in ("biased", "unbiased"):
         word = "agrees" if word == number.value else "differs"
     if number.chosen:
         word = UNDECIDED  # a value that was chosen for the number shows nothing
     needed = nan if isinstance(number.value, str) else DECIDED
-    return Verdict(word, z, tuple(z for _, z in found), turns and word != UNDECIDED, needed)
+    return Verdict(word, z, tuple(z for _, z in verdicts), turns and word != UNDECIDED, needed)
 
 
 def _others(whole: RunEstimate) -> Iterator[RunEstimate]:

@@ -75,9 +75,9 @@ def calibration(results: Results, standing: Ranking) -> str:
     """Return which best filters are calibrated, overconfident or underconfident, with numbers."""
     words: dict[str, list[str]] = {}
     for candidate in standing.among_the_best:
-        found = consistency(results, candidate)
-        if found is not None:
-            words.setdefault(found[0], []).append(f"{candidate.name} ({found[1]})")
+        anees = consistency(results, candidate)
+        if anees is not None:
+            words.setdefault(anees[0], []).append(f"{candidate.name} ({anees[1]})")
     parts = [f"{listed(names)} {verb(names)} {_said(word)}" for word, names in words.items()]
     return f"{'; '.join(parts)}." if parts else ""
 
@@ -92,9 +92,9 @@ def over_points(results: Results, candidates: Sequence[Candidate]) -> list[str]:
     # Count the points at which the filter is calibrated, overconfident or underconfident.
     words: dict[str, int] = {}
     for candidate in candidates:
-        found = consistency(results, candidate)
-        if found is not None:
-            words[found[0]] = words.get(found[0], 0) + 1
+        anees = consistency(results, candidate)
+        if anees is not None:
+            words[anees[0]] = words.get(anees[0], 0) + 1
     parts = [f"{_said(word)} at {n} of {len(candidates)}" for word, n in words.items()]
     return [*lines, f"{named(candidates[0].label)} is {', '.join(parts)}."] if parts else lines
 
@@ -116,21 +116,21 @@ def consistency(results: Results, candidate: Candidate) -> tuple[str, str] | Non
     word = name.upper() if name == "anis" else "ANEES"
     if words := collapsed_in_words(values):
         return "overconfident", words
-    found = mean(values)
-    if found.value == inf:
+    anees = mean(values)
+    if anees.value == inf:
         return "overconfident", f"{word} infinite"
     # Judge by the 95 % interval of the mean over the runs.
     low, high = interval("mean", values)
     judged = rules.credibility(low, high)
-    return (judged, f"{word} {rounded(*found, 3)}") if judged else None
+    return (judged, f"{word} {rounded(*anees, 3)}") if judged else None
 
 
 def _times(results: Results, candidates: Sequence[Candidate]) -> list[Time]:
     """Return the shortest first; those of the same length in the order of their filters."""
-    found = []
+    times = []
     for candidate in candidates:
         looped = " (looped over in Python)" if candidate.label in results.loops_over_runs else ""
         rows = results.columns("timing", candidate.point).where(filter=candidate.label)
         for row in islice(rows.records(), 1):
-            found.append(Time(float(row["cpu_s_per_run"]), candidate, looped))
-    return sorted(found, key=attrgetter("value"))
+            times.append(Time(float(row["cpu_s_per_run"]), candidate, looped))
+    return sorted(times, key=attrgetter("value"))

@@ -37,19 +37,19 @@ class Candidate:
     """why each run (M,) is lost, 0 if it is not"""
     sample: Sample
     """the metric of each run (M,), NaN where it is lost, and the statistic that decides"""
-    own: GridPoint = field(default_factory=dict)
+    varied: GridPoint = field(default_factory=dict)
     """what the grid gives the filter, by path"""
 
     @cached_property
     def name(self) -> str:
         """Return the name for a sentence, with the grid's values."""
-        return f"{named(self.label)} at {self.setting}" if self.own else named(self.label)
+        return f"{named(self.label)} at {self.setting}" if self.varied else named(self.label)
 
     @property
     def setting(self) -> str:
         """Return the grid's values; several in parentheses."""
-        text = phrases.heading(self.own)
-        return f"({text})" if len(self.own) > 1 else text
+        text = phrases.heading(self.varied)
+        return f"({text})" if len(self.varied) > 1 else text
 
     @cached_property
     def overall(self) -> Estimate:
@@ -160,30 +160,30 @@ def _by_scene(results: Results, metric: str, labels: Collection[str]) -> Iterato
 def best_settings(results: Results) -> list[Ranking]:
     """Yield for each varied filter which of its values are best, by scenario."""
     metric = next(iter(ranking_metrics(results)), "")
-    found = []
+    best = []
     for where in scenes(results) if metric else []:
         settings = list(_settings(results, points_of(results, where), metric))
-        for label in dict.fromkeys(c.label for c in settings if c.own):
+        for label in dict.fromkeys(c.label for c in settings if c.varied):
             # One ranking for each filter with several values.
             mine = [c for c in settings if c.label == label]
             if len(mine) > 1:
                 ranking = ranking_of(mine, metric, apart=True)
-                found.append(ranking._replace(scene=where))
-    return found
+                best.append(ranking._replace(scene=where))
+    return best
 
 
-def leaders(found: Collection[Ranking]) -> list[Candidate]:
+def leaders(standings: Collection[Ranking]) -> list[Candidate]:
     """Return the filters among the best of each ranking, one after the other."""
-    return list(chain.from_iterable(ranking.among_the_best for ranking in found))
+    return list(chain.from_iterable(ranking.among_the_best for ranking in standings))
 
 
 def ranking_metrics(results: Results) -> list[str]:
     """Return the metrics that filters are ranked by, the first one first."""
     points = results.points()
     names = dict.fromkeys(metric for point in points for _, metric in results.runs(point))
-    found = primary_metrics(list(names))
-    errors = [name for name in found if measured(name).is_error]
-    return [*errors, *(name for name in ("held_log_score", "log_score") if name in found)]
+    metrics = primary_metrics(list(names))
+    errors = [name for name in metrics if measured(name).is_error]
+    return [*errors, *(name for name in ("held_log_score", "log_score") if name in metrics)]
 
 
 def ranking_of(
@@ -208,9 +208,9 @@ def ranking_of(
     rivals = [c for c in ranked if c not in losing and isfinite(c.overall.value)]
     losing += [c for c in ranked if c not in rivals and c not in losing and c.losses]
     chosen, runs = len(tried) > len(ranked), max((len(c.lost) for c in ranked), default=0)
-    found = Ranking({}, measure, None, [], [], [], losing, exact, rivals, chosen, runs)
+    ranking = Ranking({}, measure, None, [], [], [], losing, exact, rivals, chosen, runs)
     if not rivals or not rivals[0].has_error(untested=apart or not rivals[1:]):
-        return found
+        return ranking
     # Step 3: compare the first of the others with all the rest on common runs.
     best, beside = rivals[0], [exact] if exact is not None else []
     family = compare_all({c.name: c.sample for c in (*ranked, *beside, *unranked)})
@@ -220,12 +220,12 @@ def ranking_of(
         if comparison is None or sign * comparison.sign < 0:
             # No runs in common; or on these the other is the better one.
             common = 0 if comparison is None else comparison.difference.runs
-            return found._replace(conflict=(best, rival, common))
+            return ranking._replace(conflict=(best, rival, common))
         tested = comparison.is_tested or comparison.is_equal
         # A filter further off than one that is no tie is no tie either.
         tie = ties if tested and not (worse or undecided) else undecided
         (worse if comparison.sign else tie).append(Rival(rival, comparison))
-    return found._replace(best=best, ties=ties, worse=worse, undecided=undecided)
+    return ranking._replace(best=best, ties=ties, worse=worse, undecided=undecided)
 
 
 def _settings(
@@ -235,14 +235,14 @@ def _settings(
     for label in results.filters:
         yielded = set()
         for point in points:
-            runs, own = results.runs(point), own_values(results, point, label)
+            runs, varied = results.runs(point), own_values(results, point, label)
             # Each set of values counts once, at the first point that has it.
-            if str(own) not in yielded and (label, "lost") in runs:
-                yielded.add(str(own))
+            if str(varied) not in yielded and (label, "lost") in runs:
+                yielded.add(str(varied))
                 lost = runs[label, "lost"]
                 values = runs.get((label, metric), np.full(len(lost), np.nan))
                 steps = results.judged_steps(point).get((label, metric))
-                yield Candidate(label, point, lost, Sample.of(values, statistic, steps), own)
+                yield Candidate(label, point, lost, Sample.of(values, statistic, steps), varied)
 
 
 def _rank(candidate: Candidate, sign: float) -> tuple[bool, float]:
@@ -261,11 +261,11 @@ def _best_of_each(settings: Sequence[Candidate], sign: float) -> list[Candidate]
     return best
 
 
-def _losing(found: Sequence[Candidate]) -> list[Candidate]:
+def _losing(candidates: Sequence[Candidate]) -> list[Candidate]:
     """Return the filters that lose significantly more of the same runs than another."""
     losing = []
-    for a in found:
-        others = (b.lost for b in found if b is not a and len(b.lost) == len(a.lost))
-        if any(rules.loses_more(a.lost, lost, len(found)) for lost in others):
+    for a in candidates:
+        others = (b.lost for b in candidates if b is not a and len(b.lost) == len(a.lost))
+        if any(rules.loses_more(a.lost, lost, len(candidates)) for lost in others):
             losing.append(a)
     return losing

@@ -52,18 +52,18 @@ HOW_DECIDED = (
 
 def answer(results: Results) -> list[str]:
     """Return sentences on the filters of a results folder, a line each; none if nothing is decided."""
-    found = rankings(results)
+    standings = rankings(results)
     matters = rules.share_that_matters(results.config.get("matters"))
     # One ranking: sentences on its best filter. Several: at how many points each is best.
-    if len(found) == 1:
-        first = [_best_sentence(found[0], matters), _tuned(results, found[0])]
-        first += [_other_metrics(results, found[0])]
-        last = [cost(results, found[0]), calibration(results, found[0])]
+    if len(standings) == 1:
+        first = [_best_sentence(standings[0], matters), _tuned(results, standings[0])]
+        first += [_other_metrics(results, standings[0])]
+        last = [cost(results, standings[0]), calibration(results, standings[0])]
     else:
-        first, last = [_over_points(found)], _leader_sentence(results, found)
-    lines = [*first, _losing(found), _failed(results), *plugin_ranks(results), *last]
-    if found and max(standing.runs for standing in found) == 1:
-        decided = any(s.ties or s.worse or s.undecided for s in found)
+        first, last = [_over_points(standings)], _leader_sentence(results, standings)
+    lines = [*first, _losing(standings), _failed(results), *plugin_ranks(results), *last]
+    if standings and max(standing.runs for standing in standings) == 1:
+        decided = any(s.ties or s.worse or s.undecided for s in standings)
         lines.append(_ONE_RUN if decided else _NO_ERROR)
     return [line for line in lines if line]
 
@@ -182,10 +182,10 @@ def _value(standing: Ranking) -> str:
         return text
     # The reference is named only if the best is significantly above it on common runs.
     pair = {"best": best.sample, "reference": reference.sample}
-    found = compare_all(pair).between("best", "reference")
-    if found is None or found.sign <= 0:
+    comparison = compare_all(pair).between("best", "reference")
+    if comparison is None or comparison.sign <= 0:
         return text
-    above = f"{percent_of(found.difference.value, found.b.value)} above".lstrip()
+    above = f"{percent_of(comparison.difference.value, comparison.b.value)} above".lstrip()
     return f"{text}, {above} the reference {reference.name}"
 
 
@@ -218,9 +218,9 @@ def _other_metrics(results: Results, standing: Ranking) -> str:
     return f"But {', '.join(parts[:2])} better." if parts else ""
 
 
-def _over_points(found: Sequence[Ranking]) -> str:
+def _over_points(standings: Sequence[Ranking]) -> str:
     """Return at how many points each filter is among the best."""
-    first = leaders(found)
+    first = leaders(standings)
     counts = Counter(candidate.label for candidate in first)
     # Filters by the number of points at which they are among the best.
     by_count: dict[int, list[str]] = {}
@@ -228,19 +228,19 @@ def _over_points(found: Sequence[Ranking]) -> str:
         by_count.setdefault(n, []).append(named(label))
     if not by_count:
         return ""
-    paths = " and ".join(phrases.axis(path) for path in found[0].scene)
+    paths = " and ".join(phrases.axis(path) for path in standings[0].scene)
     (most, best), *rest = by_count.items()
-    of = f"{most} of the {len(found)}" if most < len(found) else f"all {most}"
-    statistic = statistic_words(first[0].sample.statistic, found[0].metric)
+    of = f"{most} of the {len(standings)}" if most < len(standings) else f"all {most}"
+    statistic = statistic_words(first[0].sample.statistic, standings[0].metric)
     text = f"By {statistic} {listed(best)} {verb(best)} best, or"
     text += f" without a significant difference from the best, at {of} values of {paths}"
     return "; ".join([text, *(f"{listed(labels)} at {n}" for n, labels in rest)]) + "."
 
 
-def _leader_sentence(results: Results, found: Sequence[Ranking]) -> list[str]:
+def _leader_sentence(results: Results, standings: Sequence[Ranking]) -> list[str]:
     """Return cost and calibration of the filter that is best at most points, if any."""
     by_label: dict[str, list[Candidate]] = {}
-    for candidate in leaders(found):
+    for candidate in leaders(standings):
         by_label.setdefault(candidate.label, []).append(candidate)
     # A single filter must lead: two with as many points have no leader.
     ranked = sorted(by_label.values(), key=len, reverse=True)
@@ -249,11 +249,11 @@ def _leader_sentence(results: Results, found: Sequence[Ranking]) -> list[str]:
     return over_points(results, ranked[0])
 
 
-def _losing(found: Sequence[Ranking]) -> str:
+def _losing(standings: Sequence[Ranking]) -> str:
     """Return the filters that lose more runs than another, at the point where each loses most."""
     most: dict[str, Candidate] = {}
     # Each filter at the point where it loses most runs.
-    for candidate in sorted((c for s in found for c in s.losing), key=lambda c: -c.losses):
+    for candidate in sorted((c for s in standings for c in s.losing), key=lambda c: -c.losses):
         most.setdefault(candidate.label, candidate)
     if not most:
         return ""
@@ -279,11 +279,11 @@ def plugin_ranks(results: Results) -> Iterator[str]:
         # A smoother uses later measurements, so filters and smoothers are ranked apart.
         smooths = bool(filters[label].get("smooth"))
         rivals = [b for b in results.filters if bool(filters[b].get("smooth")) == smooths]
-        for found in rankings(results, _headline(results), rivals):
-            lines = [_sentence(results, c, found) for c in found.order if c.label == label]
+        for ranking in rankings(results, _headline(results), rivals):
+            lines = [_sentence(results, c, ranking) for c in ranking.order if c.label == label]
             lines += [
                 f"{c.name} is unranked: it loses {c.losses} of {len(c.lost)} runs."
-                for c in found.losing
+                for c in ranking.losing
                 if c.label == label
             ]
             yield from lines
@@ -297,31 +297,31 @@ def _headline(results: Results) -> str:
     return metric if metric in ranking_metrics(results) else ""
 
 
-def _sentence(results: Results, mine: Candidate, found: Ranking) -> str:
+def _sentence(results: Results, mine: Candidate, ranking: Ranking) -> str:
     """Return rank and mean, the paired difference from the best, the ratio to the reference."""
-    better = [c.overall.value for c in found.order].index(mine.overall.value)
+    better = [c.overall.value for c in ranking.order].index(mine.overall.value)
     at = [f"On {results.citation}"] * bool(results.citation)
-    at += [f"at {heading(found.scene)}"] * bool(found.scene)
+    at += [f"at {heading(ranking.scene)}"] * bool(ranking.scene)
     place = f"{', '.join(at)}, {mine.name}"
     text = (
-        f"{place.removeprefix(', ')} ranks {1 + better} of {len(found.order)} by "
-        f"{statistic_words(mine.sample.statistic, found.metric)}: "
-        f"{with_unit(rounded(*mine.overall, 4), found.metric)}"
+        f"{place.removeprefix(', ')} ranks {1 + better} of {len(ranking.order)} by "
+        f"{statistic_words(mine.sample.statistic, ranking.metric)}: "
+        f"{with_unit(rounded(*mine.overall, 4), ranking.metric)}"
     )
-    beside = {rival.filter.name: rival for rival in found.rivals}
-    if found.best is not None and (rival := beside.get(mine.name)) and rival.difference.stderr:
-        apart = with_unit(rounded(*rival.difference.estimate, 3), found.metric)
-        if not found.metric.family[0].is_score:
-            share = percent_of(rival.difference.value, found.best.overall.value)
+    beside = {rival.filter.name: rival for rival in ranking.rivals}
+    if ranking.best is not None and (rival := beside.get(mine.name)) and rival.difference.stderr:
+        apart = with_unit(rounded(*rival.difference.estimate, 3), ranking.metric)
+        if not ranking.metric.family[0].is_score:
+            share = percent_of(rival.difference.value, ranking.best.overall.value)
             apart += f", {share}" if share else ""
-        text += f"; its difference from {found.best.name}, the best, is {apart}"
-        text += "" if rival in found.worse else ", which is not significant"
-    return f"{text}{''.join(_ratios(results, mine, found))}."
+        text += f"; its difference from {ranking.best.name}, the best, is {apart}"
+        text += "" if rival in ranking.worse else ", which is not significant"
+    return f"{text}{''.join(_ratios(results, mine, ranking))}."
 
 
-def _ratios(results: Results, mine: Candidate, found: Ranking) -> Iterator[str]:
+def _ratios(results: Results, mine: Candidate, ranking: Ranking) -> Iterator[str]:
     """Yield the ratios of the error to those of the reference and of the bound."""
-    config, metric = results.config, found.metric
+    config, metric = results.config, ranking.metric
     labels = [(config.get("problem") or {}).get("reference"), config.get("reference")]
     if metric.family[0].is_score:
         return
