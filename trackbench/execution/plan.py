@@ -170,7 +170,8 @@ else:
 def check_memory(experiment: Experiment, save_tracks: bool = False) -> None:
     """Reject a filter of which one block, or the stored numbers, are more than the machine's memory.
 
-    A block has at least its particles and estimates once; how much more it takes is measured.
+    A step has at least the particles with their weights before and after it, a block its estimates;
+    how much more it takes is measured.
     """
     settings, series = experiment.settings, len(_kept_series(experiment))
     shown = settings.runs if save_tracks else min(experiment.shown_runs, settings.runs)
@@ -181,8 +182,8 @@ def check_memory(experiment: Experiment, save_tracks: bool = False) -> None:
         stored = of_runs + shown * per_track * steps * len(point.filters)
         for label, tracker in point.filters.items():
             particles = tracker.max_particle_count * (steps if tracker.smooths else 1)
-            block = _width(settings, tracker, point.scenario) * n_x * (particles + steps)
-            needed = 8 * (block + stored)
+            of_run = 2 * (n_x + 1) * particles + n_x * steps
+            needed = 8 * (_width(settings, tracker, point.scenario) * of_run + stored)
             if needed > memory():
                 what = (
                     f"needs at least {needed / 1e9:.1f} GB of memory and this machine has "
