@@ -101,7 +101,7 @@ CONTENTS: dict[str, tuple[str | bytes, str]] = {
         GOOD.replace("name: x", "name: x\ntitle: é").encode("latin-1"),
         "is not a text file",
     ),
-    "a billion particles": (GOOD.replace("N: 10", "N: 1000000000"), "memory"),
+    "ten billion particles": (GOOD.replace("N: 10", "N: 10000000000"), "memory"),
     "a python object": (GOOD + "title: !!python/object/apply:os.system [touch ran]\n", "title"),
     "a use of itself": (GOOD.replace("{kind: ukf}", f"{{use: {MAIN}}}"), "in a circle"),
 }

@@ -269,7 +269,7 @@ class SensorOfSteps:
 
     def measurement(self, x: Array, k: int) -> Gaussian:
         """Return the distribution of the measurements of states x (n_x, *points, T M)."""
-        if getattr(type(self._sensor), "measurement", None) is LinearSensor.measurement:
+        if type(self._sensor).measurement is LinearSensor.measurement:
             return self._sensor.measurement(x, k)  # which is equal at every step
         means, covs = [], []
         for part, step in zip(np.split(x, len(self._steps), axis=-1), self._steps, strict=True):
