@@ -28,7 +28,7 @@ _KEPT, _EARLY = 5, 2
 _REPEAT_S, _QUICK_S, _PASS_S = 0.003, 0.1, 0.5
 """CPU seconds of a repeat, of a pass that is made twice, and of one that is cut short."""
 _LEAST = 1e-7
-"""Seconds of a step at the least: a clock may have seen nothing."""
+"""Least seconds of a step: a coarse clock may show none."""
 _COUNTED = 2000
 """Steps in which operations are counted, at most."""
 # Where the CPU clock is coarse (Windows: 16 ms), short repeats need the wall clock.

@@ -161,7 +161,8 @@ def augmented_step(
     # Step 2: predict each point, f(x) + v; condition on z = h(f(x) + v) + n.
     predicted = assumed.transition(model, x, k).mean + v
     moments = points.moments(predicted, roots=isinstance(state, Factored))
-    return _condition(model, points, predicted, moments, z, k, n, None)
+    measured = _measured(model, points, predicted, moments, z, k, n, None)
+    return _condition(points, predicted, moments, measured, None)
 
 
 def _scalar_step(
@@ -243,21 +244,25 @@ def additive_step(
 def _additive_update(
     model: Model, predicted: Gaussian, z: Array, k: int, assumed: AssumedNoise, rule: PointRule
 ) -> Updated:
-    # New points of the prediction; R is added to the covariance of their measurements.
-    points = rule.points(predicted)
-    R = assumed.measurement(model, predicted.mean, k).cov
-    R = with_trailing(R, predicted.mean.ndim - 1, leading=2)
-    return _condition(model, points, points.x, predicted, z, k, None, R)
+    points, R, measured = _measured_anew(model, predicted, z, k, assumed, rule)
+    return _condition(points, points.x, predicted, measured, R)
 
 
 def predicted_innovation(model: Model, predicted: Gaussian, z: Array, k: int) -> Innovation:
     """Return the innovation of z (n_z, M) and its covariance for N(mean, cov) of x_k, by cubature."""
-    predicted = per_run_moments(predicted)
-    points = Unscented(1.0, 0.0, 0.0).points(predicted)
-    R = MODEL_NOISE.measurement(model, predicted.mean, k).cov
-    R = with_trailing(R, predicted.mean.ndim - 1, leading=2)
-    measured = _measured(model, points, points.x, predicted, z, k, None, R)
+    predicted, rule = per_run_moments(predicted), Unscented(1.0, 0.0, 0.0)
+    _, _, measured = _measured_anew(model, predicted, z, k, MODEL_NOISE, rule)
     return Innovation(measured.nu, measured.S)
+
+
+def _measured_anew(
+    model: Model, predicted: Gaussian, z: Array, k: int, assumed: AssumedNoise, rule: PointRule
+) -> tuple[SigmaPoints, Array, "_Measured"]:
+    """Return new points of the prediction, R, and the moments of their measurements with R added."""
+    points = rule.points(predicted)
+    R = assumed.measurement(model, predicted.mean, k).cov
+    R = with_trailing(R, predicted.mean.ndim - 1, leading=2)
+    return points, R, _measured(model, points, points.x, predicted, z, k, None, R)
 
 
 class SensorOfSteps:
@@ -329,24 +334,17 @@ def _measured(
 
 
 def _condition(
-    model: Model,
-    points: SigmaPoints,
-    x: Array,
-    predicted: Gaussian,
-    z: Array,
-    k: int,
-    noise: Array | None,
-    R: Array | None,
+    points: SigmaPoints, x: Array, predicted: Gaussian, measured: _Measured, R: Array | None
 ) -> Updated:
-    """Return the prediction given z by the measurements of points x (steps 1 to 3: `_measured`)."""
-    relative, z_mean, S, C, nu, missing = _measured(model, points, x, predicted, z, k, noise, R)
+    """Return the prediction given the measurements of its points x (steps 1 to 3: `_measured`)."""
+    relative, z_mean, S, C, nu, missing = measured
     known = np.where(missing, 0.0, nu) if missing.any() else nu
     if isinstance(predicted, Factored):
-        noise = np.zeros(S.shape[:2]) if R is None else R
-        noise, dx = kalman.drop_missing_cov(noise, missing), x - predicted.mean[:, None]
+        added = np.zeros(S.shape[:2]) if R is None else R
+        added, dx = kalman.drop_missing_cov(added, missing), x - predicted.mean[:, None]
         dz = np.where(missing[:, None], 0.0, relative - z_mean[:, None])
         D = points.columns(dx), points.columns(dz)
-        factored, root = kalman.update_roots(predicted.mean, known, *D, noise)
+        factored, root = kalman.update_roots(predicted.mean, known, *D, added)
         return factored, Innovation(nu, S, root=root)
     # Step 4: K = C S^-1, m + K nu, P - K S K'.
     note("covariances", S, components=2)
