@@ -60,11 +60,7 @@ def _recorded(folder: str) -> frozenset[str]:
 
 
 class Finder:
-    """Finder of modules that also looks beside plugins, after all other places.
-
-    Sources outside installed packages are compiled anew: a file of bytecode may belong to another
-    source of the same second and length.
-    """
+    """Finder of modules that looks beside plugins, after all other places."""
 
     folders: tuple[str, ...] = ()
 
@@ -74,31 +70,33 @@ class Finder:
         folder = str(Path(plugin).parent)
         cls.folders = (folder, *(other for other in cls.folders if other != folder))
         if cls not in sys.meta_path:
-            sys.meta_path.insert(0, cls)
+            sys.meta_path.append(cls)
+            SourceFileLoader.get_code = _get_code  # type: ignore[assignment, method-assign]
         invalidate_caches()  # a file may be of this very second
 
     @classmethod
     def find_spec(
         cls, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """Return the spec of a module by the other finders, or of a file beside a plugin."""
-        finders = (finder for finder in [*sys.meta_path] if finder is not cls)
-        specs = (finder.find_spec(name, path, target) for finder in finders)
-        spec = next((spec for spec in specs if spec is not None), None)
-        if spec is None and path is None:
-            spec = PathFinder.find_spec(name, cls.folders)
-        file = spec.origin if spec and type(spec.loader) is SourceFileLoader else None
-        if spec is not None and file is not None and not is_installed(file):
-            spec.loader = _SourceLoader(name, file)
-        return spec
+        """Return the spec of a file beside a plugin."""
+        return PathFinder.find_spec(name, cls.folders) if path is None else None
 
 
-class _SourceLoader(SourceFileLoader):
-    def get_code(self, fullname: str) -> CodeType:
-        source = self.get_data(self.path)
-        _executed[os.path.abspath(self.path)] = hashlib.sha256(source).hexdigest()
-        code: CodeType = self.source_to_code(source, self.path)
-        return code
+_python_get_code = SourceFileLoader.get_code
+
+
+def _get_code(loader: SourceFileLoader, fullname: str) -> CodeType | None:
+    """Compile a source outside installed packages anew, however it is imported.
+
+    A file of bytecode may belong to another source of the same second and length.
+    """
+    path = os.path.abspath(loader.path)
+    if is_installed(path):
+        return _python_get_code(loader, fullname)
+    source = loader.get_data(path)
+    _executed[path] = hashlib.sha256(source).hexdigest()
+    code: CodeType = loader.source_to_code(source, path)
+    return code
 
 
 def imports(source: bytes, plugin: str) -> tuple[dict[str, str], set[str]]:
@@ -148,7 +146,8 @@ def _specs(name: str) -> Iterator[ModuleSpec]:
     for part in name.split("."):
         inner = f"{inner}.{part}".lstrip(".")
         try:
-            spec = Finder.find_spec(inner, path)
+            found = (finder.find_spec(inner, path, None) for finder in [*sys.meta_path])
+            spec = next((spec for spec in found if spec is not None), None)
         except (ImportError, ValueError, AttributeError):
             return
         if spec is None:
