@@ -40,6 +40,10 @@ IS_FILE = "path of a data file"
 DataFile = Annotated[str, IS_FILE]
 """A path, relative to the YAML file that names it; the dataclass gets the absolute path."""
 
+IS_WORD = "word of a command line, or path of a file in it"
+ProgramWord = Annotated[str, IS_WORD]
+"""A word of a command; the dataclass gets the absolute path of one that is a file beside the YAML."""
+
 
 class Unit(NamedTuple):
     """Annotation of a key that has a unit: ``sigma: Annotated[float, Unit("m")]``."""

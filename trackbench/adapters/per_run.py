@@ -17,7 +17,7 @@ from trackbench.core.random_streams import NoiseGenerator
 from trackbench.extension_points import field_values
 from trackbench.filters.base import Filter, WrongReturnError
 from trackbench.models.base import Model, Scene
-from trackbench.models.motions.irregular import Irregular
+from trackbench.models.motions.irregular import step_length
 from trackbench.registry import register
 
 
@@ -134,14 +134,6 @@ def _copy_field(key: Field[object]) -> object:
 
 def _restore(one: "type[PerRun]", keys: dict[str, object]) -> LoopFilter:
     return one._loop_filter(**keys)
-
-
-def step_length(model: Model, k: int | None = None) -> float:
-    """Return the seconds from step k - 1 to k, or to the first step; 1 for a motion without a time."""
-    motion = model.motion
-    if isinstance(motion, Irregular):
-        return float(motion.intervals[0 if k is None else k - motion.first])
-    return float(getattr(motion, "T", 1.0))
 
 
 def _moments(returned: object, n: int, one: type) -> tuple[Array, Array]:

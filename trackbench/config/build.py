@@ -1,10 +1,12 @@
 """Build dataclasses and registered components from mappings; report every mistake with its position."""
 
 import json
+import os
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from difflib import get_close_matches
 from functools import cache
+from itertools import chain
 from math import isinf, isnan
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, cast, get_args, get_origin, get_type_hints
@@ -17,6 +19,7 @@ from trackbench.errors import Mark, Problem
 from trackbench.extension_points import Part
 from trackbench.field_types import (
     IS_FILE,
+    IS_WORD,
     ONE_LINE,
     DataError,
     InvalidKeyError,
@@ -83,11 +86,11 @@ def hints_of(cls: type) -> dict[str, object]:
 
 @_cached
 def file_keys(cls: type) -> frozenset[str]:
-    """Name the keys whose values are paths of data files."""
+    """Name the keys whose values are paths of data files, or words that may be."""
 
     def is_file(hint: object) -> bool:
-        options = (hint, *get_args(hint))
-        return any(IS_FILE in annotations_of(option) for option in options)
+        marks = chain.from_iterable(map(annotations_of, (hint, *get_args(hint))))
+        return any(mark in (IS_FILE, IS_WORD) for mark in marks)
 
     return frozenset(name for name, hint in hints_of(cls).items() if is_file(hint))
 
@@ -268,6 +271,10 @@ def _component(group: Group, data: object, source: Source, keys: Keys) -> Part |
     # Step 2: complete the keys by the preset, and build.
     values = _with_preset(cls, data, source, keys)
     _make_paths_absolute(cls, source, keys, values)
+    if getattr(cls, "runs_program", False) and not source.allows(values.get("command")):
+        what = "an external program is run only with --allow-plugins"
+        source.add_problem((*keys, "command"), what)
+        return None
     also = ["preset"] if cls.presets else []
     if keys[:-1] == ("filters",):  # a key of every filter's entry: see `read_assumed`
         values.pop("assume", None)
@@ -346,10 +353,14 @@ def _make_paths_absolute(cls: type, source: Source, keys: Keys, values: dict[str
     for key in file_keys(cls) & values.keys():
         mark, paths = source.mark((*keys, key)), values[key]
         folder = Path(mark.file).parent if mark.line else Path()
-        if isinstance(paths, str):
-            values[key] = str((folder / paths).absolute())
-        elif isinstance(paths, list):
-            values[key] = [str((folder / p).absolute()) if isinstance(p, str) else p for p in paths]
+        words = IS_WORD in chain.from_iterable(map(annotations_of, get_args(hints_of(cls)[key])))
+
+        def absolute(path: object, folder: Path = folder, words: bool = words) -> object:
+            if not isinstance(path, str) or (words and not os.path.isfile(folder / path)):
+                return path
+            return str((folder / path).absolute())
+
+        values[key] = [*map(absolute, paths)] if isinstance(paths, list) else absolute(paths)
 
 
 def _with_preset(

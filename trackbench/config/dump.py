@@ -37,7 +37,7 @@ def resolved(experiment: Experiment, folder: Path) -> PlainData:
     out = {key: x for key, x in asdict(experiment.settings).items() if x or key not in optional}
 
     def relative(path: str) -> str:
-        return os.path.relpath(path, folder)
+        return os.path.relpath(path, folder) if os.path.isabs(path) else path
 
     def written(part: Part, keys: Keys) -> object:
         full = as_config(part, relative)

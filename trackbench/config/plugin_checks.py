@@ -1,5 +1,6 @@
 """Load the plugins that a config names, and check their classes and exhibits."""
 
+import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, fields, is_dataclass
 from itertools import chain
@@ -25,11 +26,17 @@ _PLAIN = (bool, int, float, str, type(None))
 def add_filters(source: Source, files: Sequence[Path]) -> dict[str, Mark]:
     """Add the filters of Python files to the config, each under its kind; return labels and marks.
 
-    The files join the config's plugins. Raises UserError.
+    The files join the config's plugins. A program becomes a filter under its name. Raises UserError.
     """
     labels: dict[str, Mark] = {}
     for file in files if isinstance(source.data.get("filters"), dict) else ():
         mark = Mark(f"--filter {file}")
+        if file.suffix != ".py" and is_program(file):
+            command = [str(file.absolute())]
+            _add_filter(source, file.stem, {"kind": "external", "command": command}, mark)
+            source.chosen_programs.update(command)
+            labels[file.stem] = mark
+            continue
         try:
             plugin = load_file(file) if file.suffix == ".py" else None
         except PluginError as why:
@@ -37,19 +44,33 @@ def add_filters(source: Source, files: Sequence[Path]) -> dict[str, Mark]:
         groups = registered(plugin.module) if plugin else []
         kinds_in = [kind for group, kind, _ in groups if group == "filters"]
         if plugin is None or not kinds_in:
-            what = "registers no filter" if plugin else "is not the path of a Python file"
+            what = "registers no filter" if plugin else NO_FILTER
             raise UserError(Problem(mark, "", f"{what}; `trackbench new filter NAME` writes one"))
         # Each kind becomes a filter of that label, and the file one of the plugins.
         for kind in kinds_in:
-            if kind in source.data["filters"]:
-                what = f"{kind!r} is already the label of a filter; give this one another kind"
-                raise UserError(Problem(mark, "", what))
-            override(source, ("filters", kind), {"kind": kind}, mark)
+            _add_filter(source, kind, {"kind": kind}, mark)
             labels[kind] = mark
         if not source.data.get("plugins"):
             override(source, ("plugins",), [], mark)
         _append(source.data["plugins"], str(file.absolute()), mark)
     return labels
+
+
+NO_FILTER = "is neither the path of a Python file nor of a program that can be executed"
+
+
+def is_program(path: Path) -> bool:
+    """Return whether a path is that of a file that can be executed."""
+    return path.is_file() and os.access(path, os.X_OK)
+
+
+def _add_filter(source: Source, label: str, entry: dict[str, object], mark: Mark) -> None:
+    if label in source.data["filters"]:
+        what = (
+            f"{label!r} is already the label of a filter; give this one another kind or file name"
+        )
+        raise UserError(Problem(mark, "", what))
+    override(source, ("filters", label), entry, mark)
 
 
 def show_filters(source: Source, labels: Mapping[str, Mark]) -> None:

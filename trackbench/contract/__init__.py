@@ -16,7 +16,7 @@ from warnings import catch_warnings, simplefilter
 import numpy as np
 
 from trackbench.config.load import load
-from trackbench.config.plugin_checks import load_file
+from trackbench.config.plugin_checks import NO_FILTER, is_program, load_file
 from trackbench.contract.checks import CHECKS, Check, ContractError, LeftOutError, alike
 from trackbench.contract.problems import (
     PLANAR,
@@ -31,6 +31,7 @@ from trackbench.contract.problems import (
 )
 from trackbench.errors import UserError, in_line
 from trackbench.filters.base import AnyFilter, Filter
+from trackbench.filters.external import External
 from trackbench.models.motions.scalar import SineGamma
 from trackbench.models.sensors.square_then_line import SquareThenLine
 from trackbench.plugins.errors import PluginError, guarded, located_message
@@ -68,12 +69,12 @@ class Finding(NamedTuple):
 def check_file(
     path: Path, on: Path | None = None, allow_plugins: bool = False
 ) -> dict[str, list[Finding]]:
-    """Check every filter that a Python file registers; this runs the file's code.
+    """Check every filter that a Python file registers, or a program; this runs its code.
 
     Parameters
     ----------
     path : Path
-        The Python file.
+        The Python file, or a program that speaks the protocol of `trackbench.filters.external`.
     on : Path, optional
         Config of an experiment: its filters of the file's kinds are checked with their keys, on data
         drawn from the model that each assumes there.
@@ -90,6 +91,8 @@ def check_file(
     UserError
         If a file cannot be read or loaded, or registers no filter.
     """
+    if path.suffix != ".py":
+        return _check_program(path.absolute(), on, allow_plugins)
     try:
         plugin = load_file(path)
     except PluginError as error:
@@ -114,6 +117,29 @@ def check_file(
         } or {kind: check_filter(cls, on=ModelDraws(base=point.scenario))}
         out |= _with_other_keys(of_kind)
     return out
+
+
+def _check_program(path: Path, on: Path | None, allow_plugins: bool) -> dict[str, list[Finding]]:
+    """Return the findings of a program, with the keys of each filter of a config that runs it."""
+    if not is_program(path):
+        raise UserError(f"{path}: {NO_FILTER}")
+    alone = External(command=(str(path),))
+    if on is None:
+        return {path.stem: check_filter(External, alone)}
+    point = load(on, allow_plugins=allow_plugins, filter_files=[path]).points[0]
+    runs_it = {
+        label: tracker
+        for label, tracker in point.filters.items()
+        if isinstance(tracker, External) and str(path) in tracker.command
+    }
+    if len(runs_it) > 1:  # those of the config
+        del runs_it[path.stem]
+    return _with_other_keys(
+        {
+            label: check_filter(External, f, on=ModelDraws(base=point.assumed_scenario(label)))
+            for label, f in runs_it.items()
+        }
+    )
 
 
 def _with_other_keys(by_kind: dict[str, list[Finding]]) -> dict[str, list[Finding]]:
@@ -165,7 +191,7 @@ def check_filter(
         tracker = _with_defaults(cls) if tracker is None else tracker
     except ContractError as error:
         return [Finding(name, "bad", str(error))]
-    findings = [Finding(name, "good")] if on is None else []
+    findings = [Finding(name, "good")] if on is None and not tracker.runs_program else []
     scenario, why_not_linear = _choose_scenario(tracker, scenarios, on)
     if scenario is None:
         return [*findings, Finding("everything else", "left out", why_not_linear)]

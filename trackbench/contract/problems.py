@@ -5,7 +5,7 @@ errors of the size that its covariance states, and a filter of the package is as
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -152,12 +152,21 @@ def simulate(scenario: Scenario, runs: int, step: int = 1, seed: int = 1) -> Sim
 
 
 def run_filter(tracker: AnyFilter, scenario: Scenario, data: Simulation) -> Estimates:
-    """Return the filter's estimates, by `init` and one `step` after another."""
+    """Return the filter's estimates, by `init` and one `step` after another.
+
+    A program takes all steps in one call: from step to step it would begin each run again.
+    """
     rng = new_rng()
     state = tracker.init(scenario.model, data.prior, rng)
-    estimates, rows = [tracker.estimate(state)], []
+    estimates, rows, ahead = [tracker.estimate(state)], [], None
+    if tracker.runs_program:
+        first = int(scenario.steps[1])
+        ahead = tracker.all_steps(scenario.model, state, data.measurements, first)
     for i, k in enumerate(scenario.steps[1:]):
-        state = tracker.step(scenario.model, state, data.measurements[:, i], int(k), rng)
+        if ahead is None:
+            state = tracker.step(scenario.model, state, data.measurements[:, i], int(k), rng)
+        else:
+            state = ahead.state(i)
         estimates.append(tracker.estimate(state))
         rows.append({n: x for n, x in tracker.diagnostics(state).items() if n in ("nis", "mode")})
         if (log_likelihood := tracker.log_likelihood(state)) is not None:
@@ -165,7 +174,22 @@ def run_filter(tracker: AnyFilter, scenario: Scenario, data: Simulation) -> Esti
     covs = np.stack([per_run_moments(g).cov for g in estimates], axis=2)
     means = np.stack([g.mean for g in estimates], axis=1)
     series = {name: np.array([row[name] for row in rows]) for name in rows[-1]}
-    return Estimates(means, covs, _words(rng) != _words(new_rng()), series)
+    drawn = _words(rng) != _words(new_rng()) or depends_on_seed(tracker, scenario)
+    return Estimates(means, covs, drawn, series)
+
+
+@lru_cache(maxsize=16)
+def depends_on_seed(tracker: AnyFilter, scenario: Scenario) -> bool:
+    """Return whether a program draws random numbers: its estimates depend on the seed of the run."""
+    if not tracker.runs_program:
+        return False
+    data = simulate(scenario, 2)
+    means: list[Array] = []
+    for rng in (new_rng(), Generator(SFC64(20260102))):
+        state = tracker.init(scenario.model, data.prior, rng)
+        steps = tracker.all_steps(scenario.model, state, data.measurements, int(scenario.steps[1]))
+        means.append(steps.estimate.mean if steps else state.mean)
+    return not np.array_equal(means[0], means[1], equal_nan=True)
 
 
 def _words(rng: Generator) -> list[int]:

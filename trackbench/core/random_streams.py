@@ -181,6 +181,14 @@ def _substream(block: Generator | SideBySide, step: int, run: int) -> Generator:
     return NoiseGenerator(SFC64(sequence))
 
 
+def run_seeds(block: Generator, runs: int) -> list[int]:
+    """Return a number of 32 bits for each run of a block, to seed generators outside of Python."""
+    seed = block.bit_generator.seed_seq
+    assert isinstance(seed, SeedSequence)
+    keys = ((*seed.spawn_key, run) for run in range(runs))
+    return [int(SeedSequence(seed.entropy, spawn_key=key).generate_state(1)[0]) for key in keys]
+
+
 Streams: TypeAlias = Generator | RunStreams | SomeRuns
 """Source of random numbers: a block's generator or the streams of runs."""
 

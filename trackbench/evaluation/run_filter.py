@@ -29,6 +29,8 @@ from trackbench.evaluation.validate_output import (
 )
 from trackbench.extension_points import foreign_parts
 from trackbench.filters.base import AnyFilter, Steps, WrongReturnError, has_expectations
+from trackbench.filters.external import ProgramRunError
+from trackbench.filters.program import programs_cpu_s
 from trackbench.models.base import Model, extra_std
 from trackbench.models.priors import augment_prior
 from trackbench.scenarios.base import Simulation
@@ -155,7 +157,10 @@ def prior_of(data: Simulation, model: Model) -> Distribution:
 
 
 def _run_filter(task: BlockTask, covariances: int) -> FilterOutput:
-    output = run_filter(task, task.data, covariances)
+    try:
+        output = run_filter(task, task.data, covariances)
+    except ProgramRunError as error:
+        raise error.after(task.first_run) from None
     for a in (output.mean, output.nees, output.cov, *output.diagnostics.values()):
         if a is not None:
             a.flags.writeable = False  # without a copy: no filter sees it
@@ -273,7 +278,7 @@ class _Clock:
     cpu_s = 0.0
 
     def __enter__(self) -> None:
-        self._started = time.process_time()
+        self._started = time.process_time() + programs_cpu_s()
 
     def __exit__(self, *_: object) -> None:
-        self.cpu_s += time.process_time() - self._started
+        self.cpu_s += time.process_time() + programs_cpu_s() - self._started

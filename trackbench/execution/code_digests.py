@@ -140,7 +140,7 @@ def uses_numpy_arithmetic(*parts: Any) -> bool:
 
 
 def _uses_own_arithmetic_only(part: Any) -> bool:
-    if not type(part).__module__.startswith("trackbench."):
+    if not type(part).__module__.startswith("trackbench.") or getattr(part, "runs_program", False):
         return False
     motion = None
     with suppress(InvalidKeyError):  # where every filter assumes a motion of its own

@@ -39,6 +39,8 @@ class Filter(Part, Generic[State]):
     """of a measurement the filter uses the likelihood alone, which exists without a variance too"""
     mixes_runs: ClassVar[bool] = False
     """a run's last digits depend on the other runs of its block: such blocks are filtered one by one"""
+    runs_program: ClassVar[bool] = False
+    """a program outside of Python computes the estimates: the user must allow it to run"""
     deterministic: ClassVar[bool] = False
     """the filter draws no random numbers: on recorded data a published number is equal or differs"""
     is_linear: ClassVar[bool] = False

@@ -6,7 +6,7 @@ from functools import cached_property
 
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution
-from trackbench.models.base import Motion, SampledMotion, extra_std
+from trackbench.models.base import Model, Motion, SampledMotion, extra_std
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,3 +72,11 @@ def sample_alike(motion: Motion, other: SampledMotion) -> SampledMotion:
     # Each axis has two components; further ones come after them.
     axes = (len(other.components) - len(extra_std(other))) // 2
     return motion.sampled(other.T, axes)  # type: ignore[attr-defined]
+
+
+def step_length(model: Model, k: int | None = None) -> float:
+    """Return the seconds from step k - 1 to k, or to the first step; 1 for a motion without a time."""
+    motion = model.motion
+    if isinstance(motion, Irregular):
+        return float(motion.intervals[0 if k is None else k - motion.first])
+    return float(getattr(motion, "T", 1.0))

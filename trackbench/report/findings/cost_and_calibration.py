@@ -26,7 +26,7 @@ class Time(NamedTuple):
     value: float
     candidate: Candidate
     looped: str
-    """a word of those that are looped over in Python, whose time is not the method's"""
+    """a word of those that are filtered run by run, whose time is not the method's"""
 
     @property
     def name(self) -> str:
@@ -129,7 +129,7 @@ def _times(results: Results, candidates: Sequence[Candidate]) -> list[Time]:
     """Return the shortest first; those of the same length in the order of their filters."""
     times = []
     for candidate in candidates:
-        looped = " (looped over in Python)" if candidate.label in results.loops_over_runs else ""
+        looped = " (run by run)" if candidate.label in results.loops_over_runs else ""
         rows = results.columns("timing", candidate.point).where(filter=candidate.label)
         for row in islice(rows.records(), 1):
             times.append(Time(float(row["cpu_s_per_run"]), candidate, looped))

@@ -86,7 +86,7 @@ class Metrics(TableKind):
         # Notes on filters that loop over runs, and on filters that failed.
         slow = [label for label in labels if label in results.loops_over_runs]
         if slow and any("cpu_s" in str(m) for m in self.columns.values()):
-            table.notes.append(f"Time of {', '.join(slow)}: one run after the other, in Python.")
+            table.notes.append(f"Time of {', '.join(slow)}: one run after the other.")
         table.notes += [
             f"{row['filter']} failed: {row['reason']}"
             for row in results.failed

@@ -1,0 +1,205 @@
+"""Programs that speak a protocol of lines: start them, exchange lines, and leave none behind.
+
+Answers are read while lines are still being written, so that a program that works through many steps
+waits for nothing. A program has a session of its own and is killed with its group; on Linux the kernel
+kills it when this process ends, however that happens.
+"""
+
+import atexit
+import ctypes
+import os
+import selectors
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import IO, cast
+
+PROTOCOL = 1
+_CHUNK = 1 << 16
+_END_S = 2.0
+"""Seconds that a program may take to end after the line ``end``."""
+_PR_SET_PDEATHSIG = 1
+_prctl = getattr(ctypes.CDLL(None), "prctl", None) if sys.platform == "linux" else None
+
+
+class ProgramError(Exception):
+    """A program broke the protocol, after it gave ``answered`` of the answers that it owes."""
+
+    def __init__(self, what: str, answered: int = 0) -> None:
+        super().__init__(what)
+        self.answered = answered
+
+
+class Program:
+    """A running program that answers each line with one line."""
+
+    def __init__(self, command: Sequence[str], hello: str, timeout: float) -> None:
+        """Start the program, and wait until it answers ``hello`` with ``ready``.
+
+        Parameters
+        ----------
+        command : sequence of str
+            The program and its arguments.
+        hello : str
+            First line, without its end.
+        timeout : float
+            Seconds that an answer may take.
+
+        Raises
+        ------
+        ProgramError
+            If it cannot be started, or does not answer ``ready``.
+        """
+        self._timeout, self._unread = timeout, b""
+        self._errors = tempfile.TemporaryFile()  # noqa: SIM115 (closed with the program)
+        try:
+            self._process = subprocess.Popen(
+                [*command],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=self._errors,
+                bufsize=0,
+                start_new_session=True,
+                preexec_fn=_die_with_parent if _prctl is not None else None,
+            )
+        except OSError as error:
+            self._errors.close()
+            raise ProgramError(f"{command[0]} cannot be started: {error.strerror}") from None
+        self._stdin = cast(IO[bytes], self._process.stdin)
+        self._stdout = cast(IO[bytes], self._process.stdout)
+        os.set_blocking(self._stdin.fileno(), False)
+        os.set_blocking(self._stdout.fileno(), False)
+        _running.add(self)
+        word, _, text = self.exchange([hello])[0].partition(" ")
+        if word == "error":
+            self.kill()
+            raise ProgramError(f"the program refuses this problem: {text or 'without a reason'}")
+        if word != "ready" or text:
+            raise self._broken(f"answers {_shown(f'{word} {text}')} at its start, not `ready`", 0)
+        self._start_s = self._clock()
+
+    def exchange(self, lines: Sequence[str]) -> list[str]:
+        """Send the lines and return the answers, one a line; raises ProgramError."""
+        waiting = memoryview("".join(f"{line}\n" for line in lines).encode())
+        received, answered = [self._unread], self._unread.count(b"\n")
+        deadline = time.monotonic() + self._timeout
+        with selectors.DefaultSelector() as selector:
+            selector.register(self._stdout, selectors.EVENT_READ)
+            if waiting:
+                selector.register(self._stdin, selectors.EVENT_WRITE)
+            while answered < len(lines):
+                ready = selector.select(max(0.0, deadline - time.monotonic()))
+                if not ready:
+                    raise self._broken(f"gave no answer within {self._timeout:g} s", answered)
+                for key, _ in ready:
+                    if key.fileobj is self._stdin:
+                        waiting = waiting[self._written(waiting, answered) :]
+                        if not waiting:
+                            selector.unregister(self._stdin)
+                        continue
+                    if not (data := os.read(self._stdout.fileno(), _CHUNK)):
+                        raise self._broken(self._end(), answered)
+                    received.append(data)
+                    answered += data.count(b"\n")
+                    deadline = time.monotonic() + self._timeout
+        whole = b"".join(received).decode(errors="replace")
+        *answers, rest = whole.split("\n", len(lines))
+        if rest:
+            raise self._broken(f"answers more than one line: {_shown(rest)}", len(lines) - 1)
+        return answers
+
+    def _written(self, waiting: memoryview, answered: int) -> int:
+        try:
+            return os.write(self._stdin.fileno(), waiting[:_CHUNK])
+        except BlockingIOError:
+            return 0
+        except BrokenPipeError:
+            raise self._broken(self._end(), answered) from None
+
+    def _end(self) -> str:
+        """Return how the program ended."""
+        with suppress(subprocess.TimeoutExpired):
+            code = self._process.wait(_END_S)
+            if code < 0:
+                return f"was ended by the signal {signal.Signals(-code).name}"
+            return f"ended with code {code}"
+        return "closed its output"
+
+    def _broken(self, what: str, answered: int) -> ProgramError:
+        """Kill the program; return the error, with the last line of the program's errors."""
+        self.kill()
+        return ProgramError(f"the program {what}{self._last_words}", answered)
+
+    @property
+    def _last_words(self) -> str:
+        lines = self._error_lines
+        return f"; its last line on stderr: {_shown(lines[-1])}" if lines else ""
+
+    def _clock(self) -> float:
+        """Read the CPU seconds of the program; on other systems than Linux 0."""
+        with suppress(OSError):
+            # The kernel's clock of another process: clock_getcpuclockid(3).
+            return time.clock_gettime((~self._process.pid << 3) | 2) if _prctl else 0.0
+        return 0.0
+
+    @property
+    def cpu_s(self) -> float:
+        """CPU seconds that the program has spent since it was ready."""
+        return max(0.0, self._clock() - self._start_s)
+
+    def end(self) -> int:
+        """Send ``end``, and return the program's exit code; it is killed if it goes on."""
+        with suppress(OSError):
+            os.write(self._stdin.fileno(), b"end\n")
+        with suppress(OSError):
+            self._stdin.close()
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(_END_S)
+        return self.kill()
+
+    def kill(self) -> int:
+        """Kill the program with all that it started, and return its exit code."""
+        _running.discard(self)
+        _ended_s.append(self.cpu_s)
+        with suppress(OSError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+        code = self._process.wait()
+        self._stdin.close()
+        self._stdout.close()
+        if not self._errors.closed:
+            self._errors.seek(0)
+            text = self._errors.read().decode(errors="replace")
+            self._error_lines = [line for line in text.splitlines() if line.strip()]
+            self._errors.close()
+        return code
+
+    _error_lines: Sequence[str] = ()
+    _start_s = 0.0
+
+
+_running: set[Program] = set()
+_ended_s: list[float] = []
+
+
+def programs_cpu_s() -> float:
+    """Return the CPU seconds of this process's programs, from when each was ready."""
+    return sum(_ended_s) + sum(program.cpu_s for program in [*_running])
+
+
+def _die_with_parent() -> None:
+    _prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)  # type: ignore[misc]
+
+
+@atexit.register
+def _end_all() -> None:
+    for program in [*_running]:
+        program.end()
+
+
+def _shown(text: str) -> str:
+    text = " ".join(text.split())
+    return repr(text if len(text) <= 80 else f"{text[:77]}...")
