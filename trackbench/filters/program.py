@@ -1,12 +1,11 @@
 """Programs that speak a protocol of lines: start them, exchange lines, and leave none behind.
 
 Answers are read while lines are still being written, so that a program that works through many steps
-waits for nothing. A program has a session of its own and is killed with its group; on Linux the kernel
-kills it when this process ends, however that happens.
+waits for nothing. A program has a process group of its own and is killed with all of it; a guard, a
+shell that waits for this process to end, does so even if this process is killed.
 """
 
 import atexit
-import ctypes
 import os
 import selectors
 import signal
@@ -22,8 +21,8 @@ PROTOCOL = 1
 _CHUNK = 1 << 16
 _END_S = 2.0
 """Seconds that a program may take to end after the line ``end``."""
-_PR_SET_PDEATHSIG = 1
-_prctl = getattr(ctypes.CDLL(None), "prctl", None) if sys.platform == "linux" else None
+_GUARD = ("sh", "-c", 'read line; kill -9 "-$1"', "guard")
+"""Command that waits for the end of its input, and kills a process group."""
 
 
 class ProgramError(Exception):
@@ -64,11 +63,13 @@ class Program:
                 stderr=self._errors,
                 bufsize=0,
                 start_new_session=True,
-                preexec_fn=_die_with_parent if _prctl is not None else None,
             )
         except OSError as error:
             self._errors.close()
             raise ProgramError(f"{command[0]} cannot be started: {error.strerror}") from None
+        self._guard = subprocess.Popen(
+            [*_GUARD, str(self._process.pid)], stdin=subprocess.PIPE, start_new_session=True
+        )
         self._stdin = cast(IO[bytes], self._process.stdin)
         self._stdout = cast(IO[bytes], self._process.stdout)
         os.set_blocking(self._stdin.fileno(), False)
@@ -143,7 +144,8 @@ class Program:
         """Read the CPU seconds of the program; on other systems than Linux 0."""
         with suppress(OSError):
             # The kernel's clock of another process: clock_getcpuclockid(3).
-            return time.clock_gettime((~self._process.pid << 3) | 2) if _prctl else 0.0
+            if sys.platform == "linux":
+                return time.clock_gettime((~self._process.pid << 3) | 2)
         return 0.0
 
     @property
@@ -165,6 +167,8 @@ class Program:
         """Kill the program with all that it started, and return its exit code."""
         _running.discard(self)
         _ended_s.append(self.cpu_s)
+        self._guard.kill()
+        self._guard.communicate()
         with suppress(OSError):
             os.killpg(self._process.pid, signal.SIGKILL)
         code = self._process.wait()
@@ -188,10 +192,6 @@ _ended_s: list[float] = []
 def programs_cpu_s() -> float:
     """Return the CPU seconds of this process's programs, from when each was ready."""
     return sum(_ended_s) + sum(program.cpu_s for program in [*_running])
-
-
-def _die_with_parent() -> None:
-    _prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)  # type: ignore[misc]
 
 
 @atexit.register
