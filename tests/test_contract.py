@@ -28,7 +28,11 @@ def used() -> dict[str, tuple[Any, Any]]:
     }
 
 
-OURS = sorted(k for k, cls in kinds("filters").items() if cls.__module__.startswith("trackbench."))
+OURS = sorted(
+    k
+    for k, cls in kinds("filters").items()
+    if cls.__module__.startswith("trackbench.") and not cls.runs_program
+)
 
 
 @pytest.mark.parametrize("kind", OURS)

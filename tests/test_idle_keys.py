@@ -123,7 +123,11 @@ SAME = {
     "weights": "without trials the target's arithmetic shows in the weights only if all underflow",
 }
 """Keys that may change nothing in one of the SETTINGS and are not refused, with the reason."""
-OURS = [kind for kind, c in kinds("filters").items() if c.__module__.startswith("trackbench.")]
+OURS = [
+    kind
+    for kind, c in kinds("filters").items()
+    if c.__module__.startswith("trackbench.") and not c.runs_program
+]
 CASES = [(kind, setting) for kind in OURS for setting in ({}, *SETTINGS.get(kind, ()))]
 
 

@@ -120,7 +120,11 @@ PROBLEMS: dict[str, tuple[dict[str, Any], dict[tuple[str, ...], str]]] = {
         },
     ),
 }
-OURS = [k for k, c in kinds("filters").items() if c.__module__.startswith("trackbench.")]
+OURS = [
+    k
+    for k, c in kinds("filters").items()
+    if c.__module__.startswith("trackbench.") and not c.runs_program
+]
 CASES = [(name, kind) for name in PROBLEMS for kind in OURS if kind not in SCALAR]
 
 

@@ -99,15 +99,7 @@ class Source:
     start: Mark = _NOWHERE
     """position of the whole"""
     problems: list[Problem] = field(default_factory=list)
-    allow_programs: bool = False
-    """whether the user allows the programs that the config names to run"""
-    chosen_programs: set[str] = field(default_factory=set)
-    """programs that the user named on the command line"""
-
-    def allows(self, command: object) -> bool:
-        """Return whether a filter's command may be run."""
-        chosen = isinstance(command, list) and command[:1] and command[0] in self.chosen_programs
-        return self.allow_programs or bool(chosen)
+    programs: set[str] | None = field(default_factory=set)  # that the user allows; None: all
 
     def at(self, keys: Keys) -> Any:
         """Return the value at ``keys``."""

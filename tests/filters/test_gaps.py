@@ -17,7 +17,7 @@ BRED = {"pfde", "hdepf"}
 KINDS = [
     k
     for k, cls in kinds("filters").items()
-    if k != "grid-2d"  # of two components
+    if k not in ("grid-2d", "external")  # of two components; of a program's own
     and all(has(SCENARIO, need) for need in getattr(cls, "requires", ()))
 ]
 

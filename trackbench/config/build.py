@@ -25,6 +25,7 @@ from trackbench.field_types import (
     InvalidKeyError,
     annotations_of,
 )
+from trackbench.filters.base import Filter
 from trackbench.models.sensors.base import Assume
 from trackbench.plugins.checks import check_sensors
 from trackbench.plugins.errors import PluginError, plugin_code
@@ -271,7 +272,7 @@ def _component(group: Group, data: object, source: Source, keys: Keys) -> Part |
     # Step 2: complete the keys by the preset, and build.
     values = _with_preset(cls, data, source, keys)
     _make_paths_absolute(cls, source, keys, values)
-    if getattr(cls, "runs_program", False) and not source.allows(values.get("command")):
+    if issubclass(cls, Filter) and cls.runs_program and not _is_allowed(source, values):
         what = "an external program is run only with --allow-plugins"
         source.add_problem((*keys, "command"), what)
         return None
@@ -284,6 +285,13 @@ def _component(group: Group, data: object, source: Source, keys: Keys) -> Part |
             source.add_key_problem((*keys, "start"), what)
             return None
     return build(cls, source, keys, values, also)
+
+
+def _is_allowed(source: Source, values: Mapping[str, object]) -> bool:
+    """Return whether the user allows the program of a filter to run."""
+    command = values.get("command")
+    chosen = isinstance(command, list) and command and command[0] in (source.programs or ())
+    return source.programs is None or bool(chosen)
 
 
 def read_assumed(source: Source, label: str) -> Assume | None:

@@ -98,7 +98,7 @@ def load(
         source, home = read(config), config.parent
     if not isinstance(source.data, dict):
         raise UserError(source.problem((), "an experiment is a mapping of keys to values"))
-    source.allow_programs = allow_plugins
+    source.programs = None if allow_plugins else set()
     # Step 1: put the config together: files that it includes, then options of the command line.
     unread = inline_parts(source, home)
     added = add_filters(source, filter_files)

@@ -34,7 +34,8 @@ def add_filters(source: Source, files: Sequence[Path]) -> dict[str, Mark]:
         if file.suffix != ".py" and is_program(file):
             command = [str(file.absolute())]
             _add_filter(source, file.stem, {"kind": "external", "command": command}, mark)
-            source.chosen_programs.update(command)
+            if source.programs is not None:
+                source.programs.update(command)
             labels[file.stem] = mark
             continue
         try:

@@ -18,6 +18,7 @@ from trackbench.scenarios.base import Scenario, Simulation
 from trackbench.scenarios.tracking import Tracking
 
 _CAP = 10.0  # on a squared error in units of its expectation: a lost run counts as much, no more
+_LOST = 1.9  # of an RMSE above the reference's 1: most squared errors are beyond the cap
 _CAP_OF_DISTANCE = 2.0
 _MAX_DEVIATION = 6.0  # standard errors of a paired difference
 
@@ -123,7 +124,7 @@ def _cause(of: Estimates, path: Array, sizes: dict[str, float]) -> str:
     if len(path) == 4 and off(path[[2, 3, 0, 1]]) < 0.1 * off(path):
         return "; estimates fit the truth with x and y exchanged"
     too_large = sizes.get("spread", -sizes.get("anees", 0.0))
-    if sizes.get("rmse", 0.0) > 3.0:
+    if sizes.get("rmse", 0.0) > _LOST:
         return "; an axis, a unit (degrees), a sign, dt or a gap is taken wrongly?"
     if too_large > 0.0:
         return "; the covariance is too large: does the update reduce it by the gain, is R sigma^2?"

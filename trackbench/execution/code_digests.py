@@ -25,6 +25,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.random_streams import RunStreams, block_stream
 from trackbench.extension_points import walk_parts
 from trackbench.field_types import InvalidKeyError
+from trackbench.filters.base import Filter
 from trackbench.models.base import GammaMotion, Motion
 from trackbench.scenarios.base import Scenario
 
@@ -140,7 +141,8 @@ def uses_numpy_arithmetic(*parts: Any) -> bool:
 
 
 def _uses_own_arithmetic_only(part: Any) -> bool:
-    if not type(part).__module__.startswith("trackbench.") or getattr(part, "runs_program", False):
+    is_program = isinstance(part, Filter) and part.runs_program
+    if is_program or not type(part).__module__.startswith("trackbench."):
         return False
     motion = None
     with suppress(InvalidKeyError):  # where every filter assumes a motion of its own

@@ -30,6 +30,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.random_streams import run_seeds
 from trackbench.errors import RunError, reason
+from trackbench.extension_points import field_values
 from trackbench.field_types import DataFile, InvalidKeyError, Positive, ProgramWord, freeze_mappings
 from trackbench.filters.base import Filter, Steps
 from trackbench.filters.program import PROTOCOL, Program, ProgramError
@@ -63,7 +64,7 @@ class _Line:
 
 
 class ProgramState(NamedTuple):
-    """What the programs were sent, and their last estimates: mean (n, M) and cov (n, n, M)."""
+    """Lines that the programs were sent, and the last estimates: mean (n, M) and cov (n, n, M)."""
 
     hello: str
     line: _Line
@@ -84,7 +85,7 @@ class ProgramRunError(RunError):
 
 
 @register("filters", "external")
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class External(Filter[ProgramState]):
     """A program in any language, which reads measurements and writes estimates in lines of text.
 
@@ -108,9 +109,6 @@ class External(Filter[ProgramState]):
     copies: Annotated[int, Interval(ge=1, le=1000)] = 8
     """programs that a worker may run side by side, each for one run at a time"""
 
-    digests: tuple[str, ...] = field(init=False, repr=False)
-    """digests of the program and of the files"""
-
     loops_over_runs: ClassVar[bool] = True
     runs_program: ClassVar[bool] = True
     contract_exemptions: ClassVar[dict[str, str]] = {"purity": "a program keeps its state itself"}
@@ -122,15 +120,33 @@ class External(Filter[ProgramState]):
         if shutil.which(self.command[0]) is None:
             what = f"{self.command[0]} is not a program that can be executed"
             raise InvalidKeyError(what, "command", 0)
-        object.__setattr__(self, "digests", self._digests())
+        # What was read makes the numbers: the program may be built anew before it runs.
+        object.__setattr__(self, "_content", self.digests())
 
-    def _digests(self) -> tuple[str, ...]:
+    def digests(self) -> tuple[str, ...]:
+        """Digest the words of the command and the files as they are now."""
         return (*map(_digest, self.command), *map(_digest, self.files))
 
     @property
+    def first_digests(self) -> tuple[str, ...]:
+        """The digests as they were when the config was read."""
+        content: tuple[str, ...] = self.__dict__["_content"]
+        return content
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, External) and self._identity == other._identity
+
+    def __hash__(self) -> int:
+        return hash(self._identity)
+
+    @property
+    def _identity(self) -> tuple[object, ...]:
+        return (*field_values(self).values(), self.first_digests)
+
+    @property
     def contents(self) -> dict[str, str]:
-        """Digests of the program's words and files, as they were when the config was read."""
-        return dict(zip((*self.command, *self.files), self.digests, strict=True))
+        """Digests by the words of the command and the files."""
+        return dict(zip((*self.command, *self.files), self.first_digests, strict=True))
 
     def cautions(self, scenario: Scene) -> list[str]:
         """Note how far its numbers are reproducible."""
@@ -298,7 +314,7 @@ class _Pool:
         tracker, is_short = self._tracker, before is None or before.number < _SHORT
         number = 0 if is_short else run % tracker.copies
         if number not in self._copies:
-            if tracker._digests() != tracker.digests:
+            if tracker.digests() != tracker.first_digests:
                 raise ProgramError(f"{tracker.command[0]} is not as it was when the run began")
             program = Program(tracker.command, self._hello, tracker.timeout)
             self._copies[number] = _Copy(program)

@@ -155,9 +155,8 @@ class Program:
 
     def end(self) -> int:
         """Send ``end``, and return the program's exit code; it is killed if it goes on."""
-        with suppress(OSError):
+        with suppress(OSError, ValueError):  # it may have ended, or been killed
             os.write(self._stdin.fileno(), b"end\n")
-        with suppress(OSError):
             self._stdin.close()
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(_END_S)

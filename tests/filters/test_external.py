@@ -1,0 +1,268 @@
+"""A filter in another language: the Kalman filter of tests/programs/planar.c, and programs that fail."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from copy import deepcopy
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.conftest import make_filter, track
+from trackbench import api
+from trackbench.contract import check_file, check_filter
+from trackbench.contract.problems import UNEQUAL, ModelDraws, new_rng, planar, radar, simulate
+from trackbench.errors import RunError, UserError
+from trackbench.evaluation.block import BlockTask
+from trackbench.execution.cache import block_key
+from trackbench.filters import program
+from trackbench.filters.external import External
+
+SOURCE = Path(__file__).parents[1] / "programs" / "planar.c"
+KEYS = {"q": 25.0, "sigma": 20.0}
+"""Constants of the contract's linear problem."""
+FAULTS = {
+    "missing taken as zero": "taken as zero",
+    "sigma for sigma squared": "the covariance is too small: sigma for sigma^2",
+    "first interval": "fits at equal intervals and not at unequal ones",
+    "swapped axis": "x and y exchanged",
+    "gain forgotten in the covariance": "does the update reduce it",
+    "a step late": "one step earlier",
+    "degrees": "an axis, a unit (degrees)",
+    "covariance not propagated": "the covariance is too large",
+    "process noise halved": "the covariance is too small",
+    "state carried over": "a run depends on those before it",
+}
+
+
+@pytest.fixture(scope="session")
+def compiled(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of the program: 0 is good, the others have a fault each."""
+    compiler = shutil.which("cc")
+    if compiler is None:
+        pytest.skip("no C compiler is here")
+    folder = tmp_path_factory.mktemp("programs")
+    for fault in range(len(FAULTS) + 1):
+        out = ["-o", str(folder / str(fault)), f"-DFAULT={fault}"]
+        subprocess.run([compiler, "-O1", "-Wall", "-Werror", *out, str(SOURCE), "-lm"], check=True)
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def no_program_is_left() -> Iterator[None]:
+    yield
+    program._end_all()
+    assert not program._running
+
+
+def external(path: Path, **parameters: float) -> External:
+    return External(command=(str(path),), parameters=parameters, timeout=20.0)
+
+
+def script(folder: Path, answer: str, first: str = "print('ready', flush=True)") -> External:
+    """A program in Python, of which a line is tried."""
+    path = folder / "filter.py"
+    path.write_text(
+        f"import os, signal, sys, time\nhello = input()\n{first}\n"
+        f"for number, line in enumerate(sys.stdin):\n"
+        f"    word, *fields = line.split()\n    good = ' '.join(['1'] * 4)\n    {answer}\n"
+    )
+    return External(command=(sys.executable, str(path)), timeout=1.0)
+
+
+@pytest.mark.parametrize("scenario", [planar(), UNEQUAL], ids=["equal", "unequal"])
+def test_a_kalman_filter_in_c_is_kf_in_every_run(compiled: Path, scenario: ModelDraws) -> None:
+    mine, kf = (
+        track(scenario, f, 23) for f in (external(compiled / "0", **KEYS), make_filter("kf"))
+    )
+    np.testing.assert_allclose(mine.mean, kf.mean, rtol=1e-9)
+    np.testing.assert_allclose(mine.nees, kf.nees, rtol=1e-7)
+
+
+def test_it_passes_the_contract(compiled: Path) -> None:
+    tracker = external(compiled / "0", q=25.0, sigma=40.0, sigma_azimuth=0.04)
+    on_radar = ModelDraws(base=radar(at=(4000.0, 3000.0)))
+    on_line = ModelDraws(base=planar(sigma=40.0))
+    for on in (None, on_line, on_radar):
+        assert [str(f) for f in check_filter(External, tracker, on=on) if f.verdict == "bad"] == []
+    by_kind = check_file(compiled / "0")
+    assert {f.verdict for f in by_kind["0"]} == {"good", "left out"}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_planted_faults_are_found(compiled: Path, fault: str) -> None:
+    path = compiled / str([*FAULTS].index(fault) + 1)
+    tracker = external(path, q=25.0, sigma=40.0, sigma_azimuth=0.04)
+    problem = radar(at=(4000.0, 3000.0)) if fault == "degrees" else planar(sigma=40.0)
+    findings = check_filter(External, tracker, on=ModelDraws(base=problem))
+    assert FAULTS[fault] in " ".join(str(f) for f in findings if f.verdict == "bad")
+
+
+def test_a_run_goes_on_from_any_of_its_states(compiled: Path) -> None:
+    """Runs side by side, and a step that is taken twice, give what whole runs give."""
+    tracker, scenario = external(compiled / "0", **KEYS), planar()
+    data = simulate(scenario, 5)
+    state = tracker.init(scenario.model, data.prior, new_rng())
+    whole = tracker.all_steps(scenario.model, state, data.measurements, 1).estimate.mean
+    for i in range(data.measurements.shape[1]):
+        for before in (state, deepcopy(state)):
+            z = data.measurements[:, i]
+            state = tracker.step(scenario.model, before, z, i + 1, new_rng())
+            assert np.array_equal(state.mean, whole[:, i])
+
+
+def test_seeds_belong_to_runs(tmp_path: Path) -> None:
+    answer = "print(fields[0] if word == 'init' else 0, *[1] * 3, flush=True)"
+    tracker = script(tmp_path, answer)
+    first, more = (track(planar(), tracker, runs).mean[0, 0] for runs in (3, 7))
+    assert np.array_equal(first, more[:3])
+    assert len({*more}) == 7
+    assert track(planar(), tracker, 3, seed=2).mean[0, 0, 0] != first[0]
+
+
+WRONG = {
+    "print('1 2 3', flush=True)": "run 0, step 0: the program answers 3 numbers, not 4 of a mean",
+    "print(*['x'] * 4, flush=True)": "run 0, step 0: the program answers 'x', which is no number",
+    "print(*[1] * 6, 2, *[1] * 13, flush=True)": "a covariance that is not symmetric",
+    "print(f'{good}\\n{good}', flush=True)": "the program answers more than one line",
+    "time.sleep(9)": "run 0, step 0: the program gave no answer within 1 s",
+    "print(good, end='', flush=True)": "the program gave no answer within 1 s",
+    "print(good, flush=True) if number < 3 else sys.exit('out of memory')": (
+        "run 0, step 1: the program ended with code 1; its last line on stderr: 'out of memory'"
+    ),
+    "os.kill(os.getpid(), signal.SIGSEGV)": "the program was ended by the signal SIGSEGV",
+}
+
+
+@pytest.mark.parametrize("answer", WRONG)
+def test_a_wrong_answer_is_one_line(answer: str, tmp_path: Path) -> None:
+    with pytest.raises(RunError) as raised:
+        track(planar(), script(tmp_path, answer), 2)
+    assert WRONG[answer] in str(raised.value)
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("first", "what"),
+    [
+        ("print('error needs Q', flush=True)", "the program refuses this problem: needs Q"),
+        ("print('hello', flush=True)", "answers 'hello' at its start, not `ready`"),
+        ("raise ValueError('no such file')", "'ValueError: no such file'"),
+    ],
+)
+def test_a_wrong_start_is_one_line(first: str, what: str, tmp_path: Path) -> None:
+    with pytest.raises(RunError) as raised:
+        track(planar(), script(tmp_path, "print(good, flush=True)", first), 2)
+    assert what in str(raised.value)
+
+
+def test_a_kill_at_any_time_is_an_error_or_the_right_numbers(compiled: Path) -> None:
+    tracker = external(compiled / "0", **KEYS)
+    good, outcomes = track(planar(), tracker, 10).mean, set[bool]()
+    for i in range(40):
+
+        def kill(delay: float = i / 40 * 0.01) -> None:
+            time.sleep(delay)
+            for running in [*program._running]:
+                os.kill(running._process.pid, signal.SIGKILL)
+
+        thread = threading.Thread(target=kill)
+        thread.start()
+        try:
+            assert np.array_equal(track(planar(), tracker, 10).mean, good)
+            outcomes.add(True)
+        except RunError as error:
+            assert "SIGKILL" in str(error)  # noqa: PT017 (either outcome is right)
+            outcomes.add(False)
+        thread.join()
+    assert False in outcomes
+
+
+def test_nothing_is_left_of_a_process_that_is_killed(tmp_path: Path) -> None:
+    """Neither the program, which hangs, nor what it started."""
+    (tmp_path / "wrapper.sh").write_text("#!/bin/sh\necho ready\nsleep 600 &\necho $! >&2\nwait\n")
+    (tmp_path / "wrapper.sh").chmod(0o755)
+    code = (
+        "import os, signal, time\nfrom trackbench.filters.program import Program\n"
+        "program = Program(['./wrapper.sh'], 'hello', 20.0)\n"
+        "while not (text := os.pread(program._errors.fileno(), 99, 0)): time.sleep(0.01)\n"
+        "print(program._process.pid, text.decode(), flush=True)\n"
+        "os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.returncode == -signal.SIGKILL
+    deadline = time.monotonic() + 20
+    for pid in map(int, done.stdout.split()):
+        while Path(f"/proc/{pid}/exe").exists() and time.monotonic() < deadline:
+            time.sleep(0.01)
+        assert not Path(f"/proc/{pid}/exe").exists()
+
+
+def test_a_filter_without_covariance_has_errors_and_no_nees(tmp_path: Path) -> None:
+    out = track(planar(), script(tmp_path, "print(good, flush=True)"), 3)
+    assert (out.mean == 1.0).all()
+    assert np.isnan(out.nees).all()
+
+
+CONFIG = """name: own
+runs: 20
+block: 10
+scenario:
+  kind: tracking
+  last: 8
+  target: {kind: driven, motion: {kind: cwna, q: 1}, launch: {x: 10, vx: 1}}
+  sensor: {kind: position, sigma: 2}
+  start: {kind: gaussian, sigma: [2, 1, 2, 1]}
+filters:
+  KF: {kind: kf}
+"""
+MINE = "  Mine: {kind: external, command: [./mine], parameters: {q: 1.0, sigma: 2.0}}\n"
+
+
+def test_a_config_runs_a_program_with_consent(compiled: Path, tmp_path: Path) -> None:
+    shutil.copy(compiled / "0", tmp_path / "mine")
+    path = tmp_path / "own.yaml"
+    path.write_text(CONFIG + MINE)
+    with pytest.raises(
+        UserError, match=r"own\.yaml:12:35: filters\.Mine\.command: an external program"
+    ):
+        api.run(path, out=tmp_path / "out", quiet=True)
+    report = api.run(path, out=tmp_path / "out", quiet=True, allow_plugins=True, formats=())
+    errors = report.per_run[report.per_run["metric"] == "rmse_position"]
+    rmse = errors.groupby("filter")["value"].mean()
+    assert rmse["Mine"] == pytest.approx(rmse["KF"], rel=1e-9)
+    # A stored config names the program from its own folder.
+    assert "command: [../mine]" in (tmp_path / "out" / "config.yaml").read_text()
+
+
+def test_a_program_of_the_command_line_is_consented_to(compiled: Path, tmp_path: Path) -> None:
+    path = tmp_path / "own.yaml"
+    path.write_text(CONFIG)
+    chosen = [compiled / "0"]
+    report = api.run(path, out=tmp_path / "out", quiet=True, filters=chosen, formats=())
+    assert report.results.labels == ["KF", "0"]
+    with pytest.raises(UserError, match="neither the path of a Python file nor of a program"):
+        api.run(path, quiet=True, filters=[path])
+
+
+def test_the_program_and_its_files_are_part_of_the_key(tmp_path: Path) -> None:
+    tracker = replace(script(tmp_path, "print(good, flush=True)"), files=(str(tmp_path / "own"),))
+    (tmp_path / "own").write_text("1")
+    keys = set()
+    for _ in range(2):
+        keys.add(block_key(BlockTask(planar(), replace(tracker), 1, 0, 2, 2), 2))
+        (tmp_path / "own").write_text("2")
+    keys.add(block_key(BlockTask(planar(), replace(tracker, parameters={"a": 1}), 1, 0, 2, 2), 2))
+    assert len(keys) == 3
+    Path(tracker.command[1]).write_text("edited meanwhile")
+    with pytest.raises(RunError, match="is not as it was when the run began"):
+        track(planar(), tracker, 2)
