@@ -161,7 +161,7 @@ class Source:
         for key in keys[:-1]:
             node[str(key)] = node = MarkedMapping(node[str(key)])
         put(node, keys[-1], value, self.mark(keys))
-        return Source(data, self.start)
+        return Source(data, self.start, programs=self.programs)
 
 
 def has_item(node: object, key: str | int) -> bool:
