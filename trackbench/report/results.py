@@ -212,10 +212,11 @@ class Results(ResultsFolder):
         out, and those of too few steps for a test.
         """
         judged, runs = self.facts(point).judged, self.runs(point)
-        if not judged:
-            return {}
+        out = self._judged_steps.setdefault(tuple(point.items()), {})
+        if out or not judged:
+            return out
         first, last = judged
-        rows, out = self.columns("per_step", point), {}
+        rows = self.columns("per_step", point)
         for label, metric in runs:
             of = rows.where(filter=label, metric=metric)
             if metric in primary_metrics([metric]) and len(of):
@@ -230,6 +231,10 @@ class Results(ResultsFolder):
                     values = 0.5 * (whole + np.square(values) / whole) if whole else 0.0 * values
                 out[label, metric] = values
         return out
+
+    @cached_property
+    def _judged_steps(self) -> dict[tuple[Any, ...], dict[tuple[str, str], Array]]:
+        return {}
 
     def line_style(self, label: str) -> dict[str, Any]:
         """Return color and dash of a filter, the same in every figure of the experiment.

