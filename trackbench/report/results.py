@@ -208,8 +208,7 @@ class Results(ResultsFolder):
     def judged_steps(self, point: GridPoint) -> dict[tuple[str, str], Array]:
         """Return what each step (T,) of one recorded run adds to a number, by (filter, metric).
 
-        The mean is the number; steps without a value are NaN. Metrics that per_step.csv lacks are left
-        out, and those of too few steps for a test.
+        The mean is the number; steps without a value are NaN. Metrics of too few steps are left out.
         """
         judged, runs = self.facts(point).judged, self.runs(point)
         out = self._judged_steps.setdefault(tuple(point.items()), {})
