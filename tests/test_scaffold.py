@@ -94,3 +94,29 @@ def test_only_a_filter_is_written_for_one_run(tmp_path: Path) -> None:
     assert done.returncode == 2
     assert "--per-run is of a filter" in done.stderr
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("words", "problem"),
+    [
+        (
+            "filter mine --language cobol",
+            "--language: 'cobol' is not one of c, c++, rust, julia, octave, javascript, python",
+        ),
+        ("sensor mine --language c", "new sensor mine: --language is of a filter"),
+        (
+            "filter mine --language c --per-run",
+            "new filter mine: --per-run and --language exclude each other",
+        ),
+        (
+            "filter numpy --language python",
+            "new filter numpy: numpy.py would hide the module of this name from Python",
+        ),
+    ],
+)
+def test_a_program_is_a_filter_in_a_known_language(
+    tmp_path: Path, words: str, problem: str
+) -> None:
+    done = trackbench("new", *words.split(), cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (2, f"{problem}\n")
+    assert not list(tmp_path.iterdir())

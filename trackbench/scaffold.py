@@ -7,6 +7,7 @@ import sys
 from importlib.machinery import PathFinder
 from importlib.resources import files
 from pathlib import Path
+from typing import NamedTuple
 
 from trackbench.atomic_files import write_text
 from trackbench.errors import Mark, Problem, UserError
@@ -25,31 +26,53 @@ _TEMPLATES = {
 WHAT = tuple(_TEMPLATES)
 _FORM_OF = {"per_run": "filter", "nonlinear": "motion"}
 _TEMPLATES |= {f: (f"{f}.py", f"{f}.yaml", f"test_{f}.py") for f in _FORM_OF}
+
+
+class Language(NamedTuple):
+    """Ending of a program's file, its ``command`` in YAML, and how it is built."""
+
+    ending: str
+    command: str
+    build: str = ""
+
+
+LANGUAGES = {
+    "c": Language("c", "[./@MODULE@]", "cc -O2 -o @MODULE@ @MODULE@.c"),
+    "c++": Language("cpp", "[./@MODULE@]", "c++ -O2 -std=c++17 -o @MODULE@ @MODULE@.cpp"),
+    "rust": Language("rs", "[./@MODULE@]", "rustc -O @MODULE@.rs"),
+    # Julia compiles a function at its first call, which takes seconds.
+    "julia": Language("jl", "[julia, @MODULE@.jl], timeout: 60"),
+    "octave": Language("m", "[octave-cli, --quiet, @MODULE@.m]"),
+    "javascript": Language("js", "[node, @MODULE@.js]"),
+    "python": Language("py", "[python3, @MODULE@.py]"),
+}
+_FORM_OF |= dict.fromkeys(LANGUAGES, "filter")
+_TEMPLATES |= {name: (f"language.{x.ending}", "language.yaml") for name, x in LANGUAGES.items()}
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*(?:[-_ ][A-Za-z0-9]+)*")
 
 
 def write_new(what: str, name: str, folder: Path, form: str = "") -> list[Path]:
     """Write the files of a new filter, sensor, experiment, ...; existing files stay.
 
-    ``form`` is ``per_run``, a filter that handles one run at a time, or ``nonlinear``, a motion in
-    equations.
+    ``form`` is ``per_run``, a filter that handles one run at a time, a language, in which a filter
+    is a program of its own, or ``nonlinear``, a motion in equations.
     """
     if form and _FORM_OF[form] != what:
-        option = f"--{form.replace('_', '-')}"
+        option = "--language" if form in LANGUAGES else f"--{form.replace('_', '-')}"
         raise UserError(f"new {what} {name}: {option} is of a {_FORM_OF[form]}")
     words = _words(what, name)
     module = "_".join(words)
-    part = form or what
-    templates = _TEMPLATES[part]
+    language, templates = LANGUAGES.get(form), _TEMPLATES[form or what]
+    stem = "language" if language else form or what
     # Fill every template before anything is written.
-    filled = {folder / t.replace(part, module): _filled(t, words) for t in templates}
+    filled = {folder / t.replace(stem, module): _filled(t, words, language) for t in templates}
     mark = Mark(f"new {what} {name}")
     for path in filled:
         if path.exists():
             raise UserError(Problem(mark, "", f"there is a file {path}"))
     # Python's modules; plugins are loaded apart.
     is_of_python = module in sys.builtin_module_names or PathFinder.find_spec(module) is not None
-    if what != "experiment" and is_of_python:
+    if folder / f"{module}.py" in filled and is_of_python:
         hidden = f"{module}.py would hide the module of this name from Python"
         raise UserError(Problem(mark, "", hidden))
     for path, text in filled.items():
@@ -90,9 +113,10 @@ def _words(what: str, name: str) -> list[str]:
     return words
 
 
-def _filled(template: str, words: list[str]) -> str:
+def _filled(template: str, words: list[str], language: Language | None = None) -> str:
     text = (files("trackbench") / "templates" / f"{template}.tmpl").read_text(encoding="utf-8")
-    values = {
+    values = {"@COMMAND@": language.command, "@BUILD@": language.build} if language else {}
+    values |= {
         "@KIND@": "-".join(words),
         "@MODULE@": "_".join(words),
         "@CLASS@": "".join(word.capitalize() for word in words),

@@ -117,14 +117,30 @@ def new(
     nonlinear: Annotated[
         bool, typer.Option("--nonlinear", help="a motion of any state, by its equations in Python")
     ] = False,
+    language: Annotated[
+        str,
+        typer.Option(help="a filter as a program: c, c++, rust, julia, octave, javascript, python"),
+    ] = "",
 ) -> None:
     """Write a commented starting file that runs as it is, and its test.
 
     With --from, write an experiment on recorded data: columns, units and errors are guessed.
+    With --language, write a filter as a program that reads and writes lines, and a config with it.
     """
-    from trackbench.scaffold import WHAT, write_config_for, write_new
+    from trackbench.errors import UserError
+    from trackbench.scaffold import LANGUAGES, WHAT, write_config_for, write_new
 
     one_of("new", what, WHAT)
+    if language:
+        one_of("--language", language, tuple(LANGUAGES))
+    options = {
+        "--per-run": per_run,
+        "--nonlinear": nonlinear,
+        "--language": language,
+        "--from": data,
+    }
+    if len(chosen := [option for option, value in options.items() if value]) > 1:
+        raise UserError(f"new {what} {name}: {' and '.join(chosen)} exclude each other")
     if data is not None and what != "experiment":
         raise typer.BadParameter(f"a {what} is not made from data", param_hint="--from")
     if data is not None:
@@ -132,11 +148,13 @@ def new(
     elif name is None:
         raise typer.BadParameter("is required without --from", param_hint="NAME")
     else:
-        form = "per_run" if per_run else "nonlinear" if nonlinear else ""
+        form = language or ("per_run" if per_run else "nonlinear" if nonlinear else "")
         paths = write_new(what, name, Path(), form)
     for path in paths:
         typer.echo(f"wrote {path}")
     config = next(path for path in paths if path.suffix == ".yaml")
+    if language and (build := LANGUAGES[language].build):
+        typer.echo(f"build it: {build.replace('@MODULE@', config.stem)}")
     plugins = "" if what == "experiment" else " --allow-plugins"
     typer.echo(f"run it: trackbench run {config}{plugins}")
 

@@ -1,0 +1,106 @@
+"""Filters as programs in other languages: `new filter NAME --language` writes Kalman filters."""
+
+import json
+import shutil
+import subprocess
+import sys
+from threading import Timer
+
+import numpy as np
+import pytest
+import yaml
+
+from tests.commands import trackbench
+from trackbench.core.arrays import Array
+from trackbench.scaffold import LANGUAGES
+
+RUNS, STEPS = 3, 20
+
+
+@pytest.fixture(scope="module", params=LANGUAGES)
+def command(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """The command that the config names, of a program that is built as the file says."""
+    language, folder = LANGUAGES[request.param], tmp_path_factory.mktemp("language")
+    tool = (language.build or language.command).split()[0].strip("[,")
+    if shutil.which(tool) is None:
+        pytest.skip(f"{tool} is not installed")
+    done = trackbench("new", "filter", "my-own", "--language", request.param, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    if language.build:
+        build = done.stdout.partition("build it: ")[2].splitlines()[0]
+        assert build in (folder / f"my_own.{language.ending}").read_text()
+        warn = ["-Wall", "-Wextra"] if tool.endswith(("cc", "c++")) else []
+        made = subprocess.run([*build.split(), *warn], cwd=folder, capture_output=True, text=True)
+        assert (made.returncode, made.stderr) == (0, "")
+    words = yaml.safe_load((folder / "my_own.yaml").read_text())["filters"]["my-own"]["command"]
+    files = [str(folder / word) if (folder / word).exists() else word for word in words]
+    return [sys.executable if word == "python3" else word for word in files]
+
+
+def problem(n: int, n_z: int, scale: float) -> tuple[list[str], list[Array]]:
+    """Lines to a program, and means and covariances by the information form of the Kalman filter."""
+    rng = np.random.default_rng(n)
+    F, H = np.eye(n) + 0.3 * rng.normal(size=(n, n)) / n, rng.normal(size=(n_z, n))
+    roots = [scale * rng.normal(size=(size, size)) for size in (n, n_z, n)]
+    Q, R, P_0 = (root @ root.T + scale**2 * np.eye(len(root)) for root in roots)
+    model = {name: A.tolist() for name, A in {"F": F, "Q": Q, "H": H, "R": R}.items()}
+    facts = {"components": ["x"] * n, "measurement": ["z"] * n_z, "T": 2.0, "model": model}
+    parameters = {"F": [1.0, 2.0], "model": "none", "R": 3}
+    lines, estimates = [f"trackbench 1 {json.dumps({'parameters': parameters, **facts})}"], []
+    for run in range(RUNS):
+        x, P = scale * rng.normal(size=n), P_0 * (run + 1)
+        lines.append(" ".join([f"init {2**64 - 1 - run} 0", *fields(x), *fields(P)]))
+        estimates.append(np.append(x, P))
+        for k in range(1, STEPS):
+            z = scale * rng.normal(size=n_z)
+            z[rng.random(n_z) < 0.2] = np.nan
+            z[:] = z if k % 5 else np.nan
+            lines.append(" ".join([f"step {2 * k}", *fields(z)]))
+            x, P = F @ x, F @ P @ F.T + Q
+            h, r = H[~np.isnan(z)], R[~np.isnan(z)][:, ~np.isnan(z)]
+            information = np.linalg.inv(P) + h.T @ np.linalg.inv(r) @ h
+            gradient = np.linalg.solve(P, x) + h.T @ np.linalg.solve(r, z[~np.isnan(z)])
+            x, P = np.linalg.solve(information, gradient), np.linalg.inv(information)
+            estimates.append(np.append(x, P))
+    return lines, estimates
+
+
+def fields(values: Array) -> list[str]:
+    return [f"{value:.17g}" for value in values.ravel()]
+
+
+@pytest.mark.parametrize(
+    ("n", "n_z", "scale"), [(4, 2, 1.0), (1, 1, 1e-9), (3, 3, 1e6), (16, 16, 1)]
+)
+def test_it_is_the_kalman_filter(command: list[str], n: int, n_z: int, scale: float) -> None:
+    lines, estimates = problem(n, n_z, scale)
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True, bufsize=1) as program:
+        assert program.stdin is not None
+        assert program.stdout is not None
+        (timer := Timer(60, program.kill)).start()  # of a program that keeps its answers back
+        answers = []
+        for line in lines:
+            program.stdin.write(f"{line}\n")
+            answers.append(program.stdout.readline())
+        program.stdin.write("end\n")
+        assert program.wait(10) == 0
+        timer.cancel()
+        assert program.stdout.read() == ""
+    assert answers[0] == "ready\n"
+    for answer, expected in zip(answers[1:], estimates, strict=True):
+        numbers = np.array(answer[:-1].split(" "), dtype=float)
+        sd = np.sqrt(np.diag(expected[n:].reshape(n, n)))
+        size = np.append(np.abs(expected[:n]) + sd, np.outer(sd, sd))
+        assert (np.abs(numbers - expected) <= 1e-9 * size).all()
+    # Lines that wait in the pipe, and the end of the input in place of `end`.
+    done = subprocess.run(command, input="\n".join(lines) + "\n", capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (0, "".join(answers))
+
+
+def test_it_refuses_a_problem_without_matrices(command: list[str]) -> None:
+    facts = {"components": ["x"], "measurement": ["z"], "T": None, "parameters": {"F": 1}}
+    hello = f"trackbench 1 {json.dumps(facts | {'model': None})}\nend\n"
+    done = subprocess.run(command, input=hello, capture_output=True, text=True)
+    assert done.returncode == 0
+    assert done.stdout == "error this filter needs a linear, constant model\n"
