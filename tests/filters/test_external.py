@@ -24,6 +24,7 @@ from trackbench.evaluation.block import BlockTask
 from trackbench.execution.cache import block_key
 from trackbench.filters import program
 from trackbench.filters.external import External
+from trackbench.scaffold import write_new
 
 SOURCE = Path(__file__).parents[1] / "programs" / "planar.c"
 KEYS = {"q": 25.0, "sigma": 20.0}
@@ -211,6 +212,15 @@ def test_a_filter_without_covariance_has_errors_and_no_nees(tmp_path: Path) -> N
     out = track(planar(), script(tmp_path, "print(good, flush=True)"), 3)
     assert (out.mean == 1.0).all()
     assert np.isnan(out.nees).all()
+
+
+def test_a_script_is_checked_by_its_command_in_a_config(tmp_path: Path) -> None:
+    write_new("filter", "mine", tmp_path, "python")
+    findings = check_file(tmp_path / "mine.py", on=tmp_path / "mine.yaml")["mine"]
+    assert [str(f) for f in findings if f.verdict == "bad"] == []
+    assert ("errors and covariance fit reference filters", "good") in {f[:2] for f in findings}
+    with pytest.raises(UserError, match="--on CONFIG"):
+        check_file(tmp_path / "mine.yaml")
 
 
 CONFIG = """name: own

@@ -15,6 +15,7 @@ from warnings import catch_warnings, simplefilter
 
 import numpy as np
 
+from trackbench.config.experiment import Point
 from trackbench.config.load import load
 from trackbench.config.plugin_checks import NO_FILTER, is_program, load_file
 from trackbench.contract.checks import CHECKS, Check, ContractError, LeftOutError, alike
@@ -91,8 +92,9 @@ def check_file(
     UserError
         If a file cannot be read or loaded, or registers no filter.
     """
-    if path.suffix != ".py":
-        return _check_program(path.absolute(), on, allow_plugins)
+    labels = _labels_of_program(path, on) if on is not None else []
+    if labels or path.suffix != ".py":
+        return _check_program(path, on, labels, allow_plugins)
     try:
         plugin = load_file(path)
     except PluginError as error:
@@ -103,11 +105,7 @@ def check_file(
     classes = {k: c for k, c in registered.items() if issubclass(c, Filter)}
     if on is None:
         return {k: check_filter(c) for k, c in classes.items()}
-    # The plugin itself is already loaded; any other one needs permission.
-    data = read(on).data
-    names = data.get("plugins") if isinstance(data, dict) else None
-    others = [n for n in names or () if (on.parent / str(n)).resolve() != path.resolve()]
-    point = load(on, allow_plugins=allow_plugins or not others).points[0]
+    point = _point_of(path, on, allow_plugins)
     out: dict[str, list[Finding]] = {}
     for kind, cls in classes.items():
         labels = [label for label, f in point.filters.items() if f.kind == kind]
@@ -119,27 +117,45 @@ def check_file(
     return out
 
 
-def _check_program(path: Path, on: Path | None, allow_plugins: bool) -> dict[str, list[Finding]]:
+def _point_of(path: Path, on: Path, allow_plugins: bool) -> Point:
+    """Return the first point of a config; plugins other than the checked file need permission."""
+    data = read(on).data
+    names = data.get("plugins") if isinstance(data, dict) else None
+    others = [n for n in names or () if (on.parent / str(n)).resolve() != path.resolve()]
+    return load(on, allow_plugins=allow_plugins or not others).points[0]
+
+
+def _labels_of_program(path: Path, on: Path) -> list[str]:
+    """Return the filters of a config whose command has the file."""
+    data = read(on).data
+    entries = data.get("filters") if isinstance(data, dict) else None
+    labels = []
+    for label, entry in entries.items() if isinstance(entries, dict) else ():
+        words = entry.get("command") if isinstance(entry, dict) else None
+        files = [(on.parent / str(word)).resolve() for word in words or ()]
+        labels += [label] if path.resolve() in files else []
+    return labels
+
+
+def _check_program(
+    path: Path, on: Path | None, labels: list[str], allow_plugins: bool
+) -> dict[str, list[Finding]]:
     """Return the findings of a program, with the keys of each filter of a config that runs it."""
-    if not is_program(path):
-        raise UserError(f"{path}: {NO_FILTER}")
-    alone = External(command=(str(path),))
+    if not labels and not is_program(path):
+        what = "`--on CONFIG` checks a script, by the command of its filter there"
+        raise UserError(f"{path}: {NO_FILTER}; {what}")
+    program = External(command=(str(path.absolute()),)) if not labels else None
     if on is None:
-        return {path.stem: check_filter(External, alone)}
-    point = load(on, allow_plugins=allow_plugins, filter_files=[path]).points[0]
-    runs_it = {
-        label: tracker
-        for label, tracker in point.filters.items()
-        if isinstance(tracker, External) and str(path) in tracker.command
-    }
-    if len(runs_it) > 1:  # those of the config
-        del runs_it[path.stem]
-    return _with_other_keys(
-        {
-            label: check_filter(External, f, on=ModelDraws(base=point.assumed_scenario(label)))
-            for label, f in runs_it.items()
-        }
-    )
+        return {path.stem: check_filter(External, program)}
+    point = _point_of(path, on, allow_plugins)
+    if program is not None:
+        problem = ModelDraws(base=point.scenario)
+        return {path.stem: check_filter(External, program, on=problem)}
+    by_label = {}
+    for label in labels:
+        problem = ModelDraws(base=point.assumed_scenario(label))
+        by_label[label] = check_filter(External, point.filters[label], on=problem)
+    return _with_other_keys(by_label)
 
 
 def _with_other_keys(by_kind: dict[str, list[Finding]]) -> dict[str, list[Finding]]:
