@@ -8,6 +8,7 @@ import glob
 import re
 import shlex
 import shutil
+import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
@@ -121,6 +122,11 @@ class Sandbox:
     def command(self, line: str) -> None:
         """Run a command, or hold it to what there is."""
         words = shlex.split(line.partition(" > ")[0], comments=True)
+        if words[0] == "cc":
+            if shutil.which("cc") is None:
+                pytest.skip("no C compiler is here")
+            subprocess.run(words, check=True)
+            return
         if words[0] != "trackbench" or _NOWHERE.search(line):
             known(words)
             return

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import yaml
 
-_COMMAND = re.compile(r"(\$ )?(\.venv/bin/)?(trackbench|make|pip|git|python3?) ")
+_COMMAND = re.compile(r"(\$ )?(\.venv/bin/)?(trackbench|cc|make|pip|git|python3?) ")
 _FENCE = re.compile(r"^(```+) *([\w-]*) *(.*)$")
 
 

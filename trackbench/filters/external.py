@@ -37,6 +37,7 @@ from trackbench.filters.program import PROTOCOL, Program, ProgramError
 from trackbench.models.base import Model, Scene
 from trackbench.models.motions.irregular import step_length
 from trackbench.models.motions.kinematic import Linear
+from trackbench.models.sensors.base import SensorBase, StackedSensor
 from trackbench.registry import register
 
 _ASYMMETRY = 1e-7  # largest difference of two correlations that should be equal
@@ -210,7 +211,8 @@ class External(Filter[ProgramState]):
             "parameters": self.parameters,
             "model": None,
         }
-        H = getattr(sensor, "H", None)
+        # R of any other sensor may differ from step to step.
+        H = getattr(sensor, "H", None) if isinstance(sensor, SensorBase | StackedSensor) else None
         if isinstance(motion, Linear) and H is not None:
             n = len(motion.F)
             R = sensor.measurement(np.zeros((n, 1)), 1).cov.reshape(len(sensor.components), -1)
