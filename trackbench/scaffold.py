@@ -4,13 +4,16 @@ import json
 import os
 import re
 import sys
+from collections.abc import Mapping
 from importlib.machinery import PathFinder
 from importlib.resources import files
 from pathlib import Path
+from types import MappingProxyType
 
 from trackbench.atomic_files import write_text
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.field_types import DataError
+from trackbench.help.copied_filter import parts_of_copy
 from trackbench.registry import GROUPS, kinds
 from trackbench.scenarios.recordings.guess_format import config_parts, recognized
 
@@ -23,16 +26,17 @@ _TEMPLATES = {
     "experiment": ("experiment.yaml", "test_experiment.py"),
 }
 WHAT = tuple(_TEMPLATES)
-_FORM_OF = {"per_run": "filter", "nonlinear": "motion"}
+_FORM_OF = {"per_run": "filter", "nonlinear": "motion", "copy": "filter"}
 _TEMPLATES |= {f: (f"{f}.py", f"{f}.yaml", f"test_{f}.py") for f in _FORM_OF}
+_NOTHING: Mapping[str, str] = MappingProxyType({})
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*(?:[-_ ][A-Za-z0-9]+)*")
 
 
-def write_new(what: str, name: str, folder: Path, form: str = "") -> list[Path]:
+def write_new(what: str, name: str, folder: Path, form: str = "", source: str = "") -> list[Path]:
     """Write the files of a new filter, sensor, experiment, ...; existing files stay.
 
     ``form`` is ``per_run``, a filter that handles one run at a time, or ``nonlinear``, a motion in
-    equations.
+    equations, or ``copy``, a filter that begins as the shipped one of kind ``source``.
     """
     if form and _FORM_OF[form] != what:
         option = f"--{form.replace('_', '-')}"
@@ -42,7 +46,8 @@ def write_new(what: str, name: str, folder: Path, form: str = "") -> list[Path]:
     part = form or what
     templates = _TEMPLATES[part]
     # Fill every template before anything is written.
-    filled = {folder / t.replace(part, module): _filled(t, words) for t in templates}
+    more = parts_of_copy(source) if part == "copy" else {}
+    filled = {folder / t.replace(part, module): _filled(t, words, more) for t in templates}
     mark = Mark(f"new {what} {name}")
     for path in filled:
         if path.exists():
@@ -90,9 +95,10 @@ def _words(what: str, name: str) -> list[str]:
     return words
 
 
-def _filled(template: str, words: list[str]) -> str:
+def _filled(template: str, words: list[str], more: Mapping[str, str] = _NOTHING) -> str:
     text = (files("trackbench") / "templates" / f"{template}.tmpl").read_text(encoding="utf-8")
     values = {
+        **more,  # whose values may have the marks below
         "@KIND@": "-".join(words),
         "@MODULE@": "_".join(words),
         "@CLASS@": "".join(word.capitalize() for word in words),
