@@ -34,7 +34,7 @@ from trackbench.yaml_source import Config, read
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """Options of a run. Only those before `out` and `filters` change numbers."""
+    """Options of a run. Those from `out` on, but `filters`, change no number."""
 
     set: Sequence[str] = ()
     """overrides of keys, `PATH=VALUE` as on the command line"""

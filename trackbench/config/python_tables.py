@@ -15,7 +15,6 @@ import numpy as np
 from trackbench.config.build import build_kind
 from trackbench.config.includes import override
 from trackbench.errors import Mark, Problem, UserError
-from trackbench.field_types import InvalidKeyError
 from trackbench.models.base import position_velocity_names
 from trackbench.models.sensors.base import stack
 from trackbench.yaml_source import Source
@@ -41,40 +40,32 @@ def put_tables(source: Source, tables: Mapping[str, object]) -> None:
             what = f"a target with {key} from Python is {{kind: measured}}, and this one is {kind}"
             raise UserError(Problem(mark, ".".join(_TARGET), what))
         several = value if isinstance(value, list | tuple) else [value]
-        of_sensors = _components(source, key, target, len(several))
-        paths = [
-            str(_written(_frame(one, components, Mark(_name(key, i))), _name(key, i)))
-            for i, (one, components) in enumerate(zip(several, of_sensors, strict=True))
-        ]
+        components, paths = _components(source, key, target, len(several)), []
+        for i, one in enumerate(several):
+            name = f"{key}-{i + 1}" if i else key
+            of_table = components[i] if i < len(components) else ()
+            paths.append(str(_written(_frame(one, of_table, Mark(name)), name)))
         if not source.has(_TARGET):
             override(source, (*_TARGET, "kind"), "measured", mark)
-        named = paths if isinstance(value, list | tuple) else paths[0]
-        override(source, (*_TARGET, key), named, mark)
-
-
-def _name(key: str, i: int) -> str:
-    return f"{key}-{i + 1}" if i else key
+        override(source, (*_TARGET, key), paths if several is value else paths[0], mark)
 
 
 def _components(
     source: Source, key: str, target: Mapping[str, Any], tables: int
 ) -> list[Sequence[str]]:
-    """Return the components of each table in order; empty for a sensor that cannot be built."""
+    """Return the components of each table in order; empty if a sensor cannot be built."""
     if key == "truth":
         axes = target.get("axes", 2)
         of_plane = position_velocity_names(axes) if axes in (1, 2, 3) else ("x",)
-        return [target.get("state") or of_plane] * tables
+        return [target.get("state") or of_plane]
     keys = ("scenario", "sensor")
     several = source.has(keys) and isinstance(source.at(keys), list)
     places = [(*keys, i) for i in range(len(source.at(keys)))] if several else [keys]
     sensors = [build_kind("sensors", source, place) for place in places if source.has(place)]
-    try:
-        if tables > 1:
-            of_each = [sensor.components for sensor in sensors]
-            return [*of_each, *([()] * tables)][:tables]
-        return [stack(tuple(sensors)).components]
-    except (AttributeError, IndexError, InvalidKeyError):  # the validation reports the sensor
-        return [()] * tables
+    if not sensors or None in sensors:  # the validation reports it
+        return []
+    stacks = [(sensor,) for sensor in sensors] if tables > 1 else [tuple(sensors)]
+    return [stack(one).components for one in stacks]
 
 
 def _frame(value: object, components: Sequence[str], mark: Mark) -> "pd.DataFrame":
@@ -146,14 +137,10 @@ def without_folders(text: str) -> str:
 
 def name_rows(error: UserError) -> None:
     """Name rows of tables from Python in place of lines of their files; rows count from 0."""
-    problems = [p if isinstance(p, str) else _of_row(p) for p in error.problems]
+    problems = list(error.problems)
+    for i, problem in enumerate(problems):
+        if isinstance(problem, Problem) and _is_from_python(problem.mark.file):
+            row = f", row {problem.mark.line - 2}" if problem.mark.line > 1 else ""
+            mark = Mark(f"{Path(problem.mark.file).stem}{row}")
+            problems[i] = replace(problem, mark=mark, what=without_folders(problem.what))
     error.problems, error.args = tuple(problems), ("\n".join(map(str, problems)),)
-
-
-def _of_row(problem: Problem) -> Problem:
-    path, line = problem.mark.file, problem.mark.line
-    if not _is_from_python(path):
-        return problem
-    row = f", row {line - 2}" if line > 1 else ""
-    mark = Mark(f"{Path(path).stem}{row}")
-    return replace(problem, mark=mark, what=without_folders(problem.what))

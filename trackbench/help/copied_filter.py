@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterable
 from textwrap import dedent
 from types import ModuleType
-from typing import NamedTuple
+from typing import TypeAlias
 
 from trackbench.config.build import unknown
 from trackbench.config.load import load
@@ -16,6 +16,8 @@ from trackbench.registry import kinds
 from trackbench.yaml_source import parse
 
 _LINE = 100
+_Import: TypeAlias = tuple[str, str, str]
+"""A module, a name in it and its alias; without a module the name is that of one."""
 _MODELS = (
     "motions: [{kind: cv, q: 0.1}, {kind: ca, q: 0.01}], transition: [[0.95, 0.05], [0.05, 0.95]]"
 )
@@ -56,14 +58,6 @@ _SCENARIOS = [
 """Keys of the scenarios that are tried, one after the other."""
 
 
-class _Import(NamedTuple):
-    """A name of a module, or ("") a module, and its alias."""
-
-    of: str
-    name: str
-    alias: str
-
-
 def parts_of_copy(kind: str) -> dict[str, str]:
     """Return the values of a template's marks for a filter of this kind; raises UserError."""
     known = kinds("filters")
@@ -77,10 +71,11 @@ def parts_of_copy(kind: str) -> dict[str, str]:
     assert module is not None
     imports = {
         *_imports(module, source).values(),
-        _Import("dataclasses", "dataclass", ""),
-        _Import("trackbench.registry", "register", ""),
-        _Import(cls.__module__, cls.__name__, ""),
+        ("dataclasses", "dataclass", ""),
+        ("trackbench.registry", "register", ""),
+        (cls.__module__, cls.__name__, ""),
     }
+    methods = sorted(set(re.findall(r"\bself\.(\w+)\(", source)))
     keys = f", {_KEYS[kind]}" if kind in _KEYS else ""
     # A few particles, the default of these filters, are enough for one component.
     scenarios = _SCENARIOS[::-1] if hasattr(cls, "N") else _SCENARIOS
@@ -89,7 +84,7 @@ def parts_of_copy(kind: str) -> dict[str, str]:
         "@IMPORTS@": _import_lines(imports),
         "@BASE@": cls.__name__,
         "@FROM@": kind,
-        "@CALLS@": ", ".join(f"`{name}`" for name in _methods(source)) or "no other method",
+        "@CALLS@": ", ".join(f"`{name}`" for name in methods) or "no other method",
         "@STEP@": "\n".join(f"    {line}".rstrip() for line in source.splitlines()),
         "@KEYS@": keys,
         "@ON@": " --on @MODULE@.yaml" if keys else "",
@@ -112,27 +107,17 @@ def _scenario(kind: str, keys: str, scenarios: list[str]) -> str:
     raise refused
 
 
-def _methods(source: str) -> list[str]:
-    """Return the names of the filter's methods that a step calls."""
-    return sorted(set(re.findall(r"\bself\.(\w+)\(", source)))
-
-
 def _imports(module: ModuleType, source: str) -> dict[str, _Import]:
     """Return the imports that a piece of a module's source needs, by name."""
-    known = {name: _Import(module.__name__, name, "") for name in vars(module)}
+    known = {name: (module.__name__, name, "") for name in vars(module)}
     for node in ast.walk(ast.parse(inspect.getsource(module))):
         if isinstance(node, ast.ImportFrom | ast.Import):
             of = str(node.module) if isinstance(node, ast.ImportFrom) else ""
             for item in node.names:
-                known[item.asname or item.name] = _Import(of, item.name, item.asname or "")
+                known[item.asname or item.name] = (of, item.name, item.asname or "")
     names = {node.id for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Name)}
     names |= set(re.findall(r"\w+", " ".join(re.findall(r'cast\("([^"]*)"', source))))
     return {name: known[name] for name in names & known.keys()}
-
-
-def _rank(name: str) -> tuple[int, str]:
-    """Sort constants before classes and functions, as isort does."""
-    return 0 if name.isupper() else 1 if name.lstrip("_")[0].isupper() else 2, name
 
 
 def _import_lines(imports: Iterable[_Import]) -> str:
@@ -141,8 +126,7 @@ def _import_lines(imports: Iterable[_Import]) -> str:
     for of, name, alias in sorted(imports):
         named.setdefault(of, []).append(f"{name} as {alias}" if alias else name)
     lines = [(name, f"import {name}") for name in named.pop("", [])]
-    for of, of_module in named.items():
-        names = sorted(of_module, key=_rank)
+    for of, names in named.items():
         line = f"from {of} import {', '.join(names)}"
         if len(line) > _LINE:
             line = f"from {of} import (\n" + "".join(f"    {name},\n" for name in names) + ")"
