@@ -70,7 +70,8 @@ def quickly(*keys: str) -> Iterator[None]:
     original = run_experiment.run_each
 
     def run_each(configs: Any, options: Any, *more: Any, **other: Any) -> Any:
-        recorded = any("measured" in str(config) for config in configs)
+        of_files = any("measured" in str(config) for config in configs)
+        recorded = of_files or options.measurements is not None
         few = replace(options, set=("block=fit", *keys, *options.set))
         few = replace(few, runs=None if recorded else RUNS)
         few = replace(few, engine="serial", workers=1, formats=())

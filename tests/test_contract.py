@@ -1,5 +1,6 @@
 """Every shipped filter keeps the contract, and every kind of breach is noticed."""
 
+import json
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -237,6 +238,11 @@ def test_the_command(tmp_path: Path) -> None:
     bad = trackbench("check", "--contract", "mine.py", cwd=tmp_path)
     assert bad.returncode == 1
     assert "bad  shapes" in bad.stdout
+    as_json = trackbench("check", "--contract", "mine.py", "--json", cwd=tmp_path)
+    assert as_json.returncode == 1
+    (kind,) = map(json.loads, as_json.stdout.splitlines())
+    assert (kind["file"], kind["kind"]) == ("mine.py", "mine")
+    assert {"good", "bad"} <= {finding["verdict"] for finding in kind["contract"]}
     (tmp_path / "mine.py").write_text("x = 1\n")
     none = trackbench("check", "--contract", "mine.py", cwd=tmp_path)
     assert none.returncode == 2

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from docs.site.blocks import blocks
+from tests.commands import trackbench
 from tests.conftest import ROOT, random_covariance
 from trackbench.config.plugin_checks import load_file
 from trackbench.registry import kinds
@@ -49,3 +50,23 @@ def test_the_covariance_is_that_of_converted_samples(ctrv: type, rng: np.random.
     sd = np.sqrt(np.diag(one.f.P)[:4])
     error = (np.cov(states) - one.f.P[:4, :4]) / np.outer(sd, sd)
     assert np.abs(error).max() < 6.0 * np.sqrt(2.0 / 200_000)
+
+
+@pytest.mark.parametrize("module", ["helpers", "helpers.ctrv"])
+def test_the_wrapped_filter_may_stand_in_a_package_of_a_subfolder(
+    module: str, tmp_path: Path
+) -> None:
+    files = {b.title: b.text for b in blocks(PAGE) if "ctrv" in b.title}
+    (tmp_path / "helpers").mkdir()
+    (tmp_path / "helpers" / "__init__.py").write_text("from .ctrv import Ctrv\n")
+    (tmp_path / "helpers" / "ctrv.py").write_text(files["ctrv.py"])
+    plugin = files["my_ctrv.py"].replace("from ctrv", f"from {module}")
+    (tmp_path / "my_ctrv.py").write_text(plugin)
+    (tmp_path / "turn.yaml").write_text(files["turn_ctrv.yaml"])
+    words = ("--runs", "3", "--format", "tex")
+    done = trackbench("run", "turn.yaml", "--allow-plugins", *words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "| mine | " in done.stdout
+    refused = trackbench("run", "radar-turns", "--filter", "my_ctrv.py", *words, cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "it takes x, y; this scenario measures range, azimuth" in refused.stderr

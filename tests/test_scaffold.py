@@ -11,6 +11,7 @@ from tests.commands import trackbench
 NAMES = {
     "filter": "my-filter",
     "filter --per-run": "my-own",
+    "filter --from hdepf": "my-hdepf",
     "sensor": "my-sensor",
     "motion": "my-motion",
     "motion --nonlinear": "my-pendulum",
@@ -38,7 +39,8 @@ def test_it_runs_at_once(tmp_path: Path, what: str, name: str) -> None:
     if what == "filter":
         good = trackbench("check", "--contract", f"{module}.py", cwd=tmp_path)
         assert good.returncode == 0, good.stdout
-        kalman = "left out  equals the Kalman" if options else "good  equals the Kalman filter"
+        per_run = "--per-run" in options
+        kalman = "left out  equals the Kalman" if per_run else "good  equals the Kalman filter"
         assert kalman in good.stdout
     assert ("Time of my-own" in done.stdout) == ("--per-run" in options)
     again = trackbench("new", what, name, *options, cwd=tmp_path)
@@ -58,7 +60,8 @@ def test_its_tests_pass_and_it_keeps_the_house_style(
     tmp_path: Path, command: tuple[str, ...]
 ) -> None:
     for what, name in NAMES.items():
-        trackbench("new", *what.split(), name, cwd=tmp_path)
+        what, *options = what.split()
+        trackbench("new", what, name, *options, cwd=tmp_path)
     files = sorted(
         path.name for path in tmp_path.glob("test_*.py" if "pytest" in command else "my_*.py")
     )

@@ -3,6 +3,7 @@
 import csv
 import html
 import io
+import json
 import re
 import subprocess
 import sys
@@ -10,6 +11,7 @@ from functools import cache
 from itertools import takewhile
 from math import isfinite
 from pathlib import Path
+from typing import get_args, get_type_hints
 
 import pytest
 import yaml
@@ -19,10 +21,14 @@ from docs.site import gallery, problems, reference
 from docs.site.pages import pages, rewritten
 from tests.conftest import ROOT
 from tests.test_shipped import NAMES
+from trackbench.commands.gate import NEGLIGIBLE
 from trackbench.config import shipped_experiments
+from trackbench.contract import Finding, check_filter
+from trackbench.contract.checks import CHECKS
 from trackbench.help import kinds as help_kinds
 from trackbench.metrics import METRICS
 from trackbench.registry import GROUPS, kinds
+from trackbench.statistics.rules import ALIKE, BETTER, EQUAL, UNTESTED, WORSE
 
 PAGES = cache(reference.pages)
 
@@ -137,6 +143,28 @@ def test_links_are_those_of_the_site() -> None:
     )
 
 
+def test_the_page_for_assistants_is_short_and_has_every_check() -> None:
+    page = (ROOT / "docs" / "for-assistants.md").read_text(encoding="utf-8")
+    assert len(page.splitlines()) <= 60
+    repairs = page.partition("| bad finding |")[2].partition("##")[0]
+    rows = re.findall(r"^\| ([^|]+?) \|", repairs, re.M)
+    (name,) = (f.check for f in check_filter(kinds("filters")["imm"]) if "default" in f.check)
+    assert rows == [name, *(check for check, _ in CHECKS.values())]
+    for word in (
+        EQUAL,
+        ALIKE,
+        NEGLIGIBLE,
+        BETTER,
+        WORSE,
+        UNTESTED,
+        *get_args(get_type_hints(Finding)["verdict"]),
+    ):
+        assert f"`{word}`" in page
+    examples = [json.loads(line) for line in page.splitlines() if line.startswith("    {")]
+    assert {*examples[0]["contract"][0]} == {*Finding._fields}
+    assert len(examples) == 3
+
+
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     pytest.importorskip("material", reason="builds the site; `make docs` installs what it needs")
@@ -160,5 +188,9 @@ def test_the_site_is_built_and_asks_nothing_of_the_net(site: Path) -> None:
         )
         for picture in re.findall(r'<img[^>]* src="([^"]+)"', page):
             assert ((site / uri).parent / picture).is_file(), f"{uri}: {picture}"
+    text = (site / "llms.txt").read_text(encoding="utf-8")
+    links = re.findall(r"\]\(([^)#]+)", text)
+    assert links
+    assert all((site / link).is_file() for link in links)
     style = "".join(p.read_text(encoding="utf-8") for p in site.rglob("*.css"))
     assert not re.search(r"url\(['\"]?https?:", style)

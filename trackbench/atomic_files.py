@@ -71,7 +71,7 @@ def atomic_write(path: Path) -> Iterator[IO[bytes]]:
             file.flush()
             os.fsync(file.fileno())
         partial.replace(path)
-        _note(path)
+        note(path)
     except OSError as error:
         raise WriteError.of(path, error) from error
     finally:
@@ -108,7 +108,7 @@ def remove(path: Path) -> None:
         path.unlink(missing_ok=True)
     except OSError as error:
         raise WriteError.of(path, error) from error
-    _note(path)
+    note(path)
 
 
 @contextmanager
@@ -122,7 +122,8 @@ def record_writes() -> Iterator[list[Path]]:
         _touched.reset(token)
 
 
-def _note(path: Path) -> None:
+def note(path: Path) -> None:
+    """Record a file as written."""
     paths = _touched.get()
     if paths is not None:
         paths.append(path)

@@ -4,14 +4,17 @@ import json
 import os
 import re
 import sys
+from collections.abc import Mapping
 from importlib.machinery import PathFinder
 from importlib.resources import files
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 from trackbench.atomic_files import write_text
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.field_types import DataError
+from trackbench.help.copied_filter import parts_of_copy
 from trackbench.registry import GROUPS, kinds
 from trackbench.scenarios.recordings.guess_format import config_parts, recognized
 
@@ -24,7 +27,7 @@ _TEMPLATES = {
     "experiment": ("experiment.yaml", "test_experiment.py"),
 }
 WHAT = tuple(_TEMPLATES)
-_FORM_OF = {"per_run": "filter", "nonlinear": "motion"}
+_FORM_OF = {"per_run": "filter", "nonlinear": "motion", "copy": "filter"}
 _TEMPLATES |= {f: (f"{f}.py", f"{f}.yaml", f"test_{f}.py") for f in _FORM_OF}
 
 
@@ -34,6 +37,11 @@ class Language(NamedTuple):
     ending: str
     command: str
     build: str = ""
+
+    @property
+    def marks(self) -> dict[str, str]:
+        """What replaces the marks of a template."""
+        return {"@COMMAND@": self.command, "@BUILD@": self.build}
 
 
 LANGUAGES = {
@@ -48,14 +56,16 @@ LANGUAGES = {
 }
 _FORM_OF |= dict.fromkeys(LANGUAGES, "filter")
 _TEMPLATES |= {name: (f"language.{x.ending}", "language.yaml") for name, x in LANGUAGES.items()}
+_NOTHING: Mapping[str, str] = MappingProxyType({})
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*(?:[-_ ][A-Za-z0-9]+)*")
 
 
-def write_new(what: str, name: str, folder: Path, form: str = "") -> list[Path]:
+def write_new(what: str, name: str, folder: Path, form: str = "", source: str = "") -> list[Path]:
     """Write the files of a new filter, sensor, experiment, ...; existing files stay.
 
     ``form`` is ``per_run``, a filter that handles one run at a time, a language, in which a filter
-    is a program of its own, or ``nonlinear``, a motion in equations.
+    is a program of its own, ``nonlinear``, a motion in equations, or ``copy``, a filter that begins
+    as the shipped one of kind ``source``.
     """
     if form and _FORM_OF[form] != what:
         option = "--language" if form in LANGUAGES else f"--{form.replace('_', '-')}"
@@ -65,7 +75,8 @@ def write_new(what: str, name: str, folder: Path, form: str = "") -> list[Path]:
     language, templates = LANGUAGES.get(form), _TEMPLATES[form or what]
     stem = "language" if language else form or what
     # Fill every template before anything is written.
-    filled = {folder / t.replace(stem, module): _filled(t, words, language) for t in templates}
+    more = language.marks if language else parts_of_copy(source) if form == "copy" else {}
+    filled = {folder / t.replace(stem, module): _filled(t, words, more) for t in templates}
     mark = Mark(f"new {what} {name}")
     for path in filled:
         if path.exists():
@@ -113,10 +124,10 @@ def _words(what: str, name: str) -> list[str]:
     return words
 
 
-def _filled(template: str, words: list[str], language: Language | None = None) -> str:
+def _filled(template: str, words: list[str], more: Mapping[str, str] = _NOTHING) -> str:
     text = (files("trackbench") / "templates" / f"{template}.tmpl").read_text(encoding="utf-8")
-    values = {"@COMMAND@": language.command, "@BUILD@": language.build} if language else {}
-    values |= {
+    values = {
+        **more,  # whose values may have the marks below
         "@KIND@": "-".join(words),
         "@MODULE@": "_".join(words),
         "@CLASS@": "".join(word.capitalize() for word in words),

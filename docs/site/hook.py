@@ -12,7 +12,7 @@ sys.path.insert(0, str(ROOT))
 
 from docs.site import gallery, problems, reference
 from docs.site.blocks import fenced
-from docs.site.pages import pages, rewritten
+from docs.site.pages import assistants_text, pages, rewritten
 
 _BEFORE = "## What it is\n"
 """Heading of README.md that the table of problems stands before on the front page."""
@@ -39,6 +39,7 @@ def on_files(files: Files, config: Any) -> Files:
         files.append(File.generated(config, uri, content=text))
     for uri, path in (gallery.files() | _pictures()).items():
         files.append(File.generated(config, uri, abs_src_path=str(path)))
+    files.append(File.generated(config, "llms.txt", content=assistants_text(_known())))
     return files
 
 

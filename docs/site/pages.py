@@ -50,3 +50,10 @@ def rewritten(text: str, place: str, uri: str, known: dict[str, str]) -> str:
 
     parts = re.split(r"(^```.*?^```$)", text, flags=re.MULTILINE | re.DOTALL)
     return "".join(p if p.startswith("```") else _LINK.sub(link, p) for p in parts)
+
+
+def assistants_text(known: dict[str, str]) -> str:
+    """The page for assistants as a text whose links lead to the site's pages."""
+    place = "docs/for-assistants.md"
+    text = rewritten((ROOT / place).read_text(encoding="utf-8"), place, "llms.txt", known)
+    return re.sub(r"\]\(([\w/-]+)\.md", r"](\1.html", text)

@@ -124,6 +124,6 @@ def _check_contract(path: Path, on: Path | None, allow_plugins: bool, json: bool
     for line in report(by_kind) if not json else ():
         typer.echo(line)
     for kind, findings in by_kind.items() if json else ():
-        echo_line({"file": str(path), "kind": kind, "contract": [vars(f) for f in findings]})
+        echo_line({"file": str(path), "kind": kind, "contract": [f._asdict() for f in findings]})
     if any(finding.verdict == "bad" for finding in chain.from_iterable(by_kind.values())):
         raise typer.Exit(1)

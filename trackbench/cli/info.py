@@ -109,7 +109,8 @@ def new(
         str | None, typer.Argument(help="its name, such as my-sensor; of data by default theirs")
     ] = None,
     data: Annotated[
-        Path | None, typer.Option("--from", help="of an experiment: the table of data it is to use")
+        Path | None,
+        typer.Option("--from", help="an experiment's table of data, or a shipped filter's kind"),
     ] = None,
     per_run: Annotated[
         bool, typer.Option("--per-run", help="a filter that is written for one run, without arrays")
@@ -124,8 +125,9 @@ def new(
 ) -> None:
     """Write a commented starting file that runs as it is, and its test.
 
-    With --from, write an experiment on recorded data: columns, units and errors are guessed.
-    With --language, write a filter as a program that reads and writes lines, and a config with it.
+    With --from, an experiment is on recorded data, whose columns, units and errors are guessed; a filter
+    is a subclass of a shipped one, with a copy of its step.
+    With --language, a filter is a program that reads and writes lines, and a config runs it.
     """
     from trackbench.errors import UserError
     from trackbench.scaffold import LANGUAGES, WHAT, write_config_for, write_new
@@ -141,15 +143,15 @@ def new(
     }
     if len(chosen := [option for option, value in options.items() if value]) > 1:
         raise UserError(f"new {what} {name}: {' and '.join(chosen)} exclude each other")
-    if data is not None and what != "experiment":
+    if data is not None and what not in ("experiment", "filter"):
         raise typer.BadParameter(f"a {what} is not made from data", param_hint="--from")
-    if data is not None:
+    if data is not None and what == "experiment":
         paths = write_config_for(data, name or _plain(data.stem), Path())
     elif name is None:
         raise typer.BadParameter("is required without --from", param_hint="NAME")
     else:
         form = language or ("per_run" if per_run else "nonlinear" if nonlinear else "")
-        paths = write_new(what, name, Path(), form)
+        paths = write_new(what, name, Path(), "copy" if data else form, str(data))
     for path in paths:
         typer.echo(f"wrote {path}")
     config = next(path for path in paths if path.suffix == ".yaml")

@@ -4,7 +4,7 @@ import json
 import os
 import stat
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from itertools import chain
@@ -14,8 +14,9 @@ from typing import Any, NamedTuple
 
 from trackbench.commands import check_keywords
 from trackbench.config import load as configurations
-from trackbench.config.dump import as_yaml
+from trackbench.config.dump import as_yaml, data_from_python
 from trackbench.config.experiment import Experiment
+from trackbench.config.python_tables import name_rows
 from trackbench.config.shipped_experiments import located
 from trackbench.config.tuned_entries import Chosen
 from trackbench.errors import Mark, Problem, UserError, reason
@@ -33,12 +34,17 @@ from trackbench.yaml_source import Config, read
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """Options of a run. Only set, only, runs, quick, seed, grid and product change numbers."""
+    """Options of a run. Those from `out` on, but `filters`, change no number."""
 
     set: Sequence[str] = ()
     """overrides of keys, `PATH=VALUE` as on the command line"""
     only: Sequence[str] = ()
     """labels of the filters to be run"""
+    measurements: Any = None
+    """recorded measurements in place of the target's file: a data frame, a mapping of columns, an array
+    (steps, n_z) or (runs, steps, n_z), or a list of them, one for each sensor"""
+    truth: Any = None
+    """truth of these measurements: a data frame, a mapping of columns, or an array (runs, steps, n_x)"""
     runs: int | None = None
     """Monte Carlo runs"""
     quick: bool = False
@@ -102,19 +108,25 @@ def prepare(
     config: Config, options: Options, tuned: Mapping[str, Chosen] | None = None
 ) -> Experiment:
     """Read and validate a config with the options' overrides; ``tuned`` are tuned values."""
-    return configurations.load(
-        file_of(config, options),
-        options.set,
-        options.only,
-        options.runs,
-        options.seed,
-        options.grid,
-        options.product,
-        options.allow_plugins,
-        tuned,
-        [Path(file) for file in options.filters],
-        options.quick,
-    )
+    tables = {"measurements": options.measurements, "truth": options.truth}
+    try:
+        return configurations.load(
+            file_of(config, options),
+            options.set,
+            options.only,
+            options.runs,
+            options.seed,
+            options.grid,
+            options.product,
+            options.allow_plugins,
+            tuned,
+            [Path(file) for file in options.filters],
+            options.quick,
+            {key: table for key, table in tables.items() if table is not None},
+        )
+    except UserError as error:
+        name_rows(error)
+        raise
 
 
 class Job(NamedTuple):
@@ -174,7 +186,7 @@ def _job(config: Config, options: Options, alone: bool) -> Job:
         beside = folder.with_name(f"{folder.name}-quick")
         say(f"note: {folder}/ has {stored} runs and stays; --force replaces them", options)
         folder = beside
-    _check_out(folder)
+    _check_out(folder, data_from_python(experiment, folder))
     check_memory(experiment, options.save_tracks)
     most = experiment.settings.runs
     plan = plan_of(experiment, most, options)
@@ -218,7 +230,7 @@ def say(text: str, options: Options) -> None:
         print(text, file=sys.stderr)
 
 
-def _check_out(folder: Path) -> None:
+def _check_out(folder: Path, data: Collection[str]) -> None:
     """Raise UserError if the results folder's path is taken by something else."""
     for path in (folder, *folder.parents):
         try:
@@ -229,7 +241,7 @@ def _check_out(folder: Path) -> None:
             bad = f"{path}: {reason(error)}"
         if bad:
             raise UserError(Problem(Mark(f"--out {folder}"), "", bad))
-    if (foreign := _foreign_file(folder)) is not None:
+    if (foreign := _foreign_file(folder, data)) is not None:
         what = "no run wrote this file, and this run would replace it; choose another --out"
         raise UserError(Problem(Mark(str(foreign)), "", what))
     if not _may_write(folder):
@@ -244,14 +256,14 @@ def _stored_runs(folder: Path) -> int:
     return 0
 
 
-def _foreign_file(folder: Path) -> Path | None:
+def _foreign_file(folder: Path, data: Collection[str]) -> Path | None:
     """Return a file that a run would replace in a folder that no run has written, or None.
 
     A run that was killed has left a manifest, its points, or its config alone.
     """
     if any((folder / name).exists() for name in ("manifest.json", "points.json")):
         return None
-    for name in ("config.yaml", *RUN_FILES, *DERIVED_FILES):
+    for name in ("config.yaml", *data, *RUN_FILES, *DERIVED_FILES):
         path = folder / name
         if path.is_file() and not (name == "config.yaml" and _is_written(path)):
             return path

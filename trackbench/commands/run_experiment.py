@@ -28,6 +28,7 @@ from trackbench.commands.prepare import (
 )
 from trackbench.commands.stored_results import Report
 from trackbench.config.experiment import Experiment
+from trackbench.config.python_tables import without_folders
 from trackbench.config.requested_metrics import takes_times
 from trackbench.config.tuned_entries import held_out, training_cautions
 from trackbench.errors import Mark, Problem, UserError, WriteError, counted, in_line
@@ -72,7 +73,7 @@ def run_each(configs: Sequence[Config], options: Options, sweep: bool = False) -
         read = (note for plugin in job.experiment.plugins for note in plugin.notes)
         of_points = cautions(job.experiment.points)
         for caution in [*of_points, *training_cautions(job.experiment), *read]:
-            say(f"note: {caution}", options)
+            say(f"note: {without_folders(caution)}", options)
 
     if options.shard:
         run_shard(jobs, options, open_engine, workers)

@@ -12,6 +12,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import yaml
 
 from trackbench.atomic_files import record_writes
@@ -158,12 +159,15 @@ class Report:
         Returns
         -------
         dict
-            ``truth`` and ``mean/<filter>`` (n_x, T + 1, r), ``measurements`` (n_z, T, r),
-            ``cov/<filter>`` (n_x, n_x, T + 1, r), ``steps`` and ``times``. After ``save_tracks`` r is
-            the number of runs. Otherwise figures decide on the arrays and runs; lines are rounded.
+            ``truth`` (NaN without one) and ``mean/<filter>`` (n_x, T + 1, r), ``measurements``
+            (n_z, T, r), ``cov/<filter>`` (n_x, n_x, T + 1, r), ``steps`` and ``times``; names in
+            ``components`` (n_x,) and ``measured`` (n_z,). After ``save_tracks`` r is the number of
+            runs. Otherwise figures decide on the arrays and runs; lines are rounded.
         """
         point = self.results.points()[0] if point is None else point
-        return self.results.tracks(point, every_run=True)
+        facts, arrays = self.results.facts(point), self.results.tracks(point, every_run=True)
+        names = {"components": facts.components, "measured": facts.measured}
+        return arrays | {name: np.array(words) for name, words in names.items() if arrays}
 
 
 @with_known_keywords()

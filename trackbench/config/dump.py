@@ -13,6 +13,7 @@ from trackbench.config.build import file_keys
 from trackbench.config.experiment import Experiment
 from trackbench.config.grid import single_paths
 from trackbench.config.includes import split_path
+from trackbench.config.python_tables import path_from
 from trackbench.config.tuning import tuned_label
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.extension_points import Part, field_values
@@ -37,7 +38,7 @@ def resolved(experiment: Experiment, folder: Path) -> PlainData:
     out = {key: x for key, x in asdict(experiment.settings).items() if x or key not in optional}
 
     def relative(path: str) -> str:
-        return os.path.relpath(path, folder) if os.path.isabs(path) else path
+        return path_from(path, folder) if os.path.isabs(path) else path
 
     def written(part: Part, keys: Keys) -> object:
         full = as_config(part, relative)
@@ -70,6 +71,24 @@ def resolved(experiment: Experiment, folder: Path) -> PlainData:
             assumed = _only_set(assumed, experiment.source.at(keys))
         out["filters"][label]["assume"] = assumed
     return out
+
+
+def data_files(experiment: Experiment, folder: Path) -> dict[str, Path]:
+    """Return the data files that a results folder has, by name: those from Python, and its own."""
+    names: dict[str, Path] = {}
+
+    def read(path: str) -> str:
+        return str(names.setdefault(path_from(path, folder), Path(path)))
+
+    for point in experiment.points:
+        as_config(point.scenario, read)
+    return {name: path for name, path in names.items() if Path(name).name == name}
+
+
+def data_from_python(experiment: Experiment, folder: Path) -> list[str]:
+    """Return the names of the data files that the run writes into the folder."""
+    named = data_files(experiment, folder).items()
+    return [name for name, path in named if path.resolve() != (folder / name).resolve()]
 
 
 def _with_varied_defaults(experiment: Experiment) -> set[Keys]:

@@ -34,6 +34,7 @@ from trackbench.config.grid import add_axis, apply_point, grid_points
 from trackbench.config.includes import assignment, inline_parts, override
 from trackbench.config.plugin_checks import add_filters, load_plugins, show_filters
 from trackbench.config.published import Published, read_published
+from trackbench.config.python_tables import put_tables
 from trackbench.config.requested_metrics import check_metrics, check_trained_metrics
 from trackbench.config.tuned_entries import (
     Chosen,
@@ -83,14 +84,15 @@ def load(
     tuned_values: Mapping[str, Chosen] | None = None,
     filter_files: Sequence[Path] = (),
     quick: bool = False,
+    tables: Mapping[str, object] | None = None,
 ) -> Experiment:
     """Read and validate an experiment; raises UserError with every mistake found.
 
-    Paths in a file count from it, those in a mapping from the working folder.
-    ``grid`` are assignments of several values (``filters.HDEPF.F=0.5,0.9``) that add to the file's, and
-    ``product`` whether every combination of them is a point where the file has no grid;
-    ``tuned_values`` are those that tuning gave the keys of filters, by label; ``filter_files`` are
-    Python files whose filters are added; ``quick`` runs are few.
+    Paths count from the file, those in a mapping from the working folder. ``grid`` are assignments of
+    several values (``filters.HDEPF.F=0.5,0.9``) that add to the file's; ``product``: every combination
+    of them is a point if the file has no grid; ``tuned_values``: results of tuning, by label and key;
+    ``filter_files``: Python files with more filters; ``quick``: few runs; ``tables``: data from Python,
+    by key of the target.
     """
     if isinstance(config, Mapping):
         source, home = from_mapping(config), Path()
@@ -124,6 +126,7 @@ def load(
     # Step 2: run the plugins' code, so that their kinds are known, and validate.
     plugins = load_plugins(source, home, allow_plugins, filter_files)
     try:
+        put_tables(source, tables or {})
         experiment = _validate_with_plugin_errors(source, home, plugins)
     except UserError as error:
         raise _with_unread(unread, error) if unread else error from None

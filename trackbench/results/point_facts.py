@@ -5,7 +5,6 @@ or data file.
 """
 
 import json
-import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -14,6 +13,7 @@ from typing import Any, TypeAlias
 
 from trackbench.config.dump import as_config
 from trackbench.config.experiment import Point
+from trackbench.config.python_tables import path_from
 from trackbench.evaluation.consistency_and_calibration import sizes
 from trackbench.scenarios.base import Scenario
 from trackbench.yaml_source import unprintable_reason
@@ -100,7 +100,7 @@ def points_text(points: Sequence[Point], folder: Path) -> str:
 
     Paths of data files are relative to ``folder``.
     """
-    facts = (facts_of_point(point, partial(os.path.relpath, start=folder)) for point in points)
+    facts = (facts_of_point(point, partial(path_from, folder=folder)) for point in points)
     whole = [{k: v for k, v in asdict(one).items() if v is not None} for one in facts]
     lines = [json.dumps(whole[0]), *(json.dumps(_changed(whole[0], other)) for other in whole[1:])]
     return "[" + ",\n".join(lines) + "]\n"

@@ -20,10 +20,12 @@ import numpy as np
 import trackbench
 from trackbench.atomic_files import (
     ensure_folder,
+    note,
     within,
+    write_bytes,
     write_text,
 )
-from trackbench.config.dump import as_yaml, resolved
+from trackbench.config.dump import as_yaml, data_files, resolved
 from trackbench.config.experiment import Experiment
 from trackbench.config.requested_metrics import Contributions, requested_contributions
 from trackbench.core import compiled
@@ -106,6 +108,11 @@ def write_results(
     for name, text in published.items():
         write_text(ensure_folder(within(folder, "published")) / name, text)
     write_text(folder / POINTS_FILE, points_text(experiment.points, folder))
+    for name, path in data_files(experiment, folder).items():
+        if path.resolve() != (folder / name).resolve():
+            write_bytes(folder / name, path.read_bytes())
+        elif path.is_file():  # not so a pattern of names
+            note(folder / name)
     track_files: dict[str, TrackFile] = {"shown.npz": FigureTracks(experiment)}
     if tracks:
         track_files["tracks.npz"] = TrackFile(experiment)
