@@ -14,7 +14,7 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 
 from trackbench.config.includes import deep_merge
 from trackbench.errors import Mark, Problem
-from trackbench.extension_points import Part
+from trackbench.extension_points import Part, key_of
 from trackbench.field_types import (
     IS_FILE,
     ONE_LINE,
@@ -62,7 +62,13 @@ def adapter(cls: type[T], documented: bool = False) -> TypeAdapter[T]:
 
     ``documented`` adds the docstrings of attributes to its JSON schema, which takes time.
     """
-    _configure(cls, ConfigDict(extra="forbid", use_attribute_docstrings=documented), set())
+    config = ConfigDict(
+        extra="forbid",
+        use_attribute_docstrings=documented,
+        alias_generator=key_of,
+        populate_by_name=True,
+    )
+    _configure(cls, config, set())
     return TypeAdapter(cls)
 
 
@@ -172,7 +178,7 @@ def _problems(
     # Step 2: a key that the dataclass lacks, or that the mapping lacks.
     if kind in ("unexpected_keyword_argument", "extra_forbidden"):
         inner = _dataclass_at(cls, where[len(keys) : -1])
-        known = [f.name for f in fields(inner)] if inner is not None else []
+        known = [key_of(f.name) for f in fields(inner)] if inner is not None else []
         if inner is cls:
             known += also
         word = str(item["loc"][-1])

@@ -25,7 +25,18 @@ from trackbench.yaml_source import Keys, Source
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-_OF_TRUTH = ("squared", "error", "rmsd", "nees", "outside_region", "pit", "coverage", "crps", "nci")
+_OF_TRUTH = (
+    "squared",
+    "error",
+    "damage",
+    "rmsd",
+    "nees",
+    "outside_region",
+    "pit",
+    "coverage",
+    "crps",
+    "nci",
+)
 """Series of errors."""
 
 

@@ -110,6 +110,14 @@ class BlockTask:
         assert self.reference is not None
         return replace(self.filtering_key, filter=self.reference, assume=None)
 
+    @property
+    def twin_task(self) -> "BlockTask | None":
+        """Task of the same filter in the same runs without faults; None if there are none."""
+        scenario = self.scenario.without_faults
+        if scenario == self.scenario or not scenario.has_truth:
+            return None
+        return replace(self.filtering_key, scenario=scenario.without_scoring)
+
     def runs_with_tracks_among(self, used: int) -> int:
         """Count the block's first ``used`` runs whose whole tracks are stored."""
         return 0 if self.index < 0 else max(0, min(self.runs_with_tracks - self.first_run, used))

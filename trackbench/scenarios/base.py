@@ -71,6 +71,11 @@ class Scenario(Scene):
         return None
 
     @property
+    def without_faults(self) -> "Scenario":
+        """Scenario with equal truth and noise, and without faults; itself if it has none."""
+        return self
+
+    @property
     def without_scoring(self) -> "Scenario":
         """Scenario without what only scores estimates; equal ones are filtered once."""
         return self

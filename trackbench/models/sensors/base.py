@@ -191,6 +191,8 @@ class Assume:
     """sensor, or a list with one for each true sensor"""
     start: Annotated[Part | None, Registered("starts")] = None
     """prior that is independent of the data: given, uniform or mixture"""
+    faults: Literal["known"] | None = None
+    """known: the true law of the sensors' faults; default: none"""
 
     def over(self, other: "Assume") -> "Assume":
         """Return these assumptions, with the other's where a key is unset."""
@@ -198,6 +200,7 @@ class Assume:
             motion=self.motion or other.motion,
             sensor=self.sensor or other.sensor,
             start=self.start or other.start,
+            faults=self.faults or other.faults,
         )
 
 
@@ -296,6 +299,21 @@ def stack(sensors: tuple[SensorBase, ...] | SensorBase) -> Sensors:
     if not isinstance(sensors, tuple):
         return sensors
     return sensors[0] if len(sensors) == 1 else StackedSensor(sensors)
+
+
+def stack_for(
+    sensors: SensorBase | tuple[SensorBase, ...], components: tuple[str, ...], *path: str
+) -> Sensors:
+    """Return sensors of a state with these components as one; raises InvalidKeyError."""
+    several = sensors if isinstance(sensors, tuple) else (sensors,)
+    fitted = []
+    for i, sensor in enumerate(several):
+        try:
+            fitted.append(sensor.for_state(components))
+        except InvalidKeyError as error:
+            index = (i,) if isinstance(sensors, tuple) else ()
+            raise InvalidKeyError(str(error), *path, *index, *error.path) from None
+    return stack(tuple(fitted))
 
 
 def sensors_of(sensor: Sensors) -> tuple[SensorBase, ...]:

@@ -1,0 +1,336 @@
+"""Faults: stretches of a run in which a sensor measures worse than filters assume.
+
+A fault changes measurements that were drawn without it. All other random numbers stay, so that a run
+and its twin without faults are paired.
+"""
+
+from abc import abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Annotated, ClassVar, Literal, NamedTuple, TypeAlias, cast
+
+import numpy as np
+from pydantic import Field, StringConstraints
+
+from trackbench.core.arrays import Array, Index, Mask, with_trailing
+from trackbench.core.random_streams import RunStreams, Streams
+from trackbench.core.sums import total
+from trackbench.field_types import (
+    ONE_LINE,
+    ByComponent,
+    Count,
+    Finite,
+    InvalidKeyError,
+    Natural,
+    Positive,
+    Share,
+    freeze_mappings,
+)
+from trackbench.metrics import in_window
+from trackbench.models.base import by_component
+from trackbench.models.sensors.base import Sensors, rows_of, sensors_of
+
+_TICK = 1e-6  # s, by which times may differ from those of steps
+
+
+class Stretch(NamedTuple):
+    """A sensor's measurements of S steps with a fault, M runs."""
+
+    z: Array
+    """measurements (n_z, S, M), NaN where missing"""
+    noise: Array
+    """their errors without the sensor's bias; NaN where the truth is unknown"""
+    before: Array
+    """last measurement of each run before the fault (n_z, M)"""
+    elapsed: Array
+    """time since the fault's begin (S,), s"""
+    components: tuple[str, ...]
+    """names of the measurement's components"""
+    streams: Callable[[], RunStreams]
+    """random numbers of this fault alone"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fault:
+    """Base of the faults: when they are, and of which sensor."""
+
+    name: Annotated[str, StringConstraints(pattern=ONE_LINE, max_length=70)]
+    """window of metrics: rmse_position[burst], rmse_position[after burst]"""
+    from_: Finite | None = None
+    """time of the first wrong measurement, s; default: from the start"""
+    to: Finite | None = None
+    """time of the last wrong measurement, s; default: to the end"""
+    steps: tuple[Natural, Natural] | None = None
+    """first and last step, in place of times"""
+    sensor: Count | None = None
+    """number of the sensor in a scenario of several, from 1; default: all"""
+    recovered: Positive = 0.1
+    """excess error after the fault that counts as recovered, as a share of the twin's RMSE"""
+
+    uses_noise: ClassVar[bool] = False
+    """whether the truth must be known"""
+
+    def __post_init__(self) -> None:
+        freeze_mappings(self)
+        if self.steps is not None and not (self.from_ is self.to is None):
+            raise InvalidKeyError("give `steps`, or `from` and `to`", "steps")
+        if self.steps is not None and self.steps[0] > self.steps[1]:
+            raise InvalidKeyError(f"{[*self.steps]} ends before it begins", "steps")
+        if self.from_ is not None and self.to is not None and self.from_ >= self.to:
+            what = f"ends at {self.to:g} s, and begins at {self.from_:g} s; take a later end"
+            raise InvalidKeyError(what, "to")
+
+    @abstractmethod
+    def faulty(self, of: Stretch) -> Array:
+        """Return the measurements (n_z, S, M) with the fault."""
+
+    def check(self, components: tuple[str, ...]) -> None:
+        """Raise InvalidKeyError for keys that do not fit the measurement's components."""
+
+    def inside(self, steps: Index, times: Array) -> Mask:
+        """Return which steps (K,) have the fault."""
+        if self.steps is not None:
+            return np.asarray((steps >= self.steps[0]) & (steps <= self.steps[1]))
+        inside = np.ones(len(steps), dtype=np.bool_)
+        if self.from_ is not None:
+            inside &= times >= self.from_ - _TICK
+        if self.to is not None:
+            inside &= times <= self.to + _TICK
+        return inside
+
+
+@dataclass(frozen=True, kw_only=True)
+class OutlierFault(Fault):
+    """Errors that are larger, of all measurements or of a share."""
+
+    kind: Literal["outliers"] = "outliers"
+    """larger errors of a share of the measurements"""
+    share: Share = 1.0
+    """share of the measurements with larger errors"""
+    factor: Positive
+    """factor on their errors"""
+
+    uses_noise: ClassVar[bool] = True
+
+    def faulty(self, of: Stretch) -> Array:
+        """Draw which measurements have the larger error."""
+        larger = of.streams().random(of.z.shape[1:]) < self.share
+        return np.where(larger, _with_noise_times(self.factor, of), of.z)
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoiseFault(Fault):
+    """Larger or smaller noise of all measurements."""
+
+    kind: Literal["noise"] = "noise"
+    """larger noise of all measurements"""
+    factor: Positive
+    """factor on the errors"""
+
+    uses_noise: ClassVar[bool] = True
+
+    def faulty(self, of: Stretch) -> Array:
+        """Multiply the errors."""
+        return _with_noise_times(self.factor, of)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BlackoutFault(Fault):
+    """No measurement."""
+
+    kind: Literal["blackout"] = "blackout"
+    """no measurements"""
+
+    def faulty(self, of: Stretch) -> Array:
+        """Return NaN."""
+        return np.full_like(of.z, np.nan)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BiasFault(Fault):
+    """An error that is constant, or grows with time."""
+
+    kind: Literal["bias"] = "bias"
+    """constant or growing error"""
+    value: ByComponent = ()
+    """error by component of the measurement, in SI units and radians"""
+    ramp: ByComponent = ()
+    """growth of the error per s, from zero or `value` at the fault's begin"""
+
+    def check(self, components: tuple[str, ...]) -> None:
+        """Check the components' names."""
+        for key, given in (("value", self.value), ("ramp", self.ramp)):
+            _ = by_component(given or {}, components, key)
+        if not (self.value or self.ramp):
+            raise InvalidKeyError("give `value`, or `ramp`")
+
+    def bias(self, of: Stretch) -> Array:
+        """Return the error (n_z, S)."""
+        value, ramp = (by_component(x or {}, of.components) for x in (self.value, self.ramp))
+        return np.asarray(value[:, None] + ramp[:, None] * of.elapsed)
+
+    def faulty(self, of: Stretch) -> Array:
+        """Add the error."""
+        return np.asarray(of.z + self.bias(of)[..., None])
+
+
+@dataclass(frozen=True, kw_only=True)
+class FreezeFault(Fault):
+    """The last measurement before the fault again and again."""
+
+    kind: Literal["freeze"] = "freeze"
+    """the last measurement again"""
+
+    def faulty(self, of: Stretch) -> Array:
+        """Repeat the last measurement wherever there is one."""
+        return np.where(np.isnan(of.z), np.nan, of.before[:, None])
+
+
+AnyFault: TypeAlias = Annotated[
+    OutlierFault | BlackoutFault | BiasFault | FreezeFault | NoiseFault, Field(discriminator="kind")
+]
+"""A fault of any kind."""
+
+
+def _with_noise_times(factor: float, of: Stretch) -> Array:
+    """Return ``h(x) + factor e``; a measurement whose truth is unknown stays."""
+    return np.where(np.isnan(of.noise), of.z, of.z + (factor - 1.0) * of.noise)
+
+
+class FaultContext(NamedTuple):
+    """Sensors, and numbers and times of the steps from the first state, that faults are fitted to."""
+
+    sensor: Sensors
+    steps: Index
+    times: Array
+
+    def rows(self, fault: Fault) -> slice:
+        """Return the rows of the measurement that a fault changes."""
+        return slice(None) if fault.sensor is None else rows_of(self.sensor)[fault.sensor - 1]
+
+    def components(self, fault: Fault) -> tuple[str, ...]:
+        """Return names of those components: of one sensor its own."""
+        if fault.sensor is None:
+            return self.sensor.components
+        return sensors_of(self.sensor)[fault.sensor - 1].components
+
+    def measured(self, fault: Fault) -> Mask:
+        """Return which measured steps (T,) have a fault."""
+        return fault.inside(self.steps[1:], self.times[1:])
+
+    def check(self, faults: Sequence[Fault], taken: Mapping[str, object], truth: bool) -> None:
+        """Raise InvalidKeyError for a fault outside the run, of no sensor, or whose name is taken."""
+        names = [*taken]
+        for i, fault in enumerate(faults):
+            sensors, (first, last) = len(sensors_of(self.sensor)), self.times[[1, -1]]
+            if fault.sensor is not None and fault.sensor > sensors:
+                what = f"{fault.sensor} is no sensor: this scenario has {sensors}"
+                raise InvalidKeyError(what, "faults", i, "sensor")
+            if not self.measured(fault).any():
+                what = f"no measurement is in it: they are at {first:g} to {last:g} s, "
+                what += f"steps {self.steps[1]} to {self.steps[-1]}"
+                key = "steps" if fault.steps else "to" if fault.from_ is None else "from"
+                raise InvalidKeyError(what, "faults", i, key)
+            for name in (fault.name, f"after {fault.name}"):
+                if name in names:
+                    what = f"there is a window {name!r} already: choose another name"
+                    raise InvalidKeyError(what, "faults", i, "name")
+                names.append(name)
+            if fault.uses_noise and not truth:
+                what = "multiplies the noise, which the truth alone tells; take bias or blackout"
+                raise InvalidKeyError(what, "faults", i, "kind")
+            try:
+                fault.check(self.components(fault))
+            except InvalidKeyError as error:
+                raise InvalidKeyError(str(error), "faults", i, *error.path) from None
+
+    def windows(self, faults: Sequence[Fault], scored: Mask) -> dict[str, Mask]:
+        """Return the steps (K,) of each fault, and those after it up to the next one."""
+        out, places = {}, np.arange(len(self.steps))
+        ends = {fault: np.flatnonzero(self.measured(fault))[[0, -1]] + 1 for fault in faults}
+        for fault, (_, last) in ends.items():
+            later = [first for first, _ in ends.values() if first > last]
+            inside = np.insert(self.measured(fault), 0, False)
+            out[fault.name] = scored & inside
+            after = (places > last) & (places < min(later, default=len(places)))
+            out[f"after {fault.name}"] = scored & after
+        return out
+
+    def with_faults(
+        self, faults: Sequence[Fault], truth: Array, z: Array, scans: Array, rng: Streams
+    ) -> Array:
+        """Return measurements (n_z, T, M) with the faults, in their order; scans came before."""
+        drawn, z = z, z.copy()
+        for i, fault in enumerate(faults):
+            rows, inside = self.rows(fault), self.measured(fault)
+            first = int(np.argmax(inside))
+            noise = np.empty(0)
+            if fault.uses_noise:
+                noise = self._noise(truth, drawn, inside)[rows]
+            earlier = np.concatenate([scans, z[:, :first]], axis=1)[rows]
+            begin = self.times[1 + first] if fault.from_ is None else fault.from_
+            stretch = Stretch(
+                z[rows, inside],
+                noise,
+                _latest(earlier),
+                self.times[1:][inside] - begin,
+                self.components(fault),
+                partial(cast(RunStreams, rng).beside, i),
+            )
+            z[rows, inside] = fault.faulty(stretch)
+        return z
+
+    def _noise(self, truth: Array, z: Array, inside: Mask) -> Array:
+        """Return errors (n_z, S, M) of the measurements without the sensors' biases."""
+        bias = np.zeros(len(z))
+        for sensor, rows in zip(sensors_of(self.sensor), rows_of(self.sensor), strict=True):
+            bias[rows] = sensor.bias or 0.0
+        errors = []
+        for i in np.flatnonzero(inside).tolist():
+            expected = self.sensor.measurement(truth[:, i + 1], int(self.steps[i + 1])).mean
+            errors.append(self.sensor.innovation(z[:, i], expected) - with_trailing(bias, 1))
+        return np.stack(errors, axis=1)
+
+
+def recovery(
+    context: FaultContext,
+    faults: Sequence[Fault],
+    windows: Mapping[str, Mask],
+    values: Mapping[str, Array],
+) -> dict[str, Array]:
+    """Return ``recovery_s`` and ``not_recovered`` (M,) of each fault, by the first quantity's error.
+
+    A run has recovered at the first step from which on its excess error stays below the limit, up to the
+    next fault. Its time counts from the last step with the fault.
+    """
+    name = next((name for name in values if name.partition("_")[0] == "damage"), None)
+    out: dict[str, Array] = {}
+    for fault in faults if name is not None else ():
+        after = windows.get(f"after {fault.name}")
+        if after is None:
+            continue
+        damage, squared = values[name], values[name.replace("damage", "squared", 1)]
+        # Step 1: the limit is a share of the twin's RMSE after the fault.
+        twin = np.square(np.sqrt(squared[after]) - damage[after])
+        known = ~np.isnan(twin)
+        limit = fault.recovered * np.sqrt(total(np.where(known, twin, 0.0), 0) / known.sum(axis=0))
+        # Step 2: the last step, from that of the fault's end on, with a larger excess.
+        last = int(np.flatnonzero(context.measured(fault))[-1]) + 1
+        places = np.append(last, np.flatnonzero(after))
+        above = np.insert(damage[places] > limit, 0, True, axis=0)
+        recovered = len(places) - np.argmax(above[::-1], axis=0)
+        times = np.append(context.times[places] - context.times[last], np.nan)
+        seconds = np.where(np.isnan(limit), np.nan, times[recovered])
+        out[in_window("recovery_s", fault.name)] = seconds
+        late = (recovered == len(places)).astype(float)
+        out[in_window("not_recovered", fault.name)] = np.where(np.isnan(limit), np.nan, late)
+    return out
+
+
+def _latest(z: Array) -> Array:
+    """Return the last value (n_z, M) that exists of each run; NaN without any."""
+    out = np.full((len(z), z.shape[-1]), np.nan)
+    for column in np.moveaxis(z, 1, 0):
+        out = np.where(np.isnan(column), out, column)
+    return out
