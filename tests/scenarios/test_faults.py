@@ -1,0 +1,175 @@
+"""Faults of sensors against scalar programs of a few lines."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from trackbench.config.experiment import Experiment
+from trackbench.config.load import load
+from trackbench.core.arrays import Array
+from trackbench.core.random_streams import RunStreams
+from trackbench.evaluation.block import BlockResult, BlockTask
+from trackbench.evaluation.run_block import run_block
+from trackbench.scenarios.tracking import Tracking
+
+PHI, Q, R, RUNS = 0.95, 1.0, 4.0, 40
+BURST = {"name": "burst", "kind": "outliers", "steps": [30, 40], "factor": 50}
+SCENARIO = {
+    "kind": "tracking",
+    "last": 100,
+    "target": {"kind": "driven", "motion": {"kind": "ar1", "phi": PHI, "q": Q}},
+    "sensor": {"kind": "scalar", "sigma": R**0.5},
+    "start": {"kind": "gaussian", "sigma": [1.5]},
+}
+FILTERS = {"KF": {"kind": "kf"}, "Gated": {"kind": "ekf", "gate": 0.999}}
+
+
+def experiment(folder: Path, *faults: dict[str, Any], **keys: Any) -> Experiment:
+    """Return an experiment of two filters with these faults; ``keys`` are those of the scenario."""
+    config = {"name": "f", "runs": RUNS, "filters": FILTERS}
+    config["scenario"] = SCENARIO | {"faults": list(faults)} | keys
+    (folder / "f.yaml").write_text(yaml.safe_dump(config))
+    return load(folder / "f.yaml")
+
+
+def scenario(folder: Path, *faults: dict[str, Any], **keys: Any) -> Tracking:
+    """Return the scenario alone."""
+    built = experiment(folder, *faults, **keys).points[0].scenario
+    assert isinstance(built, Tracking)
+    return built
+
+
+def measured(of: Tracking, runs: int = RUNS) -> tuple[Array, Array]:
+    """Return truth and measurements."""
+    data = of.simulate(RunStreams(1, range(runs)), runs)
+    return data.truth, data.measurements
+
+
+def result(of: Experiment, label: str) -> BlockResult:
+    """Return the result of one block."""
+    point = of.points[0]
+    assume = point.assumed.get(label)
+    task = BlockTask(point.scenario, point.filters[label], 1, 0, RUNS, RUNS, assume=assume)
+    return run_block(task)
+
+
+def kalman(z: Array, limit: float = np.inf) -> tuple[Array, Array]:
+    """Return estimates and refusals of a scalar Kalman filter from N(0, 1.5^2)."""
+    x, P, estimates, refused = 0.0, 2.25, [0.0], [False]
+    for value in z:
+        x, P = PHI * x, PHI * PHI * P + Q
+        S = P + R
+        out = (value - x) ** 2 / S > limit
+        if not (out or np.isnan(value)):
+            x, P = x + P / S * (value - x), P - P * P / S
+        estimates.append(x)
+        refused.append(out)
+    return np.array(estimates), np.array(refused)
+
+
+@pytest.mark.parametrize(("label", "limit"), [("KF", np.inf), ("Gated", 10.827566170662733)])
+def test_metrics_are_those_of_a_scalar_program(tmp_path: Path, label: str, limit: float) -> None:
+    of = experiment(tmp_path, BURST)
+    got = result(of, label).per_run
+    faulty = of.points[0].scenario
+    truth, z = measured(faulty)
+    _, clean = measured(faulty.without_faults)
+    for m in range(RUNS):
+        estimate, refused = kalman(z[0, :, m], limit)
+        twin, _ = kalman(clean[0, :, m], limit)
+        error, of_twin = abs(estimate - truth[0, :, m]), abs(twin - truth[0, :, m])
+        excess = error - of_twin
+        assert got["damage"][m] == pytest.approx(excess.mean(), abs=1e-9)
+        assert got["damage[burst]"][m] == pytest.approx(excess[30:41].mean(), abs=1e-9)
+        assert got["damage[after burst]"][m] == pytest.approx(excess[41:].mean(), abs=1e-9)
+        assert got["rmse[burst]"][m] == pytest.approx((error[30:41] ** 2).mean() ** 0.5, abs=1e-9)
+        # Recovered: from step k on, 40 at the earliest, no excess above a tenth of the twin's RMSE.
+        small = excess <= 0.1 * (of_twin[41:] ** 2).mean() ** 0.5
+        recovered = next((k for k in range(40, 101) if small[k:].all()), None)
+        assert got["not_recovered[burst]"][m] == (recovered is None)
+        if recovered is not None:
+            assert got["recovery_s[burst]"][m] == recovered - 40
+        if label == "Gated":
+            assert got["rejected_good"][m] == np.delete(refused[1:], slice(29, 40)).mean()
+            assert got["accepted_bad"][m] == (~refused[30:41]).mean()
+
+
+def test_the_burst_shows_and_the_gate_helps(tmp_path: Path) -> None:
+    of = experiment(tmp_path, BURST)
+    plain, gated = (result(of, label).per_run for label in FILTERS)
+    assert plain["damage[burst]"].mean() > 20 * abs(gated["damage[burst]"].mean())
+    assert 0 < plain["recovery_s[burst]"].mean() < 60
+
+
+@pytest.mark.parametrize(
+    ("keys", "expected"),
+    [
+        ({"kind": "outliers", "factor": 50}, lambda z, x, t: x + 50 * (z - x)),
+        ({"kind": "noise", "factor": 0.5}, lambda z, x, t: x + 0.5 * (z - x)),
+        ({"kind": "blackout"}, lambda z, x, t: z * np.nan),
+        ({"kind": "bias", "value": {"z": 3}}, lambda z, x, t: z + 3),
+        ({"kind": "bias", "value": [3], "ramp": [0.5]}, lambda z, x, t: z + 3 + 0.5 * t),
+        ({"kind": "freeze"}, lambda z, x, t: np.broadcast_to(z[:1], z.shape)),
+    ],
+)
+@pytest.mark.parametrize("when", [{"steps": [30, 40]}, {"from": 15.0, "to": 20.0}])
+def test_a_fault_changes_the_measurements_of_its_window_alone(
+    tmp_path: Path, keys: dict[str, Any], expected: Any, when: dict[str, Any]
+) -> None:
+    faulty = scenario(tmp_path, {"name": "a", **when, **keys}, T=0.5)
+    truth, z = measured(faulty)
+    same, clean = measured(faulty.without_faults)
+    np.testing.assert_array_equal(truth, same)
+    inside = np.zeros(100, dtype=bool)
+    inside[29:40] = True
+    np.testing.assert_array_equal(z[:, ~inside], clean[:, ~inside])
+    # Steps 29 to 40 of the measurements, the first one before the fault.
+    t = (np.arange(-1, 11) * 0.5)[:, None]
+    changed = expected(clean[0, 28:40], truth[0, 29:41], t)[1:]
+    np.testing.assert_allclose(z[0, inside], changed, rtol=1e-12, atol=1e-12)
+
+
+def test_drawn_faults_have_streams_of_their_own(tmp_path: Path) -> None:
+    half = BURST | {"share": 0.5, "steps": [1, 100]}
+    _, z = measured(scenario(tmp_path, half), 400)
+    _, few = measured(scenario(tmp_path, half), 10)
+    np.testing.assert_array_equal(z[..., :10], few)
+    # A fault in front with no draws, and one behind, leave the first one's draws.
+    _, clean = measured(scenario(tmp_path), 400)
+    number, share = z.size, (z != clean).mean()
+    assert abs(share - 0.5) < 4 * 0.5 / number**0.5
+    second = half | {"name": "second"}
+    _, both = measured(scenario(tmp_path, half, second), 400)
+    changed = (both != clean).mean()
+    assert abs(changed - 0.75) < 4 * 0.44 / number**0.5
+
+
+def test_a_fault_is_of_one_sensor_and_begins_with_its_last_value(tmp_path: Path) -> None:
+    sensors = [{"kind": "scalar", "sigma": 1.0}, {"kind": "scalar", "sigma": 2.0, "detection": 0.5}]
+    faults = [
+        {"name": "a", "kind": "freeze", "steps": [50, 60], "sensor": 2},
+        {"name": "b", "kind": "bias", "steps": [55, 70], "sensor": 1, "value": [7]},
+    ]
+    faulty = scenario(tmp_path, *faults, sensor=sensors)
+    (_, z), (_, clean) = measured(faulty), measured(faulty.without_faults)
+    np.testing.assert_array_equal(z[0, 54:70], clean[0, 54:70] + 7)
+    for m in range(RUNS):
+        before = clean[1, :49, m]
+        last = before[~np.isnan(before)][-1]
+        np.testing.assert_array_equal(
+            z[1, 49:60, m], np.where(np.isnan(clean[1, 49:60, m]), np.nan, last)
+        )
+    windows = faulty.windows
+    assert [*np.flatnonzero(windows["after a"])] == [*range(61, 101)]
+    assert [*np.flatnonzero(windows["after b"])] == [*range(71, 101)]
+
+
+def test_the_time_after_a_fault_ends_with_the_next_one(tmp_path: Path) -> None:
+    late = {"name": "late", "kind": "blackout", "from": 60}
+    windows = scenario(tmp_path, BURST, late).windows
+    assert [*np.flatnonzero(windows["after burst"])] == [*range(41, 60)]
+    assert [*np.flatnonzero(windows["late"])] == [*range(60, 101)]
+    assert "after late" not in windows
