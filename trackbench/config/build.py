@@ -177,7 +177,7 @@ def _problems(
             where = (*where, step)
     # Step 2: a key that the dataclass lacks, or that the mapping lacks.
     if kind in ("unexpected_keyword_argument", "extra_forbidden"):
-        inner = _dataclass_at(cls, where[len(keys) : -1])
+        inner = _dataclass_at(cls, where[len(keys) : -1], item["loc"])
         known = [key_of(f.name) for f in fields(inner)] if inner is not None else []
         if inner is cls:
             known += also
@@ -187,18 +187,20 @@ def _problems(
         what = f"unknown key; {unknown(word, known)}" if known else "unknown key"
         return [Problem(source.key_mark(where), dotted(where), what)]
     if kind in ("missing", "missing_argument", "missing_keyword_only_argument"):
-        path = dotted((*keys, *item["loc"]))
+        path = dotted((*where, item["loc"][-1]))
         return [Problem(source.key_mark(where), path, "this key is required")]
     # Step 3: any other mistake is one in the value.
     return [source.problem(where, _describe(kind, ctx, value, item["msg"]))]
 
 
-def _dataclass_at(cls: type, path: Keys) -> type[Any] | None:
-    """Return the dataclass of a mapping within one of ``cls``, if it is unique."""
+def _dataclass_at(cls: type, path: Keys, tags: Keys) -> type[Any] | None:
+    """Return the dataclass of a mapping within one of ``cls``, if it is unique or tagged by its kind."""
     for key in path:
         if isinstance(key, int):
             continue
         options = dataclasses_in(get_type_hints(cls).get(key))
+        if len(options) > 1:
+            options = [option for option in options if getattr(option, "kind", None) in tags]
         if len(options) != 1:
             return None
         cls = options[0]

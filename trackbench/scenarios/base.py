@@ -136,6 +136,11 @@ class Scenario(Scene):
         """Start and end times of stretches that a figure over time shades, s."""
         return []
 
+    @property
+    def fault_spans(self) -> dict[str, dict[str, list[float]]]:
+        """First and last ``step`` and ``time``, s, of faults by name, for figures over time."""
+        return {}
+
 
 def simulate_markov(model: Model, start: Array, steps: Index, rng: Streams) -> tuple[Array, Array]:
     """Return truth (n_x, T + 1, M) and measurements (n_z, T, M), simulated from ``start``."""

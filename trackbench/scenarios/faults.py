@@ -29,7 +29,7 @@ from trackbench.field_types import (
 )
 from trackbench.metrics import in_window
 from trackbench.models.base import by_component
-from trackbench.models.sensors.base import Sensors, rows_of, sensors_of
+from trackbench.models.sensors.base import SensorBase, Sensors, rows_of, sensors_of
 
 _TICK = 1e-6  # s, by which times may differ from those of steps
 
@@ -209,11 +209,14 @@ class FaultContext(NamedTuple):
         """Return the rows of the measurement that a fault changes."""
         return slice(None) if fault.sensor is None else rows_of(self.sensor)[fault.sensor - 1]
 
+    def sensors(self, fault: Fault) -> tuple[SensorBase, ...]:
+        """Return the sensors that a fault changes."""
+        every = sensors_of(self.sensor)
+        return every if fault.sensor is None else (every[fault.sensor - 1],)
+
     def components(self, fault: Fault) -> tuple[str, ...]:
         """Return names of those components: of one sensor its own."""
-        if fault.sensor is None:
-            return self.sensor.components
-        return sensors_of(self.sensor)[fault.sensor - 1].components
+        return (self.sensor if fault.sensor is None else self.sensors(fault)[0]).components
 
     def measured(self, fault: Fault) -> Mask:
         """Return which measured steps (T,) have a fault."""
@@ -238,8 +241,14 @@ class FaultContext(NamedTuple):
                     raise InvalidKeyError(what, "faults", i, "name")
                 names.append(name)
             if fault.uses_noise and not truth:
-                what = "multiplies the noise, which the truth alone tells; take bias or blackout"
+                what = (
+                    "multiplies the noise, which is known with a truth only; take bias or blackout"
+                )
                 raise InvalidKeyError(what, "faults", i, "kind")
+            if any(getattr(s, "is_count", False) for s in self.sensors(fault)):
+                what = "a count (`noise: poisson`) has no such error; take blackout or freeze"
+                if fault.uses_noise or isinstance(fault, BiasFault):
+                    raise InvalidKeyError(what, "faults", i, "kind")
             try:
                 fault.check(self.components(fault))
             except InvalidKeyError as error:
@@ -255,6 +264,18 @@ class FaultContext(NamedTuple):
             out[fault.name] = scored & inside
             after = (places > last) & (places < min(later, default=len(places)))
             out[f"after {fault.name}"] = scored & after
+        return out
+
+    def spans(self, faults: Sequence[Fault]) -> dict[str, dict[str, list[float]]]:
+        """Return the first and last ``step`` and ``time`` of each fault, with half a step around."""
+        out = {}
+        for fault in faults:
+            first, last = (np.flatnonzero(self.measured(fault))[[0, -1]] + 1).tolist()
+            after = min(last + 1, len(self.times) - 1)
+            ends = [[first - 1, first], [last, after]]
+            times = np.average(self.times[ends], axis=1).tolist()
+            steps = [float(self.steps[first]) - 0.5, float(self.steps[last]) + 0.5]
+            out[fault.name] = {"step": steps, "time": times}
         return out
 
     def with_faults(
@@ -304,13 +325,14 @@ def recovery(
     A run has recovered at the first step from which on its excess error stays below the limit, up to the
     next fault. Its time counts from the last step with the fault.
     """
-    name = next((name for name in values if name.partition("_")[0] == "damage"), None)
+    of_faults = [name for name in values if name.partition("_")[0] == "damage"]
     out: dict[str, Array] = {}
-    for fault in faults if name is not None else ():
+    for fault in faults if of_faults else ():
         after = windows.get(f"after {fault.name}")
         if after is None:
             continue
-        damage, squared = values[name], values[name.replace("damage", "squared", 1)]
+        damage = values[of_faults[0]]
+        squared = values[of_faults[0].replace("damage", "squared", 1)]
         # Step 1: the limit is a share of the twin's RMSE after the fault.
         twin = np.square(np.sqrt(squared[after]) - damage[after])
         known = ~np.isnan(twin)

@@ -7,10 +7,8 @@ from typing import Annotated
 
 import numpy as np
 
-from trackbench.core import linalg
 from trackbench.core.angles import near
 from trackbench.core.arrays import Array, Index, Mask
-from trackbench.core.cramer_rao import largest_deviation
 from trackbench.core.distributions import Distribution, PointMass
 from trackbench.core.random_streams import Streams
 from trackbench.field_types import Finite, InvalidKeyError, Natural, Positive, Registered, Unit
@@ -27,7 +25,7 @@ from trackbench.models.sensors.base import (
 )
 from trackbench.registry import register
 from trackbench.scenarios.base import Scenario, Simulation
-from trackbench.scenarios.bound import Bound, Course, along, over_paths
+from trackbench.scenarios.bound import Bound, Course, along, over_paths, position_sigma
 from trackbench.scenarios.faults import AnyFault, FaultContext, recovery
 from trackbench.scenarios.score import Score, diverged
 from trackbench.scenarios.starts.base import FixedStart, InitialScans, Start, repeated
@@ -246,6 +244,11 @@ class Tracking(Scenario):
         return self.target.spans
 
     @property
+    def fault_spans(self) -> dict[str, dict[str, list[float]]]:
+        """First and last ``step`` and ``time``, s, of faults by name, for figures over time."""
+        return self._fault_context.spans(self.faults)
+
+    @property
     def turns(self) -> tuple[float, ...]:
         """Sizes of the accelerations of the target's turns, m/s^2."""
         return self.target.turns
@@ -261,12 +264,7 @@ class Tracking(Scenario):
         state = self.target.start(self._timeline)
         if self._drawn_start is not None:
             state = self._drawn_start.distribution(1).mean[:, 0]
-        # Covariance of the position: inverse of its block of H' R^-1 H.
-        information = self.true_sensor.information(state, self.first, certain=True)
-        position = information[0::2, 0::2]
-        if len(information) < 2 or np.isnan(position).any() or linalg.is_singular(position):
-            return None
-        return largest_deviation(linalg.inverse(position))
+        return position_sigma(self.true_sensor, state, self.first)
 
     @property
     def lost_beyond(self) -> float | None:

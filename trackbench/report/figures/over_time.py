@@ -190,6 +190,8 @@ class OverTime(Curves):
 class RmseVsTime(OverTime):
     """A metric of per_step.csv over steps or time, with two standard errors on either side.
 
+    Faults of sensors are shaded.
+
     More than 5 filters over more than 150 steps have a panel each, with the other filters in gray.
     """
 
@@ -217,6 +219,8 @@ class RmseVsTime(OverTime):
         for (ax,), point, title in panels:
             lines = list(self.lines(results, point, self.metric))
             number = 1 if titles else len(lines)
+            for name, span in (results.facts(point).faults or {}).items():
+                ax.axvspan(*span[self.x], label=name, **style.FAULT)
             for i, (rows, look) in enumerate(lines):
                 k, value, stderr = self.series(rows)
                 if self.log and scales.has_logarithm(value):
