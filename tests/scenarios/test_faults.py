@@ -25,11 +25,14 @@ SCENARIO = {
     "start": {"kind": "gaussian", "sigma": [1.5]},
 }
 FILTERS = {"KF": {"kind": "kf"}, "Gated": {"kind": "ekf", "gate": 0.999}}
+KNOWN = {"KF": {"kind": "kf"}, "Known": {"kind": "kf", "assume": {"faults": "known"}}}
 
 
-def experiment(folder: Path, *faults: dict[str, Any], **keys: Any) -> Experiment:
-    """Return an experiment of two filters with these faults; ``keys`` are those of the scenario."""
-    config = {"name": "f", "runs": RUNS, "filters": FILTERS}
+def experiment(
+    folder: Path, *faults: dict[str, Any], filters: dict[str, Any] = FILTERS, **keys: Any
+) -> Experiment:
+    """Return an experiment with these faults; ``keys`` are those of the scenario."""
+    config = {"name": "f", "runs": RUNS, "filters": filters}
     config["scenario"] = SCENARIO | {"faults": list(faults)} | keys
     (folder / "f.yaml").write_text(yaml.safe_dump(config))
     return load(folder / "f.yaml")
@@ -56,12 +59,12 @@ def result(of: Experiment, label: str) -> BlockResult:
     return run_block(task)
 
 
-def kalman(z: Array, limit: float = np.inf) -> tuple[Array, Array]:
+def kalman(z: Array, limit: float = np.inf, factors: Array | None = None) -> tuple[Array, Array]:
     """Return estimates and refusals of a scalar Kalman filter from N(0, 1.5^2)."""
     x, P, estimates, refused = 0.0, 2.25, [0.0], [False]
-    for value in z:
+    for value, factor in zip(z, np.ones(len(z)) if factors is None else factors, strict=True):
         x, P = PHI * x, PHI * PHI * P + Q
-        S = P + R
+        S = P + R * factor
         out = (value - x) ** 2 / S > limit
         if not (out or np.isnan(value)):
             x, P = x + P / S * (value - x), P - P * P / S
@@ -173,3 +176,47 @@ def test_the_time_after_a_fault_ends_with_the_next_one(tmp_path: Path) -> None:
     assert [*np.flatnonzero(windows["after burst"])] == [*range(41, 60)]
     assert [*np.flatnonzero(windows["late"])] == [*range(60, 101)]
     assert "after late" not in windows
+
+
+@pytest.mark.parametrize(
+    ("keys", "corrected", "factor"),
+    [
+        ({"kind": "noise", "factor": 3}, lambda z: z, 9.0),
+        ({"kind": "outliers", "factor": 50, "share": 0.5}, lambda z: z, 1250.5),
+        ({"kind": "bias", "value": [30]}, lambda z: z - 30.0, 1.0),
+        ({"kind": "blackout"}, lambda z: z, 1.0),
+        ({"kind": "freeze"}, lambda z: z * np.nan, 1.0),
+    ],
+)
+def test_a_filter_that_knows_the_fault_has_its_law(
+    tmp_path: Path, keys: dict[str, Any], corrected: Any, factor: float
+) -> None:
+    of = experiment(tmp_path, {"name": "a", "steps": [30, 40], **keys}, filters=KNOWN)
+    known, plain = (result(of, label).per_run for label in ("Known", "KF"))
+    truth, z = measured(of.points[0].scenario)
+    z[:, 29:40] = corrected(z[:, 29:40])
+    factors = np.where((np.arange(1, 101) >= 30) & (np.arange(1, 101) <= 40), factor, 1.0)
+    for m in range(RUNS):
+        error = kalman(z[0, :, m], factors=factors)[0] - truth[0, :, m]
+        assert known["rmse"][m] == pytest.approx((error**2).mean() ** 0.5, abs=1e-9)
+    # It is not beaten, beyond the error of the paired difference.
+    excess = known["rmse"] - plain["rmse"]
+    assert excess.mean() <= 3 * excess.std() / RUNS**0.5
+    if keys["kind"] == "bias":  # known exactly: no damage at all
+        np.testing.assert_allclose(known["damage"], 0.0, atol=1e-9)
+
+
+RECORDING = """run,t,z,x
+1,0,0.1,0
+1,1,1.2,1
+1,2,1.9,2
+1,3,3.3,3
+1,4,4.1,
+1,5,4.8,5
+2,0,-0.1,0
+2,1,0.5,1
+2,2,2.5,2
+2,3,2.9,3
+2,4,4.4,4
+2,5,5.2,5
+"""

@@ -116,7 +116,8 @@ class BlockTask:
         scenario = self.scenario.without_faults
         if scenario == self.scenario or not scenario.has_truth:
             return None
-        return replace(self.filtering_key, scenario=scenario.without_scoring)
+        assume = None if self.assume is None else replace(self.assume, faults=None)
+        return replace(self.filtering_key, scenario=scenario.without_scoring, assume=assume)
 
     def runs_with_tracks_among(self, used: int) -> int:
         """Count the block's first ``used`` runs whose whole tracks are stored."""

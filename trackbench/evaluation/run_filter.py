@@ -65,7 +65,8 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
         side_by_side([stream(task.seed, block) for block in task.blocks], task.width)
         for stream in (block_stream, aside_stream)
     )
-    measurements, wanted = data.measurements, task.predictive_metrics
+    measurements = freeze(task.assumed_scenario.assumed_measurements(data.measurements))
+    wanted = task.predictive_metrics
     scorer = PredictionScorer(tracker, model, measurements, wanted, task.hold_out, aside)
     data = _with_assumed_prior(task, data)
     prior, clock = prior_of(data, model), _Clock()

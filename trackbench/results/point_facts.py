@@ -68,8 +68,6 @@ class PointFacts:
     """components of the truth that are angles"""
     judged: list[int] | None = None
     """first and last step that count, of one recorded run"""
-    faults: dict[str, dict[str, list[float]]] | None = None
-    """first and last ``step`` and ``time`` of each fault, shaded in figures over time"""
 
 
 def facts_of_point(point: Point, shown: Callable[[str], str] = str) -> PointFacts:
@@ -89,7 +87,6 @@ def facts_of_point(point: Point, shown: Callable[[str], str] = str) -> PointFact
         [[float(t) for t in span] for span in scenario.spans],
         [*scenario.angles] or None,
         _judged(scenario) if scenario.recorded_runs == 1 else None,
-        scenario.fault_spans or None,
     )
 
 

@@ -70,6 +70,10 @@ class Scenario(Scene):
         """Return the prior that filters assume in place of the simulated one, if any."""
         return None
 
+    def assumed_measurements(self, z: Array) -> Array:
+        """Return the measurements (n_z, T, M) as the filter's assumptions correct them."""
+        return z
+
     @property
     def without_faults(self) -> "Scenario":
         """Scenario with equal truth and noise, and without faults; itself if it has none."""
@@ -135,11 +139,6 @@ class Scenario(Scene):
     def spans(self) -> list[tuple[float, float]]:
         """Start and end times of stretches that a figure over time shades, s."""
         return []
-
-    @property
-    def fault_spans(self) -> dict[str, dict[str, list[float]]]:
-        """First and last ``step`` and ``time``, s, of faults by name, for figures over time."""
-        return {}
 
 
 def simulate_markov(model: Model, start: Array, steps: Index, rng: Streams) -> tuple[Array, Array]:

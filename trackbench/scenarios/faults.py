@@ -13,7 +13,7 @@ from typing import Annotated, ClassVar, Literal, NamedTuple, TypeAlias, cast
 import numpy as np
 from pydantic import Field, StringConstraints
 
-from trackbench.core.arrays import Array, Index, Mask, with_trailing
+from trackbench.core.arrays import Array, Index, Mask, fixed, with_trailing
 from trackbench.core.random_streams import RunStreams, Streams
 from trackbench.core.sums import total
 from trackbench.field_types import (
@@ -28,8 +28,14 @@ from trackbench.field_types import (
     freeze_mappings,
 )
 from trackbench.metrics import in_window
-from trackbench.models.base import by_component
-from trackbench.models.sensors.base import SensorBase, Sensors, rows_of, sensors_of
+from trackbench.models.base import Sensor, by_component, has_density
+from trackbench.models.sensors.base import (
+    ScaledNoise,
+    SensorBase,
+    Sensors,
+    rows_of,
+    sensors_of,
+)
 
 _TICK = 1e-6  # s, by which times may differ from those of steps
 
@@ -39,15 +45,15 @@ class Stretch(NamedTuple):
 
     z: Array
     """measurements (n_z, S, M), NaN where missing"""
-    noise: Array
-    """their errors without the sensor's bias; NaN where the truth is unknown"""
-    before: Array
-    """last measurement of each run before the fault (n_z, M)"""
     elapsed: Array
     """time since the fault's begin (S,), s"""
     components: tuple[str, ...]
     """names of the measurement's components"""
-    streams: Callable[[], RunStreams]
+    before: Array = np.empty(0)
+    """last measurement of each run before the fault (n_z, M)"""
+    noise: Array = np.empty(0)
+    """errors of the measurements without the sensor's bias; NaN where the truth is unknown"""
+    streams: Callable[[], RunStreams] = NotImplemented
     """random numbers of this fault alone"""
 
 
@@ -85,6 +91,15 @@ class Fault:
     def faulty(self, of: Stretch) -> Array:
         """Return the measurements (n_z, S, M) with the fault."""
 
+    @property
+    def variance(self) -> float:
+        """Factor on the variance of the noise."""
+        return 1.0
+
+    def corrected(self, of: Stretch) -> Array:
+        """Return the measurements (n_z, S, M) that a filter uses if it knows of the fault."""
+        return of.z
+
     def check(self, components: tuple[str, ...]) -> None:
         """Raise InvalidKeyError for keys that do not fit the measurement's components."""
 
@@ -101,42 +116,32 @@ class Fault:
 
 
 @dataclass(frozen=True, kw_only=True)
-class OutlierFault(Fault):
-    """Errors that are larger, of all measurements or of a share."""
+class LargerNoise(Fault):
+    """Larger or smaller errors of all measurements, or of a share."""
 
-    kind: Literal["outliers"] = "outliers"
-    """larger errors of a share of the measurements"""
-    share: Share = 1.0
-    """share of the measurements with larger errors"""
-    factor: Positive
-    """factor on their errors"""
-
-    uses_noise: ClassVar[bool] = True
-
-    def faulty(self, of: Stretch) -> Array:
-        """Draw which measurements have the larger error."""
-        larger = of.streams().random(of.z.shape[1:]) < self.share
-        return np.where(larger, _with_noise_times(self.factor, of), of.z)
-
-
-@dataclass(frozen=True, kw_only=True)
-class NoiseFault(Fault):
-    """Larger or smaller noise of all measurements."""
-
-    kind: Literal["noise"] = "noise"
-    """larger noise of all measurements"""
+    kind: Literal["outliers", "noise"]
+    """larger errors"""
     factor: Positive
     """factor on the errors"""
+    share: Share = 1.0
+    """share of the measurements that have them"""
 
     uses_noise: ClassVar[bool] = True
 
+    @property
+    def variance(self) -> float:
+        """Factor on the variance of the noise: that of the mixture."""
+        return 1.0 + self.share * (self.factor * self.factor - 1.0)
+
     def faulty(self, of: Stretch) -> Array:
-        """Multiply the errors."""
-        return _with_noise_times(self.factor, of)
+        """Return ``h(x) + factor e``; a measurement whose truth is unknown stays."""
+        changed = of.streams().random(of.z.shape[1:]) < self.share
+        changed &= ~np.isnan(of.noise).any(axis=0)
+        return np.where(changed, of.z + (self.factor - 1.0) * of.noise, of.z)
 
 
 @dataclass(frozen=True, kw_only=True)
-class BlackoutFault(Fault):
+class Blackout(Fault):
     """No measurement."""
 
     kind: Literal["blackout"] = "blackout"
@@ -148,7 +153,7 @@ class BlackoutFault(Fault):
 
 
 @dataclass(frozen=True, kw_only=True)
-class BiasFault(Fault):
+class Bias(Fault):
     """An error that is constant, or grows with time."""
 
     kind: Literal["bias"] = "bias"
@@ -174,9 +179,13 @@ class BiasFault(Fault):
         """Add the error."""
         return np.asarray(of.z + self.bias(of)[..., None])
 
+    def corrected(self, of: Stretch) -> Array:
+        """Subtract the error."""
+        return np.asarray(of.z - self.bias(of)[..., None])
+
 
 @dataclass(frozen=True, kw_only=True)
-class FreezeFault(Fault):
+class Freeze(Fault):
     """The last measurement before the fault again and again."""
 
     kind: Literal["freeze"] = "freeze"
@@ -186,16 +195,13 @@ class FreezeFault(Fault):
         """Repeat the last measurement wherever there is one."""
         return np.where(np.isnan(of.z), np.nan, of.before[:, None])
 
+    def corrected(self, of: Stretch) -> Array:
+        """Return NaN: the value has been used before."""
+        return np.full_like(of.z, np.nan)
 
-AnyFault: TypeAlias = Annotated[
-    OutlierFault | BlackoutFault | BiasFault | FreezeFault | NoiseFault, Field(discriminator="kind")
-]
+
+AnyFault: TypeAlias = Annotated[LargerNoise | Blackout | Bias | Freeze, Field(discriminator="kind")]
 """A fault of any kind."""
-
-
-def _with_noise_times(factor: float, of: Stretch) -> Array:
-    """Return ``h(x) + factor e``; a measurement whose truth is unknown stays."""
-    return np.where(np.isnan(of.noise), of.z, of.z + (factor - 1.0) * of.noise)
 
 
 class FaultContext(NamedTuple):
@@ -247,7 +253,7 @@ class FaultContext(NamedTuple):
                 raise InvalidKeyError(what, "faults", i, "kind")
             if any(getattr(s, "is_count", False) for s in self.sensors(fault)):
                 what = "a count (`noise: poisson`) has no such error; take blackout or freeze"
-                if fault.uses_noise or isinstance(fault, BiasFault):
+                if fault.uses_noise or isinstance(fault, Bias):
                     raise InvalidKeyError(what, "faults", i, "kind")
             try:
                 fault.check(self.components(fault))
@@ -266,18 +272,6 @@ class FaultContext(NamedTuple):
             out[f"after {fault.name}"] = scored & after
         return out
 
-    def spans(self, faults: Sequence[Fault]) -> dict[str, dict[str, list[float]]]:
-        """Return the first and last ``step`` and ``time`` of each fault, with half a step around."""
-        out = {}
-        for fault in faults:
-            first, last = (np.flatnonzero(self.measured(fault))[[0, -1]] + 1).tolist()
-            after = min(last + 1, len(self.times) - 1)
-            ends = [[first - 1, first], [last, after]]
-            times = np.average(self.times[ends], axis=1).tolist()
-            steps = [float(self.steps[first]) - 0.5, float(self.steps[last]) + 0.5]
-            out[fault.name] = {"step": steps, "time": times}
-        return out
-
     def with_faults(
         self, faults: Sequence[Fault], truth: Array, z: Array, scans: Array, rng: Streams
     ) -> Array:
@@ -285,22 +279,40 @@ class FaultContext(NamedTuple):
         drawn, z = z, z.copy()
         for i, fault in enumerate(faults):
             rows, inside = self.rows(fault), self.measured(fault)
-            first = int(np.argmax(inside))
-            noise = np.empty(0)
+            earlier = np.concatenate([scans, z[:, : int(np.argmax(inside))]], axis=1)[rows]
+            stretch = self._stretch(fault, z)._replace(before=_latest(earlier))
             if fault.uses_noise:
                 noise = self._noise(truth, drawn, inside)[rows]
-            earlier = np.concatenate([scans, z[:, :first]], axis=1)[rows]
-            begin = self.times[1 + first] if fault.from_ is None else fault.from_
-            stretch = Stretch(
-                z[rows, inside],
-                noise,
-                _latest(earlier),
-                self.times[1:][inside] - begin,
-                self.components(fault),
-                partial(cast(RunStreams, rng).beside, i),
-            )
+                streams = partial(cast(RunStreams, rng).beside, i)
+                stretch = stretch._replace(noise=noise, streams=streams)
             z[rows, inside] = fault.faulty(stretch)
         return z
+
+    def corrected(self, faults: Sequence[Fault], z: Array) -> Array:
+        """Return the measurements (n_z, T, M) for a filter that knows of the faults."""
+        z = z.copy()
+        for fault in faults:
+            z[self.rows(fault), self.measured(fault)] = fault.corrected(self._stretch(fault, z))
+        return z
+
+    def known_sensor(self, faults: Sequence[Fault], assumed: Sensors) -> Sensor:
+        """Return the assumed sensor with the noise of the faults; raises InvalidKeyError."""
+        scales = np.ones((len(self.sensor.components), len(self.steps) - 1))
+        for fault in faults:
+            scales[self.rows(fault), self.measured(fault)] *= np.sqrt(fault.variance)
+        if (scales == 1.0).all():
+            return assumed
+        if has_density(assumed):
+            what = "noise that is not normal has no known law in a fault that multiplies it"
+            raise InvalidKeyError(what, "assume", "faults")
+        return ScaledNoise(assumed, int(self.steps[1]), fixed(scales))
+
+    def _stretch(self, fault: Fault, z: Array) -> Stretch:
+        """Return the measurements of a fault's sensor in its steps."""
+        inside = self.measured(fault)
+        times = self.times[1:][inside]
+        elapsed = times - (times[0] if fault.from_ is None else fault.from_)
+        return Stretch(z[self.rows(fault), inside], elapsed, self.components(fault))
 
     def _noise(self, truth: Array, z: Array, inside: Mask) -> Array:
         """Return errors (n_z, S, M) of the measurements without the sensors' biases."""

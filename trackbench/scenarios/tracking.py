@@ -97,7 +97,7 @@ class Tracking(Scenario):
     @property
     def without_faults(self) -> "Tracking":
         """Scenario with equal truth and noise, and without faults."""
-        return replace(self, faults=()) if self.faults else self
+        return replace(self, faults=(), assume=replace(self.assume, faults=None))
 
     @cached_property
     def _recorded_timeline(self) -> Timeline | None:
@@ -190,7 +190,15 @@ class Tracking(Scenario):
             check_assumed(self.assume.sensor)
         if sensor.components != self.true_sensor.components:
             raise InvalidKeyError("the assumed sensor measures something else", "assume", "sensor")
-        return Model(sampled, sensor)
+        if self.assume.faults is None:
+            return Model(sampled, sensor)
+        if not self.faults:
+            raise InvalidKeyError("has no effect: the scenario has no `faults`", "assume", "faults")
+        return Model(sampled, self._fault_context.known_sensor(self.faults, sensor))
+
+    def assumed_measurements(self, z: Array) -> Array:
+        """Return the measurements without the errors of faults that the filter knows."""
+        return z if self.assume.faults is None else self._fault_context.corrected(self.faults, z)
 
     def with_assumptions(self, assume: Assume) -> "Tracking":
         """Return the scenario with a filter's assumptions."""
@@ -242,11 +250,6 @@ class Tracking(Scenario):
     def spans(self) -> list[tuple[float, float]]:
         """Start and end times of the target's turns, s."""
         return self.target.spans
-
-    @property
-    def fault_spans(self) -> dict[str, dict[str, list[float]]]:
-        """First and last ``step`` and ``time``, s, of faults by name, for figures over time."""
-        return self._fault_context.spans(self.faults)
 
     @property
     def turns(self) -> tuple[float, ...]:

@@ -290,6 +290,38 @@ class StackedSensor:
         return [slice(a, b) for a, b in pairwise([0, *ends])]
 
 
+@dataclass(frozen=True, eq=False)
+class ScaledNoise:
+    """A sensor whose standard deviations have factors (n_z, T), from step ``first`` on."""
+
+    sensor: "Sensors"
+    first: int
+    scales: Array
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """Names of the measurement's components, in order."""
+        return self.sensor.components
+
+    def measurement(self, x: Array, k: int) -> Gaussian:
+        """Return the distribution N(h(x), D R D) of z_k given x_k = x (n_x, *batch)."""
+        z, d = self.sensor.measurement(x, k), self.scales[:, k - self.first]
+        return Gaussian(z.mean, z.cov * with_trailing(np.outer(d, d), z.cov.ndim - 2, leading=2))
+
+    def innovation(self, z: Array, z_pred: Array) -> Array:
+        """Return ``z - z_pred``, angles wrapped."""
+        return self.sensor.innovation(z, z_pred)
+
+    def jacobian(self, x: Array, k: int) -> Array:
+        """Return d E[z_k] / d x_k (n_z, n_x[, *batch])."""
+        return self.sensor.jacobian(x, k)
+
+    @property
+    def H(self) -> Callable[[int], Array]:
+        """H (n_z, n) as a function of n; AttributeError if the sensor is nonlinear."""
+        return self.sensor.H  # type: ignore[union-attr]
+
+
 Sensors: TypeAlias = SensorBase | StackedSensor
 """One sensor, or several as one."""
 

@@ -159,6 +159,21 @@ class OverTime(Curves):
         point = results.points()[0]
         return figure, [([ax], point, label) for (ax,), label in zip(panels, titles, strict=True)]
 
+    def shade(
+        self, ax: Axes, rows: Columns, key: str, ends: Sequence[float | None], name: str
+    ) -> None:
+        """Shade the steps between two values of a column ``key``, either of them open."""
+        first, last = ends
+        inside = np.ones(len(rows), dtype=np.bool_)
+        if first is not None:
+            inside &= rows[key] >= first
+        if last is not None:
+            inside &= rows[key] <= last
+        if inside.any():
+            ax.axvspan(
+                rows[self.x][inside].min(), rows[self.x][inside].max(), label=name, **style.FAULT
+            )
+
     def series(self, rows: Columns) -> tuple[Array, ...]:
         """Return abscissas, values and standard errors, with NaN in gaps of the steps."""
         return style.with_gaps(rows["step"], *(rows[c] for c in (self.x, "value", "stderr")))
@@ -219,8 +234,11 @@ class RmseVsTime(OverTime):
         for (ax,), point, title in panels:
             lines = list(self.lines(results, point, self.metric))
             number = 1 if titles else len(lines)
-            for name, span in (results.facts(point).faults or {}).items():
-                ax.axvspan(*span[self.x], label=name, **style.FAULT)
+            for fault in results.facts(point).scenario.get("faults", ()):
+                key, ends = ("step", fault["steps"])
+                if ends is None:
+                    key, ends = "time", (fault["from"], fault["to"])
+                self.shade(ax, lines[0][0], key, ends, fault["name"])
             for i, (rows, look) in enumerate(lines):
                 k, value, stderr = self.series(rows)
                 if self.log and scales.has_logarithm(value):
