@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 import yaml
 
+from trackbench import api
 from trackbench.config.experiment import Experiment
 from trackbench.config.load import load
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import RunStreams
+from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockResult, BlockTask
 from trackbench.evaluation.run_block import run_block
 from trackbench.scenarios.tracking import Tracking
@@ -32,8 +34,10 @@ def experiment(
     folder: Path, *faults: dict[str, Any], filters: dict[str, Any] = FILTERS, **keys: Any
 ) -> Experiment:
     """Return an experiment with these faults; ``keys`` are those of the scenario."""
-    config = {"name": "f", "runs": RUNS, "filters": filters}
+    config = {"name": "f", "filters": filters}
     config["scenario"] = SCENARIO | {"faults": list(faults)} | keys
+    if "target" not in keys:
+        config["runs"] = RUNS
     (folder / "f.yaml").write_text(yaml.safe_dump(config))
     return load(folder / "f.yaml")
 
@@ -206,17 +210,70 @@ def test_a_filter_that_knows_the_fault_has_its_law(
         np.testing.assert_allclose(known["damage"], 0.0, atol=1e-9)
 
 
-RECORDING = """run,t,z,x
-1,0,0.1,0
-1,1,1.2,1
-1,2,1.9,2
-1,3,3.3,3
-1,4,4.1,
-1,5,4.8,5
-2,0,-0.1,0
-2,1,0.5,1
-2,2,2.5,2
-2,3,2.9,3
-2,4,4.4,4
-2,5,5.2,5
-"""
+MEASURED = "run,time,z\n" + "".join(
+    f"{m},{t},{2 * t + 0.1 * m}\n" for m in (1, 2) for t in range(9)
+)
+TRUE = "run,time,x\n" + "".join(
+    f"{m},{t},{2 * t}\n" for m in (1, 2) for t in range(9) if m + t != 6
+)
+TRUTH = {"truth": "t.csv", "truth_gap": 1.5}
+NOISY = {"name": "a", "kind": "noise", "from": 4, "to": 6, "factor": 10}
+
+
+def recording(folder: Path, **keys: Any) -> dict[str, Any]:
+    """Return keys of a scenario with two recorded runs; the truth of each lacks a step."""
+    (folder / "m.csv").write_text(MEASURED)
+    (folder / "t.csv").write_text(TRUE)
+    target = {"kind": "measured", "axes": 0, "measurements": "m.csv"} | keys
+    start = {"kind": "given", "mean": [0.0], "sigma": [2.0]}
+    motion = {"motion": {"kind": "ar1", "phi": 1.0, "q": 4.0}}
+    return {"target": target, "start": start, "assume": motion, "last": None}
+
+
+def test_a_fault_is_put_into_a_recording(tmp_path: Path) -> None:
+    faulty = scenario(tmp_path, NOISY, **recording(tmp_path, **TRUTH))
+    (_, z), (_, clean) = measured(faulty, 2), measured(faulty.without_faults, 2)
+    changed = (z != clean)[0]
+    # The errors are 0.1 and 0.2 m; where the truth is unknown the measurement stays.
+    times = faulty.times[1:]
+    for m, unknown in enumerate((5, 4)):
+        inside = (times >= 4) & (times <= 6) & (times != unknown)
+        np.testing.assert_array_equal(changed[:, m], inside)
+        np.testing.assert_allclose((z - clean)[0, inside, m], 9 * 0.1 * (m + 1), rtol=1e-9)
+
+
+def test_a_recording_without_truth_has_faults_that_need_none(tmp_path: Path) -> None:
+    bias = {"name": "a", "kind": "bias", "steps": [4, 6], "value": [5]}
+    faulty = scenario(tmp_path, bias, **recording(tmp_path))
+    (_, z), (_, clean) = measured(faulty, 2), measured(faulty.without_faults, 2)
+    assert (z - clean).sum() == pytest.approx(2 * 3 * 5)
+    with pytest.raises(UserError, match="the noise, which is known with a truth only"):
+        scenario(tmp_path, NOISY, **recording(tmp_path))
+
+
+def test_training_has_the_faults_before_its_end(tmp_path: Path) -> None:
+    late = NOISY | {"name": "late", "from": 7, "to": 8}
+    keys = recording(tmp_path, **TRUTH) | {"score": {"train": 0.6}}
+    training = scenario(tmp_path, NOISY, late, **keys).training
+    assert isinstance(training, Tracking)
+    assert [fault.name for fault in training.faults] == ["a"]
+
+
+def test_results_have_the_metrics_and_rerun_from_their_config(tmp_path: Path) -> None:
+    built = experiment(tmp_path, BURST, {"name": "late", "kind": "blackout", "from": 60})
+    assert built.settings.runs == RUNS
+    config = yaml.safe_load((tmp_path / "f.yaml").read_text())
+    config["tables"] = {"t": {"kind": "metrics", "columns": {"D": "mean(damage[after burst])"}}}
+    config["figures"] = {"f": {"kind": "rmse-vs-time", "metric": "damage", "x": "time"}}
+    (tmp_path / "f.yaml").write_text(yaml.safe_dump(config))
+    options = {"workers": 1, "quiet": True}
+    report = api.run(tmp_path / "f.yaml", out=tmp_path / "a", formats=("svg",), **options)
+    rows = report.summary.set_index(["filter", "metric"])["value"]
+    assert rows["KF", "mean(damage[burst])"] > rows["Gated", "mean(damage[burst])"]
+    assert 0 < rows["Gated", "mean(accepted_bad)"] < 1
+    figure = (tmp_path / "a" / "figures" / "f.svg").read_text()
+    assert "burst" in figure
+    assert "late" in figure
+    api.run(tmp_path / "a" / "config.yaml", out=tmp_path / "b", formats=(), **options)
+    for name in ("summary.csv", "per_run.csv", "points.json"):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()

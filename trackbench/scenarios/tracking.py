@@ -224,7 +224,9 @@ class Tracking(Scenario):
         """Recorded data up to where they are scored, if they are to be tuned on."""
         if self._trained is None:
             return None
-        return replace(self, last=self._trained, score=self.score.of_training(self._trained))
+        score, before = self.score.of_training(self._trained), self.steps[1:] <= self._trained
+        faults = (f for f in self.faults if (self._fault_context.measured(f) & before).any())
+        return replace(self, last=self._trained, score=score, faults=tuple(faults))
 
     @property
     def steps(self) -> Index:
