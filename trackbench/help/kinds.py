@@ -235,9 +235,13 @@ def _key_rows(cls: "type[DataclassInstance]", prefix: str) -> Iterator[tuple[str
         yield prefix + key, _default(field), text
         # The keys of a dataclass within, or of each that the key may hold.
         nested = dataclasses_in(hints[field.name])
-        for one in nested:
-            of_kind = f"[{one.kind}]" if len(nested) > 1 else ""
-            yield from _key_rows(one, f"{prefix}{key}{of_kind}.")
+        every = [list(_key_rows(one, "")) for one in nested]
+        for i, (one, rows) in enumerate(zip(nested, every, strict=True)):
+            for name, default, text in rows:
+                shared = all((name, default, text) in others for others in every)
+                of_kind = "" if shared else f"[{one.kind}]"
+                if not shared or i == 0:
+                    yield f"{prefix}{key}{of_kind}.{name}", default, text
 
 
 def _default(field: "dataclasses.Field[object]") -> str:

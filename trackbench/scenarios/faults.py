@@ -119,8 +119,6 @@ class Fault:
 class LargerNoise(Fault):
     """Larger or smaller errors of all measurements, or of a share."""
 
-    kind: Literal["outliers", "noise"]
-    """larger errors"""
     factor: Positive
     """factor on the errors"""
     share: Share = 1.0
@@ -138,6 +136,22 @@ class LargerNoise(Fault):
         changed = of.streams().random(of.z.shape[1:]) < self.share
         changed &= ~np.isnan(of.noise).any(axis=0)
         return np.where(changed, of.z + (self.factor - 1.0) * of.noise, of.z)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outliers(LargerNoise):
+    """Larger errors, as a gate is to refuse."""
+
+    kind: Literal["outliers"] = "outliers"
+    """larger errors"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Noise(LargerNoise):
+    """Larger or smaller noise."""
+
+    kind: Literal["noise"] = "noise"
+    """larger or smaller noise"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -200,7 +214,9 @@ class Freeze(Fault):
         return np.full_like(of.z, np.nan)
 
 
-AnyFault: TypeAlias = Annotated[LargerNoise | Blackout | Bias | Freeze, Field(discriminator="kind")]
+AnyFault: TypeAlias = Annotated[
+    Outliers | Blackout | Bias | Freeze | Noise, Field(discriminator="kind")
+]
 """A fault of any kind."""
 
 
