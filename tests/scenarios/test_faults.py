@@ -14,7 +14,8 @@ from trackbench.core.arrays import Array
 from trackbench.core.random_streams import RunStreams
 from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockResult, BlockTask
-from trackbench.evaluation.run_block import run_block
+from trackbench.evaluation.exact_errors import exact_series, why_not_exact
+from trackbench.evaluation.run_block import run_block, run_stack
 from trackbench.scenarios.tracking import Tracking
 
 PHI, Q, R, RUNS = 0.95, 1.0, 4.0, 40
@@ -277,3 +278,40 @@ def test_results_have_the_metrics_and_rerun_from_their_config(tmp_path: Path) ->
     api.run(tmp_path / "a" / "config.yaml", out=tmp_path / "b", formats=(), **options)
     for name in ("summary.csv", "per_run.csv", "points.json"):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+@pytest.mark.parametrize(
+    "keys", [{"kind": "noise", "factor": 3}, {"kind": "bias", "value": [4], "ramp": [0.5]}]
+)
+def test_exact_errors_are_those_of_the_covariance_recursion(
+    tmp_path: Path, keys: dict[str, Any]
+) -> None:
+    point = experiment(tmp_path, {"name": "a", "steps": [30, 40], **keys}, filters=KNOWN).points[0]
+    exact = exact_series(BlockTask(point.scenario, point.filters["KF"], 1, 0, 1, 1))["squared"]
+    # Mean and variance of the error of a filter with the gain of P.
+    mean, variance, P, expected = 0.0, 2.25, 2.25, [2.25]
+    for k in range(1, 101):
+        inside = 30 <= k <= 40
+        factor = keys.get("factor", 1.0) if inside else 1.0
+        bias = 4 + 0.5 * (k - 30) if inside and keys["kind"] == "bias" else 0.0
+        P, variance, mean = PHI**2 * P + Q, PHI**2 * variance + Q, PHI * mean
+        K = P / (P + R)
+        P, mean = (1 - K) * P, (1 - K) * mean + K * bias
+        variance = (1 - K) ** 2 * variance + K**2 * R * factor**2
+        expected.append(mean**2 + variance)
+    np.testing.assert_allclose(exact, expected, rtol=1e-9)
+
+
+def test_exact_errors_of_a_drawn_fault_are_refused(tmp_path: Path) -> None:
+    point = experiment(tmp_path, BURST | {"share": 0.5}).points[0]
+    task = BlockTask(point.scenario, point.filters["KF"], 1, 0, 1, 1)
+    assert "draws more than normal noise" in str(why_not_exact(task))
+
+
+def test_stacked_blocks_have_the_twins_of_each(tmp_path: Path) -> None:
+    point = experiment(tmp_path, BURST).points[0]
+    tasks = [BlockTask(point.scenario, point.filters["Gated"], 1, i, 10, 10) for i in range(3)]
+    for task, stacked in zip(tasks, run_stack(tasks), strict=True):
+        alone = run_block(task).per_run
+        for name, values in stacked[10].per_run.items():
+            np.testing.assert_array_equal(values, alone[name])

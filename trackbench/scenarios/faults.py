@@ -133,8 +133,9 @@ class LargerNoise(Fault):
 
     def faulty(self, of: Stretch) -> Array:
         """Return ``h(x) + factor e``; a measurement whose truth is unknown stays."""
-        changed = of.streams().random(of.z.shape[1:]) < self.share
-        changed &= ~np.isnan(of.noise).any(axis=0)
+        changed = ~np.isnan(of.noise).any(axis=0)
+        if self.share < 1.0:
+            changed &= of.streams().random(of.z.shape[1:]) < self.share
         return np.where(changed, of.z + (self.factor - 1.0) * of.noise, of.z)
 
 

@@ -132,9 +132,12 @@ class Score:
         """Return the windows (K,) by name."""
         return {w.name: scored & _between(steps, w.first, w.last) for w in self.windows}
 
-    def check_windows(self, steps: Index, scored: Mask, taken: Mapping[str, Mask]) -> None:
-        """Raise InvalidKeyError for a window without scored steps, or with a name of the target's."""
-        for i, (name, mask) in enumerate(self.named(steps, scored).items()):
+    def check_windows(
+        self, steps: Index, scored: Mask, taken: Mapping[str, Mask]
+    ) -> dict[str, Mask]:
+        """Return the windows (K,) by name; raises InvalidKeyError for an empty one, or a taken name."""
+        windows = self.named(steps, scored)
+        for i, (name, mask) in enumerate(windows.items()):
             if not mask.any():
                 first, last = steps[scored][[0, -1]]
                 what = f"holds no scored step; steps {first} to {last} are scored"
@@ -142,6 +145,7 @@ class Score:
             if name in taken:
                 what = f"the target itself has a window {name!r}: choose another name"
                 raise InvalidKeyError(what, "score", "windows", i, "name")
+        return windows
 
     def error_vectors(
         self, sensor: Sensors, components: tuple[str, ...], mean: Array, truth: Array

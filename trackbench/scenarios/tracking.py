@@ -86,8 +86,7 @@ class Tracking(Scenario):
         """Raise InvalidKeyError for a window without steps, or of a name that is taken."""
         scored = self.score.scored(self.steps, self._trained)
         windows = self.target.windows(self.times, scored)
-        self.score.check_windows(self.steps, scored, windows)
-        windows |= self.score.named(self.steps, scored)
+        windows |= self.score.check_windows(self.steps, scored, windows)
         self._fault_context.check(self.faults, windows, self.has_truth)
 
     @property
@@ -97,7 +96,8 @@ class Tracking(Scenario):
     @property
     def without_faults(self) -> "Tracking":
         """Scenario with equal truth and noise, and without faults."""
-        return replace(self, faults=(), assume=replace(self.assume, faults=None))
+        assume = replace(self.assume, faults=None)
+        return replace(self, faults=(), assume=assume) if self.faults else self
 
     @cached_property
     def _recorded_timeline(self) -> Timeline | None:
