@@ -248,7 +248,7 @@ def test_a_recording_without_truth_has_faults_that_need_none(tmp_path: Path) -> 
     faulty = scenario(tmp_path, bias, **recording(tmp_path))
     (_, z), (_, clean) = measured(faulty, 2), measured(faulty.without_faults, 2)
     assert (z - clean).sum() == pytest.approx(2 * 3 * 5)
-    with pytest.raises(UserError, match="the noise, which is known with a truth only"):
+    with pytest.raises(UserError, match="errors, which are known with a truth only"):
         scenario(tmp_path, NOISY, **recording(tmp_path))
 
 

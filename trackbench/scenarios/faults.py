@@ -1,7 +1,7 @@
 """Faults: stretches of a run in which a sensor measures worse than filters assume.
 
-A fault changes measurements that were drawn without it. All other random numbers stay, so that a run
-and its twin without faults are paired.
+A fault changes measurements that were drawn without it, but the scans of a start. All other random
+numbers stay, so that a run and its twin without faults are paired.
 """
 
 from abc import abstractmethod
@@ -53,7 +53,7 @@ class Stretch(NamedTuple):
     """last measurement of each run before the fault (n_z, M)"""
     noise: Array = np.empty(0)
     """errors of the measurements without the sensor's bias; NaN where the truth is unknown"""
-    streams: Callable[[], RunStreams] = NotImplemented
+    streams: Callable[[], RunStreams] | None = None
     """random numbers of this fault alone"""
 
 
@@ -134,7 +134,7 @@ class LargerNoise(Fault):
     def faulty(self, of: Stretch) -> Array:
         """Return ``h(x) + factor e``; a measurement whose truth is unknown stays."""
         changed = ~np.isnan(of.noise).any(axis=0)
-        if self.share < 1.0:
+        if self.share < 1.0 and of.streams is not None:
             changed &= of.streams().random(of.z.shape[1:]) < self.share
         return np.where(changed, of.z + (self.factor - 1.0) * of.noise, of.z)
 
@@ -264,9 +264,7 @@ class FaultContext(NamedTuple):
                     raise InvalidKeyError(what, "faults", i, "name")
                 names.append(name)
             if fault.uses_noise and not truth:
-                what = (
-                    "multiplies the noise, which is known with a truth only; take bias or blackout"
-                )
+                what = "multiplies errors, which are known with a truth only; take bias or blackout"
                 raise InvalidKeyError(what, "faults", i, "kind")
             if any(getattr(s, "is_count", False) for s in self.sensors(fault)):
                 what = "a count (`noise: poisson`) has no such error; take blackout or freeze"
