@@ -107,12 +107,9 @@ class Fault:
         """Return which steps (K,) have the fault."""
         if self.steps is not None:
             return np.asarray((steps >= self.steps[0]) & (steps <= self.steps[1]))
-        inside = np.ones(len(steps), dtype=np.bool_)
-        if self.from_ is not None:
-            inside &= times >= self.from_ - _TICK
-        if self.to is not None:
-            inside &= times <= self.to + _TICK
-        return inside
+        first = -np.inf if self.from_ is None else self.from_
+        last = np.inf if self.to is None else self.to
+        return np.asarray((times >= first - _TICK) & (times <= last + _TICK))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -159,20 +159,15 @@ class OverTime(Curves):
         point = results.points()[0]
         return figure, [([ax], point, label) for (ax,), label in zip(panels, titles, strict=True)]
 
-    def shade(
-        self, ax: Axes, rows: Columns, key: str, ends: Sequence[float | None], name: str
-    ) -> None:
-        """Shade the steps between two values of a column ``key``, either of them open."""
-        first, last = ends
-        inside = np.ones(len(rows), dtype=np.bool_)
-        if first is not None:
-            inside &= rows[key] >= first
-        if last is not None:
-            inside &= rows[key] <= last
+    def shade(self, ax: Axes, rows: Columns, fault: Mapping[str, Any]) -> None:
+        """Shade the steps of a fault among those of some rows."""
+        first, last = fault["steps"] or (fault["from"], fault["to"])
+        at = rows["time" if fault["steps"] is None else "step"]
+        inside = at >= (-np.inf if first is None else first)
+        inside &= at <= (np.inf if last is None else last)
         if inside.any():
-            ax.axvspan(
-                rows[self.x][inside].min(), rows[self.x][inside].max(), label=name, **style.FAULT
-            )
+            x = rows[self.x][inside]
+            ax.axvspan(x.min(), x.max(), label=fault["name"], **style.FAULT)
 
     def series(self, rows: Columns) -> tuple[Array, ...]:
         """Return abscissas, values and standard errors, with NaN in gaps of the steps."""
@@ -235,10 +230,7 @@ class RmseVsTime(OverTime):
             lines = list(self.lines(results, point, self.metric))
             number = 1 if titles else len(lines)
             for fault in results.facts(point).scenario.get("faults", ()):
-                key, ends = ("step", fault["steps"])
-                if ends is None:
-                    key, ends = "time", (fault["from"], fault["to"])
-                self.shade(ax, lines[0][0], key, ends, fault["name"])
+                self.shade(ax, lines[0][0], fault)
             for i, (rows, look) in enumerate(lines):
                 k, value, stderr = self.series(rows)
                 if self.log and scales.has_logarithm(value):
