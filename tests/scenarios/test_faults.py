@@ -1,5 +1,6 @@
 """Faults of sensors against scalar programs of a few lines."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,8 @@ from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockResult, BlockTask
 from trackbench.evaluation.exact_errors import exact_series, why_not_exact
 from trackbench.evaluation.run_block import run_block, run_stack
+from trackbench.execution.cache import block_key
+from trackbench.execution.plan import make_plan
 from trackbench.scenarios.tracking import Tracking
 
 PHI, Q, R, RUNS = 0.95, 1.0, 4.0, 40
@@ -209,6 +212,22 @@ def test_a_filter_that_knows_the_fault_has_its_law(
     assert excess.mean() <= 3 * excess.std() / RUNS**0.5
     if keys["kind"] == "bias":  # known exactly: no damage at all
         np.testing.assert_allclose(known["damage"], 0.0, atol=1e-9)
+
+
+def test_the_reference_may_know_the_fault(tmp_path: Path) -> None:
+    experiment(tmp_path, BURST, filters=KNOWN)
+    config = yaml.safe_load((tmp_path / "f.yaml").read_text()) | {"reference": "Known"}
+    (tmp_path / "f.yaml").write_text(yaml.safe_dump(config))
+    of = load(tmp_path / "f.yaml")
+    plan = make_plan(of)
+    (task,) = plan.tasks[0, "KF"]
+    distance = run_block(task).per_run["rmsd"]
+    seeded = of.points[0].scenario.simulate(RunStreams(of.settings.seed, range(1)), 1)
+    z, inside = seeded.measurements[0, :, 0], (np.arange(1, 101) >= 30) & (np.arange(1, 101) <= 40)
+    known = kalman(z, factors=np.where(inside, 2500.0, 1.0))[0]
+    expected = (np.square(kalman(z)[0] - known).mean()) ** 0.5
+    assert distance[0] == pytest.approx(expected, abs=1e-9)
+    assert block_key(task, 1) != block_key(replace(task, reference_assume=None), 1)
 
 
 MEASURED = "run,time,z\n" + "".join(

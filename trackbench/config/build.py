@@ -293,7 +293,8 @@ def read_assumed(source: Source, label: str) -> Assume | None:
     if not isinstance(entry, dict) or entry.get("assume") is None:
         return None
     keys = ("filters", label, "assume")
-    if label == source.data.get("reference"):
+    knows_faults = isinstance(entry["assume"], dict) and {*entry["assume"]} == {"faults"}
+    if label == source.data.get("reference") and not knows_faults:
         source.add_key_problem(keys, "the reference filter uses the true model; leave this key out")
     if not isinstance(entry["assume"], dict):
         source.add_problem(keys, "is not a mapping")

@@ -40,6 +40,8 @@ class BlockTask:
     runs_used: int
     reference: AnyFilter | None = None
     """filter whose estimates distances are measured to, if any"""
+    reference_assume: Assume | None = None
+    """known faults of the reference"""
     runs_with_tracks: int = 0
     """keep whole tracks of runs below this number"""
     keep_covariance: bool = False
@@ -108,7 +110,7 @@ class BlockTask:
     def reference_task(self) -> "BlockTask":
         """The reference's own task, as it is among the filters."""
         assert self.reference is not None
-        return replace(self.filtering_key, filter=self.reference, assume=None)
+        return replace(self.filtering_key, filter=self.reference, assume=self.reference_assume)
 
     @property
     def twin_task(self) -> "BlockTask | None":

@@ -81,7 +81,7 @@ def _reference_of(task: BlockTask) -> FilterOutput:
     """Return the reference's output, NaN if it fails: the filter keeps its other numbers."""
     reference = task.reference_task
     # The reference among the filters reports its own failure.
-    is_reference = task.filter == task.reference
+    is_reference = (task.filter, task.assume) == (task.reference, task.reference_assume)
     unknown = _unknown_references.cached(reference)
     if unknown is not None and not is_reference:
         return unknown
