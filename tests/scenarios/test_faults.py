@@ -267,6 +267,12 @@ def test_a_recording_without_truth_has_faults_that_need_none(tmp_path: Path) -> 
     faulty = scenario(tmp_path, bias, **recording(tmp_path))
     (_, z), (_, clean) = measured(faulty, 2), measured(faulty.without_faults, 2)
     assert (z - clean).sum() == pytest.approx(2 * 3 * 5)
+    point = experiment(tmp_path, bias, **recording(tmp_path)).points[0]
+    got = run_block(BlockTask(point.scenario, point.filters["Gated"], 1, 0, 2, 2)).per_run
+    assert "damage" not in got
+    # The gate is 3.29 sqrt(10.5) = 10.7 m wide on either side: it lets in what is off by 5 m.
+    np.testing.assert_array_equal(got["accepted_bad[a]"], 1.0)
+    np.testing.assert_array_equal(got["rejected_good"], 0.0)
     with pytest.raises(UserError, match="errors, which are known with a truth only"):
         scenario(tmp_path, NOISY, **recording(tmp_path))
 

@@ -116,7 +116,7 @@ class BlockTask:
     def twin_task(self) -> "BlockTask | None":
         """Task of the same filter in the same runs without faults; None if there are none."""
         scenario = self.scenario.without_faults
-        if scenario is self.scenario or not scenario.has_truth:
+        if scenario is self.scenario:
             return None
         assume = None if self.assume is None else replace(self.assume, faults=None)
         return replace(self.filtering_key, scenario=scenario.without_scoring, assume=assume)

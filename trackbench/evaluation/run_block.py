@@ -145,7 +145,8 @@ def _reduce(task: BlockTask, data: Simulation, output: FilterOutput) -> dict[int
         predictive |= likelihood_ratio(predictive, exact.diagnostics)
     twin_task, twin_mean = task.twin_task, None
     if twin_task is not None:
-        twin_mean = run_twin(twin_task).mean
+        if task.scenario.has_truth:
+            twin_mean = run_twin(twin_task).mean
         clean = twin_task.data.measurements
         predictive |= rejections(data.measurements, clean, output.diagnostics)
     # Step 1: error series (T + 1, M), then the filter's diagnostics and the likelihood ratio.
