@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from dataclasses import Field, fields, is_dataclass
 from difflib import get_close_matches
 from inspect import getattr_static
+from keyword import iskeyword
 from types import new_class
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
 
@@ -56,6 +57,11 @@ def is_foreign(part: object) -> bool:
 def field_values(part: "DataclassInstance") -> dict[str, object]:
     """Return the values of a dataclass by key; values within it stay as they are."""
     return {field.name: getattr(part, field.name) for field in fields(part)}
+
+
+def key_of(field: str) -> str:
+    """Name the YAML key of a dataclass's field: ``from`` of ``from_``, which Python reserves."""
+    return field[:-1] if iskeyword(field[:-1]) and field.endswith("_") else field
 
 
 def walk_parts(part: object) -> Iterator[object]:

@@ -158,6 +158,8 @@ _ERROR_METRICS = [
            "rmsd", over_steps="rms", over_runs="rms"),
     Metric("efficiency", "RMSE of the reference over the filter's, by its distance to it", "1", "higher",
            "rmsd", over_steps="", over_runs=""),
+    Metric("damage", "mean length of the error less that of the same filter without faults", "quantity",
+           "lower", "damage"),
     Metric("bias", "mean signed error, estimate minus truth", "quantity", "zero", "error"),
     Metric("std", "standard deviation of the error over the runs", "quantity", "lower",
            "error", over_steps="", over_runs="std"),
@@ -204,6 +206,10 @@ onset_age_s   | s |        | time since the estimated onset when it is detected
 false_maneuvers_per_1000 | 1 | lower | alarms per 1000 quiet samples
 nis           |   |        | normalized innovation squared; of n components that are used n if consistent
 gated         | 1 |        | measurements of a run that the gate refused
+rejected_good | 1 | lower  | share of the measurements without a fault that the gate refused
+accepted_bad  | 1 | lower  | share of the measurements with a fault that the gate let in
+recovery_s    | s | lower  | time from a fault's end until its excess error stays below the limit
+not_recovered | 1 | lower  | share of runs whose excess error is above the limit at the end
 mode          | 1 |        | weight of the maneuvering mode
 alarm         | 1 |        | decisions in a run that a maneuver has begun
 alarm_age_s   | s |        | time since the onset that an alarm takes for true
@@ -217,7 +223,13 @@ spread_ratio  | 1 |        | spread of the cloud after its evolution over that b
 """
 
 
-_EVENTS = ("diverged", "beyond_10_sigma", "missed_maneuvers", "already_maneuvering")
+_EVENTS = (
+    "diverged",
+    "not_recovered",
+    "beyond_10_sigma",
+    "missed_maneuvers",
+    "already_maneuvering",
+)
 
 
 def _noted() -> Iterator[Metric]:

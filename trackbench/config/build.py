@@ -16,7 +16,7 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 
 from trackbench.config.includes import deep_merge
 from trackbench.errors import Mark, Problem
-from trackbench.extension_points import Part
+from trackbench.extension_points import Part, key_of
 from trackbench.field_types import (
     IS_FILE,
     IS_WORD,
@@ -66,7 +66,13 @@ def adapter(cls: type[T], documented: bool = False) -> TypeAdapter[T]:
 
     ``documented`` adds the docstrings of attributes to its JSON schema, which takes time.
     """
-    _configure(cls, ConfigDict(extra="forbid", use_attribute_docstrings=documented), set())
+    config = ConfigDict(
+        extra="forbid",
+        use_attribute_docstrings=documented,
+        alias_generator=key_of,
+        populate_by_name=True,
+    )
+    _configure(cls, config, set())
     return TypeAdapter(cls)
 
 
@@ -175,8 +181,8 @@ def _problems(
             where = (*where, step)
     # Step 2: a key that the dataclass lacks, or that the mapping lacks.
     if kind in ("unexpected_keyword_argument", "extra_forbidden"):
-        inner = _dataclass_at(cls, where[len(keys) : -1])
-        known = [f.name for f in fields(inner)] if inner is not None else []
+        inner = _dataclass_at(cls, where[len(keys) : -1], item["loc"])
+        known = [key_of(f.name) for f in fields(inner)] if inner is not None else []
         if inner is cls:
             known += also
         word = str(item["loc"][-1])
@@ -185,18 +191,20 @@ def _problems(
         what = f"unknown key; {unknown(word, known)}" if known else "unknown key"
         return [Problem(source.key_mark(where), dotted(where), what)]
     if kind in ("missing", "missing_argument", "missing_keyword_only_argument"):
-        path = dotted((*keys, *item["loc"]))
+        path = dotted((*where, item["loc"][-1]))
         return [Problem(source.key_mark(where), path, "this key is required")]
     # Step 3: any other mistake is one in the value.
     return [source.problem(where, _describe(kind, ctx, value, item["msg"]))]
 
 
-def _dataclass_at(cls: type, path: Keys) -> type[Any] | None:
-    """Return the dataclass of a mapping within one of ``cls``, if it is unique."""
+def _dataclass_at(cls: type, path: Keys, tags: Keys) -> type[Any] | None:
+    """Return the dataclass of a mapping within one of ``cls``, if it is unique or tagged by its kind."""
     for key in path:
         if isinstance(key, int):
             continue
         options = dataclasses_in(get_type_hints(cls).get(key))
+        if len(options) > 1:
+            options = [option for option in options if getattr(option, "kind", None) in tags]
         if len(options) != 1:
             return None
         cls = options[0]
@@ -300,7 +308,8 @@ def read_assumed(source: Source, label: str) -> Assume | None:
     if not isinstance(entry, dict) or entry.get("assume") is None:
         return None
     keys = ("filters", label, "assume")
-    if label == source.data.get("reference"):
+    knows_faults = isinstance(entry["assume"], dict) and {*entry["assume"]} == {"faults"}
+    if label == source.data.get("reference") and not knows_faults:
         source.add_key_problem(keys, "the reference filter uses the true model; leave this key out")
     if not isinstance(entry["assume"], dict):
         source.add_problem(keys, "is not a mapping")

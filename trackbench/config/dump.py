@@ -16,7 +16,7 @@ from trackbench.config.includes import split_path
 from trackbench.config.python_tables import path_from
 from trackbench.config.tuning import tuned_label
 from trackbench.evaluation.metric_expression import Measure
-from trackbench.extension_points import Part, field_values
+from trackbench.extension_points import Part, field_values, key_of
 from trackbench.models.sensors.base import Assume
 from trackbench.yaml_source import Keys, scalar
 
@@ -152,7 +152,7 @@ def _plain(value: object, shown: Callable[[str], str]) -> object:
     if is_dataclass(value) and not isinstance(value, type):
         if isinstance(value, Part):
             return as_config(value, shown)
-        value = field_values(value)
+        value = {key_of(name): x for name, x in field_values(value).items()}
     if isinstance(value, Measure):
         return str(value)
     if isinstance(value, dict):

@@ -161,6 +161,8 @@ def names_of(
                     series |= _diagnostics(settings, point.assumed_scenario(label), tracker)
                 except Exception:  # the filter's run will report it
                     names.unprobed.append(_kind(settings, label))
+            if "gated" in series and point.scenario.without_faults is not point.scenario:
+                series |= {"rejected_good", "accepted_bad"}
             series_by_counts.setdefault(counts, set()).update(series)
         for counts, every in series_by_counts.items():
             names.add(settings, point.scenario, counts, frozenset(every))
@@ -200,6 +202,8 @@ def _series(settings: Settings, scenario: Scenario, label: str, tracker: Made) -
         yield joined("squared", quantity)
         if len(error) == 1:
             yield joined("error", quantity)
+        if scenario.without_faults is not scenario:
+            yield joined("damage", quantity)
         if settings.reference is not None and label != settings.reference:
             yield joined("rmsd", quantity)
     yield from ("nees", "outside_region", *(f"nees_{name}" for name in scenario.marginals))

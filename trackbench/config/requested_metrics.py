@@ -137,7 +137,7 @@ def _unknown(request: MetricRequest, names: Names, settings: Settings) -> str | 
     m = request.measure
     metric, quantity = m.family
     is_of_prediction = quantity.startswith(("predicted_", "held_"))
-    is_of_truth = metric.series in _OF_TRUTH and not is_of_prediction
+    is_of_truth = metric.series in ("damage", *_OF_TRUTH) and not is_of_prediction
     if m.relation in ("gain", "ratio") and metric.is_score:
         return f"'{m}': a log score is a logarithm, and ratios of it mean nothing; take minus(...)"
     if word not in known and not names.has_truth and is_of_truth:

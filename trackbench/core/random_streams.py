@@ -33,6 +33,7 @@ from trackbench.core.arrays import Array, fixed
 D = TypeVar("D", bound=np.generic)
 
 _DATA, _FILTER, _TRAINING_DATA, _TRAINING_FILTER, _ASIDE, _TRAINING_ASIDE = range(6)
+_BESIDE = 6  # and further kinds: two for each number of `RunStreams.beside`
 _CHUNK = 256  # variates drawn per run at a time; part of the definition of a run's data
 
 
@@ -49,9 +50,11 @@ class RunStreams:
         Numbers of the M runs, negative for training.
     """
 
-    def __init__(self, seed: int, runs: Sequence[int]) -> None:
-        self.runs = tuple(runs)
-        sequences = (_sequence(seed, run, _DATA, _TRAINING_DATA) for run in runs)
+    def __init__(
+        self, seed: int, runs: Sequence[int], kinds: tuple[int, int] = (_DATA, _TRAINING_DATA)
+    ) -> None:
+        self.seed, self.runs = seed, tuple(runs)
+        sequences = (_sequence(seed, run, *kinds) for run in runs)
         self._generators = [Generator(SFC64(sequence)) for sequence in sequences]
         self._waiting: dict[tuple[str, float], Array] = {}
 
@@ -77,6 +80,11 @@ class RunStreams:
             lambda: self._columns(lambda g: g.standard_gamma(shape, _CHUNK)),
             size,
         )
+
+    def beside(self, number: int) -> "RunStreams":
+        """Return further streams of these runs, other ones for each number, beside the data's."""
+        first = _BESIDE + 2 * number
+        return RunStreams(self.seed, self.runs, (first, first + 1))
 
     def _columns(self, draw: Callable[[Generator], NDArray[D]]) -> NDArray[D]:
         """Return a chunk of every run (_CHUNK, M)."""

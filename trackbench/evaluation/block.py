@@ -40,6 +40,8 @@ class BlockTask:
     runs_used: int
     reference: AnyFilter | None = None
     """filter whose estimates distances are measured to, if any"""
+    reference_assume: Assume | None = None
+    """known faults of the reference"""
     runs_with_tracks: int = 0
     """keep whole tracks of runs below this number"""
     keep_covariance: bool = False
@@ -108,7 +110,16 @@ class BlockTask:
     def reference_task(self) -> "BlockTask":
         """The reference's own task, as it is among the filters."""
         assert self.reference is not None
-        return replace(self.filtering_key, filter=self.reference, assume=None)
+        return replace(self.filtering_key, filter=self.reference, assume=self.reference_assume)
+
+    @property
+    def twin_task(self) -> "BlockTask | None":
+        """Task of the same filter in the same runs without faults; None if there are none."""
+        scenario = self.scenario.without_faults
+        if scenario is self.scenario:
+            return None
+        assume = None if self.assume is None else replace(self.assume, faults=None)
+        return replace(self.filtering_key, scenario=scenario.without_scoring, assume=assume)
 
     def runs_with_tracks_among(self, used: int) -> int:
         """Count the block's first ``used`` runs whose whole tracks are stored."""

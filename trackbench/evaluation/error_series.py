@@ -3,8 +3,8 @@
 A series is an array (T + 1, M). ``squared_<quantity>`` is the squared error of a quantity the scenario
 names, ``error_<quantity>`` the signed error of a scalar one, ``nees`` the normalized error squared,
 ``outside_region`` whether that is more than it is once in a million times for a consistent filter,
-``rmsd_<quantity>`` the squared distance to the reference filter's estimate. More:
-`predictive_scores`.
+``rmsd_<quantity>`` the squared distance to the reference filter's estimate, ``damage_<quantity>`` the
+length of the error less that without faults. More: `predictive_scores`.
 """
 
 import re
@@ -47,11 +47,13 @@ def series(
     nees: Array,
     exact: Array | None,
     rank: Array | None = None,
+    twin: Array | None = None,
 ) -> dict[str, Array]:
     """Return every series of a block, or of some of its steps.
 
     Truth, mean and the reference's mean are (n_x, T + 1, M); ``rank`` (T + 1, M) is that of the
-    covariances, None if it is full everywhere. Recorded data without a truth have no
+    covariances, None if it is full everywhere; ``twin`` is the mean of the same filter without faults.
+    Recorded data without a truth have no
     errors; where the truth has a gap, so have they.
     """
     out: dict[str, Array] = {}
@@ -63,6 +65,9 @@ def series(
             lambda x, r: np.asarray(x * (r / n) > _gate(r), dtype=float), nees, n, rank
         )
         out["outside_region"] = np.where(np.isnan(nees), np.nan, outside)
+    if twin is not None:
+        for name, squares in _errors(scenario, twin, truth, "damage").items():
+            out[name] = np.sqrt(out[name.replace("damage", "squared", 1)]) - np.sqrt(squares)
     if exact is not None:
         out |= _errors(scenario, mean, exact, "rmsd")
     return out
@@ -105,6 +110,24 @@ def per_run_metrics(
     if not lost.any():
         return out
     return {n: v if n == "lost" else np.where(lost > 0, np.nan, v) for n, v in out.items()}
+
+
+def rejections(z: Array, twin: Array, diagnostics: Mapping[str, Array]) -> dict[str, Array]:
+    """Return which good measurements a gate rejects and which bad ones it accepts, 0 or 1 (T + 1, M).
+
+    A measurement of z (n_z, T, M) is bad if a fault changed it from that of the ``twin`` without faults.
+    It is NaN in the other series, and in both if the filter was not given it.
+    """
+    if not {"gated", "nis"} <= diagnostics.keys():
+        return {}
+    gated, nis = diagnostics["gated"], diagnostics["nis"]
+    changed = (z != twin) & ~np.isnan(z)
+    bad = np.insert(changed.any(axis=0), 0, False, axis=0)
+    given = (gated > 0.0) | ~np.isnan(nis)
+    return {
+        "rejected_good": np.where(given & ~bad, gated, np.nan),
+        "accepted_bad": np.where(given & bad, 1.0 - gated, np.nan),
+    }
 
 
 def over_windows(

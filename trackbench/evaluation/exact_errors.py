@@ -46,7 +46,7 @@ class _FixedNormals:
         """Reject uniform and gamma variates."""
         raise NotImplementedError
 
-    standard_gamma = random
+    standard_gamma = beside = random
 
 
 def _run(task: BlockTask, streams: _FixedNormals, runs: int) -> tuple[Simulation, FilterOutput]:

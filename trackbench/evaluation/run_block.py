@@ -15,11 +15,17 @@ from trackbench.evaluation.error_series import (
     SeriesSums,
     StepSums,
     per_run_metrics,
+    rejections,
     series,
     step_sums,
     with_unused,
 )
-from trackbench.evaluation.run_filter import FilterOutput, run_filter_cached, run_reference
+from trackbench.evaluation.run_filter import (
+    FilterOutput,
+    run_filter_cached,
+    run_reference,
+    run_twin,
+)
 from trackbench.evaluation.validate_output import check_names
 from trackbench.filters.base import JoinableFilter
 from trackbench.scenarios.base import Simulation
@@ -75,7 +81,7 @@ def _reference_of(task: BlockTask) -> FilterOutput:
     """Return the reference's output, NaN if it fails: the filter keeps its other numbers."""
     reference = task.reference_task
     # The reference among the filters reports its own failure.
-    is_reference = task.filter == task.reference
+    is_reference = (task.filter, task.assume) == (task.reference, task.reference_assume)
     unknown = _unknown_references.cached(reference)
     if unknown is not None and not is_reference:
         return unknown
@@ -137,10 +143,15 @@ def _reduce(task: BlockTask, data: Simulation, output: FilterOutput) -> dict[int
     predictive = dict(output.diagnostics)
     if exact is not None and "likelihood_ratio" in task.predictive_metrics:
         predictive |= likelihood_ratio(predictive, exact.diagnostics)
+    twin_task, twin_mean = task.twin_task, None
+    if twin_task is not None:
+        if task.scenario.has_truth:
+            twin_mean = run_twin(twin_task).mean
+        clean = twin_task.data.measurements
+        predictive |= rejections(data.measurements, clean, output.diagnostics)
     # Step 1: error series (T + 1, M), then the filter's diagnostics and the likelihood ratio.
-    values, sums = _series_and_sums(
-        task, data, output, predictive, None if exact is None else exact.mean
-    )
+    exact_mean = None if exact is None else exact.mean
+    values, sums = _series_and_sums(task, data, output, predictive, exact_mean, twin_mean)
     # Step 2: over the whole block, then trimmed: numpy adds up a single column in another order.
     per_run = per_run_metrics(task.scenario, values, sums, _stayed_finite(output.mean))
     lost = (per_run["lost"] != NOT_LOST).any()
@@ -157,6 +168,7 @@ def _series_and_sums(
     output: FilterOutput,
     predictive: dict[str, Array],
     exact_mean: Array | None,
+    twin_mean: Array | None,
 ) -> tuple[dict[str, Array], SeriesSums]:
     """Return the series of errors and those that are told, and their sums.
 
@@ -172,7 +184,8 @@ def _series_and_sums(
         mean, truth, nees = output.mean[:, part], data.truth[:, part], output.nees[part]
         exact = None if exact_mean is None else exact_mean[:, part]
         of_part = None if rank is None else rank[part]
-        rows = series(task.scenario, truth, mean, nees, exact, of_part)
+        twin = None if twin_mean is None else twin_mean[:, part]
+        rows = series(task.scenario, truth, mean, nees, exact, of_part, twin)
         for name, row in (rows | {name: whole[name][part] for name in predictive}).items():
             if name not in values:
                 values[name] = whole[name] if name in whole else np.empty((steps, runs))

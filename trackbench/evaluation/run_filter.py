@@ -67,9 +67,8 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
         side_by_side([stream(task.seed, block) for block in task.blocks], task.width)
         for stream in (block_stream, aside_stream)
     )
-    measurements, wanted = data.measurements, task.predictive_metrics
-    scorer = PredictionScorer(tracker, model, measurements, wanted, task.hold_out, aside)
-    data = _with_assumed_prior(task, data)
+    data, wanted = _as_assumed(task, data), task.predictive_metrics
+    scorer = PredictionScorer(tracker, model, data.measurements, wanted, task.hold_out, aside)
     prior, clock = prior_of(data, model), _Clock()
     recorder = _Recorder(task, data, model, covariances)
     with _sealed(task, data, scorer.visible, prior, model):
@@ -117,9 +116,13 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
         return recorder.filtered(scorer.visible, scorer.series(), clock.cpu_s)
 
 
-def _with_assumed_prior(task: BlockTask, data: Simulation) -> Simulation:
-    prior = task.assumed_scenario.assumed_prior(data.truth.shape[-1])
-    return data if prior is None else data._replace(prior=freeze(prior))
+def _as_assumed(task: BlockTask, data: Simulation) -> Simulation:
+    """Return the data with the filter's prior, and without the errors of faults that it knows."""
+    assumed = task.assumed_scenario
+    prior, z = assumed.assumed_prior(data.truth.shape[-1]), data.measurements
+    return freeze(
+        data._replace(prior=prior or data.prior, measurements=assumed.assumed_measurements(z))
+    )
 
 
 def _steps_ahead(tracker: AnyFilter, model: Model, state: Any, z: Array, k: int) -> Steps | None:
@@ -171,6 +174,8 @@ run_filter_cached = LatestResults(_run_filter, size=1)
 """A filter's output over its block, read-only; cached for tasks that score it in another way."""
 run_reference = LatestResults(lambda task: _run_filter(task, 0), size=1)
 """The reference's output over a block, read-only; cached for all filters, itself among them."""
+run_twin = LatestResults(lambda task: _run_filter(task, 0), size=1)
+"""A filter's output without faults, read-only; cached for tasks that score it in another way."""
 
 
 class _Recorder:

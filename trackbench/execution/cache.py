@@ -37,8 +37,10 @@ def block_key(task: BlockTask, used: int) -> str:
     facts = [
         _part(task.scenario),
         _part(task.filter),
-        _part(task.reference) if task.reference is not None else None,
-        _part(task.assume) if task.assume is not None else None,
+        [
+            _part(part) if part is not None else None
+            for part in (task.reference, task.reference_assume, task.assume)
+        ],
         [task.seed, task.index, task.width, used],
         [shown, task.keep_covariance and shown > 0, task.keep_steps],
         [task.predictive_metrics, task.hold_out],

@@ -88,6 +88,7 @@ def make_plan(experiment: Experiment, save_tracks: bool = False, looks: Sequence
                     width=width,
                     runs_used=min(width, settings.runs - block * width),
                     reference=None if label == settings.reference else reference,
+                    reference_assume=point.assumed.get(settings.reference or ""),
                     runs_with_tracks=shown,
                     keep_covariance=save_tracks or experiment.shown_covariances,
                     keep_steps=series,

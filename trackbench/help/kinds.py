@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from itertools import chain
 from typing import TYPE_CHECKING, cast
 
-from trackbench.extension_points import Part, hooks, overridden_hooks
+from trackbench.extension_points import Part, hooks, key_of, overridden_hooks
 from trackbench.field_types import part_group
 from trackbench.help.metrics import (
     JsonRow,
@@ -224,19 +224,24 @@ def _key_rows(cls: "type[DataclassInstance]", prefix: str) -> Iterator[tuple[str
     schema, texts = adapter(cls).json_schema(), help_texts(cls)
     hints = hints_of(cls)
     for field in dataclasses.fields(cls):
-        choices = schema["properties"][field.name].get("enum")
-        text = texts.get(field.name, "")
+        key = key_of(field.name)
+        choices = schema["properties"][key].get("enum")
+        text = texts.get(key, "")
         text = f"{text} ({' | '.join(map(str, choices))})" if choices else text
         group = part_group(hints[field.name])
         if group is not None:
-            yield prefix + field.name, _default(field), f"{text} (see `trackbench list {group}`)"
+            yield prefix + key, _default(field), f"{text} (see `trackbench list {group}`)"
             continue
-        yield prefix + field.name, _default(field), text
+        yield prefix + key, _default(field), text
         # The keys of a dataclass within, or of each that the key may hold.
         nested = dataclasses_in(hints[field.name])
-        for one in nested:
-            of_kind = f"[{one.kind}]" if len(nested) > 1 else ""
-            yield from _key_rows(one, f"{prefix}{field.name}{of_kind}.")
+        every = [list(_key_rows(one, "")) for one in nested]
+        for i, (one, rows) in enumerate(zip(nested, every, strict=True)):
+            for name, default, text in rows:
+                shared = all((name, default, text) in others for others in every)
+                of_kind = "" if shared else f"[{one.kind}]"
+                if not shared or i == 0:
+                    yield f"{prefix}{key}{of_kind}.{name}", default, text
 
 
 def _default(field: "dataclasses.Field[object]") -> str:

@@ -70,6 +70,15 @@ class Scenario(Scene):
         """Return the prior that filters assume in place of the simulated one, if any."""
         return None
 
+    def assumed_measurements(self, z: Array) -> Array:
+        """Return the measurements (n_z, T, M) as the filter's assumptions correct them."""
+        return z
+
+    @property
+    def without_faults(self) -> "Scenario":
+        """Scenario with equal truth and noise, and without faults; itself if it has none."""
+        return self
+
     @property
     def without_scoring(self) -> "Scenario":
         """Scenario without what only scores estimates; equal ones are filtered once."""

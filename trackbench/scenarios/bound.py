@@ -10,8 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from trackbench.core import linalg
 from trackbench.core.arrays import Array, with_trailing
-from trackbench.core.cramer_rao import posterior_cramer_rao
+from trackbench.core.cramer_rao import largest_deviation, posterior_cramer_rao
 from trackbench.core.random_streams import Streams, block_stream
 from trackbench.core.sums import mean, total
 from trackbench.models.base import append_noise, extra_std
@@ -51,6 +52,19 @@ def along(course: Course, path: Array) -> Bound:
         course.initial, course.motion.F[:n, :n], course.motion.Q[:n, :n], gained
     )
     return Bound(_roots(course.squares(P, path)))
+
+
+def position_sigma(sensor: Sensors, state: Array, k: int) -> float | None:
+    """Return the largest standard deviation, m, of the position by one scan of a state (n_x,).
+
+    None if a scan does not tell the position.
+    """
+    # Covariance of the position: inverse of its block of H' R^-1 H.
+    information = sensor.information(state, k, certain=True)
+    position = information[0::2, 0::2]
+    if len(information) < 2 or np.isnan(position).any() or linalg.is_singular(position):
+        return None
+    return largest_deviation(linalg.inverse(position))
 
 
 def over_paths(course: Course, first: Callable[[int, Streams], Array]) -> Bound | None:

@@ -100,6 +100,18 @@ class Score:
         within = times - times[0] <= self.train * (times[-1] - times[0])
         return int(steps[np.count_nonzero(within) - 1])
 
+    def check_training(
+        self, trained: int, steps: Index, recorded_runs: int | None, is_any_scored: bool
+    ) -> None:
+        """Raise InvalidKeyError if there is nothing to share out between training and judging."""
+        if recorded_runs is None:
+            what = "training has runs of its own: only what is recorded is shared out"
+            raise InvalidKeyError(what, "score", "train")
+        if not is_any_scored or trained <= steps[0]:
+            what = "leaves no step to train on" if is_any_scored else "leaves no step to be scored"
+            raise InvalidKeyError(what, "score", "train")
+        self.of_training(trained)
+
     def of_training(self, last: int) -> "Score":
         """Return the scoring up to the training's end; raises InvalidKeyError if it is empty."""
         first, end = self.steps
@@ -119,6 +131,21 @@ class Score:
     def named(self, steps: Index, scored: Mask) -> dict[str, Mask]:
         """Return the windows (K,) by name."""
         return {w.name: scored & _between(steps, w.first, w.last) for w in self.windows}
+
+    def check_windows(
+        self, steps: Index, scored: Mask, taken: Mapping[str, Mask]
+    ) -> dict[str, Mask]:
+        """Return the windows (K,) by name; raises InvalidKeyError for an empty one, or a taken name."""
+        windows = self.named(steps, scored)
+        for i, (name, mask) in enumerate(windows.items()):
+            if not mask.any():
+                first, last = steps[scored][[0, -1]]
+                what = f"holds no scored step; steps {first} to {last} are scored"
+                raise InvalidKeyError(what, "score", "windows", i)
+            if name in taken:
+                what = f"the target itself has a window {name!r}: choose another name"
+                raise InvalidKeyError(what, "score", "windows", i, "name")
+        return windows
 
     def error_vectors(
         self, sensor: Sensors, components: tuple[str, ...], mean: Array, truth: Array

@@ -7,10 +7,8 @@ from typing import Annotated
 
 import numpy as np
 
-from trackbench.core import linalg
 from trackbench.core.angles import near
 from trackbench.core.arrays import Array, Index, Mask
-from trackbench.core.cramer_rao import largest_deviation
 from trackbench.core.distributions import Distribution, PointMass
 from trackbench.core.random_streams import Streams
 from trackbench.field_types import Finite, InvalidKeyError, Natural, Positive, Registered, Unit
@@ -23,11 +21,12 @@ from trackbench.models.sensors.base import (
     Sensors,
     check_assumed,
     sensors_of,
-    stack,
+    stack_for,
 )
 from trackbench.registry import register
 from trackbench.scenarios.base import Scenario, Simulation
-from trackbench.scenarios.bound import Bound, Course, along, over_paths
+from trackbench.scenarios.bound import Bound, Course, along, over_paths, position_sigma
+from trackbench.scenarios.faults import AnyFault, FaultContext, recovery
 from trackbench.scenarios.score import Score, diverged
 from trackbench.scenarios.starts.base import FixedStart, InitialScans, Start, repeated
 from trackbench.scenarios.targets.base import Schedule, Scored, Target, Timeline, recorded_columns
@@ -62,6 +61,8 @@ class Tracking(Scenario):
     """motion, sensor and start that filters assume; default: the ones that make the data"""
     score: Score = _EVERYTHING
     """what errors are measured, and over which steps"""
+    faults: tuple[AnyFault, ...] = ()
+    """stretches of time in which sensors measure worse than filters assume"""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "target", self.target.with_angles(self.angles))
@@ -73,35 +74,30 @@ class Tracking(Scenario):
             what = f"the start `{self.start.kind}` draws the first state"
             raise InvalidKeyError(f"{what}; leave out where the target begins", "target")
         self.score.check(self.components, self.steps)
-        self._check_training()
+        if self._trained is not None:
+            self.score.check_training(
+                self._trained, self.steps, self.recorded_runs, bool(self.windows)
+            )
         self._check_windows()
         if self.score.lost_sigmas is not None and self.position_sigma is None:
             raise InvalidKeyError("no sensor here tells a position", "score", "lost_sigmas")
 
-    def _check_training(self) -> None:
-        """Raise InvalidKeyError if there is nothing to share out between training and judging."""
-        if self._trained is None:
-            return
-        if self.recorded_runs is None:
-            what = "training has runs of its own: only what is recorded is shared out"
-            raise InvalidKeyError(what, "score", "train")
-        if not self.windows or self._trained <= self.steps[0]:
-            what = "leaves no step to train on" if self.windows else "leaves no step to be scored"
-            raise InvalidKeyError(what, "score", "train")
-        self.score.of_training(self._trained)
-
     def _check_windows(self) -> None:
-        """Raise InvalidKeyError for a window without scored steps, or with the name of a turn."""
+        """Raise InvalidKeyError for a window without steps, or of a name that is taken."""
         scored = self.score.scored(self.steps, self._trained)
-        taken = self.target.windows(self.times, scored)
-        for i, (name, mask) in enumerate(self.score.named(self.steps, scored).items()):
-            if not mask.any():
-                first, last = self.steps[scored][[0, -1]]
-                what = f"holds no scored step; steps {first} to {last} are scored"
-                raise InvalidKeyError(what, "score", "windows", i)
-            if name in taken:
-                what = f"the target itself has a window {name!r}: choose another name"
-                raise InvalidKeyError(what, "score", "windows", i, "name")
+        windows = self.target.windows(self.times, scored)
+        windows |= self.score.check_windows(self.steps, scored, windows)
+        self._fault_context.check(self.faults, windows, self.has_truth)
+
+    @property
+    def _fault_context(self) -> FaultContext:
+        return FaultContext(self.true_sensor, self.steps, self.times)
+
+    @property
+    def without_faults(self) -> "Tracking":
+        """Scenario with equal truth and noise, and without faults."""
+        assume = replace(self.assume, faults=None)
+        return replace(self, faults=(), assume=assume) if self.faults else self
 
     @cached_property
     def _recorded_timeline(self) -> Timeline | None:
@@ -171,19 +167,7 @@ class Tracking(Scenario):
     @cached_property
     def true_sensor(self) -> Sensors:
         """Sensor, or all of them as one."""
-        return self._stacked(self.sensor, "sensor")
-
-    def _stacked(self, sensors: SensorBase | tuple[SensorBase, ...], *path: str) -> Sensors:
-        """Return sensors of the target's state as one; raises InvalidKeyError."""
-        several = sensors if isinstance(sensors, tuple) else (sensors,)
-        fitted = []
-        for i, sensor in enumerate(several):
-            try:
-                fitted.append(sensor.for_state(self.components))
-            except InvalidKeyError as error:
-                index = (i,) if isinstance(sensors, tuple) else ()
-                raise InvalidKeyError(str(error), *path, *index, *error.path) from None
-        return stack(tuple(fitted))
+        return stack_for(self.sensor, self.components, "sensor")
 
     @cached_property
     def model(self) -> Model:
@@ -202,11 +186,19 @@ class Tracking(Scenario):
         # The assumed sensor has the true sensor's components.
         sensor = self.true_sensor
         if self.assume.sensor is not None:
-            sensor = self._stacked(self.assume.sensor, "assume", "sensor")
+            sensor = stack_for(self.assume.sensor, self.components, "assume", "sensor")
             check_assumed(self.assume.sensor)
         if sensor.components != self.true_sensor.components:
             raise InvalidKeyError("the assumed sensor measures something else", "assume", "sensor")
-        return Model(sampled, sensor)
+        if self.assume.faults is None:
+            return Model(sampled, sensor)
+        if not self.faults:
+            raise InvalidKeyError("has no effect: the scenario has no `faults`", "assume", "faults")
+        return Model(sampled, self._fault_context.known_sensor(self.faults, sensor))
+
+    def assumed_measurements(self, z: Array) -> Array:
+        """Return the measurements without the errors of faults that the filter knows."""
+        return z if self.assume.faults is None else self._fault_context.corrected(self.faults, z)
 
     def with_assumptions(self, assume: Assume) -> "Tracking":
         """Return the scenario with a filter's assumptions."""
@@ -232,7 +224,9 @@ class Tracking(Scenario):
         """Recorded data up to where they are scored, if they are to be tuned on."""
         if self._trained is None:
             return None
-        return replace(self, last=self._trained, score=self.score.of_training(self._trained))
+        score, before = self.score.of_training(self._trained), self.steps[1:] <= self._trained
+        faults = (f for f in self.faults if (self._fault_context.measured(f) & before).any())
+        return replace(self, last=self._trained, score=score, faults=tuple(faults))
 
     @property
     def steps(self) -> Index:
@@ -246,10 +240,12 @@ class Tracking(Scenario):
 
     @property
     def windows(self) -> dict[str, Mask]:
-        """All that is scored, the target's own stretches, and those that the score names."""
+        """All that is scored, the target's own stretches, those of the score, and of faults."""
         scored = self.score.scored(self.steps, self._trained)
         out = {"": scored} | self.target.windows(self.times, scored)
-        out |= self.score.named(self.steps, scored)
+        out |= self.score.named(self.steps, scored) | self._fault_context.windows(
+            self.faults, scored
+        )
         return {name: mask for name, mask in out.items() if mask.any()}
 
     @property
@@ -273,12 +269,7 @@ class Tracking(Scenario):
         state = self.target.start(self._timeline)
         if self._drawn_start is not None:
             state = self._drawn_start.distribution(1).mean[:, 0]
-        # Covariance of the position: inverse of its block of H' R^-1 H.
-        information = self.true_sensor.information(state, self.first, certain=True)
-        position = information[0::2, 0::2]
-        if len(information) < 2 or np.isnan(position).any() or linalg.is_singular(position):
-            return None
-        return largest_deviation(linalg.inverse(position))
+        return position_sigma(self.true_sensor, state, self.first)
 
     @property
     def lost_beyond(self) -> float | None:
@@ -312,7 +303,13 @@ class Tracking(Scenario):
         first = int(line.steps[0])
         opening = InitialScans(flight.truth[:, 0], scans, first, T, self.target.diffusion)
         prior = self._start.prior(opening, self.true_sensor, nominal if driven else None, rng)
-        return Simulation(flight.truth[:, self._skipped :], measurements, prior)
+        # Step 4: faults change the measurements after the start's.
+        truth = flight.truth[:, self._skipped :]
+        if self.faults:
+            measurements = self._fault_context.with_faults(
+                self.faults, truth, measurements, scans, rng
+            )
+        return Simulation(truth, measurements, prior)
 
     def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
         """Return error vectors by quantity: of the state, and in the coordinates of each sensor."""
@@ -328,6 +325,8 @@ class Tracking(Scenario):
         """Reason why a lower bound is invalid; None if it is valid."""
         if self._recorded_timeline is not None:
             return "the data are recorded"
+        if self.faults:
+            return "the bound is of a sensor without faults"
         if not isinstance(self._motion, Linear):
             return "the target is driven by a motion that is not linear"
         sensors = sensors_of(self.true_sensor)
@@ -396,4 +395,6 @@ class Tracking(Scenario):
             return {}
         sigma = np.nan if self.position_sigma is None else self.position_sigma
         of_target = self.target.run_metrics(values, Scored(self.times, self.windows, sigma))
-        return {"diverged": diverged(values, self.recorded_runs is not None)} | of_target
+        of_faults = recovery(self._fault_context, self.faults, self.windows, values)
+        out = {"diverged": diverged(values, self.recorded_runs is not None)}
+        return out | of_target | of_faults

@@ -207,6 +207,7 @@ class Training:
             width=width,
             runs_used=min(width, settings.tuning.runs - number * width),
             reference=self._point.filters[settings.reference or ""] if measured else None,
+            reference_assume=self._point.assumed.get(settings.reference or ""),
             predictive_metrics=predictions_for(
                 name.partition("[")[0] for name in self.objective.metrics
             ),

@@ -191,6 +191,8 @@ class Assume:
     """sensor, or a list with one for each true sensor"""
     start: Annotated[Part | None, Registered("starts")] = None
     """prior that is independent of the data: given, uniform or mixture"""
+    faults: Literal["known"] | None = None
+    """known: the true law of the sensors' faults; default: none"""
 
     def over(self, other: "Assume") -> "Assume":
         """Return these assumptions, with the other's where a key is unset."""
@@ -198,6 +200,7 @@ class Assume:
             motion=self.motion or other.motion,
             sensor=self.sensor or other.sensor,
             start=self.start or other.start,
+            faults=self.faults or other.faults,
         )
 
 
@@ -287,6 +290,38 @@ class StackedSensor:
         return [slice(a, b) for a, b in pairwise([0, *ends])]
 
 
+@dataclass(frozen=True, eq=False)
+class ScaledNoise:
+    """A sensor whose standard deviations have factors (n_z, T), from step ``first`` on."""
+
+    sensor: "Sensors"
+    first: int
+    scales: Array
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """Names of the measurement's components, in order."""
+        return self.sensor.components
+
+    def measurement(self, x: Array, k: int) -> Gaussian:
+        """Return the distribution N(h(x), D R D) of z_k given x_k = x (n_x, *batch)."""
+        z, d = self.sensor.measurement(x, k), self.scales[:, k - self.first]
+        return Gaussian(z.mean, z.cov * with_trailing(np.outer(d, d), z.cov.ndim - 2, leading=2))
+
+    def innovation(self, z: Array, z_pred: Array) -> Array:
+        """Return ``z - z_pred``, angles wrapped."""
+        return self.sensor.innovation(z, z_pred)
+
+    def jacobian(self, x: Array, k: int) -> Array:
+        """Return d E[z_k] / d x_k (n_z, n_x[, *batch])."""
+        return self.sensor.jacobian(x, k)
+
+    @property
+    def H(self) -> Callable[[int], Array]:
+        """H (n_z, n) as a function of n; AttributeError if the sensor is nonlinear."""
+        return self.sensor.H  # type: ignore[union-attr]
+
+
 Sensors: TypeAlias = SensorBase | StackedSensor
 """One sensor, or several as one."""
 
@@ -296,6 +331,21 @@ def stack(sensors: tuple[SensorBase, ...] | SensorBase) -> Sensors:
     if not isinstance(sensors, tuple):
         return sensors
     return sensors[0] if len(sensors) == 1 else StackedSensor(sensors)
+
+
+def stack_for(
+    sensors: SensorBase | tuple[SensorBase, ...], components: tuple[str, ...], *path: str
+) -> Sensors:
+    """Return sensors of a state with these components as one; raises InvalidKeyError."""
+    several = sensors if isinstance(sensors, tuple) else (sensors,)
+    fitted = []
+    for i, sensor in enumerate(several):
+        try:
+            fitted.append(sensor.for_state(components))
+        except InvalidKeyError as error:
+            index = (i,) if isinstance(sensors, tuple) else ()
+            raise InvalidKeyError(str(error), *path, *index, *error.path) from None
+    return stack(tuple(fitted))
 
 
 def sensors_of(sensor: Sensors) -> tuple[SensorBase, ...]:

@@ -209,7 +209,7 @@ class FunctionSensor(SensorBase):
             what = "not together with `noise`, which filters know; take one of the two"
             raise InvalidKeyError(what, "outliers")
         # The variance: none of a count, required by a mixture, diagonal otherwise.
-        if self._is_count:
+        if self.is_count:
             if self.R is not None:
                 raise InvalidKeyError("`noise: poisson` has the variance h; leave out `R`", "R")
             if self.angles:
@@ -228,7 +228,8 @@ class FunctionSensor(SensorBase):
         return self.noise
 
     @property
-    def _is_count(self) -> bool:
+    def is_count(self) -> bool:
+        """True if the measurement is a count."""
         return isinstance(self.noise, Noise) and self.noise.kind == "poisson"
 
     @property
@@ -242,7 +243,7 @@ class FunctionSensor(SensorBase):
 
     def why_no_moments(self) -> str:
         """Return the reason why the measurement has no covariance, or nothing."""
-        if self.noise is None or self._is_count or self._known_noise.variance < np.inf:
+        if self.noise is None or self.is_count or self._known_noise.variance < np.inf:
             return ""
         return f"Student's t of df {self._known_noise.df:g} has no variance, which needs df > 2"
 
@@ -264,7 +265,7 @@ class FunctionSensor(SensorBase):
                 way_on = "write it in rad, or `angles: []` if no target crosses the cut"
                 raise InvalidKeyError(f"{what}; only angles in rad wrap: {way_on}", "h", name)
             names += [name] if turns else []
-        return () if self._is_count else tuple(names)
+        return () if self.is_count else tuple(names)
 
     @cached_property
     def _programs(self) -> tuple[ArrayProgram, ArrayProgram, ArrayProgram]:
@@ -286,7 +287,7 @@ class FunctionSensor(SensorBase):
         mean = np.broadcast_to(mean, (len(mean), *x.shape[1:]))
         if self.noise is None:
             return Gaussian(mean, R(x, k))
-        if self._is_count:
+        if self.is_count:
             # The variance of a count is its rate.
             eye = with_trailing(np.eye(len(mean)), x.ndim - 1, leading=2)
             return Gaussian(mean, eye * mean)
@@ -311,7 +312,7 @@ class FunctionSensor(SensorBase):
         h, scale = self._mean_and_scale(x, k)
         missing = np.isnan(z)
         z = np.where(missing, 0.0, z)
-        if self._is_count:
+        if self.is_count:
             log_p = log_poisson(with_trailing(z, x.ndim - 1), h)
         else:
             e = self.innovation(with_trailing(z, x.ndim - 1), h) / scale
@@ -326,7 +327,7 @@ class FunctionSensor(SensorBase):
     def draw_known(self, x: Array, k: int, noise: Array, rng: Streams) -> Array:
         """Draw measurements (n_z, M) of true states x; ``noise`` (n_z, M) is standard normal."""
         h, scale = self._mean_and_scale(x, k)
-        if not self._is_count:
+        if not self.is_count:
             return h + scale * self._known_noise.draw(noise, rng)
         try:
             return draw_poisson(np.broadcast_to(h, noise.shape), rng.random(noise.shape))
@@ -335,7 +336,7 @@ class FunctionSensor(SensorBase):
 
     def information(self, x: Array, k: int, certain: bool = False) -> Array:
         """Return the Fisher information (n_x, n_x[, M]) of a measurement of the state x (n_x[, M])."""
-        if self.noise is None or self._is_count:
+        if self.noise is None or self.is_count:
             return super().information(x, k, certain)
         # That of normal noise of covariance R, times the information of a component of unit R.
         noise = self._known_noise
@@ -367,7 +368,7 @@ class FunctionSensor(SensorBase):
     def H(self) -> "Constant":
         """H (n_z, n) as a function of n; AttributeError if h is not linear."""
         h, jacobian, R = self._programs
-        if self._is_count:
+        if self.is_count:
             raise AttributeError("the variance of a count depends on the state")
         if jacobian.constant is None or R.constant is None or not h.is_zero_at_zero():
             raise AttributeError("h is not linear")

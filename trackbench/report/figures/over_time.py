@@ -159,6 +159,16 @@ class OverTime(Curves):
         point = results.points()[0]
         return figure, [([ax], point, label) for (ax,), label in zip(panels, titles, strict=True)]
 
+    def shade(self, ax: Axes, rows: Columns, fault: Mapping[str, Any]) -> None:
+        """Shade the steps of a fault among those of some rows."""
+        first, last = fault["steps"] or (fault["from"], fault["to"])
+        at = rows["time" if fault["steps"] is None else "step"]
+        inside = at >= (-np.inf if first is None else first)
+        inside &= at <= (np.inf if last is None else last)
+        if inside.any():
+            x = rows[self.x][inside]
+            ax.axvspan(x.min(), x.max(), label=fault["name"], **style.FAULT)
+
     def series(self, rows: Columns) -> tuple[Array, ...]:
         """Return abscissas, values and standard errors, with NaN in gaps of the steps."""
         return style.with_gaps(rows["step"], *(rows[c] for c in (self.x, "value", "stderr")))
@@ -190,6 +200,8 @@ class OverTime(Curves):
 class RmseVsTime(OverTime):
     """A metric of per_step.csv over steps or time, with two standard errors on either side.
 
+    Faults of sensors are shaded.
+
     More than 5 filters over more than 150 steps have a panel each, with the other filters in gray.
     """
 
@@ -217,6 +229,8 @@ class RmseVsTime(OverTime):
         for (ax,), point, title in panels:
             lines = list(self.lines(results, point, self.metric))
             number = 1 if titles else len(lines)
+            for fault in results.facts(point).scenario.get("faults", ()):
+                self.shade(ax, lines[0][0], fault)
             for i, (rows, look) in enumerate(lines):
                 k, value, stderr = self.series(rows)
                 if self.log and scales.has_logarithm(value):

@@ -39,6 +39,8 @@ EXACT: LineStyle = {"color": "black", "linestyle": (0, (4, 3)), "linewidth": 0.9
 BASELINE: LineStyle = {"color": "#777777", "linestyle": (0, (1, 1.6)), "linewidth": 1.4}
 ANY, MANEUVER = "#555555", "#f3d9a4"
 """Colors of what is no filter's own: of any filter in a legend, of spans of maneuvers."""
+FAULT: LineStyle = {"color": "#f4cccc", "lw": 1, "zorder": 0}
+"""Look of the time of a sensor's fault."""
 BAND: LineStyle = {"color": "black", "alpha": 0.15, "lw": 0}
 """Look of where a filter without fault is found."""
 TRUTH: LineStyle = {"color": "black", "linewidth": 1.4, "linestyle": "-"}

@@ -1,0 +1,342 @@
+"""Faults of sensors against scalar programs of a few lines."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from trackbench import api
+from trackbench.config.experiment import Experiment
+from trackbench.config.load import load
+from trackbench.core.arrays import Array
+from trackbench.core.random_streams import RunStreams
+from trackbench.errors import UserError
+from trackbench.evaluation.block import BlockResult, BlockTask
+from trackbench.evaluation.exact_errors import exact_series, why_not_exact
+from trackbench.evaluation.run_block import run_block, run_stack
+from trackbench.execution.cache import block_key
+from trackbench.execution.plan import make_plan
+from trackbench.scenarios.tracking import Tracking
+
+PHI, Q, R, RUNS = 0.95, 1.0, 4.0, 40
+BURST = {"name": "burst", "kind": "outliers", "steps": [30, 40], "factor": 50}
+SCENARIO = {
+    "kind": "tracking",
+    "last": 100,
+    "target": {"kind": "driven", "motion": {"kind": "ar1", "phi": PHI, "q": Q}},
+    "sensor": {"kind": "scalar", "sigma": R**0.5},
+    "start": {"kind": "gaussian", "sigma": [1.5]},
+}
+FILTERS = {"KF": {"kind": "kf"}, "Gated": {"kind": "ekf", "gate": 0.999}}
+KNOWN = {"KF": {"kind": "kf"}, "Known": {"kind": "kf", "assume": {"faults": "known"}}}
+
+
+def experiment(
+    folder: Path, *faults: dict[str, Any], filters: dict[str, Any] = FILTERS, **keys: Any
+) -> Experiment:
+    """Return an experiment with these faults; ``keys`` are those of the scenario."""
+    config = {"name": "f", "filters": filters}
+    config["scenario"] = SCENARIO | {"faults": list(faults)} | keys
+    if "target" not in keys:
+        config["runs"] = RUNS
+    (folder / "f.yaml").write_text(yaml.safe_dump(config))
+    return load(folder / "f.yaml")
+
+
+def scenario(folder: Path, *faults: dict[str, Any], **keys: Any) -> Tracking:
+    """Return the scenario alone."""
+    built = experiment(folder, *faults, **keys).points[0].scenario
+    assert isinstance(built, Tracking)
+    return built
+
+
+def measured(of: Tracking, runs: int = RUNS) -> tuple[Array, Array]:
+    """Return truth and measurements."""
+    data = of.simulate(RunStreams(1, range(runs)), runs)
+    return data.truth, data.measurements
+
+
+def result(of: Experiment, label: str) -> BlockResult:
+    """Return the result of one block."""
+    point = of.points[0]
+    assume = point.assumed.get(label)
+    task = BlockTask(point.scenario, point.filters[label], 1, 0, RUNS, RUNS, assume=assume)
+    return run_block(task)
+
+
+def kalman(z: Array, limit: float = np.inf, factors: Array | None = None) -> tuple[Array, Array]:
+    """Return estimates and refusals of a scalar Kalman filter from N(0, 1.5^2)."""
+    x, P, estimates, refused = 0.0, 2.25, [0.0], [False]
+    for value, factor in zip(z, np.ones(len(z)) if factors is None else factors, strict=True):
+        x, P = PHI * x, PHI * PHI * P + Q
+        S = P + R * factor
+        out = (value - x) ** 2 / S > limit
+        if not (out or np.isnan(value)):
+            x, P = x + P / S * (value - x), P - P * P / S
+        estimates.append(x)
+        refused.append(out)
+    return np.array(estimates), np.array(refused)
+
+
+@pytest.mark.parametrize(("label", "limit"), [("KF", np.inf), ("Gated", 10.827566170662733)])
+def test_metrics_are_those_of_a_scalar_program(tmp_path: Path, label: str, limit: float) -> None:
+    of = experiment(tmp_path, BURST)
+    got = result(of, label).per_run
+    faulty = of.points[0].scenario
+    truth, z = measured(faulty)
+    _, clean = measured(faulty.without_faults)
+    for m in range(RUNS):
+        estimate, refused = kalman(z[0, :, m], limit)
+        twin, _ = kalman(clean[0, :, m], limit)
+        error, of_twin = abs(estimate - truth[0, :, m]), abs(twin - truth[0, :, m])
+        excess = error - of_twin
+        assert got["damage"][m] == pytest.approx(excess.mean(), abs=1e-9)
+        assert got["damage[burst]"][m] == pytest.approx(excess[30:41].mean(), abs=1e-9)
+        assert got["damage[after burst]"][m] == pytest.approx(excess[41:].mean(), abs=1e-9)
+        assert got["rmse[burst]"][m] == pytest.approx((error[30:41] ** 2).mean() ** 0.5, abs=1e-9)
+        # Recovered: from step k on, 40 at the earliest, no excess above a tenth of the twin's RMSE.
+        small = excess <= 0.1 * (of_twin[41:] ** 2).mean() ** 0.5
+        recovered = next((k for k in range(40, 101) if small[k:].all()), None)
+        assert got["not_recovered[burst]"][m] == (recovered is None)
+        if recovered is not None:
+            assert got["recovery_s[burst]"][m] == recovered - 40
+        if label == "Gated":
+            assert got["rejected_good"][m] == np.delete(refused[1:], slice(29, 40)).mean()
+            assert got["accepted_bad"][m] == (~refused[30:41]).mean()
+
+
+def test_the_burst_shows_and_the_gate_helps(tmp_path: Path) -> None:
+    of = experiment(tmp_path, BURST)
+    plain, gated = (result(of, label).per_run for label in FILTERS)
+    assert plain["damage[burst]"].mean() > 20 * abs(gated["damage[burst]"].mean())
+    assert 0 < plain["recovery_s[burst]"].mean() < 60
+
+
+@pytest.mark.parametrize(
+    ("keys", "expected"),
+    [
+        ({"kind": "outliers", "factor": 50}, lambda z, x, t: x + 50 * (z - x)),
+        ({"kind": "noise", "factor": 0.5}, lambda z, x, t: x + 0.5 * (z - x)),
+        ({"kind": "blackout"}, lambda z, x, t: z * np.nan),
+        ({"kind": "bias", "value": {"z": 3}}, lambda z, x, t: z + 3),
+        ({"kind": "bias", "value": [3], "ramp": [0.5]}, lambda z, x, t: z + 3 + 0.5 * t),
+        ({"kind": "freeze"}, lambda z, x, t: np.broadcast_to(z[:1], z.shape)),
+    ],
+)
+@pytest.mark.parametrize("when", [{"steps": [30, 40]}, {"from": 15.0, "to": 20.0}])
+def test_a_fault_changes_the_measurements_of_its_window_alone(
+    tmp_path: Path, keys: dict[str, Any], expected: Any, when: dict[str, Any]
+) -> None:
+    faulty = scenario(tmp_path, {"name": "a", **when, **keys}, T=0.5)
+    truth, z = measured(faulty)
+    same, clean = measured(faulty.without_faults)
+    np.testing.assert_array_equal(truth, same)
+    inside = np.zeros(100, dtype=bool)
+    inside[29:40] = True
+    np.testing.assert_array_equal(z[:, ~inside], clean[:, ~inside])
+    # Steps 29 to 40 of the measurements, the first one before the fault.
+    t = (np.arange(-1, 11) * 0.5)[:, None]
+    changed = expected(clean[0, 28:40], truth[0, 29:41], t)[1:]
+    np.testing.assert_allclose(z[0, inside], changed, rtol=1e-12, atol=1e-12)
+
+
+def test_drawn_faults_have_streams_of_their_own(tmp_path: Path) -> None:
+    half = BURST | {"share": 0.5, "steps": [1, 100]}
+    _, z = measured(scenario(tmp_path, half), 400)
+    _, few = measured(scenario(tmp_path, half), 10)
+    np.testing.assert_array_equal(z[..., :10], few)
+    # A fault in front with no draws, and one behind, leave the first one's draws.
+    _, clean = measured(scenario(tmp_path), 400)
+    number, share = z.size, (z != clean).mean()
+    assert abs(share - 0.5) < 4 * 0.5 / number**0.5
+    second = half | {"name": "second"}
+    _, both = measured(scenario(tmp_path, half, second), 400)
+    changed = (both != clean).mean()
+    assert abs(changed - 0.75) < 4 * 0.44 / number**0.5
+
+
+def test_a_fault_is_of_one_sensor_and_begins_with_its_last_value(tmp_path: Path) -> None:
+    sensors = [{"kind": "scalar", "sigma": 1.0}, {"kind": "scalar", "sigma": 2.0, "detection": 0.5}]
+    faults = [
+        {"name": "a", "kind": "freeze", "steps": [50, 60], "sensor": 2},
+        {"name": "b", "kind": "bias", "steps": [55, 70], "sensor": 1, "value": [7]},
+    ]
+    faulty = scenario(tmp_path, *faults, sensor=sensors)
+    (_, z), (_, clean) = measured(faulty), measured(faulty.without_faults)
+    np.testing.assert_array_equal(z[0, 54:70], clean[0, 54:70] + 7)
+    for m in range(RUNS):
+        before = clean[1, :49, m]
+        last = before[~np.isnan(before)][-1]
+        np.testing.assert_array_equal(
+            z[1, 49:60, m], np.where(np.isnan(clean[1, 49:60, m]), np.nan, last)
+        )
+    windows = faulty.windows
+    assert [*np.flatnonzero(windows["after a"])] == [*range(61, 101)]
+    assert [*np.flatnonzero(windows["after b"])] == [*range(71, 101)]
+
+
+def test_the_time_after_a_fault_ends_with_the_next_one(tmp_path: Path) -> None:
+    late = {"name": "late", "kind": "blackout", "from": 60}
+    windows = scenario(tmp_path, BURST, late).windows
+    assert [*np.flatnonzero(windows["after burst"])] == [*range(41, 60)]
+    assert [*np.flatnonzero(windows["late"])] == [*range(60, 101)]
+    assert "after late" not in windows
+
+
+@pytest.mark.parametrize(
+    ("keys", "corrected", "factor"),
+    [
+        ({"kind": "noise", "factor": 3}, lambda z: z, 9.0),
+        ({"kind": "outliers", "factor": 50, "share": 0.5}, lambda z: z, 1250.5),
+        ({"kind": "bias", "value": [30]}, lambda z: z - 30.0, 1.0),
+        ({"kind": "blackout"}, lambda z: z, 1.0),
+        ({"kind": "freeze"}, lambda z: z * np.nan, 1.0),
+    ],
+)
+def test_a_filter_that_knows_the_fault_has_its_law(
+    tmp_path: Path, keys: dict[str, Any], corrected: Any, factor: float
+) -> None:
+    of = experiment(tmp_path, {"name": "a", "steps": [30, 40], **keys}, filters=KNOWN)
+    known, plain = (result(of, label).per_run for label in ("Known", "KF"))
+    truth, z = measured(of.points[0].scenario)
+    z[:, 29:40] = corrected(z[:, 29:40])
+    factors = np.where((np.arange(1, 101) >= 30) & (np.arange(1, 101) <= 40), factor, 1.0)
+    for m in range(RUNS):
+        error = kalman(z[0, :, m], factors=factors)[0] - truth[0, :, m]
+        assert known["rmse"][m] == pytest.approx((error**2).mean() ** 0.5, abs=1e-9)
+    # It is not beaten, beyond the error of the paired difference.
+    excess = known["rmse"] - plain["rmse"]
+    assert excess.mean() <= 3 * excess.std() / RUNS**0.5
+    if keys["kind"] == "bias":  # known exactly: no damage at all
+        np.testing.assert_allclose(known["damage"], 0.0, atol=1e-9)
+
+
+def test_the_reference_may_know_the_fault(tmp_path: Path) -> None:
+    experiment(tmp_path, BURST, filters=KNOWN)
+    config = yaml.safe_load((tmp_path / "f.yaml").read_text()) | {"reference": "Known"}
+    (tmp_path / "f.yaml").write_text(yaml.safe_dump(config))
+    of = load(tmp_path / "f.yaml")
+    plan = make_plan(of)
+    (task,) = plan.tasks[0, "KF"]
+    distance = run_block(task).per_run["rmsd"]
+    seeded = of.points[0].scenario.simulate(RunStreams(of.settings.seed, range(1)), 1)
+    z, inside = seeded.measurements[0, :, 0], (np.arange(1, 101) >= 30) & (np.arange(1, 101) <= 40)
+    known = kalman(z, factors=np.where(inside, 2500.0, 1.0))[0]
+    expected = (np.square(kalman(z)[0] - known).mean()) ** 0.5
+    assert distance[0] == pytest.approx(expected, abs=1e-9)
+    assert block_key(task, 1) != block_key(replace(task, reference_assume=None), 1)
+
+
+MEASURED = "run,time,z\n" + "".join(
+    f"{m},{t},{2 * t + 0.1 * m}\n" for m in (1, 2) for t in range(9)
+)
+TRUE = "run,time,x\n" + "".join(
+    f"{m},{t},{2 * t}\n" for m in (1, 2) for t in range(9) if m + t != 6
+)
+TRUTH = {"truth": "t.csv", "truth_gap": 1.5}
+NOISY = {"name": "a", "kind": "noise", "from": 4, "to": 6, "factor": 10}
+
+
+def recording(folder: Path, **keys: Any) -> dict[str, Any]:
+    """Return keys of a scenario with two recorded runs; the truth of each lacks a step."""
+    (folder / "m.csv").write_text(MEASURED)
+    (folder / "t.csv").write_text(TRUE)
+    target = {"kind": "measured", "axes": 0, "measurements": "m.csv"} | keys
+    start = {"kind": "given", "mean": [0.0], "sigma": [2.0]}
+    motion = {"motion": {"kind": "ar1", "phi": 1.0, "q": 4.0}}
+    return {"target": target, "start": start, "assume": motion, "last": None}
+
+
+def test_a_fault_is_put_into_a_recording(tmp_path: Path) -> None:
+    faulty = scenario(tmp_path, NOISY, **recording(tmp_path, **TRUTH))
+    (_, z), (_, clean) = measured(faulty, 2), measured(faulty.without_faults, 2)
+    changed = (z != clean)[0]
+    # The errors are 0.1 and 0.2 m; where the truth is unknown the measurement stays.
+    times = faulty.times[1:]
+    for m, unknown in enumerate((5, 4)):
+        inside = (times >= 4) & (times <= 6) & (times != unknown)
+        np.testing.assert_array_equal(changed[:, m], inside)
+        np.testing.assert_allclose((z - clean)[0, inside, m], 9 * 0.1 * (m + 1), rtol=1e-9)
+
+
+def test_a_recording_without_truth_has_faults_that_need_none(tmp_path: Path) -> None:
+    bias = {"name": "a", "kind": "bias", "steps": [4, 6], "value": [5]}
+    faulty = scenario(tmp_path, bias, **recording(tmp_path))
+    (_, z), (_, clean) = measured(faulty, 2), measured(faulty.without_faults, 2)
+    assert (z - clean).sum() == pytest.approx(2 * 3 * 5)
+    point = experiment(tmp_path, bias, **recording(tmp_path)).points[0]
+    got = run_block(BlockTask(point.scenario, point.filters["Gated"], 1, 0, 2, 2)).per_run
+    assert "damage" not in got
+    # The gate is 3.29 sqrt(10.5) = 10.7 m wide on either side: it lets in what is off by 5 m.
+    np.testing.assert_array_equal(got["accepted_bad[a]"], 1.0)
+    np.testing.assert_array_equal(got["rejected_good"], 0.0)
+    with pytest.raises(UserError, match="errors, which are known with a truth only"):
+        scenario(tmp_path, NOISY, **recording(tmp_path))
+
+
+def test_training_has_the_faults_before_its_end(tmp_path: Path) -> None:
+    late = NOISY | {"name": "late", "from": 7, "to": 8}
+    keys = recording(tmp_path, **TRUTH) | {"score": {"train": 0.6}}
+    training = scenario(tmp_path, NOISY, late, **keys).training
+    assert isinstance(training, Tracking)
+    assert [fault.name for fault in training.faults] == ["a"]
+
+
+def test_results_have_the_metrics_and_rerun_from_their_config(tmp_path: Path) -> None:
+    built = experiment(tmp_path, BURST, {"name": "late", "kind": "blackout", "from": 60})
+    assert built.settings.runs == RUNS
+    config = yaml.safe_load((tmp_path / "f.yaml").read_text())
+    config["tables"] = {"t": {"kind": "metrics", "columns": {"D": "mean(damage[after burst])"}}}
+    config["figures"] = {"f": {"kind": "rmse-vs-time", "metric": "damage", "x": "time"}}
+    (tmp_path / "f.yaml").write_text(yaml.safe_dump(config))
+    options = {"workers": 1, "quiet": True}
+    report = api.run(tmp_path / "f.yaml", out=tmp_path / "a", formats=("svg",), **options)
+    rows = report.summary.set_index(["filter", "metric"])["value"]
+    assert rows["KF", "mean(damage[burst])"] > rows["Gated", "mean(damage[burst])"]
+    assert 0 < rows["Gated", "mean(accepted_bad)"] < 1
+    figure = (tmp_path / "a" / "figures" / "f.svg").read_text()
+    assert "burst" in figure
+    assert "late" in figure
+    api.run(tmp_path / "a" / "config.yaml", out=tmp_path / "b", formats=(), **options)
+    for name in ("summary.csv", "per_run.csv", "points.json"):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+@pytest.mark.parametrize(
+    "keys", [{"kind": "noise", "factor": 3}, {"kind": "bias", "value": [4], "ramp": [0.5]}]
+)
+def test_exact_errors_are_those_of_the_covariance_recursion(
+    tmp_path: Path, keys: dict[str, Any]
+) -> None:
+    point = experiment(tmp_path, {"name": "a", "steps": [30, 40], **keys}, filters=KNOWN).points[0]
+    exact = exact_series(BlockTask(point.scenario, point.filters["KF"], 1, 0, 1, 1))["squared"]
+    # Mean and variance of the error of a filter with the gain of P.
+    mean, variance, P, expected = 0.0, 2.25, 2.25, [2.25]
+    for k in range(1, 101):
+        inside = 30 <= k <= 40
+        factor = keys.get("factor", 1.0) if inside else 1.0
+        bias = 4 + 0.5 * (k - 30) if inside and keys["kind"] == "bias" else 0.0
+        P, variance, mean = PHI**2 * P + Q, PHI**2 * variance + Q, PHI * mean
+        K = P / (P + R)
+        P, mean = (1 - K) * P, (1 - K) * mean + K * bias
+        variance = (1 - K) ** 2 * variance + K**2 * R * factor**2
+        expected.append(mean**2 + variance)
+    np.testing.assert_allclose(exact, expected, rtol=1e-9)
+
+
+def test_exact_errors_of_a_drawn_fault_are_refused(tmp_path: Path) -> None:
+    point = experiment(tmp_path, BURST | {"share": 0.5}).points[0]
+    task = BlockTask(point.scenario, point.filters["KF"], 1, 0, 1, 1)
+    assert "draws more than normal noise" in str(why_not_exact(task))
+
+
+def test_stacked_blocks_have_the_twins_of_each(tmp_path: Path) -> None:
+    point = experiment(tmp_path, BURST).points[0]
+    tasks = [BlockTask(point.scenario, point.filters["Gated"], 1, i, 10, 10) for i in range(3)]
+    for task, stacked in zip(tasks, run_stack(tasks), strict=True):
+        alone = run_block(task).per_run
+        for name, values in stacked[10].per_run.items():
+            np.testing.assert_array_equal(values, alone[name])

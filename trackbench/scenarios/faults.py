@@ -1,0 +1,382 @@
+"""Faults: stretches of a run in which a sensor measures worse than filters assume.
+
+A fault changes measurements that were drawn without it, but the scans of a start. All other random
+numbers stay, so that a run and its twin without faults are paired.
+"""
+
+from abc import abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Annotated, ClassVar, Literal, NamedTuple, TypeAlias, cast
+
+import numpy as np
+from pydantic import Field, StringConstraints
+
+from trackbench.core.arrays import Array, Index, Mask, fixed, with_trailing
+from trackbench.core.random_streams import RunStreams, Streams
+from trackbench.core.sums import total
+from trackbench.field_types import (
+    ONE_LINE,
+    ByComponent,
+    Count,
+    Finite,
+    InvalidKeyError,
+    Natural,
+    Positive,
+    Share,
+    freeze_mappings,
+)
+from trackbench.metrics import in_window
+from trackbench.models.base import Sensor, by_component, has_density
+from trackbench.models.sensors.base import (
+    ScaledNoise,
+    SensorBase,
+    Sensors,
+    rows_of,
+    sensors_of,
+)
+
+_TICK = 1e-6  # s, by which times may differ from those of steps
+
+
+class Stretch(NamedTuple):
+    """A sensor's measurements of S steps with a fault, M runs."""
+
+    z: Array
+    """measurements (n_z, S, M), NaN where missing"""
+    elapsed: Array
+    """time since the fault's begin (S,), s"""
+    components: tuple[str, ...]
+    """names of the measurement's components"""
+    before: Array = np.empty(0)
+    """last measurement of each run before the fault (n_z, M)"""
+    noise: Array = np.empty(0)
+    """errors of the measurements without the sensor's bias; NaN where the truth is unknown"""
+    streams: Callable[[], RunStreams] | None = None
+    """random numbers of this fault alone"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fault:
+    """Base of the faults: when they are, and of which sensor."""
+
+    name: Annotated[str, StringConstraints(pattern=ONE_LINE, max_length=70)]
+    """window of metrics: rmse_position[burst], rmse_position[after burst]"""
+    from_: Finite | None = None
+    """time of the first wrong measurement, s; default: from the start"""
+    to: Finite | None = None
+    """time of the last wrong measurement, s; default: to the end"""
+    steps: tuple[Natural, Natural] | None = None
+    """first and last step, in place of times"""
+    sensor: Count | None = None
+    """number of the sensor in a scenario of several, from 1; default: all"""
+    recovered: Positive = 0.1
+    """excess error after the fault that counts as recovered, as a share of the twin's RMSE"""
+
+    uses_noise: ClassVar[bool] = False
+    """whether the truth must be known"""
+
+    def __post_init__(self) -> None:
+        freeze_mappings(self)
+        if self.steps is not None and not (self.from_ is self.to is None):
+            raise InvalidKeyError("give `steps`, or `from` and `to`", "steps")
+        if self.steps is not None and self.steps[0] > self.steps[1]:
+            raise InvalidKeyError(f"{[*self.steps]} ends before it begins", "steps")
+        if self.from_ is not None and self.to is not None and self.from_ >= self.to:
+            what = f"ends at {self.to:g} s, and begins at {self.from_:g} s; take a later end"
+            raise InvalidKeyError(what, "to")
+
+    @abstractmethod
+    def faulty(self, of: Stretch) -> Array:
+        """Return the measurements (n_z, S, M) with the fault."""
+
+    @property
+    def variance(self) -> float:
+        """Factor on the variance of the noise."""
+        return 1.0
+
+    def corrected(self, of: Stretch) -> Array:
+        """Return the measurements (n_z, S, M) that a filter uses if it knows of the fault."""
+        return of.z
+
+    def check(self, components: tuple[str, ...]) -> None:
+        """Raise InvalidKeyError for keys that do not fit the measurement's components."""
+
+    def inside(self, steps: Index, times: Array) -> Mask:
+        """Return which steps (K,) have the fault."""
+        if self.steps is not None:
+            return np.asarray((steps >= self.steps[0]) & (steps <= self.steps[1]))
+        first = -np.inf if self.from_ is None else self.from_
+        last = np.inf if self.to is None else self.to
+        return np.asarray((times >= first - _TICK) & (times <= last + _TICK))
+
+
+@dataclass(frozen=True, kw_only=True)
+class LargerNoise(Fault):
+    """Larger or smaller errors of all measurements, or of a share."""
+
+    factor: Positive
+    """factor on the errors"""
+    share: Share = 1.0
+    """share of the measurements that have them"""
+
+    uses_noise: ClassVar[bool] = True
+
+    @property
+    def variance(self) -> float:
+        """Factor on the variance of the noise: that of the mixture."""
+        return 1.0 + self.share * (self.factor * self.factor - 1.0)
+
+    def faulty(self, of: Stretch) -> Array:
+        """Return ``h(x) + factor e``; a measurement whose truth is unknown stays."""
+        changed = ~np.isnan(of.noise).any(axis=0)
+        if self.share < 1.0 and of.streams is not None:
+            changed &= of.streams().random(of.z.shape[1:]) < self.share
+        return np.where(changed, of.z + (self.factor - 1.0) * of.noise, of.z)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outliers(LargerNoise):
+    """Larger errors, as a gate is to refuse."""
+
+    kind: Literal["outliers"] = "outliers"
+    """larger errors"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Noise(LargerNoise):
+    """Larger or smaller noise."""
+
+    kind: Literal["noise"] = "noise"
+    """larger or smaller noise"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Blackout(Fault):
+    """No measurement."""
+
+    kind: Literal["blackout"] = "blackout"
+    """no measurements"""
+
+    def faulty(self, of: Stretch) -> Array:
+        """Return NaN."""
+        return np.full_like(of.z, np.nan)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bias(Fault):
+    """An error that is constant, or grows with time."""
+
+    kind: Literal["bias"] = "bias"
+    """constant or growing error"""
+    value: ByComponent = ()
+    """error by component of the measurement, in SI units and radians"""
+    ramp: ByComponent = ()
+    """growth of the error per s, from zero or `value` at the fault's begin"""
+
+    def check(self, components: tuple[str, ...]) -> None:
+        """Check the components' names."""
+        for key, given in (("value", self.value), ("ramp", self.ramp)):
+            _ = by_component(given or {}, components, key)
+        if not (self.value or self.ramp):
+            raise InvalidKeyError("give `value`, or `ramp`")
+
+    def bias(self, of: Stretch) -> Array:
+        """Return the error (n_z, S)."""
+        value, ramp = (by_component(x or {}, of.components) for x in (self.value, self.ramp))
+        return np.asarray(value[:, None] + ramp[:, None] * of.elapsed)
+
+    def faulty(self, of: Stretch) -> Array:
+        """Add the error."""
+        return np.asarray(of.z + self.bias(of)[..., None])
+
+    def corrected(self, of: Stretch) -> Array:
+        """Subtract the error."""
+        return np.asarray(of.z - self.bias(of)[..., None])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Freeze(Fault):
+    """The last measurement before the fault again and again."""
+
+    kind: Literal["freeze"] = "freeze"
+    """the last measurement again"""
+
+    def faulty(self, of: Stretch) -> Array:
+        """Repeat the last measurement wherever there is one."""
+        return np.where(np.isnan(of.z), np.nan, of.before[:, None])
+
+    def corrected(self, of: Stretch) -> Array:
+        """Return NaN: the value has been used before."""
+        return np.full_like(of.z, np.nan)
+
+
+AnyFault: TypeAlias = Annotated[
+    Outliers | Blackout | Bias | Freeze | Noise, Field(discriminator="kind")
+]
+"""A fault of any kind."""
+
+
+class FaultContext(NamedTuple):
+    """Sensors, and numbers and times of the steps from the first state, that faults are fitted to."""
+
+    sensor: Sensors
+    steps: Index
+    times: Array
+
+    def rows(self, fault: Fault) -> slice:
+        """Return the rows of the measurement that a fault changes."""
+        return slice(None) if fault.sensor is None else rows_of(self.sensor)[fault.sensor - 1]
+
+    def sensors(self, fault: Fault) -> tuple[SensorBase, ...]:
+        """Return the sensors that a fault changes."""
+        every = sensors_of(self.sensor)
+        return every if fault.sensor is None else (every[fault.sensor - 1],)
+
+    def components(self, fault: Fault) -> tuple[str, ...]:
+        """Return names of those components: of one sensor its own."""
+        return (self.sensor if fault.sensor is None else self.sensors(fault)[0]).components
+
+    def measured(self, fault: Fault) -> Mask:
+        """Return which measured steps (T,) have a fault."""
+        return fault.inside(self.steps[1:], self.times[1:])
+
+    def check(self, faults: Sequence[Fault], taken: Mapping[str, object], truth: bool) -> None:
+        """Raise InvalidKeyError for a fault outside the run, of no sensor, or whose name is taken."""
+        names = [*taken]
+        for i, fault in enumerate(faults):
+            sensors, (first, last) = len(sensors_of(self.sensor)), self.times[[1, -1]]
+            if fault.sensor is not None and fault.sensor > sensors:
+                what = f"{fault.sensor} is no sensor: this scenario has {sensors}"
+                raise InvalidKeyError(what, "faults", i, "sensor")
+            if not self.measured(fault).any():
+                what = f"no measurement is in it: they are at {first:g} to {last:g} s, "
+                what += f"steps {self.steps[1]} to {self.steps[-1]}"
+                key = "steps" if fault.steps else "to" if fault.from_ is None else "from"
+                raise InvalidKeyError(what, "faults", i, key)
+            for name in (fault.name, f"after {fault.name}"):
+                if name in names:
+                    what = f"there is a window {name!r} already: choose another name"
+                    raise InvalidKeyError(what, "faults", i, "name")
+                names.append(name)
+            if fault.uses_noise and not truth:
+                what = "multiplies errors, which are known with a truth only; take bias or blackout"
+                raise InvalidKeyError(what, "faults", i, "kind")
+            if any(getattr(s, "is_count", False) for s in self.sensors(fault)):
+                what = "a count (`noise: poisson`) has no such error; take blackout or freeze"
+                if fault.uses_noise or isinstance(fault, Bias):
+                    raise InvalidKeyError(what, "faults", i, "kind")
+            try:
+                fault.check(self.components(fault))
+            except InvalidKeyError as error:
+                raise InvalidKeyError(str(error), "faults", i, *error.path) from None
+
+    def windows(self, faults: Sequence[Fault], scored: Mask) -> dict[str, Mask]:
+        """Return the steps (K,) of each fault, and those after it up to the next one."""
+        out, places = {}, np.arange(len(self.steps))
+        ends = {fault: np.flatnonzero(self.measured(fault))[[0, -1]] + 1 for fault in faults}
+        for fault, (_, last) in ends.items():
+            later = [first for first, _ in ends.values() if first > last]
+            inside = np.insert(self.measured(fault), 0, False)
+            out[fault.name] = scored & inside
+            after = (places > last) & (places < min(later, default=len(places)))
+            out[f"after {fault.name}"] = scored & after
+        return out
+
+    def with_faults(
+        self, faults: Sequence[Fault], truth: Array, z: Array, scans: Array, rng: Streams
+    ) -> Array:
+        """Return measurements (n_z, T, M) with the faults, in their order; scans came before."""
+        drawn, z = z, z.copy()
+        for i, fault in enumerate(faults):
+            rows, inside = self.rows(fault), self.measured(fault)
+            earlier = np.concatenate([scans, z[:, : int(np.argmax(inside))]], axis=1)[rows]
+            stretch = self._stretch(fault, z)._replace(before=_latest(earlier))
+            if fault.uses_noise:
+                noise = self._noise(truth, drawn, inside)[rows]
+                streams = partial(cast(RunStreams, rng).beside, i)
+                stretch = stretch._replace(noise=noise, streams=streams)
+            z[rows, inside] = fault.faulty(stretch)
+        return z
+
+    def corrected(self, faults: Sequence[Fault], z: Array) -> Array:
+        """Return the measurements (n_z, T, M) for a filter that knows of the faults."""
+        z = z.copy()
+        for fault in faults:
+            z[self.rows(fault), self.measured(fault)] = fault.corrected(self._stretch(fault, z))
+        return z
+
+    def known_sensor(self, faults: Sequence[Fault], assumed: Sensors) -> Sensor:
+        """Return the assumed sensor with the noise of the faults; raises InvalidKeyError."""
+        scales = np.ones((len(self.sensor.components), len(self.steps) - 1))
+        for fault in faults:
+            scales[self.rows(fault), self.measured(fault)] *= np.sqrt(fault.variance)
+        if (scales == 1.0).all():
+            return assumed
+        if has_density(assumed):
+            what = "noise that is not normal has no known law in a fault that multiplies it"
+            raise InvalidKeyError(what, "assume", "faults")
+        return ScaledNoise(assumed, int(self.steps[1]), fixed(scales))
+
+    def _stretch(self, fault: Fault, z: Array) -> Stretch:
+        """Return the measurements of a fault's sensor in its steps."""
+        inside = self.measured(fault)
+        times = self.times[1:][inside]
+        elapsed = times - (times[0] if fault.from_ is None else fault.from_)
+        return Stretch(z[self.rows(fault), inside], elapsed, self.components(fault))
+
+    def _noise(self, truth: Array, z: Array, inside: Mask) -> Array:
+        """Return errors (n_z, S, M) of the measurements without the sensors' biases."""
+        bias = np.zeros(len(z))
+        for sensor, rows in zip(sensors_of(self.sensor), rows_of(self.sensor), strict=True):
+            bias[rows] = sensor.bias or 0.0
+        errors = []
+        for i in np.flatnonzero(inside).tolist():
+            expected = self.sensor.measurement(truth[:, i + 1], int(self.steps[i + 1])).mean
+            errors.append(self.sensor.innovation(z[:, i], expected) - with_trailing(bias, 1))
+        return np.stack(errors, axis=1)
+
+
+def recovery(
+    context: FaultContext,
+    faults: Sequence[Fault],
+    windows: Mapping[str, Mask],
+    values: Mapping[str, Array],
+) -> dict[str, Array]:
+    """Return ``recovery_s`` and ``not_recovered`` (M,) of each fault, by the first quantity's error.
+
+    A run has recovered at the first step from which on its excess error stays below the limit, up to the
+    next fault. Its time counts from the last step with the fault.
+    """
+    of_faults = [name for name in values if name.partition("_")[0] == "damage"]
+    out: dict[str, Array] = {}
+    for fault in faults if of_faults else ():
+        after = windows.get(f"after {fault.name}")
+        if after is None:
+            continue
+        damage = values[of_faults[0]]
+        squared = values[of_faults[0].replace("damage", "squared", 1)]
+        # Step 1: the limit is a share of the twin's RMSE after the fault.
+        twin = np.square(np.sqrt(squared[after]) - damage[after])
+        known = ~np.isnan(twin)
+        limit = fault.recovered * np.sqrt(total(np.where(known, twin, 0.0), 0) / known.sum(axis=0))
+        # Step 2: the last step, from that of the fault's end on, with a larger excess.
+        last = int(np.flatnonzero(context.measured(fault))[-1]) + 1
+        places = np.append(last, np.flatnonzero(after))
+        above = np.insert(damage[places] > limit, 0, True, axis=0)
+        recovered = len(places) - np.argmax(above[::-1], axis=0)
+        times = np.append(context.times[places] - context.times[last], np.nan)
+        seconds = np.where(np.isnan(limit), np.nan, times[recovered])
+        out[in_window("recovery_s", fault.name)] = seconds
+        late = (recovered == len(places)).astype(float)
+        out[in_window("not_recovered", fault.name)] = np.where(np.isnan(limit), np.nan, late)
+    return out
+
+
+def _latest(z: Array) -> Array:
+    """Return the last value (n_z, M) that exists of each run; NaN without any."""
+    out = np.full((len(z), z.shape[-1]), np.nan)
+    for column in np.moveaxis(z, 1, 0):
+        out = np.where(np.isnan(column), out, column)
+    return out
