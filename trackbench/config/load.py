@@ -109,11 +109,7 @@ def load(
         override(source, keys, value, mark)
         if keys[0] in _OF_PROBLEM and not {*keys[1:2]} & added.keys():
             source.data.pop("problem", None)
-    if quick:
-        override(source, ("runs",), QUICK_RUNS, Mark(QUICK))
-    for key, number in {"runs": runs, "seed": seed}.items():
-        if number is not None:
-            override(source, (key,), number, Mark(f"--{key}"))
+    _set_runs(source, runs, seed, quick)
     if grid and not source.data.get("grid") and "product" not in source.data:
         override(source, ("product",), product, Mark("--product"))
     for axis in grid:
@@ -141,6 +137,14 @@ def _with_unread(unread: dict[str, list[Problem]], error: UserError) -> UserErro
     problems = [p for p in error.problems if isinstance(p, Problem)]
     elsewhere = [p for p in problems if not f"{p.path}.".startswith(parts)]
     return UserError(*sorted({*itertools.chain(*unread.values()), *elsewhere}))
+
+
+def _set_runs(source: Source, runs: int | None, seed: int | None, quick: bool) -> None:
+    if quick:
+        override(source, ("runs",), QUICK_RUNS, Mark(QUICK))
+    for key, number in {"runs": runs, "seed": seed}.items():
+        if number is not None:
+            override(source, (key,), number, Mark(f"--{key}"))
 
 
 def _set_only(source: Source, labels: Sequence[str]) -> None:
