@@ -40,7 +40,7 @@ class Language(NamedTuple):
 
     @property
     def marks(self) -> dict[str, str]:
-        """What replaces the marks of a template."""
+        """Values of the marks in a template."""
         return {"@COMMAND@": self.command, "@BUILD@": self.build}
 
 
