@@ -209,9 +209,12 @@ def test_nothing_is_left_of_a_process_that_is_killed(tmp_path: Path) -> None:
 
 
 def test_a_filter_without_covariance_has_errors_and_no_nees(tmp_path: Path) -> None:
-    out = track(planar(), script(tmp_path, "print(good, flush=True)"), 3)
+    tracker = script(tmp_path, "print(good, flush=True)")
+    out = track(planar(), tracker, 3)
     assert (out.mean == 1.0).all()
     assert np.isnan(out.nees).all()
+    left_out = [f.why for f in check_filter(External, tracker) if f.verdict == "left out"]
+    assert left_out.count("the program answers no covariance") == 2
 
 
 def test_a_script_is_checked_by_its_command_in_a_config(tmp_path: Path) -> None:

@@ -23,6 +23,7 @@ from trackbench.contract.problems import (
     PLANAR,
     RADAR,
     ModelDraws,
+    has_covariance,
     planar,
     radar,
     run_filter,
@@ -227,6 +228,12 @@ def _exemptions(tracker: AnyFilter, scenario: Scenario, why_not_linear: str) -> 
         exempt.setdefault("consistency", exempt["kalman"])
     if tracker.loops_over_runs:
         exempt.setdefault("kalman", "a filter of one run is compared by its errors")
+    if (
+        tracker.runs_program
+        and runs_on(tracker, scenario)
+        and not has_covariance(tracker, scenario)
+    ):
+        exempt |= dict.fromkeys(("covariance", "consistency"), "the program answers no covariance")
     of_contract = scenario in (PLANAR, RADAR)
     if not of_contract:
         exempt.setdefault("tracks", "is another problem than the contract's")

@@ -192,6 +192,11 @@ def depends_on_seed(tracker: AnyFilter, scenario: Scenario) -> bool:
     return not np.array_equal(means[0], means[1], equal_nan=True)
 
 
+def has_covariance(tracker: AnyFilter, scenario: Scenario) -> bool:
+    """Return whether estimates have a covariance: a program may answer a mean alone."""
+    return not np.isnan(run_filter(tracker, scenario, simulate(scenario, 1)).cov).all()
+
+
 def _words(rng: Generator) -> list[int]:
     return rng.bit_generator.state["state"]["state"].tolist()
 
