@@ -39,7 +39,7 @@ class Part:
 
     @property
     def contents(self) -> dict[str, str]:
-        """Return digests of the data files read, by path; without them files are hashed."""
+        """Digests of the data files read, by path; without them files are hashed."""
         return {}
 
     @classmethod

@@ -39,17 +39,17 @@ class Metric:
 
     @property
     def more_is_better(self) -> bool:
-        """Return whether the larger of two values is the better one."""
+        """True if the larger of two values is the better one."""
         return self.better == "higher"
 
     @property
     def is_score(self) -> bool:
-        """Return whether the metric is an average of logarithms, so that ratios are meaningless."""
+        """True if the metric is an average of logarithms, so that ratios are meaningless."""
         return self.series.endswith("log_likelihood")
 
     @property
     def is_family(self) -> bool:
-        """Return whether a quantity may follow the name."""
+        """True if a quantity may follow the name."""
         return self.unit == "quantity" or self.series in _FAMILIES
 
 

@@ -44,7 +44,7 @@ class Verdict(NamedTuple):
 
     @property
     def is_worse(self) -> bool:
-        """Return whether any number is worse beyond the limit, or a filter fails that did not."""
+        """True if any number is worse beyond the limit, or a filter fails that did not."""
         return bool(self.failed) or any(row.verdict == WORSE for row in self.rows)
 
 

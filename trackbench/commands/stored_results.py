@@ -73,42 +73,42 @@ class Report:
 
     @property
     def folder(self) -> Path:
-        """Return the results folder."""
+        """Results folder."""
         return self.results.folder
 
     @property
     def config(self) -> dict[str, Any]:
-        """Return the config of the run, defaults included."""
+        """Config of the run, defaults included."""
         return self.results.config
 
     @property
     def manifest(self) -> dict[str, Any]:
-        """Return versions, machine and digests of the run."""
+        """Versions, machine and digests of the run."""
         return self.results.manifest
 
     @property
     def failed(self) -> list[str]:
-        """Return the filters, tables, figures and other outputs that failed, a line each."""
+        """Filters, tables, figures and other outputs that failed, a line each."""
         return [*self.failed_filters, *self.results.unmade_lines]
 
     @cached_property
     def answer(self) -> list[str]:
-        """Return the conclusions, a sentence each."""
+        """Conclusions, a sentence each."""
         return conclusions(self.results)
 
     @property
     def tables(self) -> dict[str, Table]:
-        """Return the tables of the config by name."""
+        """Tables of the config by name."""
         return self.results.tables
 
     @cached_property
     def comparison(self) -> Verdicts:
-        """Return the verdicts on published numbers and claims."""
+        """Verdicts on published numbers and claims."""
         return self._compared or hold_against_published(self.results)
 
     @cached_property
     def notes(self) -> list[str]:
-        """Return lost runs, counts of verdicts, and reasons of those that are inconclusive."""
+        """Lost runs, counts of verdicts, and reasons of those that are inconclusive."""
         return self.results.attempt("notes", lambda: [*self._notes()], self.run_notes)
 
     def _notes(self) -> Iterator[str]:
@@ -119,7 +119,7 @@ class Report:
 
     @cached_property
     def best(self) -> list[Best]:
-        """Return the best values of each filter; empty without a sweep."""
+        """Best values of each filter; empty without a sweep."""
         if not (self.folder / "sweep.csv").is_file():
             return []
         return self.results.attempt("best values", lambda: [*best_points(self.results)], [])
@@ -130,27 +130,27 @@ class Report:
 
     @property
     def per_run(self) -> "pd.DataFrame":
-        """Return the data frame ``filter,run,metric,value``."""
+        """Data frame ``filter,run,metric,value``."""
         return self.results.per_run
 
     @property
     def per_step(self) -> "pd.DataFrame":
-        """Return the data frame ``filter,step,time,metric,value,stderr,runs``."""
+        """Data frame ``filter,step,time,metric,value,stderr,runs``."""
         return self.results.per_step
 
     @property
     def summary(self) -> "pd.DataFrame":
-        """Return the data frame ``filter,metric,value,stderr,runs,lost``."""
+        """Data frame ``filter,metric,value,stderr,runs,lost``."""
         return self.results.summary
 
     @property
     def timing(self) -> "pd.DataFrame":
-        """Return the data frame of CPU times."""
+        """Data frame of CPU times."""
         return self.results.timing
 
     @property
     def pairs(self) -> list[tuple[GridPoint, list[Pair]]]:
-        """Return the differences of every two filters, by point of the grid."""
+        """Differences of every two filters, by point of the grid."""
         return self.results.pairs
 
     def tracks(self, point: GridPoint | None = None) -> "dict[str, Array]":

@@ -170,7 +170,7 @@ class Exhibit(Labeled, Part):
 
     @property
     def filters(self) -> tuple[str, ...] | None:
-        """Return labels of the filters that it shows, a key of most; None shows all."""
+        """Labels of the filters that it shows, a key of most; None shows all."""
         return None
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
@@ -186,22 +186,22 @@ class DrawnExhibit(Exhibit):
 
     @property
     def shown_runs(self) -> int:
-        """Return the number of runs whose tracks must be stored."""
+        """Number of runs whose tracks must be stored."""
         return 0
 
     @property
     def shown_covariances(self) -> bool:
-        """Return whether the tracks' covariances must be stored, too."""
+        """True if the tracks' covariances must be stored, too."""
         return False
 
     @property
     def shown_components(self) -> tuple[int, ...] | None:
-        """Return the components to store, if the figure draws only lines of them over the plane."""
+        """Components to store, if the figure draws only lines of them over the plane."""
         return None
 
     @property
     def shown_measurements(self) -> bool:
-        """Return whether the positions measured in the first run must be stored."""
+        """True if the positions measured in the first run must be stored."""
         return False
 
 
@@ -224,17 +224,17 @@ class Experiment:
 
     @property
     def parts(self) -> dict[Group, dict[str, Exhibit]]:
-        """Return tables and figures by name."""
+        """Tables and figures by name."""
         return {"tables": self.tables, "figures": {**self.figures}}
 
     @property
     def shown_runs(self) -> int:
-        """Return the number of runs whose whole tracks the figures need."""
+        """Number of runs whose whole tracks the figures need."""
         return max((f.shown_runs for f in self.figures.values()), default=0)
 
     @property
     def shown_covariances(self) -> bool:
-        """Return whether a figure needs those tracks' covariances too."""
+        """True if a figure needs those tracks' covariances too."""
         return any(f.shown_covariances for f in self.figures.values())
 
     def title_of(self, key: tuple[int, str]) -> str:

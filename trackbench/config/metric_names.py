@@ -69,7 +69,7 @@ class Names:
 
     @cached_property
     def bases(self) -> set[str]:
-        """Return the metrics without statistic, window and step, once all are there."""
+        """Metrics without statistic, window and step, once all are there."""
         return {measured(name).base for name in self.per_run | self.per_step}
 
     def of(self, role: str) -> set[str]:

@@ -98,17 +98,17 @@ class PublishedNumber:
 
     @property
     def printed_at(self) -> tuple[str, ...]:
-        """Return where a number is printed, and its point: what readings of it share."""
+        """Place where a number is printed, and its point, which its readings share."""
         return self.paper, self.table, self.row, self.filter, self.metric, self.point
 
     @property
     def labels(self) -> list[str]:
-        """Return the labels of the filters that measure this number, as a list."""
+        """Labels of the filters that measure this number, as a list."""
         return split(self.label)
 
     @property
     def expressions(self) -> list[Measure]:
-        """Return every expression of the row."""
+        """Every expression of the row."""
         return [self.expression] if self.expression else []
 
 
@@ -147,12 +147,12 @@ class Claim:
 
     @property
     def labels(self) -> list[str]:
-        """Return every label of the test."""
+        """Every label of the test."""
         return split(self.left) + self.rights
 
     @property
     def rights(self) -> list[str]:
-        """Return labels of the right side."""
+        """Labels of the right side."""
         return split(self.right)
 
     def sides(self, right: str) -> list[Measure]:
@@ -164,7 +164,7 @@ class Claim:
 
     @property
     def expressions(self) -> list[Measure]:
-        """Return every expression of the test."""
+        """Every expression of the test."""
         return [e for e in (self.expression, self.right_expression) if e]
 
 
@@ -179,7 +179,7 @@ class Published:
 
     @property
     def expressions(self) -> list[Measure]:
-        """Return the metric expressions of all published numbers and claims."""
+        """Metric expressions of all published numbers and claims."""
         rows: list[PublishedNumber | Claim] = [*self.numbers, *self.claims]
         return list(chain.from_iterable(row.expressions for row in rows))
 

@@ -253,7 +253,7 @@ class Contributions:
 
     @property
     def series(self) -> list[str]:
-        """Return names of the series that the shares are made of."""
+        """Names of the series that the shares are made of."""
         names = map(series_of, (*self.everywhere, *chain(*self.of_steps.values())))
         return list(dict.fromkeys(name for name in names if name is not None))
 

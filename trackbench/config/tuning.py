@@ -99,7 +99,7 @@ class Axis:
 
     @property
     def grain(self) -> float:
-        """Return shares that are nearer than this to each other may be the same value."""
+        """Shares that are nearer than this to each other may be the same value."""
         if self.choices:
             return 1.0 / len(self.choices)
         return 1.0 / (self.high - self.low) if self.whole and not self.log else 0.0
@@ -144,7 +144,7 @@ class Objective(NamedTuple):
 
     @property
     def metrics(self) -> list[str]:
-        """Return names of the values per run that it takes."""
+        """Names of the values per run that it takes."""
         return [_per_run(_read(word)) for word in self.weights]
 
     def score(self, per_run: Mapping[str, Array]) -> RunEstimate:

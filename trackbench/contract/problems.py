@@ -45,7 +45,7 @@ class ModelDraws(Scenario):
 
     @cached_property
     def model(self) -> Model:
-        """Return the model that filters get."""
+        """Model that filters get."""
         motion, sensor = self.base.model
         if not self.unequal:
             return Model(motion, sensor)
@@ -56,12 +56,12 @@ class ModelDraws(Scenario):
 
     @property
     def steps(self) -> Index:
-        """Return the first steps."""
+        """First steps."""
         return self.base.steps[: _MOST_STEPS + 1]
 
     @property
     def times(self) -> Array:
-        """Return the times of the first steps, s."""
+        """Times of the first steps, s."""
         if self.unequal:
             intervals = cast(Tracking, self.base).T * np.resize(_INTERVALS, len(self.steps) - 1)
             return np.concatenate([[0.0], np.cumsum(intervals)])
@@ -69,12 +69,12 @@ class ModelDraws(Scenario):
 
     @property
     def windows(self) -> dict[str, Mask]:
-        """Return one window of all steps."""
+        """One window of all steps."""
         return {"": np.ones(len(self.steps), dtype=bool)}
 
     @property
     def prior_type(self) -> type:
-        """Return the class of the scenario's prior."""
+        """Class of the scenario's prior."""
         return self.base.prior_type
 
     def errors(self, mean: Array, truth: Array) -> dict[str, Array]:

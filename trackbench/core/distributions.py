@@ -220,7 +220,7 @@ class Gamma:
 
     @cached_property
     def _log_norm(self) -> float:
-        """Return ``log(rate^shape / Gamma(shape))``."""
+        """``log(rate^shape / Gamma(shape))``."""
         return float(self.shape * elementary.log(self.rate)) - elementary.log_gamma(self.shape)
 
 
@@ -233,12 +233,12 @@ class Shifted:
 
     @property
     def mean(self) -> Array:
-        """Return ``loc`` plus the mean of the noise."""
+        """``loc`` plus the mean of the noise."""
         return self.loc + self.noise.expectation
 
     @property
     def mode(self) -> Array:
-        """Return ``loc`` plus the mode of the noise."""
+        """``loc`` plus the mode of the noise."""
         return self.loc + self.noise.peak
 
     @property

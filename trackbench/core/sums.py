@@ -61,7 +61,7 @@ class WindowSums:
 
     @property
     def number(self) -> Array:
-        """Return how many values each sum has: NaN are none."""
+        """Number of values of each sum: NaN are none."""
         return self._windows.sum(axis=1)[:, None] - self._gaps
 
 

@@ -41,7 +41,7 @@ class Plan:
 
     @cached_property
     def unique(self) -> list[BlockTask]:
-        """Return the distinct tasks in the order of computation.
+        """Distinct tasks in the order of computation.
 
         Tasks of the same runs are neighbors and share the simulated data. Among these, tasks that score
         the same estimates in different ways are neighbors, so that the filter runs once for them.

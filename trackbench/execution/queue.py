@@ -200,7 +200,7 @@ class Queue:
 
     @property
     def fitting(self) -> int:
-        """Return how many workers of this machine have memory side by side; all of a cluster's."""
+        """Number of workers of this machine that have memory side by side; all of a cluster's."""
         peak = self.hungriest[1] if self.hungriest else 0
         if self._remote or peak * self._workers <= memory():
             return self._workers

@@ -161,7 +161,7 @@ class Filter(Part, Generic[State]):
 
     @property
     def all_requirements(self) -> tuple[str, ...]:
-        """Return `requires`, and what a filter within this one requires."""
+        """`requires`, and what a filter within this one requires."""
         return self.requires
 
     @property

@@ -94,7 +94,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
 
     @property
     def all_requirements(self) -> tuple[str, ...]:
-        """Return also what the models' filter requires of sensor and prior."""
+        """Also what the models' filter requires of sensor and prior."""
         return (*self.requires, *(n for n in self.filter.requires if not n.startswith("motion.")))
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:

@@ -104,7 +104,7 @@ class CKF(SigmaPointFilter):
 
     @property
     def rule(self) -> PointRule:
-        """Return 2 n points of equal weight."""
+        """2 n points of equal weight."""
         return Unscented(1.0, 0.0, 0.0)
 
 

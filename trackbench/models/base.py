@@ -327,7 +327,7 @@ class Scene(Part):
     @property
     @abstractmethod
     def model(self) -> Model:
-        """Return the true motion and sensor, which are also the filter model by default."""
+        """True motion and sensor, which are also the filter model by default."""
 
     @property
     @abstractmethod

@@ -65,12 +65,12 @@ class Row(NamedTuple):
 
     @property
     def difference(self) -> RunEstimate:
-        """Return the second folder's number less that of the first."""
+        """Second folder's number less that of the first."""
         return self.change.difference
 
     @property
     def is_primary(self) -> bool:
-        """Return whether the metric is an error, a score, a share of runs or the ANEES of whole runs."""
+        """True if the metric is an error, a score, a share of runs or the ANEES of whole runs."""
         of = measured(self.metric)
         if of.window:
             return False
@@ -79,7 +79,7 @@ class Row(NamedTuple):
 
     @property
     def fields(self) -> dict[str, Any]:
-        """Return the row for programs, ``difference = b - a``."""
+        """Row for programs, ``difference = b - a``."""
         number = self.difference
         named = {"point": self.point, "filter": self.filter, "metric": self.metric}
         values = {"a": self.change.b.value, "b": self.change.a.value, "runs": number.runs}

@@ -55,7 +55,7 @@ class AtCost(NamedTuple):
 
     @property
     def other(self) -> float:
-        """Return the part of the uncertainty that the runs do not show."""
+        """Part of the uncertainty that the runs do not show."""
         return float(np.hypot(self.of_times, self.curvature))
 
 
@@ -72,7 +72,7 @@ class Curve:
 
     @property
     def is_fixed(self) -> bool:
-        """Return whether the filter has a single size, hence a single cost."""
+        """True if the filter has a single size, hence a single cost."""
         return len(self.spots) == 1
 
     def at(self, cost: RunEstimate) -> AtCost | None:

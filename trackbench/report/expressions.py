@@ -164,12 +164,12 @@ class Evaluator:
 
     @cached_property
     def runs(self) -> dict[tuple[str, str], Array]:
-        """Return values per run by (filter, metric)."""
+        """Values per run by (filter, metric)."""
         return self.results.runs(self.point)
 
     @cached_property
     def stored(self) -> dict[tuple[str, str], RunEstimate]:
-        """Return rows of summary.csv, and the times of timing.csv, of all runs, by (filter, metric)."""
+        """Rows of summary.csv, and the times of timing.csv, of all runs, by (filter, metric)."""
         rows = self.results.columns("summary", self.point).records()
         estimates = {
             (r["filter"], r["metric"]): RunEstimate(

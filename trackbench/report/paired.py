@@ -20,12 +20,12 @@ class Pair(NamedTuple):
 
     @property
     def word(self) -> str:
-        """Return better, worse, no significant difference, equal or untested: the word on a."""
+        """Better, worse, no significant difference, equal or untested: the word on a."""
         return self.comparison.word(measured(self.metric).family[0].more_is_better)
 
     @property
     def cells(self) -> list[Any]:
-        """Return the columns of paired.csv after those of the grid."""
+        """Columns of paired.csv after those of the grid."""
         names, of = (self.filter_a, self.filter_b, self.metric), self.comparison.difference
         return [*names, of.value, of.stderr, self.comparison.z, of.runs]
 

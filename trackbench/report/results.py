@@ -118,7 +118,7 @@ class Results(ResultsFolder):
 
     @property
     def target(self) -> Path:
-        """Return the folder that tables and verdicts are written to."""
+        """Folder that tables and verdicts are written to."""
         return self.out or self.folder
 
     def parts(self, group: Group) -> dict[str, Any]:
@@ -150,7 +150,7 @@ class Results(ResultsFolder):
 
     @cached_property
     def tables(self) -> dict[str, Table]:
-        """Return the experiment's tables by name, without those of plugins that fail."""
+        """Experiment's tables by name, without those of plugins that fail."""
         tables = {}
         for name, spec in self.parts("tables").items():
             with self.without(f"table {name}", spec):
@@ -164,12 +164,12 @@ class Results(ResultsFolder):
 
     @cached_property
     def unmade(self) -> dict[str, str]:
-        """Return the tables, figures and other outputs that failed, with the reasons."""
+        """Tables, figures and other outputs that failed, with the reasons."""
         return {}
 
     @property
     def unmade_lines(self) -> list[str]:
-        """Return the failures of tables, figures and other outputs, a line each."""
+        """Failures of tables, figures and other outputs, a line each."""
         return [f"{what} failed: {why}" for what, why in self.unmade.items()]
 
     @contextmanager
@@ -189,7 +189,7 @@ class Results(ResultsFolder):
 
     @cached_property
     def pairs(self) -> list[tuple[GridPoint, list[Pair]]]:
-        """Return every pair of filters on common runs, by point of the grid."""
+        """Every pair of filters on common runs, by point of the grid."""
         return [
             (p, pairs_at(self.runs(p), self.labels, self.judged_steps(p), self.config))
             for p in self.points()
@@ -197,12 +197,12 @@ class Results(ResultsFolder):
 
     @cached_property
     def known_rankings(self) -> dict[tuple[str, Collection[str]], list[Any]]:
-        """Return the rankings computed so far, by metric and filters."""
+        """Rankings computed so far, by metric and filters."""
         return {}
 
     @property
     def batches(self) -> int:
-        """Return batches of consecutive runs, each of which a verdict leaves out; one in old folders."""
+        """Batches of consecutive runs, each of which a verdict leaves out; one in old folders."""
         return int(self.config.get("verdict_seeds", 1))
 
     def judged_steps(self, point: GridPoint) -> dict[tuple[str, str], Array]:
@@ -259,7 +259,7 @@ class Results(ResultsFolder):
 
     @cached_property
     def grid_units(self) -> dict[str, str]:
-        """Return the units of paths of the grid that the keys' documentation names, not the keys."""
+        """Units of paths of the grid that the keys' documentation names, not the keys."""
         units: dict[str, str] = {}
         for path in (p for p in self.grid if not phrases.quantity(p)[1]):
             keys = split_path(self.source, single_paths(path)[0])

@@ -215,7 +215,7 @@ class Table:
 
     @property
     def frame(self) -> "pd.DataFrame":
-        """Return keys, then value and standard error of each column, then the runs lost."""
+        """Keys, then value and standard error of each column, then the runs lost."""
         import pandas as pd
 
         return pd.DataFrame(self.csv_rows(), columns=self.csv_header)
@@ -229,7 +229,7 @@ class Table:
 
     @property
     def csv_header(self) -> list[str]:
-        """Return keys, then value and standard error of each column, then the runs lost."""
+        """Keys, then value and standard error of each column, then the runs lost."""
         header = [*self.key_headers]
         for head in self.value_headers:
             header += [head, f"{head} stderr"]

@@ -50,12 +50,12 @@ class ResultsFolder:
 
     @cached_property
     def source(self) -> Source:
-        """Return the resolved config with positions."""
+        """Resolved config with positions."""
         return read(self.folder / "config.yaml")
 
     @property
     def config(self) -> dict[str, Any]:
-        """Return the resolved config."""
+        """Resolved config."""
         config = self.source.data
         assert isinstance(config, dict)
         return config
@@ -71,7 +71,7 @@ class ResultsFolder:
 
     @property
     def citation(self) -> str:
-        """Return ``trackbench/ungm v1, 400 runs`` of a standard problem; else an empty text."""
+        """``trackbench/ungm v1, 400 runs`` of a standard problem; else an empty text."""
         config = self.config
         problem = config.get("problem")
         return (
@@ -82,7 +82,7 @@ class ResultsFolder:
 
     @property
     def figure_configs(self) -> dict[str, dict[str, Any]]:
-        """Return the config's figures as mappings."""
+        """Config's figures as mappings."""
         return self.config.get("figures") or {}
 
     def unavailable_kinds(self, group: Group) -> dict[str, str]:
@@ -93,7 +93,7 @@ class ResultsFolder:
 
     @cached_property
     def published(self) -> Published:
-        """Return the published numbers and claims that the results are compared with."""
+        """Published numbers and claims that the results are compared with."""
         config = self.config
         return read_published(
             self.folder,
@@ -104,7 +104,7 @@ class ResultsFolder:
 
     @property
     def labels(self) -> list[str]:
-        """Return filter labels in the config's order, each before its exact errors; the bound's last."""
+        """Filter labels in the config's order, each before its exact errors; the bound's last."""
         bound = self.config.get("bound")
         labels: list[str] = []
         for label in self.filters:
@@ -114,7 +114,7 @@ class ResultsFolder:
 
     @cached_property
     def exact(self) -> list[str]:
-        """Return the labels of exact errors."""
+        """Labels of exact errors."""
         return [*map(exact_label, self.config.get("exact", []))]
 
     def chosen(self, wanted: Container[str] | None, exact: bool = False) -> list[str]:
@@ -124,23 +124,23 @@ class ResultsFolder:
 
     @property
     def filters(self) -> list[str]:
-        """Return labels of the filters that were run, in the config's order."""
+        """Labels of the filters that were run, in the config's order."""
         config = self.config
         return labels_to_run(config["filters"], config.get("only", []), config.get("reference"))
 
     @property
     def grid(self) -> list[str]:
-        """Return the paths that the experiment varies: leading columns of every frame."""
+        """Paths that the experiment varies: leading columns of every frame."""
         return list(self.config["grid"])
 
     @property
     def grid_heads(self) -> list[str]:
-        """Return the paths as headings of a table: of paths that vary together, the first."""
+        """Paths as headings of a table: of paths that vary together, the first."""
         return [single_paths(path)[0] for path in self.grid]
 
     @cached_property
     def grid_points(self) -> list[dict[str, Any]]:
-        """Return all points of the config's grid, also those where every filter failed."""
+        """All points of the config's grid, also those where every filter failed."""
         config = self.config
         grid, every = config["grid"], config.get("product", True)
         places = combinations(grid, config["filters"], config.get("reference"), every)
@@ -156,7 +156,7 @@ class ResultsFolder:
 
     @property
     def deterministic(self) -> list[str]:
-        """Return labels of the filters whose numbers hold no randomness: no draws, recorded data."""
+        """Labels of the filters whose numbers hold no randomness: no draws, recorded data."""
         return self.manifest.get("deterministic", [])
 
     @property
@@ -166,7 +166,7 @@ class ResultsFolder:
 
     @property
     def failed(self) -> list[dict[str, Any]]:
-        """Return filters that raised: ``filter``, ``reason`` and the grid point's values."""
+        """Filters that raised: ``filter``, ``reason`` and the grid point's values."""
         return self.manifest["failed"]
 
     def facts(self, point: GridPoint) -> PointFacts:
@@ -217,7 +217,7 @@ class ResultsFolder:
 
     @cached_property
     def saved(self) -> dict[str, Array]:
-        """Return the arrays of tracks.npz, every run's, at all points; empty if none were saved."""
+        """Arrays of tracks.npz, every run's, at all points; empty if none were saved."""
         return self.arrays("tracks.npz")
 
     def tracks(self, point: GridPoint, every_run: bool = False) -> dict[str, Array]:
@@ -302,7 +302,7 @@ class ResultsFolder:
 
     @cached_property
     def tuning(self) -> dict[str, Record]:
-        """Return all trials of the tuned filters, by label; empty without tuning.csv."""
+        """All trials of the tuned filters, by label; empty without tuning.csv."""
         if not (self.folder / "tuning.csv").is_file():
             return {}
         with self.reading("tuning.csv") as path, path.open(encoding="utf-8", newline="") as file:
@@ -310,7 +310,7 @@ class ResultsFolder:
 
     @property
     def _taken(self) -> dict[str, dict[str, Any]]:
-        """Return the tuned keys' values of the config's tuned filters, by the filter's label."""
+        """Tuned keys' values of the config's tuned filters, by the filter's label."""
         return {
             label: {key: self._at(f"filters.{tuned_label(label)}.{key}") for key in keys}
             for label, keys in self.config.get("tune", {}).items()

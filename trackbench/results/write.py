@@ -75,7 +75,7 @@ class Losses(NamedTuple):
 
     @property
     def is_total(self) -> bool:
-        """Return whether no run has finite estimates, so that the filter does not work here."""
+        """True if no run has finite estimates, so that the filter does not work here."""
         return self.by_code[NOT_FINITE] == self.runs
 
     def __str__(self) -> str:

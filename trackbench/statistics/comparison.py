@@ -53,7 +53,7 @@ class Sample:
 
     @cached_property
     def overall(self) -> RunEstimate:
-        """Return the statistic over the runs with a finite value."""
+        """Statistic over the runs with a finite value."""
         x = self.values[np.isfinite(self.values)]
         return RunEstimate(*STATISTICS[self.statistic](x), influence(self.statistic, x), len(x))
 
@@ -74,23 +74,23 @@ class Comparison(NamedTuple):
 
     @property
     def sign(self) -> int:
-        """Return the sign of a significant difference, 0 of any other."""
+        """Sign of a significant difference, 0 of any other."""
         return int(np.sign(self.z)) if self.p < rules.LEVEL else 0
 
     @property
     def is_tested(self) -> bool:
-        """Return whether there are runs enough, and an error, to decide."""
+        """True if there are runs enough, and an error, to decide."""
         return not np.isnan(self.p)
 
     @property
     def is_equal(self) -> bool:
-        """Return whether both have the same value in every common run."""
+        """True if both have the same value in every common run."""
         of_runs = self.difference.influences
         return self.difference.value == 0.0 and of_runs is not None and not of_runs.any()
 
     @property
     def ratio(self) -> RunEstimate:
-        """Return ``a / b``, with its influences."""
+        """``a / b``, with its influences."""
         return quotient(self.a, self.b)
 
     def word(self, more_is_better: bool = False) -> str:
@@ -103,7 +103,7 @@ class Comparison(NamedTuple):
 
     @property
     def swapped(self) -> "Comparison":
-        """Return the comparison of b with a."""
+        """Comparison of b with a."""
         opposite = self.difference.scaled(-self.difference.value, -1.0)
         return self._replace(a=self.b, b=self.a, difference=opposite, z=-self.z)
 

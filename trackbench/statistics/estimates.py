@@ -64,7 +64,7 @@ class RunEstimate(NamedTuple):
 
     @property
     def estimate(self) -> Estimate:
-        """Return the value and standard error."""
+        """Value and standard error."""
         return Estimate(self.value, self.stderr)
 
     def scaled(self, value: float, by: float = 1.0, over: float = 1.0) -> "RunEstimate":
@@ -74,27 +74,27 @@ class RunEstimate(NamedTuple):
 
     @property
     def splits(self) -> bool:
-        """Return whether batches of runs have numbers of their own."""
+        """True if batches of runs have numbers of their own."""
         return self.influences is not None
 
     @property
     def is_exact(self) -> bool:
-        """Return whether its test needs no margin for runs that were not drawn."""
+        """True if its test needs no margin for runs that were not drawn."""
         return False
 
     @property
     def why(self) -> str:
-        """Return why there is no standard error; empty if there is one."""
+        """Reason why there is no standard error; empty if there is one."""
         return "no standard error" if np.isnan(self.stderr) else ""
 
     @property
     def losses(self) -> str:
-        """Return the number of lost runs in words; empty for none."""
+        """Number of lost runs in words; empty for none."""
         return in_words(self.lost, self.runs + self.lost) if self.lost else ""
 
     @property
     def sides(self) -> Sides | None:
-        """Return limits of both numbers of a difference that is tested by them."""
+        """Limits of both numbers of a difference that is tested by them."""
         if self.pair is None:
             return None
         a, b, factor = self.pair
@@ -179,12 +179,12 @@ class Share(RunEstimate):
 
     @property
     def is_exact(self) -> bool:
-        """Return True: of the binomial distribution nothing is estimated."""
+        """True: of the binomial distribution nothing is estimated."""
         return True
 
     @property
     def events(self) -> int:
-        """Return runs that have had the event."""
+        """Runs that have had the event."""
         return round(self.value * self.runs)
 
     def z(self, target: float = 0.0, other: float = 0.0) -> float:
@@ -212,7 +212,7 @@ class OfSteps(RunEstimate):
 
     @property
     def series(self) -> Array:
-        """Return what each step (T,) adds to the number."""
+        """Contribution of each step (T,) to the number."""
         assert self.influences is not None
         return self.influences + self.value
 
@@ -228,7 +228,7 @@ class OfSteps(RunEstimate):
 
     @property
     def why(self) -> str:
-        """Return why the steps have no standard error; empty if they have one."""
+        """Reason why the steps have no standard error; empty if they have one."""
         assert self.influences is not None
         return series_mean(self.influences).why
 
@@ -239,7 +239,7 @@ class OfSteps(RunEstimate):
 
     @property
     def is_exact(self) -> bool:
-        """Return True: there is no other seed."""
+        """True: there is no other seed."""
         return True
 
     def parts(self, number: int) -> list[RunEstimate]:

@@ -80,17 +80,17 @@ class Verdict(NamedTuple):
 
     @property
     def is_short(self) -> bool:
-        """Return whether all runs together show too little."""
+        """True if all runs together show too little."""
         return abs(self.z) < self.needed
 
     @property
     def has_sign(self) -> bool:
-        """Return whether a difference as large as measured means anything."""
+        """True if a difference as large as measured means anything."""
         return abs(self.z) >= NO_SIGN
 
     @property
     def weak_part(self) -> float | None:
-        """Return the least z without a batch of runs, if it does not show the difference."""
+        """Least z without a batch of runs, if it does not show the difference."""
         least = min(self.parts, key=abs, default=self.z)
         return least if abs(least) < SURE or least * self.z < 0.0 else None
 
@@ -190,27 +190,27 @@ class Printed(Protocol):
 
     @property
     def value(self) -> float | str:
-        """Return the printed number, or `biased` or `unbiased`."""
+        """Printed number, or `biased` or `unbiased`."""
 
     @property
     def digits(self) -> int:
-        """Return the decimals it is printed with."""
+        """Decimals it is printed with."""
 
     @property
     def runs(self) -> int | None:
-        """Return the paper's number of runs, if it prints one."""
+        """Paper's number of runs, if it prints one."""
 
     @property
     def variance(self) -> float | None:
-        """Return the variance over the paper's runs, if it prints one."""
+        """Variance over the paper's runs, if it prints one."""
 
     @property
     def margin(self) -> float:
-        """Return the largest bias that is called unbiased."""
+        """Largest bias that is called unbiased."""
 
     @property
     def chosen(self) -> str:
-        """Return which value was chosen for this number, if any was."""
+        """Value that was chosen for this number, if any was."""
 
 
 def number_verdict(

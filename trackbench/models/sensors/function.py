@@ -269,7 +269,7 @@ class FunctionSensor(SensorBase):
 
     @cached_property
     def _programs(self) -> tuple[ArrayProgram, ArrayProgram, ArrayProgram]:
-        """Return h (n_z,), its Jacobian (n_z, n_x) and R (n_z, n_z); raises InvalidKeyError."""
+        """H (n_z,), its Jacobian (n_z, n_x) and R (n_z, n_z); raises InvalidKeyError."""
         equations = self._equations
         h = equations.vector([equations.parse(term, "h", name) for name, term in self.h.items()])
         R = equations.covariance(1.0 if self.R is None else self.R, self.components, "R")

@@ -119,12 +119,12 @@ class PosteriorEllipses(FigureKind):
 
     @property
     def shown_runs(self) -> int:
-        """Return the runs whose tracks must be kept."""
+        """Runs whose tracks must be kept."""
         return self.run
 
     @property
     def shown_covariances(self) -> bool:
-        """Return whether the figure needs the covariances of the tracks."""
+        """True if the figure needs the covariances of the tracks."""
         return True
 
     def draw(self, results: Results) -> Figure:

@@ -256,7 +256,7 @@ class EstimatesOfOneRun(OverTime):
 
     @property
     def shown_runs(self) -> int:
-        """Return the runs whose tracks must be kept."""
+        """Runs whose tracks must be kept."""
         return self.run
 
     def draw(self, results: Results) -> Figure:

@@ -59,17 +59,17 @@ class Track(FigureKind):
 
     @property
     def shown_runs(self) -> int:
-        """Return the runs whose tracks must be kept."""
+        """Runs whose tracks must be kept."""
         return self.runs if self.filters else 1  # of the best, the first run's
 
     @property
     def shown_components(self) -> tuple[int, ...]:
-        """Return all that is drawn of those tracks, as lines."""
+        """Components that are drawn of those tracks, as lines."""
         return self.components
 
     @property
     def shown_measurements(self) -> bool:
-        """Return whether the figure needs the measured positions of the first run."""
+        """True if the figure needs the measured positions of the first run."""
         return self.measurements
 
     def draw(self, results: Results) -> Figure:

@@ -42,18 +42,18 @@ class Candidate:
 
     @cached_property
     def name(self) -> str:
-        """Return the name for a sentence, with the grid's values."""
+        """Name for a sentence, with the grid's values."""
         return f"{named(self.label)} at {self.setting}" if self.varied else named(self.label)
 
     @property
     def setting(self) -> str:
-        """Return the grid's values; several in parentheses."""
+        """Grid's values; several in parentheses."""
         text = phrases.heading(self.varied)
         return f"({text})" if len(self.varied) > 1 else text
 
     @cached_property
     def overall(self) -> Estimate:
-        """Return the statistic over the runs that are not lost."""
+        """Statistic over the runs that are not lost."""
         return self.sample.overall.estimate
 
     def has_error(self, untested: bool) -> bool:
@@ -76,7 +76,7 @@ class Rival(NamedTuple):
 
     @property
     def difference(self) -> RunEstimate:
-        """Return how far its number is above that of the best."""
+        """Difference of its number from that of the best."""
         return self.comparison.difference
 
 
@@ -108,27 +108,27 @@ class Ranking(NamedTuple):
 
     @property
     def among_the_best(self) -> list[Candidate]:
-        """Return the best, and those without a significant difference from it."""
+        """Best, and those without a significant difference from it."""
         return [self.best, *(rival.filter for rival in self.ties)] if self.best is not None else []
 
     @property
     def rivals(self) -> "list[Rival]":
-        """Return every filter that is compared with the best."""
+        """Every filter that is compared with the best."""
         return [*self.not_worse, *self.worse]
 
     @property
     def not_worse(self) -> "list[Rival]":
-        """Return the filters that are not significantly worse than the best."""
+        """Filters that are not significantly worse than the best."""
         return [*self.ties, *self.undecided]
 
     @property
     def nearest(self) -> "Rival | None":
-        """Return the filter nearest to the best among those that are worse."""
+        """Filter nearest to the best among those that are worse."""
         return min(self.worse, key=lambda rival: abs(rival.difference.value), default=None)
 
     @property
     def more_is_better(self) -> bool:
-        """Return whether the larger value is the better one."""
+        """True if the larger value is the better one."""
         return self.metric.family[0].more_is_better
 
 

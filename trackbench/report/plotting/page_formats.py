@@ -36,7 +36,7 @@ class Sheet:
 
     @property
     def ending(self) -> str:
-        """Return the ending of the file names."""
+        """Ending of the file names."""
         return f"-{self.name}" if self.name else ""
 
 

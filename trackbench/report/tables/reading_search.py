@@ -40,7 +40,7 @@ class Number(NamedTuple):
 
     @property
     def power(self) -> float:
-        """Return the power of ten by which both numbers are scaled for comparison."""
+        """Power of ten by which both numbers are scaled for comparison."""
         return 0.5 if self.is_variance else 1.0
 
 

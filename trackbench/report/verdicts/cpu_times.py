@@ -52,7 +52,7 @@ class TimeVerdict(NamedTuple):
 
     @property
     def statement(self) -> str:
-        """Return the claim, or what the number is of."""
+        """Claim, or what the number is of."""
         row = self.row
         return row.claim if isinstance(row, Claim) else f"{row.filter}: {row.metric}"
 

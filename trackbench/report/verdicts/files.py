@@ -49,7 +49,7 @@ class Bar(NamedTuple):
 
     @property
     def words(self) -> str:
-        """Return the bar as a line: ``11 claims: 10 agree (2 fragile), 1 differs``."""
+        """Bar as a line: ``11 claims: 10 agree (2 fragile), 1 differs``."""
         parts = (
             f"{p.number} {p.verb}{f' ({p.fragile} fragile)' * bool(p.fragile)}" for p in self.parts
         )

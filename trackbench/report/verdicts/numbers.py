@@ -59,12 +59,12 @@ class Reproduced(NamedTuple):
 
     @property
     def best(self) -> Compared:
-        """Return the reading that gives the number its verdict."""
+        """Reading that gives the number its verdict."""
         return min(self.rows, key=_rank)
 
     @property
     def readings(self) -> int:
-        """Return the number of interpretations tried."""
+        """Number of interpretations tried."""
         return len(self.rows)
 
 
@@ -84,7 +84,7 @@ class Verdicts:
 
     @cached_property
     def numbers(self) -> list[Reproduced]:
-        """Return a verdict for each published number, however many readings of it were tried."""
+        """Verdict for each published number, however many readings of it were tried."""
         readings: dict[tuple[str, ...], list[Compared]] = defaultdict(list)
         # Rows that are printed at one place are readings of one number.
         for row in self.rows:

@@ -75,7 +75,7 @@ class Launch:
 
     @property
     def state(self) -> Array:
-        """Return (px, vx, py, vy[, pz, vz])."""
+        """(px, vx, py, vy[, pz, vz])."""
         z = () if self.z is None else (self.z, self.vz)
         return np.array([self.x, self.vx, self.y, self.vy, *z])
 

@@ -41,7 +41,7 @@ class PolarLaunch:
 
     @property
     def state(self) -> Array:
-        """Return (px, vx, py, vy)."""
+        """(px, vx, py, vy)."""
         a = np.array(np.deg2rad(self.azimuth_deg))
         # Unit vectors along and across the line of sight.
         u, w = position(np.array(1.0), a), position(np.array(1.0), a + 0.5 * np.pi)

@@ -111,7 +111,7 @@ class Leg:
 
     @property
     def acceleration(self) -> tuple[float, float, float]:
-        """Return (ax, ay, az), m/s^2."""
+        """(ax, ay, az), m/s^2."""
         return self.ax, self.ay, self.az
 
     @property
