@@ -1,0 +1,49 @@
+"""kalman-py: linear, square-root, extended and unscented filters."""
+
+from kalman_py import ExtendedKalmanFilter, KalmanFilter, UnscentedKalmanFilter
+
+from benchmarks.audit.linear import Functions, Matrices
+
+
+class Kalman(Matrices, kind="KalmanFilter"):
+    square_root = False
+
+    def start(self, mean, cov):
+        (F, Q), (H, R) = self.motion_matrices(), self.sensor_matrices()
+        self.one = KalmanFilter(F, H, Q, R, mean, cov, square_root=self.square_root)
+
+    def step(self, z, dt):
+        self.one.predict(*self.motion_matrices())
+        if z is not None:
+            self.one.update(z)
+        return self.one.x, self.one.P
+
+
+class SquareRoot(Kalman, kind="KalmanFilter, square root"):
+    square_root = True
+
+
+class Unscented(Functions, kind="UnscentedKalmanFilter"):
+    def start(self, mean, cov):
+        Q, R = self.noises
+        self.one = self.new(lambda x, dt: self.f(x), self.h, Q, R, mean, cov)
+
+    def new(self, *model):
+        return UnscentedKalmanFilter(*model, residual_z=self.residual)
+
+    def step(self, z, dt):
+        self.one.Q = self.noises[0]
+        self.one.predict(dt)
+        if z is not None:
+            self.one.update(z)
+        return self.one.x, self.one.P
+
+
+class Extended(Unscented, kind="ExtendedKalmanFilter"):
+    def new(self, *model):
+        return ExtendedKalmanFilter(
+            *model,
+            jac_f=lambda x, dt: self.motion_matrices()[0],
+            jac_h=self.H,
+            residual_z=self.residual,
+        )
