@@ -26,6 +26,7 @@ HEADER = [
     "left out",
     "mean_off",
     "covariance_off",
+    "problems",
     "shown by",
     "first finding",
 ]
@@ -49,7 +50,7 @@ def judge(adapter: Path, release: Path | None) -> list[dict[str, Any]]:
         sys.exit(f"{package}: {done.stderr.strip().splitlines()[-1]}")
     out = json.loads(done.stdout.splitlines()[-1])
     for row in out["rows"]:
-        row["first finding"] = "".join(row["first finding"])[:_LONGEST]
+        row["first finding"] = row["first finding"][:_LONGEST]
     return [{"package": package, "version": out["version"]} | row for row in out["rows"]]
 
 

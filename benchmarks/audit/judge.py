@@ -13,6 +13,7 @@ from trackbench.config.load import load
 from trackbench.contract import check_file
 from trackbench.contract.problems import (
     PLANAR,
+    PRECISE,
     UNEQUAL,
     ModelDraws,
     run_filter,
@@ -29,6 +30,7 @@ from trackbench.scenarios.base import Scenario
 _RUNS = 20
 TOLERANCE = 1e-6
 """in standard deviations: what an unscented filter with alpha = 0.001 loses by rounding is 4e-8"""
+PROBLEMS = {"equal intervals": PLANAR, "unequal intervals": UNEQUAL, "radar": PRECISE}
 
 
 def linear_problem(path: Path, tracker: AnyFilter) -> Scenario:
@@ -65,15 +67,18 @@ def judged(path: Path) -> list[dict[str, Any]]:
             off = off_the_kalman_filter(tracker, linear_problem(path, tracker))
         except Exception as error:
             off, bad = (np.nan, np.nan), bad or [str(error)]
-        if max(off) > TOLERANCE:
+        if not max(off) <= TOLERANCE:
             bad.append("differs from the Kalman filter on a linear model")
         counts = {v: sum(f.verdict == v for f in findings) for v in ("good", "bad", "left out")}
-        shown = getattr(cls.one, "shown_by", "?") if bad else ""
+        problems = [name for name, problem in PROBLEMS.items() if runs_on(cls(), problem)]
+        texts = {
+            "problems": "its own" if config.is_file() else ", ".join(problems),
+            "shown by": getattr(cls.one, "shown_by", "?") if bad else "",
+            "first finding": "".join(bad[:1]),
+        }
         names = ("mean_off", "covariance_off")
         offs = {name: f"{x:.1e}" for name, x in zip(names, off, strict=True)}
-        rows.append(
-            {"filter": kind} | counts | offs | {"shown by": shown, "first finding": bad[:1]}
-        )
+        rows.append({"filter": kind} | counts | offs | texts)
     return rows
 
 

@@ -6,16 +6,18 @@ import numpy as np
 
 from trackbench.adapters import PerRun
 from trackbench.core.arrays import Array
+from trackbench.models.motions.irregular import Irregular
 
 
 class Matrices(PerRun):
     """A filter that takes F, Q, H and R, and perhaps all measurements so far."""
 
     def motion_matrices(self) -> tuple[Array, Array]:
-        """Return F and Q of the interval before step k, which may differ from step to step."""
-        motion = self.model.motion
-        at: Any = motion.motion_at(self.k) if hasattr(motion, "motion_at") else motion
-        return at.F, at.Q
+        """Return F and Q of the interval before step k; before the first step, of the first."""
+        motion: Any = self.model.motion
+        if isinstance(motion, Irregular):
+            motion = motion.motion_at(getattr(self, "k", motion.first))
+        return motion.F, motion.Q
 
     def sensor_matrices(self) -> tuple[Array, Array]:
         """Return H and R; a nonlinear sensor has no H, and the contract then leaves it out."""

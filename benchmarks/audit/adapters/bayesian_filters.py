@@ -50,9 +50,10 @@ class Cubature(FilterPy, Functions, kind="CubatureKalmanFilter"):
 
 class Information(Functions, kind="InformationFilter"):
     shown_by = "filterpy_information"
+    likelihood = True
 
     def start(self, mean, cov):
-        self.one = InformationFilter(dim_x=4, dim_z=2)
+        self.one = InformationFilter(4, 2, compute_log_likelihood=self.likelihood)
         self.one.x, self.one.P_inv = mean[:, None], np.linalg.inv(cov)
 
     def step(self, z, dt):
@@ -62,3 +63,7 @@ class Information(Functions, kind="InformationFilter"):
         if z is not None:
             one.update(z[:, None])
         return np.ravel(one.x), np.linalg.inv(one.P_inv)
+
+
+class Without(Information, kind="InformationFilter, no log-likelihood"):
+    likelihood = False

@@ -33,7 +33,7 @@ class Kalman(Linear, kind="KalmanFilter"):
 
 
 class SquareRoot(Linear, kind="SquareRootKalmanFilter"):
-    shown_by = "filterpy_square_root"
+    shown_by = "filterpy_root"
 
     def new(self):
         return SquareRootKalmanFilter(dim_x=4, dim_z=2)
@@ -46,9 +46,10 @@ class Fading(Linear, kind="FadingKalmanFilter"):
 
 class Information(Functions, kind="InformationFilter"):
     shown_by = "filterpy_information"
+    likelihood = True
 
     def start(self, mean, cov):
-        self.one = InformationFilter(dim_x=4, dim_z=2)
+        self.one = InformationFilter(4, 2, compute_log_likelihood=self.likelihood)
         self.one.x, self.one.P_inv = mean[:, None], np.linalg.inv(cov)
 
     def step(self, z, dt):
@@ -60,8 +61,12 @@ class Information(Functions, kind="InformationFilter"):
         return np.ravel(one.x), np.linalg.inv(one.P_inv)
 
 
+class Without(Information, kind="InformationFilter, no log-likelihood"):
+    likelihood = False
+
+
 class Extended(FilterPy, Functions, kind="ExtendedKalmanFilter"):
-    shown_by = "filterpy_mahalanobis"
+    shown_by = "filterpy_distance"
 
     def make(self, dt):
         one = ExtendedKalmanFilter(dim_x=4, dim_z=2)

@@ -24,19 +24,23 @@ class SquareRoot(Kalman, kind="KalmanFilter, square root"):
 
 
 class Unscented(Functions, kind="UnscentedKalmanFilter"):
+    square_root = False
+
     def start(self, mean, cov):
-        Q, R = self.noises
-        self.one = self.new(lambda x, dt: self.f(x), self.h, Q, R, mean, cov)
+        self.x, self.P = mean, cov
 
     def new(self, *model):
-        return UnscentedKalmanFilter(*model, residual_z=self.residual)
+        root = self.square_root
+        return UnscentedKalmanFilter(*model, residual_z=self.residual, square_root=root)
 
     def step(self, z, dt):
-        self.one.Q = self.noises[0]
-        self.one.predict(dt)
+        # A new object for the Q of each interval.
+        one = self.new(lambda x, dt: self.f(x), self.h, *self.noises, self.x, self.P)
+        one.predict(dt)
         if z is not None:
-            self.one.update(z)
-        return self.one.x, self.one.P
+            one.update(z)
+        self.x, self.P = one.x, one.P
+        return self.x, self.P
 
 
 class Extended(Unscented, kind="ExtendedKalmanFilter"):
@@ -46,4 +50,13 @@ class Extended(Unscented, kind="ExtendedKalmanFilter"):
             jac_f=lambda x, dt: self.motion_matrices()[0],
             jac_h=self.H,
             residual_z=self.residual,
+            square_root=self.square_root,
         )
+
+
+class RootUnscented(Unscented, kind="UnscentedKalmanFilter, square root"):
+    square_root = True
+
+
+class RootExtended(Extended, kind="ExtendedKalmanFilter, square root"):
+    square_root = True

@@ -1,7 +1,7 @@
 """pykalman: batch and online Kalman filters, square-root forms, and additive UKF."""
 
 import numpy as np
-from pykalman import AdditiveUnscentedKalmanFilter, KalmanFilter
+from pykalman import AdditiveUnscentedKalmanFilter, KalmanFilter, UnscentedKalmanFilter
 from pykalman.sqrt import BiermanKalmanFilter, CholeskyKalmanFilter
 
 from benchmarks.audit.linear import Batch, Functions, Matrices
@@ -65,6 +65,15 @@ class Additive(Functions, kind="AdditiveUnscentedKalmanFilter.filter_update"):
 
     def step(self, z, dt):
         Q, R = self.noises
-        one = AdditiveUnscentedKalmanFilter(self.f, self.h, Q, R, self.x, self.P)
-        self.x, self.P = one.filter_update(self.x, self.P, z)
+        self.x, self.P = self.new(Q, R).filter_update(self.x, self.P, z)
         return np.asarray(self.x), self.P
+
+    def new(self, Q, R):
+        return AdditiveUnscentedKalmanFilter(self.f, self.h, Q, R, self.x, self.P)
+
+
+class Unscented(Additive, kind="UnscentedKalmanFilter.filter_update"):
+    def new(self, Q, R):
+        return UnscentedKalmanFilter(
+            lambda x, v: self.f(x) + v, lambda x, v: self.h(x) + v, Q, R, self.x, self.P
+        )

@@ -7,6 +7,8 @@ from benchmarks.audit.linear import Batch
 
 
 class Kalman(Batch, kind="KalmanFilter.filter"):
+    univariate = False
+
     def filtered(self, z, H, R):
         n_z, n = H.shape
         one = KalmanFilter(
@@ -17,5 +19,10 @@ class Kalman(Batch, kind="KalmanFilter.filter"):
         # Those of time t lead to t + 1.
         one["transition"] = np.stack([*self.Fs[1:], np.eye(n)], axis=2)
         one["state_cov"] = np.stack([*self.Qs[1:], np.eye(n)], axis=2)
+        one.set_filter_method(filter_univariate=self.univariate)
         out = one.filter()
         return out.filtered_state[:, -1], out.filtered_state_cov[..., -1]
+
+
+class Univariate(Kalman, kind="KalmanFilter.filter, univariate"):
+    univariate = True

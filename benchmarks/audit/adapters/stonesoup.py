@@ -1,6 +1,8 @@
 """Stone Soup: the Gaussian filters of its predictors and updaters."""
 
+import numpy as np
 from stonesoup.predictor import kalman as predictors
+from stonesoup.types.state import SqrtGaussianState
 from stonesoup.updater import kalman as updaters
 
 from trackbench.adapters import StoneSoup
@@ -41,3 +43,16 @@ class Iterated(StoneSoup, kind="IteratedKalmanUpdater"):
             predictors.ExtendedKalmanPredictor(transition),
             updaters.IteratedKalmanUpdater(measurement),
         )
+
+
+class SquareRoot(StoneSoup, kind="SqrtKalmanUpdater"):
+    def make(self, transition, measurement):
+        return (
+            predictors.SqrtKalmanPredictor(transition),
+            updaters.SqrtKalmanUpdater(measurement),
+        )
+
+    def start(self, mean, cov):
+        super().start(mean, cov)
+        root = np.linalg.cholesky(cov)
+        self._now = SqrtGaussianState(mean, root, timestamp=self._now.timestamp)
