@@ -12,7 +12,7 @@ export MKL_NUM_THREADS := 1
 unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: install reproduce reproduce-tables reproduce-quick check-results check-machines record-times test test-fast lint types unit \
-  lowest wheel lock docs bench clean
+  lowest wheel lock docs bench audit clean
 
 install: $(VENV)/.run
 
@@ -122,6 +122,18 @@ docs: $(VENV)/.dev
 
 bench: $(VENV)/.bench
 	$(BIN)/python -m benchmarks
+
+# Judges the filters of other packages, in an environment of their own (docs/findings/audit.md).
+RELEASES := build/audit-releases
+audit:
+	$(MAKE) VENV=build/audit judge
+
+.PHONY: judge
+judge: $(BIN)/python
+	$(PIP) -e . -r benchmarks/audit/requirements.txt
+	grep -v '^#' benchmarks/audit/releases.txt | while read -r one; do \
+	  $(PIP) --no-deps --upgrade --target "$(RELEASES)/$$one" "$$one"; done
+	$(BIN)/python -m benchmarks.audit
 
 clean:
 	rm -rf $(VENV) build .mypy_cache .ruff_cache .pytest_cache

@@ -1,0 +1,1 @@
+"""Audit of other packages' filters by the contract: `make audit`, docs/findings/audit.md."""

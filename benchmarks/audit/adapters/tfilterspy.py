@@ -1,0 +1,44 @@
+"""tfilterspy: linear, extended and unscented filters of one step after the other."""
+
+from tfilterspy.state_estimation.extended_kalman import ExtendedKalmanFilter
+from tfilterspy.state_estimation.linear_filters import KalmanFilter
+from tfilterspy.state_estimation.unscented_kalman import UnscentedKalmanFilter
+
+from benchmarks.audit.linear import Functions
+
+
+class Online(Functions):
+    """`filter_step`: it has no prediction alone, so a missing measurement gets R = 1e12 R."""
+
+    def start(self, mean, cov):
+        self.x, self.P = mean, cov
+
+    def step(self, z, dt):
+        scale = 1.0
+        if z is None:
+            z, scale = self.h(self.f(self.x)), 1e12
+        self.x, self.P = self.new(scale).filter_step(z)
+        return self.x, self.P
+
+
+class Kalman(Online, kind="KalmanFilter.filter_step"):
+    def new(self, scale):
+        (F, Q), (H, R) = self.motion_matrices(), self.sensor_matrices()
+        return KalmanFilter(F, H, Q, scale * R, self.x, self.P)
+
+
+class Extended(Online, kind="ExtendedKalmanFilter.filter_step"):
+    def new(self, scale):
+        self.sensor_matrices()
+        Q, R = self.noises
+        F = self.motion_matrices()[0]
+        return ExtendedKalmanFilter(
+            self.f, self.h, lambda x: F, self.H, Q, scale * R, self.x, self.P
+        )
+
+
+class Unscented(Online, kind="UnscentedKalmanFilter.filter_step"):
+    def new(self, scale):
+        self.sensor_matrices()
+        Q, R = self.noises
+        return UnscentedKalmanFilter(self.f, self.h, Q, scale * R, self.x, self.P)

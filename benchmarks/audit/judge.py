@@ -1,0 +1,94 @@
+"""Judge of one adapter file in this process: `python -m benchmarks.audit.judge FILE` prints JSON."""
+
+import json
+import sys
+import warnings
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from trackbench.config.load import load
+from trackbench.contract import check_file
+from trackbench.contract.problems import (
+    PLANAR,
+    PRECISE,
+    UNEQUAL,
+    ModelDraws,
+    run_filter,
+    runs_on,
+    simulate,
+    with_gaps,
+)
+from trackbench.core import linalg
+from trackbench.filters.base import AnyFilter
+from trackbench.filters.ekf import EKF
+from trackbench.registry import kinds
+from trackbench.scenarios.base import Scenario
+
+_RUNS = 20
+TOLERANCE = 1e-6
+"""in standard deviations: what an unscented filter with alpha = 0.001 loses by rounding is 4e-8"""
+PROBLEMS = {"equal intervals": PLANAR, "unequal intervals": UNEQUAL, "radar": PRECISE}
+
+
+def linear_problem(path: Path, tracker: AnyFilter) -> Scenario:
+    """Return the problem of the adapter's config, or one with unequal intervals if possible."""
+    config = path.with_suffix(".yaml")
+    if config.is_file():
+        return ModelDraws(base=load(config, allow_plugins=True).points[0].scenario)
+    return UNEQUAL if runs_on(tracker, UNEQUAL) else PLANAR
+
+
+def off_the_kalman_filter(tracker: AnyFilter, problem: Scenario) -> tuple[float, float]:
+    """Return the largest distance of the mean and of the covariance from the exact Kalman filter.
+
+    The problem is linear with missing measurements. Distances are in standard deviations and in
+    products of two.
+    """
+    data = with_gaps(simulate(problem, _RUNS))
+    tested, exact = run_filter(tracker, problem, data), run_filter(EKF(), problem, data)
+    sigma = np.sqrt(linalg.diagonal(exact.cov))
+    mean = np.abs((tested.mean - exact.mean) / sigma).max()
+    cov = np.abs((tested.cov - exact.cov) / (sigma[:, None] * sigma)).max()
+    return float(mean), float(cov)
+
+
+def judged(path: Path) -> list[dict[str, Any]]:
+    """Return a row for each filter of an adapter file."""
+    rows, config = [], path.with_suffix(".yaml")
+    found = check_file(path, config if config.is_file() else None, allow_plugins=True)
+    for kind, findings in found.items():
+        cls: Any = kinds("filters")[kind]
+        bad = [f"{f.check}: {f.why}" for f in findings if f.verdict == "bad"]
+        try:
+            tracker = cls()
+            off = off_the_kalman_filter(tracker, linear_problem(path, tracker))
+        except Exception as error:
+            off, bad = (np.nan, np.nan), bad or [str(error)]
+        if not max(off) <= TOLERANCE:
+            bad.append("differs from the Kalman filter on a linear model")
+        counts = {v: sum(f.verdict == v for f in findings) for v in ("good", "bad", "left out")}
+        problems = [name for name, problem in PROBLEMS.items() if runs_on(cls(), problem)]
+        texts = {
+            "problems": "its own" if config.is_file() else ", ".join(problems),
+            "shown by": getattr(cls.one, "shown_by", "?") if bad else "",
+            "first finding": "".join(bad[:1]),
+        }
+        names = ("mean_off", "covariance_off")
+        offs = {name: f"{x:.1e}" for name, x in zip(names, off, strict=True)}
+        rows.append({"filter": kind} | counts | offs | texts)
+    return rows
+
+
+def main() -> None:
+    path = Path(sys.argv[1])
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")
+        rows = judged(path)
+    print("\n" + json.dumps({"version": version(path.stem.replace("_", "-")), "rows": rows}))
+
+
+if __name__ == "__main__":
+    main()
