@@ -253,6 +253,9 @@ def test_a_config_runs_a_program_with_consent(compiled: Path, tmp_path: Path) ->
     errors = report.per_run[report.per_run["metric"] == "rmse_position"]
     rmse = errors.groupby("filter")["value"].mean()
     assert rmse["Mine"] == pytest.approx(rmse["KF"], rel=1e-9)
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "Mine: the same numbers on the same machine only" in page
+    assert "out/config.yaml --allow-plugins" in page
     # A stored config names the program from its own folder.
     assert "command: [../mine]" in (tmp_path / "out" / "config.yaml").read_text()
 

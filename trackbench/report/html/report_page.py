@@ -74,7 +74,13 @@ def _rerun(results: Results) -> str:
     """Return the config's path for a shell; of an absolute path the last part."""
     path = results.folder / "config.yaml"
     shown = path.as_posix() if not path.is_absolute() else "/".join(path.parts[-2:])
-    return shlex.quote(shown) + (" --allow-plugins" if results.config.get("plugins") else "")
+    is_foreign = results.config.get("plugins") or _programs(results)
+    return shlex.quote(shown) + (" --allow-plugins" if is_foreign else "")
+
+
+def _programs(results: Results) -> list[str]:
+    """Return the filters that are programs in other languages."""
+    return [label for label, f in results.config["filters"].items() if f["kind"] == "external"]
 
 
 def _facts(results: Results) -> list[tuple[str, object]]:
@@ -88,6 +94,9 @@ def _facts(results: Results) -> list[tuple[str, object]]:
         ("Seed", config["seed"]),
         ("CPU time", f"{manifest.get('cpu_s', float('nan')):.3g} s"),
     ]
+    if programs := _programs(results):
+        what = f"{', '.join(programs)}: the same numbers on the same machine only"
+        facts.append(("External programs", what))
     together = [single_paths(path) for path in results.grid]
     grid = ", ".join(p[0] + (f" and {len(p) - 1} more" if p[1:] else "") for p in together)
     return [*facts, ("Grid", grid)] if grid else facts
