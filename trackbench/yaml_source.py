@@ -236,8 +236,9 @@ def parse(text: str, name: str) -> Source:
     except yaml.MarkedYAMLError as error:
         at = error.problem_mark or error.context_mark
         mark = Mark(name, at.line + 1, at.column + 1) if at else Mark(name)
-        hint = "; mind this line's indent" if "mapping values" in (error.problem or "") else ""
-        what = f"not valid YAML: {error.problem}{hint}"
+        what = f"not valid YAML: {error.problem}"
+        what += "; indent with spaces" if "'\\t'" in what else ""
+        what += "; mind this line's indent" if "mapping values" in what else ""
         what = _TOO_MANY if isinstance(error, _TooManyError) else what
     except yaml.YAMLError as error:
         what = f"not valid YAML: {str(error).splitlines()[0]}"
@@ -364,8 +365,7 @@ def from_mapping(config: Mapping[str, object]) -> Source:
     """Return a copy of a Python mapping as a source; raises UserError for what YAML cannot express."""
     source = Source(None)
     source.data = marked(_as_plain(config, (), source), source.start)
-    if source.problems:
-        raise UserError(*source.problems)
+    source.check()
     return source
 
 

@@ -246,7 +246,7 @@ def test_a_config_runs_a_program_with_consent(compiled: Path, tmp_path: Path) ->
     path = tmp_path / "own.yaml"
     path.write_text(CONFIG + MINE)
     with pytest.raises(
-        UserError, match=r"own\.yaml:12:35: filters\.Mine\.command: an external program"
+        UserError, match=r"own\.yaml:12:35: filters\.Mine\.command: a program is run only"
     ):
         api.run(path, out=tmp_path / "out", quiet=True)
     report = api.run(path, out=tmp_path / "out", quiet=True, allow_plugins=True, formats=())

@@ -159,7 +159,7 @@ Only = Annotated[
     list[str] | None,
     typer.Option(metavar="LABEL", help="run these filters only", autocompletion=labels),
 ]
-Json = Annotated[bool, typer.Option("--json", help="JSON, an object a line (docs/running.md)")]
+Json = Annotated[bool, typer.Option("--json", help="JSON, an object a line (docs/programs.md)")]
 Runs = Annotated[int | None, typer.Option(min=1, help="Monte Carlo runs")]
 Seed = Annotated[int | None, typer.Option(min=0, help="seed of every random number")]
 Out = Annotated[

@@ -145,7 +145,8 @@ def build(
 
 def unknown(word: str, known: list[str]) -> str:
     """Return ``did you mean ...?``, or the first 40 known words."""
-    near = get_close_matches(word, known, 1, 0.5) or [k for k in known if k.lower() == word.lower()]
+    alike = [k for k in known if sorted(k.lower()) == sorted(word.lower())]  # efk is ekf, not epf
+    near = alike or get_close_matches(word, known, 1, 0.5)
     shown = ", ".join(known[:40]) + (f", {len(known) - 40} more" if len(known) > 40 else "")
     return f"did you mean {near[0]}?" if near else f"known: {shown}"
 
@@ -268,6 +269,7 @@ def _component(group: Group, data: object, source: Source, keys: Keys) -> Part |
     # Step 1: find the class.
     if not isinstance(data, dict) or "kind" not in data:
         needs = "needs a kind" if isinstance(data, dict) else "is not a mapping with a kind"
+        needs += f", as {{kind: {min(kinds(group), key=len)}}}; see `trackbench list {group}`"
         if not any(p.path == dotted(keys) for p in source.problems):  # else it has been said
             source.add_problem(keys, needs)
         return None
@@ -281,8 +283,7 @@ def _component(group: Group, data: object, source: Source, keys: Keys) -> Part |
     values = _with_preset(cls, data, source, keys)
     _make_paths_absolute(cls, source, keys, values)
     if issubclass(cls, Filter) and cls.runs_program and not _is_allowed(source, values):
-        what = "an external program is run only with --allow-plugins"
-        source.add_problem((*keys, "command"), what)
+        source.add_problem((*keys, "command"), "a program is run only with --allow-plugins")
         return None
     also = ["preset"] if cls.presets else []
     if keys[:-1] == ("filters",):  # a key of every filter's entry: see `read_assumed`
@@ -296,10 +297,10 @@ def _component(group: Group, data: object, source: Source, keys: Keys) -> Part |
 
 
 def _is_allowed(source: Source, values: Mapping[str, object]) -> bool:
-    """Return whether the user allows the program of a filter to run."""
-    command = values.get("command")
-    chosen = isinstance(command, list) and command and command[0] in (source.programs or ())
-    return source.programs is None or bool(chosen)
+    words = values.get("command")  # one that is no list cannot be run, and is reported
+    if source.programs is None or not (isinstance(words, list) and words):
+        return True
+    return words[0] in [*source.programs]
 
 
 def read_assumed(source: Source, label: str) -> Assume | None:
