@@ -174,7 +174,7 @@ def test_a_fault_is_of_one_sensor_and_begins_with_its_last_value(tmp_path: Path)
             z[1, 49:60, m], np.where(np.isnan(clean[1, 49:60, m]), np.nan, last)
         )
     windows = faulty.windows
-    assert [*np.flatnonzero(windows["after a"])] == [*range(61, 101)]
+    assert [*np.flatnonzero(windows["after a"])] == [*range(71, 101)]  # b lasts longer
     assert [*np.flatnonzero(windows["after b"])] == [*range(71, 101)]
 
 
@@ -340,3 +340,70 @@ def test_stacked_blocks_have_the_twins_of_each(tmp_path: Path) -> None:
         alone = run_block(task).per_run
         for name, values in stacked[10].per_run.items():
             np.testing.assert_array_equal(values, alone[name])
+
+
+TWO = """name: two
+runs: 3
+scenario:
+  kind: tracking
+  last: 40
+  target: {kind: driven, motion: {kind: cwna, q: 1}, launch: {x: 10, vx: 1}}
+  sensor: [{kind: position, sigma: 2, period: 5}, {kind: position, sigma: 3}]
+  start: {kind: gaussian, sigma: [2, 1, 2, 1]}
+  faults: FAULTS
+filters:
+  EKF: {kind: ekf}
+"""
+
+
+def _errors(tmp_path: Path, *faults: str) -> Array:
+    """The measurements less those without faults (n_z, T, M), over the errors without faults."""
+    z = []
+    for listed in ((), faults):
+        text = TWO.replace("FAULTS", f"[{', '.join(listed)}]")
+        (tmp_path / "two.yaml").write_text(text)
+        scenario = load(tmp_path / "two.yaml").points[0].scenario
+        data = scenario.simulate(RunStreams(1, range(3)), 3)
+        z.append(data.measurements)
+    truth = np.tile(data.truth[::2, 1:], (2, 1, 1))
+    return (z[1] - truth) / (z[0] - truth)
+
+
+NOISE = "{name: N, kind: noise, factor: 10, steps: [10, 30]}"
+WITHIN = "{name: W, kind: noise, factor: 3, steps: [20, 25]}"
+SHARED = "{name: B, kind: outliers, factor: 7, share: 0.5, steps: [5, 9]}"
+
+
+def test_a_sensor_has_the_fault_also_while_another_is_silent(tmp_path: Path) -> None:
+    factors = _errors(tmp_path, NOISE)
+    np.testing.assert_allclose(factors[2:, 9:30], 10.0)
+    np.testing.assert_allclose(factors[2:, 30:], 1.0)
+    assert np.isnan(factors[:2]).sum() == 2 * 32 * 3
+
+
+def test_faults_that_multiply_errors_multiply_each_other(tmp_path: Path) -> None:
+    factors = _errors(tmp_path, NOISE, WITHIN)
+    np.testing.assert_allclose(factors[2:, 19:25], 30.0)
+    np.testing.assert_allclose(factors[2:, 25:30], 10.0)
+
+
+def test_the_order_of_the_list_does_not_matter(tmp_path: Path) -> None:
+    first, other = (_errors(tmp_path, *which) for which in ((SHARED, NOISE), (NOISE, SHARED)))
+    np.testing.assert_array_equal(first, other)
+    assert {*np.round(first[2:, 4:9].ravel(), 6)} == {1.0, 7.0}
+
+
+def test_filters_that_need_the_kind_of_sensor_say_so(tmp_path: Path) -> None:
+    text = TWO.replace("FAULTS", f"[{NOISE}]").replace("{kind: ekf}", "{kind: los-rbpf}")
+    text = text.replace("los-rbpf}", "los-rbpf, assume: {faults: known}}")
+    radar = "{kind: range-azimuth, sigma_range: 9, sigma_azimuth_mrad: 3}"
+    text = text.replace(text[text.index("[{kind: position") : text.index("\n  start")], radar)
+    text = text.replace("{kind: gaussian, sigma: [2, 1, 2, 1]}", "two-scan")
+    (tmp_path / "c.yaml").write_text(text)
+    with pytest.raises(UserError, match="radar of constant noise"):
+        load(tmp_path / "c.yaml")
+    (tmp_path / "c.yaml").write_text(text.replace("los-rbpf", "cmkf"))
+    with pytest.raises(UserError, match="`cmkf` cannot know a fault that multiplies noise"):
+        load(tmp_path / "c.yaml")
+    (tmp_path / "c.yaml").write_text(text.replace("los-rbpf", "gaussian-sum"))
+    assert api.run(tmp_path / "c.yaml", out=tmp_path / "out", quiet=True, formats=()).failed == []

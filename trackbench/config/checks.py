@@ -24,7 +24,7 @@ from trackbench.extension_points import field_values, walk_parts
 from trackbench.field_types import InvalidKeyError
 from trackbench.filters.base import AnyFilter
 from trackbench.models.base import has_density, position_velocity_names
-from trackbench.models.sensors.base import SensorBase
+from trackbench.models.sensors.base import ScaledNoise, SensorBase
 from trackbench.plugins.checks import call_hook, filter_conflicts
 from trackbench.plugins.errors import PluginError, plugin_code
 from trackbench.registry import Group
@@ -96,6 +96,9 @@ def check_fit(source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenario
         if not has(scenario, need):
             limit = f"`{tracker.kind}` works only with {_NEEDS.get(need, need)}"
             what = f"{limit}; {_remedy(scenario, need)}"
+            if need.startswith("sensor.") and isinstance(scenario.model.sensor, ScaledNoise):
+                what = f"`{tracker.kind}` cannot know a fault that multiplies noise"
+                what += "; leave out `assume: {faults: known}`, or take ekf or ukf"
             source.problems.append(Problem(source.mark((*keys, "kind")), dotted(keys), what))
             unmet = True
     sensor = scenario.model.sensor

@@ -18,6 +18,7 @@ from trackbench.filters.base import Filter
 from trackbench.models.base import Model
 from trackbench.models.gaussian_steps import MODEL_NOISE, extended_step
 from trackbench.models.priors import TwoPoint, two_point_difference
+from trackbench.models.sensors.base import ScaledNoise
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.registry import register
 
@@ -88,7 +89,9 @@ class GaussianSum(Filter[Mixture]):
         # A component for each pair of nodes; its weight is the product of both.
         one, two = (g.ravel() for g in np.meshgrid(nodes, nodes, indexing="ij"))
         if isinstance(prior, TwoPoint):
-            start = _split_azimuths(cast(RangeAzimuth, model.sensor), prior, one, two, width)
+            # The scans of a start have no fault.
+            sensor = model.sensor.sensor if isinstance(model.sensor, ScaledNoise) else model.sensor
+            start = _split_azimuths(cast(RangeAzimuth, sensor), prior, one, two, width)
         else:
             start = _split_positions(prior, one, two, width)
         runs = start.mean.shape[1]

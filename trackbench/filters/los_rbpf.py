@@ -119,7 +119,9 @@ class LineOfSight(ParticleFilter):
         """Reject weights other than logarithms, and a radar away from the origin."""
         if self.weights != "log":
             return {"weights": "los-rbpf weighs in the log domain only"}
-        if not cast(RangeAzimuth, scenario.model.sensor).at_origin:
+        if not isinstance(scenario.model.sensor, RangeAzimuth):
+            return {"": "los-rbpf needs a radar of constant noise"}
+        if not scenario.model.sensor.at_origin:
             return {"": "los-rbpf needs a radar at the origin; the assumed one is elsewhere"}
         return {}
 

@@ -4,6 +4,7 @@ A fault changes measurements that were drawn without it, but the scans of a star
 numbers stay, so that a run and its twin without faults are paired.
 """
 
+import zlib
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -123,6 +124,12 @@ class LargerNoise(Fault):
 
     uses_noise: ClassVar[bool] = True
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.factor == 1.0 or self.share == 0.0:
+            key = "factor" if self.factor == 1.0 else "share"
+            raise InvalidKeyError(f"a {key} of {getattr(self, key):g} changes nothing", key)
+
     @property
     def variance(self) -> float:
         """Factor on the variance of the noise: that of the mixture."""
@@ -130,7 +137,7 @@ class LargerNoise(Fault):
 
     def faulty(self, of: Stretch) -> Array:
         """Return ``h(x) + factor e``; a measurement whose truth is unknown stays."""
-        changed = ~np.isnan(of.noise).any(axis=0)
+        changed = ~np.isnan(of.noise)
         if self.share < 1.0 and of.streams is not None:
             changed &= of.streams().random(of.z.shape[1:]) < self.share
         return np.where(changed, of.z + (self.factor - 1.0) * of.noise, of.z)
@@ -275,28 +282,34 @@ class FaultContext(NamedTuple):
     def windows(self, faults: Sequence[Fault], scored: Mask) -> dict[str, Mask]:
         """Return the steps (K,) of each fault, and those after it up to the next one."""
         out, places = {}, np.arange(len(self.steps))
+        with_fault = np.zeros(len(self.steps), dtype=np.bool_)
+        for fault in faults:
+            with_fault[1:] |= self.measured(fault)
         ends = {fault: np.flatnonzero(self.measured(fault))[[0, -1]] + 1 for fault in faults}
         for fault, (_, last) in ends.items():
             later = [first for first, _ in ends.values() if first > last]
             inside = np.insert(self.measured(fault), 0, False)
             out[fault.name] = scored & inside
             after = (places > last) & (places < min(later, default=len(places)))
-            out[f"after {fault.name}"] = scored & after
+            out[f"after {fault.name}"] = scored & after & ~with_fault
         return out
 
     def with_faults(
         self, faults: Sequence[Fault], truth: Array, z: Array, scans: Array, rng: Streams
     ) -> Array:
-        """Return measurements (n_z, T, M) with the faults, in their order; scans came before."""
-        drawn, z = z, z.copy()
-        for i, fault in enumerate(faults):
+        """Return measurements (n_z, T, M) with the faults in order of time; scans came before."""
+        drawn, z, more_noise = z, z.copy(), np.zeros_like(z)
+        for fault in sorted(faults, key=lambda fault: int(np.argmax(self.measured(fault)))):
             rows, inside = self.rows(fault), self.measured(fault)
             earlier = np.concatenate([scans, z[:, : int(np.argmax(inside))]], axis=1)[rows]
             stretch = self._stretch(fault, z)._replace(before=_latest(earlier))
             if fault.uses_noise:
-                noise = self._noise(truth, drawn, inside)[rows]
-                streams = partial(cast(RunStreams, rng).beside, i)
+                # The errors as earlier faults have made them; draws depend on the name alone.
+                noise = self._noise(truth, drawn, inside)[rows] + more_noise[rows, inside]
+                number = zlib.crc32(fault.name.encode())
+                streams = partial(cast(RunStreams, rng).beside, number)
                 stretch = stretch._replace(noise=noise, streams=streams)
+                more_noise[rows, inside] += fault.faulty(stretch) - stretch.z
             z[rows, inside] = fault.faulty(stretch)
         return z
 

@@ -159,15 +159,15 @@ class OverTime(Curves):
         point = results.points()[0]
         return figure, [([ax], point, label) for (ax,), label in zip(panels, titles, strict=True)]
 
-    def shade(self, ax: Axes, rows: Columns, fault: Mapping[str, Any]) -> None:
-        """Shade the steps of a fault among those of some rows."""
+    def shade(self, ax: Axes, rows: Columns, fault: Mapping[str, Any], number: int) -> None:
+        """Shade the steps of a fault among those of some rows, each fault in a color of its own."""
         first, last = fault["steps"] or (fault["from"], fault["to"])
         at = rows["time" if fault["steps"] is None else "step"]
         inside = at >= (-np.inf if first is None else first)
         inside &= at <= (np.inf if last is None else last)
         if inside.any():
             x = rows[self.x][inside]
-            ax.axvspan(x.min(), x.max(), label=fault["name"], **style.FAULT)
+            ax.axvspan(x.min(), x.max(), label=fault["name"], **style.fault(number))
 
     def series(self, rows: Columns) -> tuple[Array, ...]:
         """Return abscissas, values and standard errors, with NaN in gaps of the steps."""
@@ -229,8 +229,8 @@ class RmseVsTime(OverTime):
         for (ax,), point, title in panels:
             lines = list(self.lines(results, point, self.metric))
             number = 1 if titles else len(lines)
-            for fault in results.facts(point).scenario.get("faults", ()):
-                self.shade(ax, lines[0][0], fault)
+            for i, fault in enumerate(results.facts(point).scenario.get("faults", ())):
+                self.shade(ax, lines[0][0], fault, i)
             for i, (rows, look) in enumerate(lines):
                 k, value, stderr = self.series(rows)
                 if self.log and scales.has_logarithm(value):

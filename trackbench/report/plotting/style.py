@@ -39,11 +39,16 @@ EXACT: LineStyle = {"color": "black", "linestyle": (0, (4, 3)), "linewidth": 0.9
 BASELINE: LineStyle = {"color": "#777777", "linestyle": (0, (1, 1.6)), "linewidth": 1.4}
 ANY, MANEUVER = "#555555", "#f3d9a4"
 """Colors of what is no filter's own: of any filter in a legend, of spans of maneuvers."""
-FAULT: LineStyle = {"color": "#f4cccc", "lw": 1, "zorder": 0}
-"""Look of the time of a sensor's fault."""
+_FAULTS = ("#f4cccc", "#c9daf8", "#d9ead3", "#fff2cc")
 BAND: LineStyle = {"color": "black", "alpha": 0.15, "lw": 0}
 """Look of where a filter without fault is found."""
 TRUTH: LineStyle = {"color": "black", "linewidth": 1.4, "linestyle": "-"}
+
+
+def fault(number: int) -> LineStyle:
+    """Return the look of the time of a sensor's fault; a fault may be within another."""
+    return {"color": _FAULTS[number % len(_FAULTS)], "alpha": 0.7, "lw": 1, "zorder": 0}
+
 
 SPREAD = "± 2 standard errors"
 _MOST_BANDS = 3
