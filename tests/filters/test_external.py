@@ -39,7 +39,7 @@ FAULTS = {
     "degrees": "an axis, a unit (degrees)",
     "covariance not propagated": "the covariance is too large",
     "process noise halved": "the covariance is too small",
-    "state carried over": "a run depends on those before it",
+    "state carried over": "does `init` set all of the state",
 }
 
 
@@ -59,7 +59,7 @@ def compiled(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True)
 def no_program_is_left() -> Iterator[None]:
     yield
-    program._end_all()
+    program.end_all()
     assert not program._running
 
 
@@ -133,6 +133,9 @@ WRONG = {
     "print(*['x'] * 4, flush=True)": "run 0, step 0: the program answers 'x', which is no number",
     "print(*[1] * 6, 2, *[1] * 13, flush=True)": "a covariance that is not symmetric",
     "print(f'{good}\\n{good}', flush=True)": "the program answers more than one line",
+    "print(f'{good}\\n{good}' if number == 0 else good, flush=True)": "more than one line",
+    "print('1 ' * 2**20, end='', flush=True)": "the program answers a line that does not end",
+    "[print(1, end=' ', flush=True) or time.sleep(0.3) for _ in line * 9]": "no answer within 1 s",
     "time.sleep(9)": "run 0, step 0: the program gave no answer within 1 s",
     "print(good, end='', flush=True)": "the program gave no answer within 1 s",
     "print(good, flush=True) if number < 3 else sys.exit('out of memory')": (
@@ -188,7 +191,9 @@ def test_a_kill_at_any_time_is_an_error_or_the_right_numbers(compiled: Path) -> 
 
 def test_nothing_is_left_of_a_process_that_is_killed(tmp_path: Path) -> None:
     """Neither the program, which hangs, nor what it started."""
-    (tmp_path / "wrapper.sh").write_text("#!/bin/sh\necho ready\nsleep 600 &\necho $! >&2\nwait\n")
+    (tmp_path / "wrapper.sh").write_text(
+        "#!/bin/sh\nread hello\necho ready\nsleep 600 &\necho $! >&2\nwait\n"
+    )
     (tmp_path / "wrapper.sh").chmod(0o755)
     code = (
         "import os, signal, time\nfrom trackbench.filters.program import Program\n"
@@ -219,7 +224,10 @@ def test_a_filter_without_covariance_has_errors_and_no_nees(tmp_path: Path) -> N
 
 def test_a_script_is_checked_by_its_command_in_a_config(tmp_path: Path) -> None:
     write_new("filter", "mine", tmp_path, "python")
-    findings = check_file(tmp_path / "mine.py", on=tmp_path / "mine.yaml")["mine"]
+    on = tmp_path / "mine.yaml"
+    with pytest.raises(UserError, match="a program is run only with --allow-plugins"):
+        check_file(tmp_path / "mine.py", on=on)  # its command has the file and more
+    findings = check_file(tmp_path / "mine.py", on=on, allow_plugins=True)["mine"]
     assert [str(f) for f in findings if f.verdict == "bad"] == []
     assert ("errors and covariance fit reference filters", "good") in {f[:2] for f in findings}
     with pytest.raises(UserError, match="--on CONFIG"):
@@ -271,8 +279,8 @@ def test_a_program_of_the_command_line_is_consented_to(compiled: Path, tmp_path:
 
 
 def test_the_program_and_its_files_are_part_of_the_key(tmp_path: Path) -> None:
-    tracker = replace(script(tmp_path, "print(good, flush=True)"), files=(str(tmp_path / "own"),))
     (tmp_path / "own").write_text("1")
+    tracker = replace(script(tmp_path, "print(good, flush=True)"), files=(str(tmp_path / "own"),))
     keys = set()
     for _ in range(2):
         keys.add(block_key(BlockTask(planar(), replace(tracker), 1, 0, 2, 2), 2))

@@ -300,7 +300,7 @@ def _is_allowed(source: Source, values: Mapping[str, object]) -> bool:
     words = values.get("command")  # one that is no list cannot be run, and is reported
     if source.programs is None or not (isinstance(words, list) and words):
         return True
-    return words[0] in [*source.programs]
+    return len(words) == 1 and words[0] in [*source.programs]
 
 
 def read_assumed(source: Source, label: str) -> Assume | None:

@@ -85,14 +85,15 @@ def load(
     filter_files: Sequence[Path] = (),
     quick: bool = False,
     tables: Mapping[str, object] | None = None,
+    chosen: Sequence[Path] = (),
 ) -> Experiment:
     """Read and validate an experiment; raises UserError with every mistake found.
 
     Paths count from the file, those in a mapping from the working folder. ``grid`` are assignments of
     several values (``filters.HDEPF.F=0.5,0.9``) that add to the file's; ``product``: every combination
     of them is a point if the file has no grid; ``tuned_values``: results of tuning, by label and key;
-    ``filter_files``: Python files with more filters; ``quick``: few runs; ``tables``: data from Python,
-    by key of the target.
+    ``filter_files``: files with more filters; ``chosen``: files of the config whose code may run, as
+    that of those may; ``quick``: few runs; ``tables``: data from Python, by key of the target.
     """
     if isinstance(config, Mapping):
         source, home = from_mapping(config), Path()
@@ -100,7 +101,7 @@ def load(
         source, home = read(config), config.parent
     if not isinstance(source.data, dict):
         raise UserError(source.problem((), "an experiment is a mapping of keys to values"))
-    source.programs = None if allow_plugins else set()
+    source.programs = None if allow_plugins else {str(file.absolute()) for file in chosen}
     # Step 1: put the config together: files that it includes, then options of the command line.
     unread = inline_parts(source, home)
     added = add_filters(source, filter_files)
@@ -120,7 +121,7 @@ def load(
     add_tuned(source, tuned_values or {})
     add_smoothed(source)
     # Step 2: run the plugins' code, so that their kinds are known, and validate.
-    plugins = load_plugins(source, home, allow_plugins, filter_files)
+    plugins = load_plugins(source, home, allow_plugins, (*filter_files, *chosen))
     try:
         put_tables(source, tables or {})
         experiment = _validate_with_plugin_errors(source, home, plugins)

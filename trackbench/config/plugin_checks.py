@@ -96,7 +96,7 @@ def load_plugins(
 
     A config that names plugins is refused unless their code may be run, or the user chose the file.
     """
-    chosen_paths = {str(file.absolute()) for file in chosen}
+    chosen_paths = {file.resolve() for file in chosen}
     names = source.data.get("plugins") or []
     if not isinstance(names, list):
         return ()  # said by the validation of the whole
@@ -108,7 +108,7 @@ def load_plugins(
         try:
             if not isinstance(name, str) or not name.endswith(".py"):
                 raise PluginError(f"{name!r} is not the path of a Python file")
-            if not allowed and name not in chosen_paths:
+            if not allowed and (folder / name).resolve() not in chosen_paths:
                 raise PluginError(f"the code in {name} is run only with --allow-plugins")
             plugins.append(load_file(folder / name, files, environment))
         except PluginError as why:

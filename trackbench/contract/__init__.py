@@ -15,7 +15,6 @@ from warnings import catch_warnings, simplefilter
 
 import numpy as np
 
-from trackbench.config.experiment import Point
 from trackbench.config.load import load
 from trackbench.config.plugin_checks import NO_FILTER, is_program, load_file
 from trackbench.contract.checks import CHECKS, Check, ContractError, LeftOutError, alike
@@ -106,7 +105,7 @@ def check_file(
     classes = {k: c for k, c in registered.items() if issubclass(c, Filter)}
     if on is None:
         return {k: check_filter(c) for k, c in classes.items()}
-    point = _point_of(path, on, allow_plugins)
+    point = load(on, allow_plugins=allow_plugins, chosen=[path]).points[0]
     out: dict[str, list[Finding]] = {}
     for kind, cls in classes.items():
         labels = [label for label, f in point.filters.items() if f.kind == kind]
@@ -116,14 +115,6 @@ def check_file(
         } or {kind: check_filter(cls, on=ModelDraws(base=point.scenario))}
         out |= _with_other_keys(of_kind)
     return out
-
-
-def _point_of(path: Path, on: Path, allow_plugins: bool) -> Point:
-    """Return the first point of a config; plugins other than the checked file need permission."""
-    data = read(on).data
-    names = data.get("plugins") if isinstance(data, dict) else None
-    others = [n for n in names or () if (on.parent / str(n)).resolve() != path.resolve()]
-    return load(on, allow_plugins=allow_plugins or not others).points[0]
 
 
 def _labels_of_program(path: Path, on: Path) -> list[str]:
@@ -148,7 +139,7 @@ def _check_program(
     program = External(command=(str(path.absolute()),)) if not labels else None
     if on is None:
         return {path.stem: check_filter(External, program)}
-    point = _point_of(path, on, allow_plugins)
+    point = load(on, allow_plugins=allow_plugins, chosen=[path]).points[0]
     if program is not None:
         problem = ModelDraws(base=point.scenario)
         return {path.stem: check_filter(External, program, on=problem)}

@@ -31,9 +31,15 @@ from trackbench.core.distributions import Distribution, Gaussian, per_run_moment
 from trackbench.core.random_streams import run_seeds
 from trackbench.errors import RunError, reason
 from trackbench.extension_points import field_values
-from trackbench.field_types import DataFile, InvalidKeyError, Positive, ProgramWord, freeze_mappings
+from trackbench.field_types import (
+    DataFile,
+    InvalidKeyError,
+    ProgramWord,
+    freeze_mappings,
+    require_regular_file,
+)
 from trackbench.filters.base import Filter, Steps
-from trackbench.filters.program import PROTOCOL, Program, ProgramError
+from trackbench.filters.program import PROTOCOL, Program, ProgramError, end_programs
 from trackbench.models.base import Model, Scene
 from trackbench.models.motions.irregular import step_length
 from trackbench.models.motions.kinematic import Linear
@@ -68,7 +74,7 @@ class ProgramState(NamedTuple):
     """Lines that the programs were sent, and the last estimates: mean (n, M) and cov (n, n, M)."""
 
     hello: str
-    line: _Line
+    line: _Line | None
     mean: Array
     cov: Array
 
@@ -90,7 +96,7 @@ class ProgramRunError(RunError):
 class External(Filter[ProgramState]):
     """A program in any language, which reads measurements and writes estimates in lines of text.
 
-    docs/your-filter.md has the protocol; ``trackbench new filter NAME --language c`` writes a program.
+    docs/any-language.md has the protocol; ``trackbench new filter NAME --language c`` writes a program.
     """
 
     command: tuple[ProgramWord, ...]
@@ -101,7 +107,7 @@ class External(Filter[ProgramState]):
     )
     """numbers and words that the program is given at its start"""
 
-    timeout: Positive = 10.0
+    timeout: Annotated[float, Interval(gt=0, le=1e6)] = 10.0
     """seconds that an answer may take"""
 
     files: tuple[DataFile, ...] = ()
@@ -116,11 +122,16 @@ class External(Filter[ProgramState]):
 
     def __post_init__(self) -> None:
         freeze_mappings(self)
-        if not self.command:
+        if not (self.command and self.command[0]):
             raise InvalidKeyError("name a program, as [./my_filter]", "command")
         if shutil.which(self.command[0]) is None:
             what = f"{self.command[0]} is not a program that can be executed"
             raise InvalidKeyError(what, "command", 0)
+        for i, file in enumerate(self.files):
+            try:
+                require_regular_file(file)
+            except OSError as error:
+                raise InvalidKeyError(f"{file}: {reason(error)}", "files", i) from None
         # What was read makes the numbers: the program may be built anew before it runs.
         object.__setattr__(self, "_content", self.digests())
 
@@ -159,9 +170,11 @@ class External(Filter[ProgramState]):
         for run, seed in enumerate(run_seeds(rng, prior.mean.shape[1])):
             moments = [prior.mean[:, run], prior.cov[..., run].ravel()]
             lines.append(f"init {seed} 0 {_fields(np.concatenate(moments))}")
+        nothing = np.full((len(prior.mean), len(lines)), np.nan)
+        before = ProgramState(self._hello(model), None, nothing, nothing[None])
         first = _Line(lines, 0, 0.0, None)
-        mean, cov = self._answers(hello := self._hello(model), None, [first], len(prior.mean))
-        return ProgramState(hello, first, mean[:, 0], cov[:, :, 0])
+        mean, cov = self._answers(before, [first])
+        return ProgramState(before.hello, first, mean[:, 0], cov[:, :, 0])
 
     def step(
         self, model: Model, state: ProgramState, z: Array, k: int, rng: Generator
@@ -172,8 +185,9 @@ class External(Filter[ProgramState]):
 
     def all_steps(self, model: Model, state: ProgramState, z: Array, k: int) -> Steps:
         """Send the measurements of all steps, run after run."""
+        assert state.line is not None
         lines = [*_step_lines(model, state.line, z, k)]
-        mean, cov = self._answers(state.hello, state.line, lines, len(state.mean))
+        mean, cov = self._answers(state, lines)
 
         def at(i: int) -> ProgramState:
             return ProgramState(state.hello, lines[i], mean[:, i], cov[:, :, i])
@@ -184,22 +198,25 @@ class External(Filter[ProgramState]):
         """Give the programs' last answers."""
         return Gaussian(state.mean, state.cov)
 
-    def _answers(
-        self, hello: str, before: _Line | None, lines: Sequence[_Line], n: int
-    ) -> tuple[Array, Array]:
+    def _answers(self, state: ProgramState, lines: Sequence[_Line]) -> tuple[Array, Array]:
         """Collect the estimates of all runs after each line: mean (n, T, M), covariance (n, n, T, M)."""
-        runs, pool = len(lines[0].of_runs), _pool(self, hello)
+        runs, n, pool = len(lines[0].of_runs), len(state.mean), _pool(self, state.hello)
         mean = np.empty((n, len(lines), runs))
         cov = np.full((n, n, len(lines), runs), np.nan)
         for run in range(runs):
             try:
-                numbers = _numbers(pool.of_run(run, before).answers(before, lines, run), n)
+                answers, past = pool.of_run(run, state.line).answers(state.line, lines, run)
+                numbers = _numbers(answers, n)
+                if past:
+                    _compare(_numbers(past[-1:], n)[0], state, run)
             except ProgramError as error:
                 pool.kill()
                 raise ProgramRunError(run, lines[0].number + error.answered, str(error)) from None
             mean[:, :, run] = numbers[:, :n].T
             if numbers.shape[1] > n:
                 cov[..., run] = numbers[:, n:].T.reshape(n, n, -1)
+        if pool.stamps != _stamps(self):
+            raise ProgramRunError(0, lines[0].number, "the program or its files changed meanwhile")
         return mean, cov
 
     def _hello(self, model: Model) -> str:
@@ -270,6 +287,24 @@ def _numbers(answers: Sequence[str], n: int) -> Array:
     return numbers
 
 
+def _compare(again: Array, state: ProgramState, run: int) -> None:
+    """Raise ProgramError unless a run that began again has the estimate of before."""
+    n = len(state.mean)
+    cov = np.full((n, n), np.nan) if len(again) == n else again[n:].reshape(n, n)
+    known = (state.mean[:, run], state.cov[:, :, run])
+    for a, b in zip(known, (again[:n], cov), strict=True):
+        if not np.array_equal(a, b, equal_nan=True):
+            what = "a run that begins again has other estimates: "
+            raise ProgramError(f"{what}does `init` set all of the state, and SEED all noise?", -1)
+
+
+def _stamps(tracker: External) -> list[tuple[int, ...]]:
+    """Return times and sizes of the files of a program, to notice a change while it runs."""
+    paths = (Path(shutil.which(word) or word) for word in (*tracker.command, *tracker.files))
+    stats = [path.stat() for path in paths if path.is_file()]
+    return [(stat.st_ino, stat.st_size, stat.st_mtime_ns) for stat in stats]
+
+
 def _words(answers: Sequence[str]) -> Iterator[tuple[int, str]]:
     """Yield the fields that are no numbers, each with the index of its answer."""
     for i, answer in enumerate(answers):
@@ -287,8 +322,13 @@ class _Copy:
         self.program = program
         self.at: tuple[_Line | None, int] = (None, -1)
 
-    def answers(self, before: _Line | None, lines: Sequence[_Line], run: int) -> list[str]:
-        """Send a run's lines, which follow the line ``before``, and return the answers."""
+    def answers(
+        self, before: _Line | None, lines: Sequence[_Line], run: int
+    ) -> tuple[list[str], list[str]]:
+        """Send a run's lines, which follow the line ``before``, and return the answers.
+
+        Those to earlier lines of the run, if it began again, come second.
+        """
         past: list[str] = []
         if before is not None and self.at != (before, run):
             past = before.of_run(run)
@@ -298,7 +338,7 @@ class _Copy:
             error.answered -= len(past)
             raise
         self.at = (lines[-1], run)
-        return answers[len(past) :]
+        return answers[len(past) :], answers[: len(past)]
 
 
 class _Pool:
@@ -307,6 +347,7 @@ class _Pool:
     def __init__(self, tracker: External, hello: str) -> None:
         self._tracker, self._hello = tracker, hello
         self._copies: dict[int, _Copy] = {}
+        self.stamps = _stamps(tracker)
 
     def of_run(self, run: int, before: _Line | None) -> _Copy:
         """Choose the program that goes on with a run: one that is there, or begins the run again."""
@@ -316,8 +357,10 @@ class _Pool:
         tracker, is_short = self._tracker, before is None or before.number < _SHORT
         number = 0 if is_short else run % tracker.copies
         if number not in self._copies:
-            if tracker.digests() != tracker.first_digests:
-                raise ProgramError(f"{tracker.command[0]} is not as it was when the run began")
+            words = zip((*tracker.command, *tracker.files), tracker.digests(), strict=True)
+            for (word, now), first in zip(words, tracker.first_digests, strict=True):
+                if now != first:
+                    raise ProgramError(f"{word} is not as it was when the run began")
             program = Program(tracker.command, self._hello, tracker.timeout)
             self._copies[number] = _Copy(program)
         return self._copies[number]
@@ -330,8 +373,7 @@ class _Pool:
 
     def end(self) -> None:
         """End all programs."""
-        for copy in self._copies.values():
-            copy.program.end()
+        end_programs(copy.program for copy in self._copies.values())
 
 
 _pools: OrderedDict[tuple[int, External, str], _Pool] = OrderedDict()
@@ -340,6 +382,8 @@ _pools: OrderedDict[tuple[int, External, str], _Pool] = OrderedDict()
 def _pool(tracker: External, hello: str) -> _Pool:
     """Look up the programs of a filter in this thread; end those that were used longest ago."""
     key = threading.get_ident(), tracker, hello
+    if key in _pools and _pools[key].stamps != _stamps(tracker):
+        _pools.pop(key).end()  # the program may have been built again
     if key not in _pools:
         mine = [other for other in _pools if other[0] == key[0]]
         if len(mine) >= _POOLS:

@@ -5,7 +5,6 @@ waits for nothing. A program has a process group of its own and is killed with a
 shell that waits for this process to end, does so even if this process is killed.
 """
 
-import atexit
 import os
 import selectors
 import signal
@@ -13,14 +12,16 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
+from multiprocessing.util import Finalize
 from typing import IO, cast
 
 PROTOCOL = 1
 _CHUNK = 1 << 16
+_LONGEST = 1 << 20  # bytes of an answer
 _END_S = 2.0
-"""Seconds that a program may take to end after the line ``end``."""
+"""Seconds that programs may take to end after the line ``end``."""
 _GUARD = ("sh", "-c", 'read line; kill -9 "-$1"', "guard")
 """Command that waits for the end of its input, and kills a process group."""
 
@@ -53,7 +54,7 @@ class Program:
         ProgramError
             If it cannot be started, or does not answer ``ready``.
         """
-        self._timeout, self._unread = timeout, b""
+        self._timeout = timeout
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115 (closed with the program)
         try:
             self._process = subprocess.Popen(
@@ -85,8 +86,12 @@ class Program:
 
     def exchange(self, lines: Sequence[str]) -> list[str]:
         """Send the lines and return the answers, one a line; raises ProgramError."""
+        with suppress(BlockingIOError):
+            if surplus := os.read(self._stdout.fileno(), _CHUNK):
+                text = surplus.decode(errors="replace")
+                raise self._broken(f"answers more than one line: {_shown(text)}", 0)
         waiting = memoryview("".join(f"{line}\n" for line in lines).encode())
-        received, answered = [self._unread], self._unread.count(b"\n")
+        received, answered, unfinished = list[bytes](), 0, 0
         deadline = time.monotonic() + self._timeout
         with selectors.DefaultSelector() as selector:
             selector.register(self._stdout, selectors.EVENT_READ)
@@ -106,7 +111,11 @@ class Program:
                         raise self._broken(self._end(), answered)
                     received.append(data)
                     answered += data.count(b"\n")
-                    deadline = time.monotonic() + self._timeout
+                    unfinished += len(data)
+                    if b"\n" in data:
+                        deadline, unfinished = time.monotonic() + self._timeout, 0
+                    if unfinished > _LONGEST:
+                        raise self._broken("answers a line that does not end", answered)
         whole = b"".join(received).decode(errors="replace")
         *answers, rest = whole.split("\n", len(lines))
         if rest:
@@ -125,8 +134,9 @@ class Program:
         """Return how the program ended."""
         with suppress(subprocess.TimeoutExpired):
             code = self._process.wait(_END_S)
+            names = {number.value: number.name for number in signal.Signals}
             if code < 0:
-                return f"was ended by the signal {signal.Signals(-code).name}"
+                return f"was ended by the signal {names.get(-code, -code)}"
             return f"ended with code {code}"
         return "closed its output"
 
@@ -153,14 +163,16 @@ class Program:
         """CPU seconds that the program has spent since it was ready."""
         return max(0.0, self._clock() - self._start_s)
 
-    def end(self) -> int:
-        """Send ``end``, and return the program's exit code; it is killed if it goes on."""
+    def ask_to_end(self) -> None:
+        """Send ``end``, and close the program's input."""
         with suppress(OSError, ValueError):  # it may have ended, or been killed
             os.write(self._stdin.fileno(), b"end\n")
             self._stdin.close()
+
+    def wait(self, seconds: float) -> None:
+        """Wait until the program has ended, at most so long."""
         with suppress(subprocess.TimeoutExpired):
-            self._process.wait(_END_S)
-        return self.kill()
+            self._process.wait(max(0.0, seconds))
 
     def kill(self) -> int:
         """Kill the program with all that it started, and return its exit code."""
@@ -193,10 +205,23 @@ def programs_cpu_s() -> float:
     return sum(_ended_s) + sum(program.cpu_s for program in [*_running])
 
 
-@atexit.register
-def _end_all() -> None:
-    for program in [*_running]:
-        program.end()
+def end_programs(programs: Iterable[Program]) -> None:
+    """End programs, and kill those that go on."""
+    programs = [*programs]
+    for program in programs:
+        program.ask_to_end()
+    deadline = time.monotonic() + _END_S
+    for program in programs:
+        program.wait(deadline - time.monotonic())
+        program.kill()
+
+
+def end_all() -> None:
+    """End all programs of this process."""
+    end_programs(_running)
+
+
+Finalize(None, end_all, exitpriority=0)  # at the end of this process, a worker's included
 
 
 def _shown(text: str) -> str:
