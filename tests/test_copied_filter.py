@@ -11,7 +11,11 @@ from trackbench.config.load import load
 from trackbench.registry import kinds
 from trackbench.scaffold import write_new
 
-OURS = sorted(k for k, cls in kinds("filters").items() if cls.__module__.startswith("trackbench."))
+OURS = sorted(
+    kind
+    for kind, cls in kinds("filters").items()
+    if cls.__module__.startswith("trackbench.") and not cls.runs_program
+)
 
 
 @pytest.mark.parametrize("kind", OURS)

@@ -56,7 +56,11 @@ EXACT = ("kf", "iekf", "ukf", "ckf", "ghkf", "iplf", "imm", *BRINGS_ITS_OWN)
 """Equal to the extended filter where motion and sensor are linear."""
 POLAR = ("cmkf", "mcaekf", "conversion", "mpf", "los-rbpf")
 OTHERS = ("prior-mean", "conversion", "grid", "grid-2d", "inversion")  # no posterior; small states
-OURS = [kind for kind, c in kinds("filters").items() if c.__module__.startswith("trackbench.")]
+OURS = [
+    kind
+    for kind, c in kinds("filters").items()
+    if c.__module__.startswith("trackbench.") and not c.runs_program
+]
 CASES = [
     (sensor, motion, assumed)
     for sensor in SENSORS

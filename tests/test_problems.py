@@ -200,13 +200,15 @@ def test_added_filters_are_shown_and_set(tmp_path: Path) -> None:
     ("name", "text", "what"),
     [
         ("none.py", None, "none.py: no such file or directory"),
-        ("mine.yaml", "", "is not the path of a Python file; `trackbench new filter NAME` writes one"),
+        ("mine.yaml", "",
+         "is neither the path of a Python file nor of a program that can be executed; "
+         "`trackbench new filter NAME` writes one"),
         ("mine.py", "x = 1\n", "registers no filter; `trackbench new filter NAME` writes one"),
         ("mine.py", "1 / 0\n", "mine.py:1: ZeroDivisionError: division by zero"),
         ("mine.py", EKF + CLASS.format(kind="needs", name="A", key='q: float\n    """q"""'),
          "filters.needs.q: this key is required"),
         ("mine.py", EKF + CLASS.format(kind="KF", name="A", key='"""An EKF."""'),
-         "'KF' is already the label of a filter; give this one another kind"),
+         "'KF' is already the label of a filter; give this one another kind or file name"),
         ("mine.py", EKF + CLASS.format(kind="ekf", name="A", key='"""An EKF."""'),
          "filters kind 'ekf' is already taken by trackbench.filters.ekf"),
     ],

@@ -40,6 +40,7 @@ OTHERS: dict[str, Any] = {
     "filter": PF(N=5),
     "reference": PF(N=6),
     "assume": Assume(motion=SineGamma()),
+    "reference_assume": Assume(motion=SineGamma()),
     "index": 2,
     "width": 4,
     "runs_used": 1,
@@ -55,13 +56,14 @@ NO_KEY = {
 SAME_ESTIMATES = {
     "runs_used": "the filter runs on the whole block",
     "reference": "has estimates of its own",
+    "reference_assume": "has estimates of its own",
     "runs_with_tracks": "what is kept of the estimates",
     "keep_covariance": "what is kept of the estimates",
     "keep_steps": "what is kept of the estimates",
     "extra_run_counts": "over which runs the estimates are reduced",
 }
 SAME_OF_REFERENCE = {
-    **{name: why for name, why in SAME_ESTIMATES.items() if name != "reference"},
+    **{name: why for name, why in SAME_ESTIMATES.items() if "reference" not in name},
     "filter": "the reference is another filter",
     "assume": "the reference is exact: it assumes the scenario's own model",
 }
@@ -201,7 +203,8 @@ def test_a_plan_fills_in_every_field(tmp_path: Path) -> None:
     (first, last) = make_plan(experiment, save_tracks=True, looks=(2, 6)).tasks[0, "Mine"]
     defaults = {f.name: f.default for f in fields(BlockTask) if f.default is not MISSING}
     left = [name for name, value in defaults.items() if getattr(first, name) == value]
-    assert left == ["stacked", "copies"]  # by the worker that filters a stack
+    # What a reference knows of faults; the others by the worker that filters a stack.
+    assert left == ["reference_assume", "stacked", "copies"]
     assert (first.extra_run_counts, last.extra_run_counts) == ((2,), (2,))
     assert [(t.seed, t.index, t.width, t.runs_used, t.runs_with_tracks) for t in (first, last)] == [
         (3, 0, 4, 4, 7),
@@ -216,7 +219,8 @@ def test_a_trial_fills_in_every_field_but_those_of_what_is_kept(tmp_path: Path) 
     (first, last) = Training(load(tmp_path / "all.yaml"), "Mine").tasks((0.1,))
     defaults = {f.name: f.default for f in fields(BlockTask) if f.default is not MISSING}
     left = {name for name, value in defaults.items() if getattr(first, name) == value}
-    assert left - {"predictive_metrics", "stacked", "copies"} == NOT_OF_TRAINING.keys()
+    unset = {"predictive_metrics", "reference_assume", "stacked", "copies"}
+    assert left - unset == NOT_OF_TRAINING.keys()
     assert first.assume is not None
     assert [(t.seed, t.index, t.width, t.runs_used) for t in (first, last)] == [
         (3, -1, 3, 3),

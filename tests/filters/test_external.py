@@ -19,11 +19,11 @@ from tests.conftest import make_filter, track
 from trackbench import api
 from trackbench.contract import check_file, check_filter
 from trackbench.contract.problems import UNEQUAL, ModelDraws, new_rng, planar, radar, simulate
-from trackbench.errors import RunError, UserError
+from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockTask
 from trackbench.execution.cache import block_key
 from trackbench.filters import program
-from trackbench.filters.external import External
+from trackbench.filters.external import External, ProgramRunError
 from trackbench.scaffold import write_new
 
 SOURCE = Path(__file__).parents[1] / "programs" / "planar.c"
@@ -147,7 +147,7 @@ WRONG = {
 
 @pytest.mark.parametrize("answer", WRONG)
 def test_a_wrong_answer_is_one_line(answer: str, tmp_path: Path) -> None:
-    with pytest.raises(RunError) as raised:
+    with pytest.raises(ProgramRunError) as raised:
         track(planar(), script(tmp_path, answer), 2)
     assert WRONG[answer] in str(raised.value)
     assert "\n" not in str(raised.value)
@@ -162,7 +162,7 @@ def test_a_wrong_answer_is_one_line(answer: str, tmp_path: Path) -> None:
     ],
 )
 def test_a_wrong_start_is_one_line(first: str, what: str, tmp_path: Path) -> None:
-    with pytest.raises(RunError) as raised:
+    with pytest.raises(ProgramRunError) as raised:
         track(planar(), script(tmp_path, "print(good, flush=True)", first), 2)
     assert what in str(raised.value)
 
@@ -182,7 +182,7 @@ def test_a_kill_at_any_time_is_an_error_or_the_right_numbers(compiled: Path) -> 
         try:
             assert np.array_equal(track(planar(), tracker, 10).mean, good)
             outcomes.add(True)
-        except RunError as error:
+        except ProgramRunError as error:
             assert "SIGKILL" in str(error)  # noqa: PT017 (either outcome is right)
             outcomes.add(False)
         thread.join()
@@ -288,5 +288,5 @@ def test_the_program_and_its_files_are_part_of_the_key(tmp_path: Path) -> None:
     keys.add(block_key(BlockTask(planar(), replace(tracker, parameters={"a": 1}), 1, 0, 2, 2), 2))
     assert len(keys) == 3
     Path(tracker.command[1]).write_text("edited meanwhile")
-    with pytest.raises(RunError, match="is not as it was when the run began"):
+    with pytest.raises(ProgramRunError, match="is not as it was when the run began"):
         track(planar(), tracker, 2)

@@ -83,7 +83,7 @@ PLANAR |= {"motion.F|linear", "sensor.H"}
 KINDS = [
     kind
     for kind, cls in kinds("filters").items()
-    if set(getattr(cls, "requires", ())) <= PLANAR and not kind.startswith("grid")
+    if {*cls.requires} <= PLANAR and not (kind.startswith("grid") or cls.runs_program)
 ]
 
 

@@ -91,9 +91,9 @@ def test_a_table_of_which_nothing_can_be_made(tmp_path: Path, names: str, expect
 
 
 def test_only_experiments_are_made_from_data(tmp_path: Path) -> None:
-    done = trackbench("new", "filter", "x", "--from", "m.csv", cwd=tmp_path)
+    done = trackbench("new", "sensor", "x", "--from", "m.csv", cwd=tmp_path)
     assert done.returncode == 2
-    assert "a filter is not made from data" in done.stderr
+    assert "a sensor is not made from data" in done.stderr
     done = trackbench("new", "filter", cwd=tmp_path)
     assert done.returncode == 2
     assert "is required without --from" in done.stderr

@@ -29,7 +29,6 @@ from numpy.random import Generator
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.random_streams import run_seeds
-from trackbench.errors import RunError, reason
 from trackbench.extension_points import field_values
 from trackbench.field_types import (
     DataFile,
@@ -38,7 +37,7 @@ from trackbench.field_types import (
     freeze_mappings,
     require_regular_file,
 )
-from trackbench.filters.base import Filter, Steps
+from trackbench.filters.base import Filter, Steps, WrongReturnError
 from trackbench.filters.program import PROTOCOL, Program, ProgramError, end_programs
 from trackbench.models.base import Model, Scene
 from trackbench.models.motions.irregular import step_length
@@ -79,11 +78,11 @@ class ProgramState(NamedTuple):
     cov: Array
 
 
-class ProgramRunError(RunError):
+class ProgramRunError(WrongReturnError):
     """A program failed in a run, counted from 0, at a step."""
 
     def __init__(self, run: int, step: int, what: str) -> None:
-        super().__init__(f"run {run}, step {step}: {what}")
+        super().__init__("step", f"run {run}, step {step}: {what}")
         self.run, self.step, self.what = run, step, what
 
     def after(self, runs: int) -> "ProgramRunError":
@@ -131,7 +130,7 @@ class External(Filter[ProgramState]):
             try:
                 require_regular_file(file)
             except OSError as error:
-                raise InvalidKeyError(f"{file}: {reason(error)}", "files", i) from None
+                raise InvalidKeyError(f"{file}: {error.strerror}", "files", i) from None
         # What was read makes the numbers: the program may be built anew before it runs.
         object.__setattr__(self, "_content", self.digests())
 
@@ -244,7 +243,7 @@ def _digest(word: str) -> str:
     try:
         content = path.read_bytes() if path.is_file() else word.encode()
     except OSError as error:
-        raise InvalidKeyError(f"{word}: {reason(error)}") from None
+        raise InvalidKeyError(f"{word}: {error.strerror}") from None
     return hashlib.sha256(content).hexdigest()
 
 

@@ -12,6 +12,7 @@ from typing import TypeAlias
 from trackbench.config.build import unknown
 from trackbench.config.load import load
 from trackbench.errors import Mark, Problem, UserError
+from trackbench.filters.base import Filter
 from trackbench.registry import kinds
 from trackbench.yaml_source import parse
 
@@ -64,6 +65,9 @@ def parts_of_copy(kind: str) -> dict[str, str]:
     cls = known.get(kind)
     if cls is None:
         what = f"{kind!r} is not a kind of filter; {unknown(kind, list(known))}"
+        raise UserError(Problem(Mark("--from"), "", what))
+    if issubclass(cls, Filter) and cls.runs_program:
+        what = f"{kind!r} is a program: `trackbench new filter NAME --language` writes one"
         raise UserError(Problem(Mark("--from"), "", what))
     owner = next(base for base in cls.__mro__ if "step" in vars(base))
     source = dedent(inspect.getsource(vars(owner)["step"]))
