@@ -54,17 +54,18 @@ Guard: TypeAlias = Callable[[], AbstractContextManager[None]]
 def measure(tasks: Sequence[BlockTask], guard: Guard = nullcontext) -> list[Measured | Exception]:
     """Time filters over their blocks, in turns; return times, or the exception of a filter."""
     keep_freed_memory()
-    passes: list[_Pass | _OfBlocks | Exception] = []
-    for task in tasks:
-        of_blocks = task.filter.runs_program
-        passes.append(_OfBlocks() if of_blocks else _tried(guard, _Pass, task))
+    # A program outside of Python is not stopped and repeated: its blocks have its times.
+    passes: list[_Pass | Measured | Exception] = [
+        Measured([], None, None) if task.filter.runs_program else _tried(guard, _Pass, task)
+        for task in tasks
+    ]
     for repeat in range(REPEATS):
         # A B C, then C B A
         for i in range(len(tasks))[:: -1 if repeat % 2 else 1]:
             if isinstance(one := passes[i], _Pass):
                 passes[i] = _tried(guard, one.repeated)
     simulate.cache_clear()  # a plugin may have written to the data
-    return [p if isinstance(p, Exception) else p.measured() for p in passes]
+    return [p.measured() if isinstance(p, _Pass) else p for p in passes]
 
 
 def _tried(guard: Guard, function: Any, *arguments: Any) -> Any:
@@ -73,14 +74,6 @@ def _tried(guard: Guard, function: Any, *arguments: Any) -> Any:
             return function(*arguments)
     except Exception as error:
         return error
-
-
-class _OfBlocks:
-    """A program outside of Python, which is not stopped and repeated: its blocks have its times."""
-
-    def measured(self) -> Measured:
-        """Return no repeats."""
-        return Measured([], None, None)
 
 
 class _Pass:

@@ -134,15 +134,9 @@ class External(Filter[ProgramState]):
         # What was read makes the numbers: the program may be built anew before it runs.
         object.__setattr__(self, "_content", self.digests())
 
-    def digests(self) -> tuple[str, ...]:
+    def digests(self) -> tuple[tuple[str, str], ...]:
         """Digest the words of the command and the files as they are now."""
-        return (*map(_digest, self.command), *map(_digest, self.files))
-
-    @property
-    def first_digests(self) -> tuple[str, ...]:
-        """The digests as they were when the config was read."""
-        content: tuple[str, ...] = self.__dict__["_content"]
-        return content
+        return tuple((word, _digest(word)) for word in (*self.command, *self.files))
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, External) and self._identity == other._identity
@@ -152,12 +146,12 @@ class External(Filter[ProgramState]):
 
     @property
     def _identity(self) -> tuple[object, ...]:
-        return (*field_values(self).values(), self.first_digests)
+        return (*field_values(self).values(), self.__dict__["_content"])
 
     @property
     def contents(self) -> dict[str, str]:
-        """Digests by the words of the command and the files."""
-        return dict(zip((*self.command, *self.files), self.first_digests, strict=True))
+        """Digests of the command's words and the files, as they were when the config was read."""
+        return dict(self.__dict__["_content"])
 
     def cautions(self, scenario: Scene) -> list[str]:
         """Note how far its numbers are reproducible."""
@@ -238,7 +232,7 @@ class External(Filter[ProgramState]):
 
 
 def _digest(word: str) -> str:
-    """Digest a file, a program that is found on the PATH, or of a word that is neither."""
+    """Digest a file, a program that is found on the PATH, or a word that is neither."""
     path = Path(shutil.which(word) or word)
     try:
         content = path.read_bytes() if path.is_file() else word.encode()
@@ -251,8 +245,8 @@ def _step_lines(model: Model, before: _Line, z: Array, k: int) -> Iterator[_Line
     """Yield the lines of steps k, k + 1, ... with their times; z is (n_z, T, M)."""
     for i in range(z.shape[1]):
         number, length = before.number + 1, step_length(model, k + i)
-        equal = hasattr(model.motion, "T")
-        time = number * length if equal else before.time + length
+        # A product has no rounding error that grows from step to step.
+        time = number * length if hasattr(model.motion, "T") else before.time + length
         fields = (_fields(column) for column in z[:, i].T)
         before = _Line([f"step {time:.17g} {row}" for row in fields], number, time, before)
         yield before
@@ -356,9 +350,8 @@ class _Pool:
         tracker, is_short = self._tracker, before is None or before.number < _SHORT
         number = 0 if is_short else run % tracker.copies
         if number not in self._copies:
-            words = zip((*tracker.command, *tracker.files), tracker.digests(), strict=True)
-            for (word, now), first in zip(words, tracker.first_digests, strict=True):
-                if now != first:
+            for word, digest in tracker.digests():
+                if digest != tracker.contents[word]:
                     raise ProgramError(f"{word} is not as it was when the run began")
             program = Program(tracker.command, self._hello, tracker.timeout)
             self._copies[number] = _Copy(program)

@@ -54,7 +54,8 @@ class Program:
         ProgramError
             If it cannot be started, or does not answer ``ready``.
         """
-        self._timeout = timeout
+        self._timeout, self._start_s = timeout, 0.0
+        self._error_lines: list[str] = []
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115 (closed with the program)
         try:
             self._process = subprocess.Popen(
@@ -95,8 +96,7 @@ class Program:
         deadline = time.monotonic() + self._timeout
         with selectors.DefaultSelector() as selector:
             selector.register(self._stdout, selectors.EVENT_READ)
-            if waiting:
-                selector.register(self._stdin, selectors.EVENT_WRITE)
+            selector.register(self._stdin, selectors.EVENT_WRITE)
             while answered < len(lines):
                 ready = selector.select(max(0.0, deadline - time.monotonic()))
                 if not ready:
@@ -174,15 +174,15 @@ class Program:
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(max(0.0, seconds))
 
-    def kill(self) -> int:
-        """Kill the program with all that it started, and return its exit code."""
+    def kill(self) -> None:
+        """Kill the program with all that it started."""
         _running.discard(self)
         _ended_s.append(self.cpu_s)
         self._guard.kill()
         self._guard.communicate()
         with suppress(OSError):
             os.killpg(self._process.pid, signal.SIGKILL)
-        code = self._process.wait()
+        self._process.wait()
         self._stdin.close()
         self._stdout.close()
         if not self._errors.closed:
@@ -190,10 +190,6 @@ class Program:
             text = self._errors.read().decode(errors="replace")
             self._error_lines = [line for line in text.splitlines() if line.strip()]
             self._errors.close()
-        return code
-
-    _error_lines: Sequence[str] = ()
-    _start_s = 0.0
 
 
 _running: set[Program] = set()

@@ -309,8 +309,10 @@ class FaultContext(NamedTuple):
                 number = zlib.crc32(fault.name.encode())
                 streams = partial(cast(RunStreams, rng).beside, number)
                 stretch = stretch._replace(noise=noise, streams=streams)
-                more_noise[rows, inside] += fault.faulty(stretch) - stretch.z
-            z[rows, inside] = fault.faulty(stretch)
+            faulty = fault.faulty(stretch)
+            if fault.uses_noise:
+                more_noise[rows, inside] += faulty - stretch.z
+            z[rows, inside] = faulty
         return z
 
     def corrected(self, faults: Sequence[Fault], z: Array) -> Array:
