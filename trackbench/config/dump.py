@@ -145,14 +145,19 @@ def as_config(part: Part | Assume, shown: Callable[[str], str] = str) -> PlainDa
         if key.name in files and value is not None:
             value = shown(value) if isinstance(value, str) else [shown(path) for path in value]
         out[key.name] = _plain(value, shown)
-    return out
+    return _without_unset(out)
+
+
+def _without_unset(keys: PlainData) -> PlainData:
+    """Leave out keys that older results folders lack, so that their configs stay as they are."""
+    return {key: value for key, value in keys.items() if value or key != "faults"}
 
 
 def _plain(value: object, shown: Callable[[str], str]) -> object:
     if is_dataclass(value) and not isinstance(value, type):
         if isinstance(value, Part):
             return as_config(value, shown)
-        value = {key_of(name): x for name, x in field_values(value).items()}
+        value = _without_unset({key_of(name): x for name, x in field_values(value).items()})
     if isinstance(value, Measure):
         return str(value)
     if isinstance(value, dict):
