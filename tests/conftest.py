@@ -11,6 +11,9 @@ from typing import Any
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
+for _name in ("MAKEFLAGS", "MFLAGS"):
+    # `make -j` names pipes that pytest's workers do not have, of which a compiler complains.
+    os.environ.pop(_name, None)
 
 import numpy as np
 import pytest
