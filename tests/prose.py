@@ -201,16 +201,17 @@ def untied(path: Path) -> Iterator[tuple[int, str]]:
     paper's own numbers.
     """
     settings, exempt = _settings(), False
-    for i, line in enumerate(without_tied(path).splitlines(), start=1):
+    paragraphs = without_tied(path).split("\n\n")
+    page = "\n\n".join(_NO_RESULT.sub(_blank, paragraph) for paragraph in paragraphs)
+    for i, line in enumerate(page.splitlines(), start=1):
         if line.startswith("#"):
             exempt = any(word in line for word in _EXEMPT)
             continue
         if exempt:
             continue
-        plain = _NO_RESULT.sub("", line)
         for pattern in (VERDICTS, SHARES):
-            yield from ((i, match[0]) for match in pattern.finditer(plain))
-        for match in _BARE.finditer(plain):
+            yield from ((i, match[0]) for match in pattern.finditer(line))
+        for match in _BARE.finditer(line):
             if float(match[0].replace(" ", "")) not in settings:
                 yield i, match[0]
 
@@ -221,6 +222,10 @@ def without_tied(path: Path) -> str:
     for start, end in numbers.spans(page, numbers.read(path)):
         page = page[:start] + re.sub(r"\S", " ", page[start:end]) + page[end:]
     return page
+
+
+def _blank(match: re.Match[str]) -> str:
+    return re.sub(r"\S", " ", match[0])
 
 
 @cache
