@@ -179,8 +179,16 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_site_is_built_and_asks_nothing_of_the_net(site: Path) -> None:
     front = (site / "index.html").read_text(encoding="utf-8")
-    for row in problems.rows():
-        assert f'<a href="gallery/{row.problem.name}.html">' in front
+    assert "<h2" not in front
+    assert "trackbench run hdepf --quick" in re.sub("<[^>]*>", "", front)
+    found = (site / "found.html").read_text(encoding="utf-8")
+    assert '<a href="gallery/adaptive-kf.html" title="KF (best Q); mean(rmse_position)">' in found
+    boosts = {
+        page["location"]: page.get("boost", 1)
+        for page in json.loads((site / "search" / "search_index.json").read_text("utf-8"))["docs"]
+    }
+    for uri in ("ledger", "benchmarks", "changelog", "findings/hdepf", "gallery/hdepf"):
+        assert boosts[f"{uri}.html"] < boosts["your-data.html"] < boosts["tutorial.html"]
     for uri in [*pages().values(), *PAGES(), *gallery.pages(), *problems.pages()]:
         page = (site / uri).with_suffix(".html").read_text(encoding="utf-8")
         assert not re.search(

@@ -15,6 +15,38 @@ from docs.site.pages import ROOT
 from trackbench.config import shipped_experiments
 from trackbench.errors import counted
 
+TOPICS = {
+    "Maneuvers": (
+        "radar-turns",
+        "air-traffic",
+        "turning",
+        "coordinated",
+        "cv-ca",
+        "maneuver",
+        "adaptive-kf",
+        "lidar",
+    ),
+    "Radar, range and bearings": (
+        "bearings",
+        "moving-observer",
+        "falling-body",
+        "reentry",
+        "banana",
+    ),
+    "Recordings": ("ais", "uav-radar", "car-track", "pendulum", "nile"),
+    "Nonlinear states and particle filters": (
+        "merwe",
+        "hdepf",
+        "ungm",
+        "random-sine",
+        "stochastic",
+    ),
+    "Data assimilation": ("lorenz", "double-pendulum"),
+    "Calibration and wrong models": ("calibration", "kalmannet"),
+}
+"""Headings of the gallery, each with the beginnings of its experiments' names."""
+OTHER = "More"
+
 
 class Experiment(NamedTuple):
     """A shipped experiment, and what its results folder holds."""
@@ -80,7 +112,7 @@ class Experiment(NamedTuple):
 
 @cache
 def experiments() -> list[Experiment]:
-    """Every shipped experiment that has results, by paper, those of none last."""
+    """Every shipped experiment that has results, by topic, in the order of the topics' names."""
     found = []
     for one in shipped_experiments.listed():
         folder = ROOT / "results" / one.name
@@ -88,7 +120,16 @@ def experiments() -> list[Experiment]:
             text = (folder / "config.yaml").read_text(encoding="utf-8")
             config = yaml.load(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader))
             found.append(Experiment(*one, folder, config))
-    return sorted(found, key=lambda e: (not e.paper, e.paper, e.name))
+    return sorted(found, key=lambda e: (*_place(e.name), e.name))
+
+
+def _place(name: str) -> tuple[int, int]:
+    """Return the numbers of an experiment's topic and of its beginning there."""
+    for i, starts in enumerate(TOPICS.values()):
+        for k, start in enumerate(starts):
+            if name.startswith(start):
+                return i, k
+    return len(TOPICS), 0
 
 
 def pages() -> dict[str, str]:
@@ -113,8 +154,8 @@ def _index(found: list[Experiment]) -> str:
         "Every experiment that comes with the package, with its results as `make reproduce` "
         "wrote them. Each runs by its name, from any folder.",
     ]
-    for paper, several in groupby(found, key=lambda e: e.paper):
-        parts.append(f"## {paper or 'Beyond the papers'}")
+    for place, several in groupby(found, key=lambda e: _place(e.name)[0]):
+        parts.append(f"## {[*TOPICS, OTHER][place]}")
         cards = "\n".join(map(card, several))
         parts.append(f'<div class="gallery" markdown="0">\n{cards}\n</div>')
     return "\n\n".join(parts) + "\n"

@@ -92,12 +92,6 @@ NOTE = (
 )
 
 
-def section() -> str:
-    """Return the section on the site's front page."""
-    link = "[Pictures, verdicts and citations](problems.md)."
-    return "\n\n".join(["## Standard problems", link, table("gallery/"), NOTE, ""])
-
-
 def pages() -> dict[str, str]:
     """Return the page of all problems by its place on the site."""
     folders = {e.name: e for e in gallery.experiments()}
