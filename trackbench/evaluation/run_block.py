@@ -129,11 +129,16 @@ def _cut(
         FilterOutput(
             mean=runs_of(output.mean),
             nees=runs_of(output.nees),
-            cov=None if output.cov is None else output.cov[..., first : first + width],
+            cov=_runs_of(output.cov, first, width),
             diagnostics={name: runs_of(rows) for name, rows in output.diagnostics.items()},
             cpu_s=output.cpu_s * share,
+            particles=_runs_of(output.particles, first, width),
         ),
     )
+
+
+def _runs_of(rows: Array | None, first: int, width: int) -> Array | None:
+    return None if rows is None else rows[..., first : first + width]
 
 
 def _reduce(task: BlockTask, data: Simulation, output: FilterOutput) -> dict[int, BlockResult]:
@@ -221,8 +226,9 @@ def _trimmed(
     tracks, shown = None, task.runs_with_tracks_among(used)
     if shown:
         cov = None if result.cov is None else _first_runs(result.cov, shown)
+        clouds = None if result.particles is None else _first_runs(result.particles, shown)
         truth, measurements = _first_runs(data.truth, shown), _first_runs(data.measurements, shown)
-        tracks = Tracks(truth, measurements, _first_runs(result.mean, shown), cov)
+        tracks = Tracks(truth, measurements, _first_runs(result.mean, shown), cov, clouds)
     # Sums per step; training runs (index < 0) have none.
     steps = {
         name: known[name] if name in known else step_sums(rows, per_run["lost"])

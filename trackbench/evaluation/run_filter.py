@@ -19,6 +19,7 @@ from trackbench.evaluation.consistency_and_calibration import (
     ConsistencySeries,
     observed,
 )
+from trackbench.evaluation.particle_recorder import ParticleRecorder
 from trackbench.evaluation.predictive_scores import PredictionScorer, Step, after_first
 from trackbench.evaluation.validate_output import (
     check_axes,
@@ -45,13 +46,17 @@ Series: TypeAlias = dict[str, Array] | None
 
 
 class FilterOutput(NamedTuple):
-    """mean (n_x, T + 1, M), nees (T + 1, M), cov of the first runs, diagnostics (T + 1, M), CPU s."""
+    """mean (n_x, T + 1, M), nees (T + 1, M), cov of the first runs, diagnostics (T + 1, M), CPU s.
+
+    And the first runs' particles (n_x + 2, S, N, r), with weights and parents, if S steps are shown.
+    """
 
     mean: Array
     nees: Array
     cov: Array | None
     diagnostics: dict[str, Array]
     cpu_s: float
+    particles: Array | None = None
 
 
 @explain_read_only_errors()
@@ -194,6 +199,7 @@ class _Recorder:
         wanted = task.predictive_metrics if scenario.has_truth else ()
         self._judged = Calibration(scenario.components, wanted)
         self._angles = scenario.angle_rows
+        self._clouds = ParticleRecorder(task, self._sizes[0])
         self.needs_states = has_expectations(tracker) or not self._judged.disabled
         """whether what is recorded depends on more than estimates and diagnostics"""
 
@@ -213,7 +219,7 @@ class _Recorder:
         if len(estimate.mean) > n:
             estimate = Gaussian(estimate.mean[:n], estimate.cov[:n, :n])
         posterior = None
-        if self._angles or not self._judged.disabled:
+        if self._angles or self._clouds.wanted or not self._judged.disabled:
             posterior = self._task.filter.posterior(state)
         if self._angles and isinstance(posterior, ParticlePosterior):
             # Particles on both sides of an angle's cut have their mean direction.
@@ -224,6 +230,7 @@ class _Recorder:
                 moments_together(estimate, cloud, together),
                 ParticlePosterior(together),
             )
+        self._clouds.add(state, posterior, int(self._task.scenario.steps[k]))
         self._mean[:, k] = estimate.mean
         self._consistency.add(estimate.cov)
         if self.needs_states:
@@ -266,7 +273,7 @@ class _Recorder:
         # Covariances of the shown runs (n, n, T + 1, r).
         cov = np.stack(self._covs, axis=2) if self._covs else None
         series = (self._noted or {}) | errors | (self._observed or {}) | predictive
-        return FilterOutput(self._mean, nees, cov, series, cpu_s)
+        return FilterOutput(self._mean, nees, cov, series, cpu_s, self._clouds.recorded())
 
     def _filled(self, series: Series, steps: int | slice, rows: dict[str, Array]) -> Series:
         """Enter the rows of some steps; all steps have the names of the first."""

@@ -91,6 +91,7 @@ def make_plan(experiment: Experiment, save_tracks: bool = False, looks: Sequence
                     reference_assume=point.assumed.get(settings.reference or ""),
                     runs_with_tracks=shown,
                     keep_covariance=save_tracks or experiment.shown_covariances,
+                    particle_steps=experiment.shown_particles,
                     keep_steps=series,
                     extra_run_counts=tuple(
                         n - block * width for n in looks if 0 < n - block * width < width
