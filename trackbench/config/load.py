@@ -315,7 +315,7 @@ def _add_default_exhibits(source: Source, settings: Settings, points: list[Point
     # With ground truth: the track of the first run.
     if any(p.scenario.has_truth for p in points):
         if planar and not settings.grid and not settings.tables and not settings.figures:
-            track = {"kind": "track", "best": 3}
+            track = {"kind": "track"}
             override(source, ("figures",), {"track": track}, Mark("default in the plane"))
         return
     # Without: what needs only innovations.
@@ -328,7 +328,7 @@ def _add_default_exhibits(source: Source, settings: Settings, points: list[Point
             "whiteness": {"kind": "autocorrelation"},
         }
         if planar:
-            figures["track"] = {"kind": "track", "best": 3}
+            figures["track"] = {"kind": "track"}
         else:
             figures["estimates"] = {"kind": "estimates"}
         override(source, ("figures",), figures, mark)

@@ -196,9 +196,7 @@ class SimulatingSmoother(SmoothingFilter[PFState], ParticleFilter):
         clouds = [Particles(x, particles.equal_weights(*x.shape[1:])) for x in paths]
         itself = np.arange(clouds[0].w.size).reshape(clouds[0].w.shape)
         return [
-            state._replace(
-                particles=cloud, weighted=cloud, estimate=cloud.moments(), origin=itself
-            )
+            state._replace(particles=cloud, weighted=cloud, estimate=cloud.moments(), origin=itself)
             for state, cloud in zip(states, clouds, strict=True)
         ]
 
