@@ -33,6 +33,7 @@ from trackbench.contract.problems import (
 from trackbench.errors import UserError, in_line
 from trackbench.filters.base import AnyFilter, Filter
 from trackbench.filters.external import External
+from trackbench.filters.kf import GaussianFilter
 from trackbench.models.motions.scalar import SineGamma
 from trackbench.models.sensors.square_then_line import SquareThenLine
 from trackbench.plugins.errors import PluginError, guarded, located_message
@@ -215,6 +216,8 @@ def check_filter(
 def _exemptions(tracker: AnyFilter, scenario: Scenario, why_not_linear: str) -> dict[str, str]:
     """Return the checks that are left out, with reasons."""
     exempt: dict[str, str] = dict(type(tracker).contract_exemptions)
+    if isinstance(tracker, GaussianFilter) and tracker.robust:
+        exempt.setdefault("kalman", "weighs measurements by `robust`")
     if "kalman" in exempt:
         exempt.setdefault("consistency", exempt["kalman"])
     if tracker.loops_over_runs:
