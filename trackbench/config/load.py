@@ -45,12 +45,14 @@ from trackbench.config.tuned_entries import (
     with_defaults,
 )
 from trackbench.errors import Mark, Problem, RunError, UserError
+from trackbench.evaluation.metric_expression import Measure
 from trackbench.filters.base import AnyFilter
 from trackbench.models.base import position_velocity_names
 from trackbench.plugins.checks import check_scenario
 from trackbench.plugins.errors import PluginError, foreign_line, guarded
 from trackbench.plugins.load import Plugin
-from trackbench.registry import Group
+from trackbench.registry import Group, kinds
+from trackbench.scenarios.base import error_names
 from trackbench.yaml_source import Source, from_mapping, read, unprintable_reason
 
 _ALIKE = 0.7  # of two keys: `title` and `titel` are 0.8, `bound` and `bogus` 0.6
@@ -214,8 +216,8 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
     # Step 4: tables and figures.
     if whole:
         _add_default_exhibits(source, settings, points)
-    tables: dict[str, Exhibit] = _exhibits("tables", source)
-    figures: dict[str, DrawnExhibit] = _exhibits("figures", source)
+    tables: dict[str, Exhibit] = _exhibits("tables", source, points)
+    figures: dict[str, DrawnExhibit] = _exhibits("figures", source, points)
     exhibits: dict[Group, dict[str, Exhibit]] = {"tables": tables, "figures": {**figures}}
     for group, parts in exhibits.items():
         check_named_filters(source, settings, group, parts)
@@ -281,9 +283,20 @@ def _sections(source: Source) -> None:
                 build_kind(group, source, (group, label))
 
 
-def _exhibits(group: Group, source: Source) -> dict[str, Any]:
-    """Return the tables or figures, without those that have mistakes."""
+def _exhibits(group: Group, source: Source, points: list[Point]) -> dict[str, Any]:
+    """Return the tables or figures, without those that have mistakes.
+
+    One whose kind shows an error by default, and names none, shows the scenario's first error.
+    """
     names = source.data.get(group) or {}
+    errors = error_names(points[0].scenario) if points and points[0].scenario.has_truth else []
+    for name, entry in names.items() if errors else ():
+        kind = entry.get("kind") if isinstance(entry, dict) and "metric" not in entry else None
+        default = getattr(kinds(group).get(str(kind)), "metric", None)
+        is_error = isinstance(default, Measure) and default.metric.startswith("rmse")
+        if is_error and default.metric not in errors:
+            metric = str(default).replace(default.metric, errors[0])
+            override(source, (group, name, "metric"), metric, Mark("default"))
     built = {name: build_kind(group, source, (group, name)) for name in names}
     return {name: part for name, part in built.items() if part is not None}
 

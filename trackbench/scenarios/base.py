@@ -10,6 +10,7 @@ from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution
 from trackbench.core.random_streams import Streams
 from trackbench.field_types import InvalidKeyError
+from trackbench.metrics import joined
 from trackbench.models.base import Model, Scene, Sensor, has_density
 from trackbench.models.sensors.base import Assume
 
@@ -152,3 +153,9 @@ def simulate_markov(model: Model, start: Array, steps: Index, rng: Streams) -> t
         else:
             measurements.append(model.sensor.measurement(truth[-1], int(k)).sample(rng))
     return np.stack(truth, axis=1), np.stack(measurements, axis=1)
+
+
+def error_names(scenario: Scenario) -> list[str]:
+    """Return the metrics ``rmse_position`` ... of a scenario with a truth."""
+    nowhere = np.zeros((len(scenario.components), 1))
+    return [joined("rmse", quantity) for quantity in scenario.errors(nowhere, nowhere)]

@@ -84,6 +84,12 @@ def error_of(metric: Measure) -> str:
     return words[0].upper() + words[1:]
 
 
+def axis_of(metric: Measure) -> str:
+    """Label an axis of a metric over time or runs: ``Position RMSE (m)``, else the expression."""
+    words = error_of(metric._replace(statistic="mean"))
+    return str(metric) if words.startswith("mean(") else words
+
+
 def _words_and_unit(metric: Measure) -> str:
     words, unit = metric_words(metric), _unit(metric)
     return f"{words} ({unit})" if unit else words
