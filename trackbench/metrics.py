@@ -208,6 +208,8 @@ nis           |   |        | normalized innovation squared; of n components that
 gated         | 1 |        | measurements of a run that the gate refused
 rejected_good | 1 | lower  | share of the measurements without a fault that the gate refused
 accepted_bad  | 1 | lower  | share of the measurements with a fault that the gate let in
+arrived_late  | 1 |        | measurements of a run that arrive after their step
+late_dropped  | 1 | lower  | late measurements of a run that the filter drops
 recovery_s    | s | lower  | time from a fault's end until its excess error stays below the limit
 not_recovered | 1 | lower  | share of runs whose excess error is above the limit at the end
 mode          | 1 |        | weight of the maneuvering mode

@@ -12,7 +12,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from trackbench.config.build import build, build_kind, read_assumed
+from trackbench.config.build import build, build_kind
 from trackbench.config.checks import (
     QUICK,
     check_assumed,
@@ -30,6 +30,7 @@ from trackbench.config.checks import (
     with_recorded_runs,
 )
 from trackbench.config.experiment import DrawnExhibit, Exhibit, Experiment, Point, Settings
+from trackbench.config.filter_model import check_idle_late, check_late, read_assumed
 from trackbench.config.grid import add_axis, apply_point, grid_points
 from trackbench.config.includes import assignment, inline_parts, override
 from trackbench.config.plugin_checks import add_filters, load_plugins, show_filters
@@ -200,6 +201,7 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
     points = [point for point in built if point is not None]
     whole_grid = points if len(points) == len(built) else []
     check_idle(source, whole_grid)
+    check_idle_late(source, whole_grid)
     for point in points if not source.problems else ():
         check_exact(source, settings, point)
     check_idle_settings(source, settings, points)
@@ -265,6 +267,7 @@ def _point(source: Source, labels: list[str], values: dict[str, object]) -> Poin
         assumed_scenario = check_assumed(source, point, label)
         if tracker is not None and assumed_scenario is not None:
             check_fit(source, ("filters", label), tracker, assumed_scenario)
+            check_late(source, ("filters", label), tracker, assumed_scenario)
     return point
 
 
