@@ -10,12 +10,14 @@ import pytest
 import yaml
 
 from tests.conftest import make_filter
+from trackbench import api
 from trackbench.adapters import PerRun
 from trackbench.adapters.per_run import loop_over_runs
 from trackbench.config.experiment import Experiment, Point
 from trackbench.config.load import load
 from trackbench.core.arrays import Array
-from trackbench.core.random_streams import block_stream
+from trackbench.core.random_streams import RunStreams, block_stream
+from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockResult, BlockTask
 from trackbench.evaluation.run_block import run_block, run_stack
 from trackbench.evaluation.run_filter import FilterOutput, prior_of, run_filter
@@ -75,33 +77,30 @@ def batch(point: Point, data: Simulation, m: int, k: int, memory: int = 99) -> t
     Measurement j counts if it arrived by step k, and at most ``memory`` steps late.
     """
     model, steps, n = point.scenario.model, point.scenario.steps, len(data.truth)
-    J, b = np.zeros((2, n * (k + 2), n * (k + 2))), None
-    J, b = J[0], np.zeros(n * (k + 2))
-    precision = np.linalg.inv(data.prior.cov)
-    J[:n, :n] += precision
-    b[:n] += precision @ data.prior.mean[:, m]
-    sensors = getattr(model.sensor, "sensors", (model.sensor,))
+    rows: list[Array] = []
+
+    def add(blocks: dict[int, Array], value: Array, cov: Array) -> None:
+        """Add the rows ``L^-1 (A x - value)``, cov = L L'."""
+        row = np.zeros((len(value), n * (k + 2) + 1))
+        row[:, -1] = value
+        for j, block in blocks.items():
+            row[:, n * j : n * (j + 1)] = block
+        rows.append(np.linalg.solve(np.linalg.cholesky(cov), row))
+
+    add({0: np.eye(n)}, data.prior.mean[:, m], data.prior.cov)
     for j in range(k + 1):
-        # (x_j+1 - F x_j)' Q^-1 (x_j+1 - F x_j)
-        step = int(steps[j + 1])
-        F = np.stack([model.motion.transition(e[:, None], step).mean[:, 0] for e in np.eye(n)], 1)
-        A = np.concatenate([-F, np.eye(n)], axis=1)
-        both = slice(n * j, n * (j + 2))
-        Q = model.motion.transition(np.zeros((n, 1)), step).cov.reshape(n, n)
-        J[both, both] += A.T @ np.linalg.solve(Q, A)
+        moved = model.motion.transition(np.eye(n), int(steps[j + 1]))
+        add({j: -moved.mean, j + 1: np.eye(n)}, np.zeros(n), moved.cov.reshape(n, n))
         first = 0
-        for s, sensor in enumerate(sensors):
-            H = sensor.H(n)
-            rows = slice(first, first := first + len(H))
-            z, arrival = data.measurements[rows, j, m], data.arrival[s, j, m]
-            if np.isnan(z).any() or arrival > k or arrival - j > memory:
-                continue
-            R = sensor.measurement(np.zeros((n, 1)), step).cov
-            of = slice(n * (j + 1), n * (j + 2))
-            J[of, of] += H.T @ np.linalg.solve(R, H)
-            b[of] += H.T @ np.linalg.solve(R, z)
-    P = np.linalg.inv(J)
-    return (P @ b)[-n:], P[-n:, -n:]
+        for s, sensor in enumerate(getattr(model.sensor, "sensors", (model.sensor,))):
+            H, R = sensor.H(n), sensor.measurement(np.zeros((n, 1)), 1).cov
+            z = data.measurements[first : first + len(H), j, m]
+            arrival, first = data.arrival[s, j, m], first + len(H)
+            if not (np.isnan(z).any() or arrival > k or arrival - j > memory):
+                add({j + 1: H}, z, R)
+    triangle = np.linalg.qr(np.concatenate(rows))[1][: n * (k + 2)]
+    inverse = np.linalg.inv(triangle[:, :-1])
+    return (inverse @ triangle[:, -1])[-n:], (inverse @ inverse.T)[-n:, -n:]
 
 
 def check_batch(point: Point, label: str, memory: int, runs: int) -> None:
@@ -114,8 +113,8 @@ def check_batch(point: Point, label: str, memory: int, runs: int) -> None:
     for m in range(runs):
         for k in range(data.measurements.shape[1]):
             mean, cov = batch(point, data, m, k, memory)
-            np.testing.assert_allclose(output.mean[:, k + 1, m], mean, rtol=1e-9, atol=1e-8)
-            np.testing.assert_allclose(output.cov[..., k + 1, m], cov, rtol=1e-8, atol=1e-8)
+            np.testing.assert_allclose(output.mean[:, k + 1, m], mean, rtol=1e-9, atol=1e-9)
+            np.testing.assert_allclose(output.cov[..., k + 1, m], cov, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize(("label", "memory"), [("refilter", 99), ("three", 3), ("drop", 0)])
@@ -169,6 +168,7 @@ class Walker(PerRun):
 
 PROGRAM = """
 import sys
+hello = input()
 print("ready", flush=True)
 x = []
 for line in sys.stdin:
@@ -186,8 +186,7 @@ for line in sys.stdin:
 
 def all_kinds(folder: Path) -> dict[str, AnyFilter]:
     """Return a filter of each way in which the runner treats one."""
-    (folder / "program.py").write_text("hello = input()\n" + PROGRAM.replace("hello", ""))
-    (folder / "program.py").write_text("hello = input()\n" + PROGRAM)
+    (folder / "program.py").write_text(PROGRAM)
     imm = {
         "motions": [{"kind": "cwna", "q": 0.1}, {"kind": "cwna", "q": 9}],
         "transition": [[0.9, 0.1], [0.1, 0.9]],
@@ -278,3 +277,153 @@ def test_a_block_is_the_same_in_a_stack(tmp_path: Path, kind: str) -> None:
 def check_equal(alone: BlockResult, stacked: BlockResult) -> None:
     for name, values in alone.per_run.items():
         np.testing.assert_array_equal(stacked.per_run[name], values)
+
+
+def recorded(folder: Path, **keys: Any) -> dict[str, Any]:
+    """Return a scenario of two recorded runs and sensors at unequal times, one of them late."""
+    rng, lines = np.random.default_rng(5), ["run,time,sensor,x,y,received"]
+    for run in (1, 2):
+        times = np.cumsum(rng.uniform(0.3, 2.0, 30))
+        for i, t in enumerate(times.tolist()):
+            sensor = 1 + (i % 3 == 0)
+            late = rng.exponential(2.0) * (sensor == 1)
+            x, y = 5.0 * t + rng.normal(0, 10), rng.normal(0, 10)
+            lines.append(f"{run},{t!r},{sensor},{x!r},{y!r},{t + late!r}")
+    (folder / "m.csv").write_text("\n".join(lines))
+    return {
+        "kind": "tracking",
+        "target": {"kind": "measured", "measurements": "m.csv", **keys},
+        "sensor": [{"kind": "position", "sigma": 10}, {"kind": "position", "sigma": 20}],
+        "start": {"kind": "given", "mean": [0, 5, 0, 0], "sigma": [10, 2, 10, 2]},
+        "assume": {"motion": {"kind": "cwna", "q": 1}},
+    }
+
+
+@pytest.mark.parametrize(("label", "memory"), [("refilter", 99), ("three", 3)])
+def test_a_recording_knows_when_rows_were_received(tmp_path: Path, label: str, memory: int) -> None:
+    point = experiment(tmp_path, recorded(tmp_path), runs=2).points[0]
+    times = point.scenario.times[1:]
+    task = replace(task_of(point, label), width=2, runs_used=2)
+    data, output = task.data, run_filter(task, task.data, 2)
+    assert data.arrival is not None
+    assert output.cov is not None
+    rows = [line.split(",") for line in (tmp_path / "m.csv").read_text().splitlines()[1:]]
+    for run, time, sensor, *_, received in rows:
+        (j,) = np.flatnonzero(np.abs(times - float(time)) < 1e-6)
+        k = next((k for k, t in enumerate(times) if t >= float(received) - 1e-6), len(times))
+        assert data.arrival[int(sensor) - 1, j, int(run) - 1] == k
+    assert len({*np.diff(times).round(6)}) > 40
+    for m in range(2):
+        for k in (0, 3, 20, len(times) - 1):
+            mean, cov = batch(point, data, m, k, memory)
+            np.testing.assert_allclose(output.mean[:, k + 1, m], mean, rtol=1e-9, atol=1e-9)
+            np.testing.assert_allclose(output.cov[..., k + 1, m], cov, rtol=1e-9, atol=1e-9)
+
+
+def test_rows_of_one_time_were_received_with_the_last_one_used(tmp_path: Path) -> None:
+    text = "time,x,y,received\n1,0,0,1\n2,1,1,4\n2,1,1,3\n3,2,2,4\n3,4,4,6\n4,5,5,4\n5,5,5,5\n6,6,6,6\n"
+    keys = recorded(tmp_path, same_time="mean")
+    (tmp_path / "m.csv").write_text(text)
+    keys["sensor"] = keys["sensor"][0]
+    scenario = experiment(tmp_path, keys, runs=1).points[0].scenario
+    data = scenario.simulate(RunStreams(1, range(1)), 1)
+    assert data.arrival is not None
+    assert data.arrival[0, :, 0].tolist() == [0, 2, 5, 3, 4, 5]
+    assert scenario.cautions[-1] == "2 measurements were received late, by 3 steps at most"
+
+
+@pytest.mark.parametrize(
+    ("row", "what"),
+    [
+        ("2,0,0,1.5", "received: received 0.5 s before its time"),
+        ("2,0,0,", "received: '' is not a time"),
+    ],
+)
+def test_a_row_is_received_after_its_time(tmp_path: Path, row: str, what: str) -> None:
+    keys = recorded(tmp_path)
+    (tmp_path / "m.csv").write_text(f"time,x,y,received\n1,0,0,1\n{row}\n3,0,0,3\n")
+    keys["sensor"] = keys["sensor"][0]
+    with pytest.raises(UserError, match=what):
+        experiment(tmp_path, keys, runs=1)
+
+
+def test_delays_have_the_law_and_random_numbers_of_their_own(tmp_path: Path) -> None:
+    shares = [0.5, 0.2, 0.0, 0.3]
+    laws = {
+        "uniform": ({"least": 1, "most": 4}, [0.0, 0.25, 0.25, 0.25, 0.25]),
+        "geometric": ({"mean": 1.5}, [0.4, 0.24, 0.144, 0.0864]),
+        "shares": ({"shares": shares}, shares),
+    }
+    on_time = {k: v for k, v in SCALAR.items() if k != "sensor"}
+    runs = 500
+    plain = on_time | {"sensor": {"kind": "scalar", "sigma": 2.0}}
+    filters = {"filters": {"KF": {"kind": "kf"}}}
+    streams = RunStreams(1, range(runs))
+    clean = experiment(tmp_path, plain, **filters).points[0].scenario.simulate(streams, runs)
+    assert clean.arrival is None
+    for kind, (keys, expected) in laws.items():
+        sensor = {"kind": "scalar", "sigma": 2.0, "delay": {"kind": kind, **keys}}
+        scenario = experiment(tmp_path, on_time | {"sensor": sensor}).points[0].scenario
+        data = scenario.simulate(RunStreams(1, range(runs)), runs)
+        np.testing.assert_array_equal(data.measurements, clean.measurements)
+        np.testing.assert_array_equal(data.truth, clean.truth)
+        few = scenario.simulate(RunStreams(1, range(3)), 3)
+        assert data.arrival is not None
+        assert few.arrival is not None
+        np.testing.assert_array_equal(few.arrival, data.arrival[..., :3])
+        delays = (data.arrival - np.arange(40)[:, None])[0, :30]
+        for n, share in enumerate(expected):
+            error = (share * (1 - share) / delays.size) ** 0.5
+            assert abs((delays == n).mean() - share) <= 4 * error
+        assert (data.arrival <= 40).all()
+
+
+def test_results_rerun_from_their_config_and_count(tmp_path: Path) -> None:
+    fault = {"name": "gone", "kind": "bias", "value": [9], "steps": [20, 25]}
+    columns = {"late": "mean(arrived_late)", "dropped": "mean(late_dropped)"}
+    table = {"kind": "metrics", "columns": columns | {"damage": "mean(damage[gone])"}}
+    experiment(tmp_path, SCALAR | {"faults": [fault]}, tables={"t": table}, reference="bound")
+    options = {"workers": 1, "quiet": True, "formats": ()}
+    report = api.run(tmp_path / "late.yaml", out=tmp_path / "a", **options)
+    rows = report.summary.set_index(["filter", "metric"])["value"]
+    late = rows["drop", "mean(arrived_late)"]
+    assert late == rows["drop", "mean(late_dropped)"] == rows["apply", "mean(arrived_late)"]
+    assert rows["refilter", "mean(late_dropped)"] == 0 < rows["three", "mean(late_dropped)"] < late
+    api.run(tmp_path / "a" / "config.yaml", out=tmp_path / "b", **options)
+    for name in ("summary.csv", "per_run.csv", "points.json", "config.yaml"):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+def test_a_twin_without_the_fault_has_the_same_delays(tmp_path: Path) -> None:
+    fault = {"name": "gone", "kind": "blackout", "steps": [20, 25]}
+    point = experiment(tmp_path, SCALAR | {"faults": [fault]}).points[0]
+    task = task_of(point, "refilter")
+    twin = task.twin_task
+    assert twin is not None
+    assert twin.data.arrival is not None
+    np.testing.assert_array_equal(task.data.arrival, twin.data.arrival)
+
+
+def test_a_held_out_measurement_never_arrives(tmp_path: Path) -> None:
+    point = experiment(tmp_path, SCALAR).points[0]
+    for label in ("drop", "apply", "refilter"):
+        task = replace(task_of(point, label), hold_out=4, predictive_metrics=("score",))
+        output, z = run_filter(task, task.data), task.data.measurements
+        visible = np.where(np.arange(1, 41)[:, None] % 4 == 0, np.nan, z)
+        without = task.data._replace(measurements=visible)
+        expected = run_filter(replace(task, hold_out=None), without)
+        np.testing.assert_array_equal(output.mean, expected.mean)
+        held = output.diagnostics["error_held_z"][1:]
+        np.testing.assert_allclose(held[3::4], z[0, 3::4] - output.mean[0, 4::4], atol=1e-9)
+
+
+def test_delays_may_be_swept_from_none(tmp_path: Path) -> None:
+    grid = {"scenario.sensor.delay": [0, 2, {"kind": "uniform", "most": 3}]}
+    points = experiment(tmp_path, SCALAR, grid=grid).points
+    rmse = [
+        {b: run_block(task_of(p, b)).per_run["rmse"] for b in ("drop", "refilter", "bound")}
+        for p in points
+    ]
+    np.testing.assert_array_equal(rmse[0]["drop"], rmse[0]["bound"])
+    np.testing.assert_array_equal(rmse[0]["refilter"], rmse[2]["bound"])
+    assert rmse[1]["refilter"].mean() > rmse[1]["bound"].mean()

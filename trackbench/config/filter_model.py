@@ -8,7 +8,7 @@ from trackbench.field_types import InvalidKeyError
 from trackbench.filters.base import AnyFilter
 from trackbench.models.sensors.base import Assume
 from trackbench.scenarios.base import Scenario
-from trackbench.yaml_source import Keys, Source
+from trackbench.yaml_source import Keys, Source, dotted
 
 _OF_REFERENCE = {"faults", "delay", "late"}
 """Assumptions that leave the true model."""
@@ -43,6 +43,8 @@ def read_assumed(source: Source, label: str) -> Assume | None:
 
 def check_late(source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenario) -> None:
     """Check that a filter says what it does with late measurements, and can do it."""
+    if any(p.path.startswith(dotted((*keys, "late"))) for p in source.problems):
+        return
     try:
         late = scenario.late
     except InvalidKeyError as error:

@@ -250,7 +250,7 @@ def _received(
     received, gathered.has_delays = gathered.timed(columns, table, column), True
     early = np.flatnonzero(received < time - TICK)[:_MOST_MISTAKES].tolist()
     if early:
-        what = "{}: received {:.9g} before its own time"
+        what = "{}: received {:.9g}" + (" steps" if gathered.stepped else " s") + " before its time"
         places = (what.format(column, time[i] - received[i]) for i in early)
         lines = table.lines[early].tolist()
         raise DataError(
