@@ -155,12 +155,16 @@ def unknown(word: str, known: list[str]) -> str:
 def _without_unions(problems: Collection[Problem]) -> list[Problem]:
     """Return one line for an invalid value, for which the validator of a union has several.
 
-    A mistaken item of a list is reported without the remark that the list is no word.
+    A mistaken item of a list is reported without the remark that the list is no word, and a mapping of
+    no known kind without the remark that it is no number.
     """
     merged: dict[tuple[Mark, str, str], Problem] = {}
     for problem in problems:
         value, verb, rest = problem.what.rpartition(" is ")
         if verb and any(p.path.startswith(f"{problem.path}.") for p in problems):
+            continue
+        of_kinds = [p for p in problems if p.path == problem.path and not p.what.startswith("{")]
+        if verb and value.startswith("{") and of_kinds:
             continue
         before = merged.get(place := (problem.mark, problem.path, value or rest))
         merged[place] = replace(before, what=f"{before.what} and {rest}") if before else problem

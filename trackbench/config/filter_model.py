@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from trackbench.config.build import build
+from trackbench.config.build import ENTRY_KEYS, build
 from trackbench.config.experiment import Point
 from trackbench.field_types import InvalidKeyError
 from trackbench.filters.base import AnyFilter
@@ -36,14 +36,15 @@ def read_assumed(source: Source, label: str) -> Assume | None:
     if late is None or assume is None:
         return late
     if assume.delay or assume.late:
-        source.add_key_problem((*keys[:2], "late"), "is also in `assume`; leave one out")
+        source.add_key_problem((*keys[:2], "late"), "has no effect beside `assume`; leave one out")
         return assume
     return replace(assume, late=late.late)
 
 
 def check_late(source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenario) -> None:
     """Check that a filter says what it does with late measurements, and can do it."""
-    if any(p.path.startswith(dotted((*keys, "late"))) for p in source.problems):
+    mistaken = tuple(dotted((*keys, key)) for key in ENTRY_KEYS)
+    if any(problem.path.startswith(mistaken) for problem in source.problems):
         return
     try:
         late = scenario.late

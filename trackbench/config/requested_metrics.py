@@ -149,7 +149,7 @@ def _unknown(request: MetricRequest, names: Names, settings: Settings) -> str | 
         return "likelihood_ratio is relative to an exact filter; name one under `reference`"
     if m.metric == "likelihood_ratio" and names.has_delays:
         return (
-            "likelihood_ratio is of equal measurements, and late ones come to filters differently"
+            "likelihood_ratio needs equal measurements for both filters, and here some arrive late"
         )
     if word in known or not request.named or names.could_be_diagnostic(request.measure.metric):
         return None

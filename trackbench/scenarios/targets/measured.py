@@ -173,7 +173,7 @@ class Measured(FromFiles, Naming, Target):
                     self, "_read", (requested, self._recorded(sensor, start.scans, T))
                 )
         if self.longest_delay and any(one.delay for one in sensors_of(sensor)):
-            what = "has no effect: the recording has a column `received`; leave one out"
+            what = "`delay` and a column `received` exclude each other; leave one out"
             raise InvalidKeyError(what, "sensor")
         clock, apart = self._recording.clock, self._recording.apart
         between = clock.T if clock.T is not None else float(clock.times[1] - clock.times[0])
