@@ -213,6 +213,8 @@ def made(base: Keys, place: str, keys: Keys, folder: Path) -> bytes:
         whole["target"]["motion"] = keys
     else:
         whole[place] = keys
+    if keys.get("delay"):
+        whole["assume"] = whole.get("assume", {}) | {"late": "drop"}
     data = {"name": "c", "runs": 4, "scenario": whole, "filters": {"F": {"kind": "pf", "N": 20}}}
     (folder / "c.yaml").write_text(yaml.safe_dump(data))
     point = load(folder / "c.yaml").points[0]

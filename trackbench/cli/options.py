@@ -111,6 +111,7 @@ def _key_paths(part: Any, group: str | None, path: str) -> Iterator[str]:
         known |= {"preset": str} if group == "filters" and cls.presets else {}
     if group == "filters":
         known |= {f"assume.{key}": hint for key, hint in hints_of(Assume).items()}
+        known["late"] = known.pop("assume.late")
     for key in dict.fromkeys([*known, *part]):
         nested = dataclasses_in(known.get(key)) if part_group(known.get(key)) is None else []
         if isinstance(part.get(key), dict) and not nested:

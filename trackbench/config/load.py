@@ -12,7 +12,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from trackbench.config.build import build, build_kind, read_assumed
+from trackbench.config.build import build, build_kind
 from trackbench.config.checks import (
     QUICK,
     check_assumed,
@@ -30,6 +30,7 @@ from trackbench.config.checks import (
     with_recorded_runs,
 )
 from trackbench.config.experiment import DrawnExhibit, Exhibit, Experiment, Point, Settings
+from trackbench.config.filter_model import check_idle_late, check_late, read_assumed
 from trackbench.config.grid import add_axis, apply_point, grid_points
 from trackbench.config.includes import assignment, inline_parts, override
 from trackbench.config.plugin_checks import add_filters, load_plugins, show_filters
@@ -202,6 +203,7 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
     points = [point for point in built if point is not None]
     whole_grid = points if len(points) == len(built) else []
     check_idle(source, whole_grid)
+    check_idle_late(source, whole_grid)
     for point in points if not source.problems else ():
         check_exact(source, settings, point)
     check_idle_settings(source, settings, points)
@@ -267,6 +269,7 @@ def _point(source: Source, labels: list[str], values: dict[str, object]) -> Poin
         assumed_scenario = check_assumed(source, point, label)
         if tracker is not None and assumed_scenario is not None:
             check_fit(source, ("filters", label), tracker, assumed_scenario)
+            check_late(source, ("filters", label), tracker, assumed_scenario)
     return point
 
 
@@ -293,9 +296,9 @@ def _exhibits(group: Group, source: Source, points: list[Point]) -> dict[str, An
     for name, entry in names.items() if errors else ():
         kind = entry.get("kind") if isinstance(entry, dict) and "metric" not in entry else None
         default = getattr(kinds(group).get(str(kind)), "metric", None)
-        is_error = isinstance(default, Measure) and default.metric.startswith("rmse")
-        if is_error and default.metric not in errors:
-            metric = str(default).replace(default.metric, errors[0])
+        base = default.metric if isinstance(default, Measure) else ""
+        if base.startswith("rmse") and base not in errors:
+            metric = str(default).replace(base, errors[0])
             override(source, (group, name, "metric"), metric, Mark("default"))
     built = {name: build_kind(group, source, (group, name)) for name in names}
     return {name: part for name, part in built.items() if part is not None}

@@ -5,7 +5,7 @@ same in a batch of 10 or of 10 000.
 """
 
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -169,12 +169,13 @@ def _simulate_copies(
     """Return the same runs several times, with the prior's moments."""
     data = simulate(scenario, seed, first_run, width)
 
-    def repeated(rows: Array) -> Array:
+    def repeated(rows: Any) -> Any:
         return np.concatenate([rows] * copies, axis=-1)
 
     mean, cov = data.prior.mean, data.prior.cov
     prior = Gaussian(repeated(mean), repeated(cov) if cov.ndim > 2 else cov)
-    return freeze(Simulation(repeated(data.truth), repeated(data.measurements), prior))
+    arrival = None if data.arrival is None else repeated(data.arrival)
+    return freeze(Simulation(repeated(data.truth), repeated(data.measurements), prior, arrival))
 
 
 simulate_copies = LatestResults(_simulate_copies, size=1)

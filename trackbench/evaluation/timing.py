@@ -19,6 +19,7 @@ import numpy as np
 from trackbench.core.arrays import Array, counting, freeze
 from trackbench.core.random_streams import block_stream
 from trackbench.evaluation.block import BlockTask, simulate
+from trackbench.evaluation.late_measurements import deliveries
 from trackbench.evaluation.run_block import keep_freed_memory
 from trackbench.evaluation.run_filter import prior_of
 
@@ -83,6 +84,12 @@ class _Pass:
         self._task, self._model = task, freeze(task.assumed_scenario.model)
         self._data, self._steps = task.data, task.scenario.steps[1:].tolist()
         self._operations = operations(task)
+        # A filter that goes back for a late measurement makes some steps more than once.
+        delivered = deliveries(task, self._data)
+        self._repeats = 1.0 if delivered is None else delivered.steps_per_step
+        if delivered is not None:
+            given = delivered.given(self._data.measurements)
+            self._data = self._data._replace(measurements=given)
         self._kept: dict[int, Any] = {}
         self._spent = self._passed()
         if self._spent.sum() < _QUICK_S:  # of two times of a step, the one that was disturbed less
@@ -139,9 +146,10 @@ class _Pass:
         passed = self._spent[[*self._kept][: len(medians)]]
         of_block = self._spent.sum() * medians.sum() / passed.sum()
         of_block /= _weights(self._operations, len(self._steps))[: len(self._spent)].sum()
+        of_block *= self._repeats
         of_run = of_block / self._task.width * seconds / np.maximum(medians, _LEAST**2)[turns]
         # Mean operations of a step; a filter that notes none has none.
-        likelihoods, covariances = self._operations.mean(axis=1).tolist()
+        likelihoods, covariances = (self._repeats * self._operations.mean(axis=1)).tolist()
         hidden = not self._operations.any()
         noted = (None, None) if hidden else (likelihoods, covariances)
         return Measured(of_run.tolist(), *noted)

@@ -12,6 +12,7 @@ from trackbench.core.random_streams import Streams
 from trackbench.field_types import InvalidKeyError
 from trackbench.metrics import joined
 from trackbench.models.base import Model, Scene, Sensor, has_density
+from trackbench.models.delays import Late
 from trackbench.models.sensors.base import Assume
 
 
@@ -20,11 +21,14 @@ class Simulation(NamedTuple):
 
     ``truth`` (n_x, T + 1, M) starts with the prior's step; ``measurements`` (n_z, T, M) follow it, NaN
     where there is none; ``prior`` is the distribution of the first state, given to every filter.
+    ``arrival`` (S, T, M) is the step, from 0, at which the measurement of each of S sensors arrives, T
+    for after the end; None if all arrive on time.
     """
 
     truth: Array
     measurements: Array
     prior: Distribution
+    arrival: Index | None = None
 
 
 class Scenario(Scene):
@@ -79,6 +83,16 @@ class Scenario(Scene):
     def without_faults(self) -> "Scenario":
         """Scenario with equal truth and noise, and without faults; itself if it has none."""
         return self
+
+    @property
+    def longest_delay(self) -> int:
+        """Number of steps that almost no measurement exceeds; 0 if all arrive on time."""
+        return 0
+
+    @property
+    def late(self) -> Late | None:
+        """Treatment of late measurements by filters; None if they get all on time."""
+        return None
 
     @property
     def without_scoring(self) -> "Scenario":

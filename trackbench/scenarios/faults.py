@@ -324,6 +324,8 @@ class FaultContext(NamedTuple):
 
     def known_sensor(self, faults: Sequence[Fault], assumed: Sensors) -> Sensor:
         """Return the assumed sensor with the noise of the faults; raises InvalidKeyError."""
+        if not faults:
+            raise InvalidKeyError("has no effect: the scenario has no `faults`", "assume", "faults")
         scales = np.ones((len(self.sensor.components), len(self.steps) - 1))
         for fault in faults:
             scales[self.rows(fault), self.measured(fault)] *= np.sqrt(fault.variance)

@@ -232,8 +232,8 @@ class RmseVsTime(OverTime):
         """Return one line per filter."""
         if not self.y_label:
             points = results.points()[: style.MOST_PANELS]
-            rows = [row for point in points for row, _ in self.lines(results, point, self.metric)]
-            return self.with_axis(self.metric, [row["value"] for row in rows]).draw(results)
+            series = [row for point in points for row, _ in self.lines(results, point, self.metric)]
+            return self.with_axis(self.metric, [row["value"] for row in series]).draw(results)
         titles = self.panel_titles(results, self.steps_of(results, self.metric))
         figure, panels = self.panels_over_time(results, titles)
         for (ax,), point, title in panels:

@@ -131,7 +131,7 @@ _DIMENSION_OF = {
     **dict.fromkeys(("latitude", "longitude", "course", "azimuth", "elevation"), "angle"),
 }
 """Dimension of each quantity; that of a plugin's own quantities may be any."""
-KEYS = ("run", "time", "step", "sensor", "date")
+KEYS = ("run", "time", "step", "sensor", "date", "received")
 """What a row may say beside its quantities."""
 _OBJECTS = ("mmsi", "icao24", "icao", "callsign", "trackid", "vessel", "object")
 """Columns that name what moves."""
