@@ -4,7 +4,8 @@
 results folder and what it is there. ``PF; mean(rmse)`` is an expression of a filter. A third part gives
 the values of a point of the grid (``0.1; 10``); ``z;`` in front asks for its z from zero, ``percent;``
 for a hundred times the number. ``claim; TEXT OF THE CLAIM`` is the verdict on a claim,
-``number; TABLE; ROW; FILTER; METRIC`` that on a printed number. ``count; numbers; agrees; fragile``
+``number; TABLE; ROW; FILTER; METRIC`` that on a printed number, and ``measured;`` in place of
+``number;`` is the number beside the printed one. ``count; numbers; agrees; fragile``
 counts verdicts of a folder, or of all: of ``numbers``, ``words`` on a bias or ``claims``. The word may
 be left out; a paper may stand in place of ``fragile``.
 
@@ -125,6 +126,9 @@ def values(folder: str, title: str) -> tuple[float, ...]:
     parts = re.split(r"\s*[;|]\s*", title)
     if parts[0] == "count":
         return (float(count(folder, *parts[1:])),)
+    if parts[0] == "measured":
+        row = _judged("number", folder, title.partition("; ")[2])
+        return float(row["measured"]), float(row["stderr"])
     if parts[0] == "percent":
         return tuple(100 * value for value in values(folder, title.partition("; ")[2]))
     wants_z = parts[0] == "z"
@@ -149,7 +153,13 @@ quoted: Quoted = {}
 
 
 def verdict(what: str, folder: str, of: str) -> str:
-    """Return the word of claims.csv or comparison.csv, of readings the best one's, and ``fragile``."""
+    """Return the word of claims.csv or comparison.csv, and ``fragile``."""
+    row = _judged(what, folder, of)
+    return row["verdict"] + (", fragile" if row["fragile"] == "yes" else "")
+
+
+def _judged(what: str, folder: str, of: str) -> dict[str, str]:
+    """Return the row of claims.csv or comparison.csv, of readings the best one's."""
     name, keys = {
         "claim": ("claims.csv", ("claim",)),
         "number": ("comparison.csv", ("table", "row", "filter", "metric")),
@@ -158,7 +168,7 @@ def verdict(what: str, folder: str, of: str) -> str:
     rows = [r for r in rows if r.get("best", "yes") == "yes"]
     if len(rows) != 1:
         raise ValueError(f"results/{folder}/{name} has {len(rows)} verdicts on {of!r}")
-    return rows[0]["verdict"] + (", fragile" if rows[0]["fragile"] == "yes" else "")
+    return rows[0]
 
 
 @cache
