@@ -11,7 +11,7 @@ export MKL_NUM_THREADS := 1
 # Else every program that the tests start compiles the package anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: install reproduce reproduce-tables reproduce-quick check-results check-machines record-times test test-fast lint types unit \
+.PHONY: install reproduce reproduce-tables reproduce-quick picture check-results check-machines record-times test test-fast lint types unit \
   lowest wheel lock docs bench audit clean
 
 install: $(VENV)/.run
@@ -56,6 +56,13 @@ reproduce reproduce-tables: $(VENV)/.run
 QUICK := $(filter-out %/adaptive-kf-mfq.yaml %/adaptive-kf-tuned.yaml %/adaptive-kf-tuned-paths.yaml %/banana-rivals.yaml,$(EXPERIMENTS))
 reproduce-quick: $(VENV)/.run
 	@$(BIN)/trackbench run $(QUICK) --quick --format svg --out build/quick
+
+# The picture of README.md: three filters of an experiment on one panel.
+picture: $(VENV)/.run
+	$(BIN)/trackbench run radar-turns --out build/turns --format svg \
+	  --only EKF --only 'CKF (CT)' --only 'IMM, CKF' --set 'figures.position.filters=[EKF, CKF (CT), "IMM, CKF"]' \
+	  --set 'figures.position.title=An aircraft turns between 120 and 180 s and between 260 and 305 s'
+	cp build/turns/figures/position.svg docs/pictures/turns.svg
 
 # Fails if a published number was changed, or anything stored differs by a byte from what is computed again.
 # In a clone, which has digests in place of the runs, it recomputes all runs.

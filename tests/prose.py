@@ -1,14 +1,19 @@
-"""Compare the numbers of README.md and docs/findings/ with results/. Each is a link.
+"""Compare the numbers of README.md and docs/findings/ with results/.
 
-``[0.34 ± 0.01](../../results/hdepf/ "PF; mean(rmse)")`` is an expression of a filter
-in a results folder. A third part gives the values of a point of the grid (``0.1; 10``), and ``z;`` in
-front asks for its z from zero. ``[holds](../../results/hdepf/ "claim; TEXT OF THE CLAIM")`` is the
-verdict on a claim, ``"number; TABLE; ROW; FILTER; METRIC"`` that on a printed number. ``count; numbers;
-agrees; fragile`` counts verdicts of a folder, or of all (``results/``): of ``numbers``, ``words`` on a
-bias or ``claims``. The word may be left out; a paper may stand in place of ``fragile``.
+``docs/findings/numbers/PAGE.csv`` has a row for each (`docs.site.numbers`): its text on the page, a
+results folder and what it is there. ``PF; mean(rmse)`` is an expression of a filter. A third part gives
+the values of a point of the grid (``0.1; 10``); ``z;`` in front asks for its z from zero, ``percent;``
+for a hundred times the number. ``claim; TEXT OF THE CLAIM`` is the verdict on a claim,
+``number; TABLE; ROW; FILTER; METRIC`` that on a printed number, and ``measured;`` in place of
+``number;`` is the number beside the printed one. ``count; numbers; agrees; fragile``
+counts verdicts of a folder, or of all: of ``numbers``, ``words`` on a bias or ``claims``. The word may
+be left out; a paper may stand in place of ``fragile``.
+
 ``python -m tests.prose`` (in ``make reproduce``) lists what changed, and records the numbers that
-need the runs in ``results/quoted.csv``;
-``--write`` writes the texts anew, with as many decimals as they had.
+need the runs in ``results/quoted.csv``. To edit a page, run it with ``--links PAGE``: each number
+becomes a link, ``[0.34 ± 0.01](../../results/hdepf/ "PF; mean(rmse)")``. Move, add and delete links as
+you write. ``--write`` takes the links into the page's file again, and writes the texts anew, with as
+many decimals as they had.
 """
 
 import argparse
@@ -21,6 +26,8 @@ from math import nan
 from pathlib import Path
 from typing import NamedTuple
 
+from docs.site import numbers
+from docs.site.numbers import LINK
 from tests.quoted import Quoted, has_runs, recorded, write_record
 from trackbench.config.published import split
 from trackbench.evaluation.metric_expression import measure
@@ -36,7 +43,6 @@ FINDINGS = tuple(
     if path.stem != "audit"  # of other packages: test_audit.py ties it to its own results
 )
 TEXTS = (*FINDINGS, HERE / "README.md")
-LINK = re.compile(r'\[([^\]\[]+)\]\((?:\.\./)*results/(?:([^/)]+)/)? "([^"]+)"\)')
 _PRINTED_AT = ("paper", "table", "row", "filter", "metric")
 _NUMBER = re.compile(r"([+-]?)(\d+(?: \d{3})*(?:\.\d+)?(?:e[+-]?\d+)?)")
 
@@ -52,19 +58,21 @@ class Tied(NamedTuple):
 
 def tied(path: Path) -> Iterator[Tied]:
     """Every tied number of a text."""
-    for i, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
-        for match in LINK.finditer(line):
-            written, folder, title = match.groups(default="")
-            yield Tied(i, written, as_found(written, folder, title), f"{folder}: {title}")
+    page, rows = path.read_text(encoding="utf-8"), numbers.read(path)
+    for (start, end), row in zip(numbers.spans(page, rows), rows, strict=True):
+        written = " ".join(page[start:end].split())
+        found = as_found(written, row.folder, row.source)
+        yield Tied(page.count("\n", 0, start) + 1, written, found, f"{row.folder}: {row.source}")
 
 
 def as_found(written: str, folder: str, title: str) -> str:
     """The text with the numbers of the results in it, to the decimals that it has; or the verdict."""
     what, _, of = title.partition("; ")
     if what in ("claim", "number"):
-        return verdict(what, folder, of)
-    numbers = iter(values(folder, title))
-    return _NUMBER.sub(lambda match: like(match, next(numbers, nan)), written)
+        word = verdict(what, folder, of)
+        return word.capitalize() if written[:1].isupper() else word
+    found = iter(values(folder, title))
+    return _NUMBER.sub(lambda match: like(match, next(found, nan)), written)
 
 
 def like(match: re.Match[str], value: float) -> str:
@@ -118,6 +126,11 @@ def values(folder: str, title: str) -> tuple[float, ...]:
     parts = re.split(r"\s*[;|]\s*", title)
     if parts[0] == "count":
         return (float(count(folder, *parts[1:])),)
+    if parts[0] == "measured":
+        row = _judged("number", folder, title.partition("; ")[2])
+        return float(row["measured"]), float(row["stderr"])
+    if parts[0] == "percent":
+        return tuple(100 * value for value in values(folder, title.partition("; ")[2]))
     wants_z = parts[0] == "z"
     label, expression, *point = parts[1:] if wants_z else parts
     expressions = _expressions(folder, "; ".join(point))
@@ -140,7 +153,13 @@ quoted: Quoted = {}
 
 
 def verdict(what: str, folder: str, of: str) -> str:
-    """Return the word of claims.csv or comparison.csv, of readings the best one's, and ``fragile``."""
+    """Return the word of claims.csv or comparison.csv, and ``fragile``."""
+    row = _judged(what, folder, of)
+    return row["verdict"] + (", fragile" if row["fragile"] == "yes" else "")
+
+
+def _judged(what: str, folder: str, of: str) -> dict[str, str]:
+    """Return the row of claims.csv or comparison.csv, of readings the best one's."""
     name, keys = {
         "claim": ("claims.csv", ("claim",)),
         "number": ("comparison.csv", ("table", "row", "filter", "metric")),
@@ -149,7 +168,7 @@ def verdict(what: str, folder: str, of: str) -> str:
     rows = [r for r in rows if r.get("best", "yes") == "yes"]
     if len(rows) != 1:
         raise ValueError(f"results/{folder}/{name} has {len(rows)} verdicts on {of!r}")
-    return rows[0]["verdict"] + (", fragile" if rows[0]["fragile"] == "yes" else "")
+    return rows[0]
 
 
 @cache
@@ -192,20 +211,31 @@ def untied(path: Path) -> Iterator[tuple[int, str]]:
     paper's own numbers.
     """
     settings, exempt = _settings(), False
-    for i, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+    paragraphs = without_tied(path).split("\n\n")
+    page = "\n\n".join(_NO_RESULT.sub(_blank, paragraph) for paragraph in paragraphs)
+    for i, line in enumerate(page.splitlines(), start=1):
         if line.startswith("#"):
             exempt = any(word in line for word in _EXEMPT)
             continue
         if exempt:
             continue
-        plain = re.sub(
-            r"`[^`]*`|\[[^]]*\]\([^)]*\)|\([^()]*(printed|paper)[^()]*\)", "", LINK.sub("", line)
-        )
         for pattern in (VERDICTS, SHARES):
-            yield from ((i, match[0]) for match in pattern.finditer(plain))
-        for match in _BARE.finditer(plain):
+            yield from ((i, match[0]) for match in pattern.finditer(line))
+        for match in _BARE.finditer(line):
             if float(match[0].replace(" ", "")) not in settings:
                 yield i, match[0]
+
+
+def without_tied(path: Path) -> str:
+    """Return a page with blanks in place of its tied numbers."""
+    page = path.read_text(encoding="utf-8")
+    for start, end in numbers.spans(page, numbers.read(path)):
+        page = page[:start] + re.sub(r"\S", " ", page[start:end]) + page[end:]
+    return page
+
+
+def _blank(match: re.Match[str]) -> str:
+    return re.sub(r"\S", " ", match[0])
 
 
 @cache
@@ -221,24 +251,46 @@ def _settings() -> frozenset[float]:
     )
 
 
+def written(path: Path) -> None:
+    """Take a page's links into its file, each with the number that results have."""
+    page = numbers.linked(
+        path.read_text(encoding="utf-8"), numbers.read(path), numbers.results(path)
+    )
+    page, rows = numbers.unlinked(LINK.sub(_anew, page))
+    path.write_text(page, encoding="utf-8")
+    numbers.write(path, rows)
+
+
 def main() -> int:
     """List what changed, or write it; exit code 1 if a number is stale and not written."""
-    parser = argparse.ArgumentParser(prog="python -m tests.prose", description=__doc__)
+    as_written = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.prose", description=__doc__, formatter_class=as_written
+    )
     parser.add_argument("paths", nargs="*", type=Path, default=TEXTS)
     parser.add_argument("--write", action="store_true")
+    parser.add_argument("--links", action="store_true")
     options = parser.parse_args()
-    stale = [(path, t) for path in options.paths for t in tied(path) if t.written != t.found]
-    if set(TEXTS) <= set(options.paths):
+    paths = [path.resolve() for path in options.paths]
+    for path in paths if options.links else ():
+        page = path.read_text(encoding="utf-8")
+        page = numbers.linked(page, numbers.read(path), numbers.results(path))
+        path.write_text(page, encoding="utf-8")
+        numbers.write(path, [])
+    if options.links:
+        return 0
+    if options.write:
+        for path in paths:
+            written(path)
+    stale = [(path, t) for path in paths for t in tied(path) if t.written != t.found]
+    if {*TEXTS} <= {*paths}:
         write_record(quoted)
     for path, t in stale:
         print(f"{path}:{t.line}: {t.written} is now {t.found} ({t.source})")
-    for path in options.paths:
+    for path in paths:
         for line, text in untied(path) if path in FINDINGS else ():
             print(f"{path}:{line}: {text!r} is tied to no result")
-    for path in options.paths if options.write else ():
-        text = path.read_text(encoding="utf-8")
-        path.write_text(LINK.sub(_anew, text), encoding="utf-8")
-    return int(bool(stale) and not options.write)
+    return int(bool(stale))
 
 
 if __name__ == "__main__":

@@ -5,7 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.prose import FINDINGS, HERE, LINK, TEXTS, count, like, tied, untied
+from docs.site import numbers
+from docs.site.numbers import LINK, Row, UnclearError
+from tests.prose import FINDINGS, HERE, TEXTS, count, like, tied, untied, without_tied
 from trackbench.statistics.rules import CLAIM_WORDS, NUMBER_WORDS
 
 
@@ -19,22 +21,69 @@ def test_every_number_of_the_prose_is_that_of_the_results(path: Path) -> None:
     assert not stale, "\n".join(stale)
 
 
-def test_every_count_of_verdicts_is_tied() -> None:
-    """A number before a verdict's word, and the sentence has all words of the ledger."""
-    text = (
-        TEXTS[-1]
-        .read_text(encoding="utf-8")
-        .partition("## What it found")[2]
-        .partition("| paper")[0]
+@pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.stem)
+def test_a_changed_number_is_found(path: Path) -> None:
+    """With its last digit raised, or the word for another, no row's text or not the number is there."""
+    page, rows = path.read_text(encoding="utf-8"), numbers.read(path)
+    for start, end in numbers.spans(page, rows):
+        text = re.sub(r"\d(?=\D*$)", lambda digit: str((int(digit[0]) + 1) % 10), page[start:end])
+        other = text if text != page[start:end] else "equal" if text != "equal" else "holds"
+        with pytest.raises(UnclearError):
+            numbers.spans(page[:start] + other + page[end:], rows)
+
+
+@pytest.mark.parametrize("path", FINDINGS, ids=lambda path: path.stem)
+def test_a_page_is_readable_as_text(path: Path) -> None:
+    """Numbers are no links, a tenth is targets of links, and lines have 160 characters."""
+    page = path.read_text(encoding="utf-8")
+    assert not LINK.search(page)
+    targets = sum(len(a or b) for a, b in _TARGET.findall(page))
+    assert targets <= 0.1 * len(page)
+    assert max(map(len, page.splitlines())) <= 160
+
+
+_TARGET = re.compile(r"(?<=\])\(([^()]*)\)|^\[[^]]*\]:(.*)$", re.MULTILINE)
+
+
+def test_the_links_of_a_page_become_rows_and_come_again() -> None:
+    page = (
+        '[12](../../results/a/ "count; words; agrees") of [12](../../results/a/ "count; words")\n'
+        'agree. It has [1.5 ±\n0.1](../../results/b/ "PF; mean(rmse)") m, in print 1.5.\n'
+        '[Fails](../../results/b/ "claim; It is good"): it may fail. `1.5`\n'
     )
-    rest = LINK.sub("", text)
-    assert not re.search(r"\d+ +(of them|agree|are|differ|hold|fail|claims|numbers|printed)", rest)
-    tied_words = {tuple(title.split("; ")[1:3]) for _, _, title in LINK.findall(text)}
+    plain, rows = numbers.unlinked(page)
+    assert (
+        plain == "12 of 12\nagree. It has 1.5 ±\n0.1 m, in print 1.5.\nFails: it may fail. `1.5`\n"
+    )
+    assert rows == [
+        Row("12", "a", "count; words; agrees"),
+        Row("12", "a", "count; words"),
+        Row("1.5 ± 0.1", "b", "PF; mean(rmse)"),
+        Row("Fails", "b", "claim; It is good"),
+    ]
+    assert numbers.linked(plain, rows) == page
+
+
+def test_a_number_that_stands_twice_has_words_around_it() -> None:
+    page = 'A has 1.5 m, B [1.5](results/a/ "B; mean(rmse)") m, C 1.5 m.'
+    plain, rows = numbers.unlinked(page)
+    assert rows == [Row("B {1.5} m,", "a", "B; mean(rmse)")]
+    with pytest.raises(UnclearError, match="stands twice"):
+        numbers.spans(plain, [Row("1.5", "a", "B; mean(rmse)")])
+    with pytest.raises(UnclearError, match="is not there"):
+        numbers.spans(plain.replace("B 1.5", "B 1.6"), rows)
+
+
+def test_every_count_of_verdicts_is_tied() -> None:
+    """The README counts every word of the ledger."""
+    tied_words = {tuple(row.source.split("; ")[1:3]) for row in numbers.read(TEXTS[-1])}
     words = {("numbers", word) for word in NUMBER_WORDS} | {
         ("claims", word) for word in CLAIM_WORDS
     }
     missing = {pair for pair in words - tied_words if count("", *pair)}
     assert not missing
+    rest = without_tied(TEXTS[-1])
+    assert not re.search(r"\d+ +(of them|agree|are|differ|hold|fail|claims|numbers|printed)", rest)
 
 
 def test_a_count_is_of_the_ledger() -> None:
@@ -59,7 +108,7 @@ def test_every_measured_number_and_verdict_is_tied(path: Path) -> None:
 
 @pytest.mark.parametrize("path", FINDINGS, ids=lambda path: path.stem)
 def test_a_page_begins_with_a_short_summary(path: Path) -> None:
-    text = re.sub(r"\]\([^)]*\)", "]", path.read_text(encoding="utf-8"))
+    text = path.read_text(encoding="utf-8")
     summary = text.partition("## Summary\n")[2].partition("\n## ")[0].strip()
     assert 20 <= len(summary.split("\n\n")[0].split()) <= 120
 

@@ -10,7 +10,7 @@ from mkdocs.structure.files import File, Files
 ROOT = Path(__file__).parent.parent.parent
 sys.path.insert(0, str(ROOT))
 
-from docs.site import gallery, problems, reference
+from docs.site import gallery, numbers, problems, reference
 from docs.site.blocks import fenced
 from docs.site.pages import assistants_text, pages, rewritten
 
@@ -49,6 +49,7 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     place = places.get(page.file.src_uri)
     if place is None:
         return markdown
+    markdown = numbers.linked(markdown, numbers.read(ROOT / place), numbers.results(place))
     text = rewritten(fenced(markdown), place, page.file.src_uri, _known())
     if place == "README.md":
         text = text.replace(_BEFORE, problems.section() + _BEFORE)
