@@ -14,6 +14,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.conversions import Geodetic, east_north_up
 from trackbench.core.elementary import cos_sin
 from trackbench.field_types import DataError, Finite, InvalidKeyError, Place
+from trackbench.scenarios.recordings.csv_lines import AUTOMATIC, TextFormat
 from trackbench.scenarios.recordings.csv_tables import Content, Table, header, read_table
 
 _DEGREES = 180.0 / pi
@@ -162,6 +163,8 @@ class Naming:
     same_time: Literal["mean", "last", "spread"] | None = None
     """what becomes of different rows of one sensor, run and time: their mean, the last of them, or times
     spread evenly until the next; default: they are a mistake"""
+    format: TextFormat | None = None
+    """how a text file is written, where its first lines do not show it: {separator: ";", skip: 1}"""
 
     def __post_init__(self) -> None:
         for key, unit in self.units.items():
@@ -219,7 +222,8 @@ class Columns:
 
     def __init__(self, path: str, naming: Naming, wanted: Sequence[str], least: int = 1) -> None:
         """Find a file's columns for these quantities; raises DataError if fewer than ``least`` exist."""
-        self.path, self.naming, self.names = path, naming, header(path)
+        self.path, self.naming = path, naming
+        self.names = header(path, naming.format or AUTOMATIC)
         self.contents: dict[str, Content] = {}
         self.unavailable: Counter[str] = Counter()
         self.far: list[str] = []
@@ -267,7 +271,8 @@ class Columns:
 
     def read(self) -> Table:
         """Read the table, codes of "not available" as NaN. Raises DataError for impossible values."""
-        table = read_table(self.path, self.contents, self.naming.time_format)
+        naming = self.naming
+        table = read_table(self.path, self.contents, naming.time_format, naming.format or AUTOMATIC)
         of_ais = is_ais(self.names)
         mistakes = []
         for column, quantity in self._used.items():

@@ -13,7 +13,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_mapping import UNITS, Naming, outlying
-from trackbench.scenarios.recordings.csv_lines import table_lines
+from trackbench.scenarios.recordings.csv_lines import layout_of, table_rows
 from trackbench.scenarios.recordings.csv_tables import header, instant, is_instant, number, parsed
 from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows import Gathered, Rows, chosen_runs, read_rows
@@ -197,8 +197,8 @@ class _Sample:
     def __init__(self, path: str, names: list[str]) -> None:
         self._names, self._rows = names, []
         if not path.lower().endswith((".parquet", ".pq")):
-            rows = islice(table_lines(path), 1, _SAMPLE)
-            self._rows = [cells for _, cells, _ in rows if len(cells) == len(names)]
+            rows = islice(table_rows(path, layout_of(path)), _SAMPLE)
+            self._rows = [cells for _, cells in rows if len(cells) == len(names)]
 
     def cells(self, column: str) -> list[str]:
         """Return the cells of a column."""
