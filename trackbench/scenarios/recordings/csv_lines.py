@@ -39,7 +39,7 @@ codecs.register_error("trackbench.windows", _windows)
 
 @dataclass(frozen=True, kw_only=True)
 class TextFormat:
-    """How a text table is written; without a key the first lines decide."""
+    """Format of a text table; the first lines decide on keys that are unset."""
 
     separator: str = ""
     """character between cells, or `tab`, or `space` for any white space"""
