@@ -20,6 +20,13 @@ _WORDS = {"tab": "\t", "space": " "}
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f]")
 _DATE = re.compile(r"\d{1,4}([-/.])\d{1,2}\1\d{1,4}")
 _VALUE = re.compile(r"[-+]?[0-9.,]+([eE][-+]?[0-9]+)?|\d{1,4}([-/.:])\d{1,2}\2[0-9TZ:. +-]*")
+_OTHERS = {
+    "<": "XML (GPX, KML): convert it, `gpsbabel -i gpx -f FILE -o unicsv -F m.csv`",
+    "{": "JSON: write its records as a table with a line of names",
+    "$G": "NMEA: convert it, `gpsbabel -i nmea -f FILE -o unicsv -F m.csv`",
+    "!AI": "NMEA sentences of AIS: decode them into a table with a line of names",
+}
+"""First letters of files that are text, but no tables, and what to do."""
 _ALIKE = 0.9  # of the lines have as many cells
 
 
@@ -136,6 +143,9 @@ def _layout(path: str, encoding: str, text: TextIO, form: TextFormat) -> Layout:
     first = next(iter(lines))
     if _CONTROL.search(lines[first]):
         raise DataError(Place(path, first, 1, "is not a text file"))
+    for letters, what in _OTHERS.items():
+        if lines[first].startswith(letters):
+            raise DataError(Place(path, first, 1, f"is no table but {what}"))
     # Step 2: find the separator, and the usual number of cells.
     separator = separator or _separator([*lines.values()])
     cells = {number: _parsed(line, separator) for number, line in lines.items()}

@@ -227,7 +227,7 @@ class _Reading:
             return rows
         what = f"cells under {width} columns"
         if layout.separator == "," and all(number == 2 * width for _, number in wrong):
-            what += ": where decimals follow a comma, cells need another separator, such as ;"
+            what += ": where decimals follow a comma, cells need another separator"
         self._add_mistakes([(line, f"{number} {what}") for line, number in wrong], len(rows))
         return [row for row in rows if len(row[1]) == width]
 
@@ -235,7 +235,7 @@ class _Reading:
         """Append mistakes by line; the first stands for all if most rows have one."""
         if len(wrong) > max(_MOST_MISTAKES // 2, rows // 2):
             (line, what), *more = wrong
-            wrong = [(line, f"{what}; so it is in {len(more)} more rows")]
+            wrong = [(line, f"{what} ({len(more)} more rows are alike)")]
         self.mistakes += [Place(self.path, line, 1, what) for line, what in wrong]
 
     def add(self, lines: Index, cells: Mapping[str, Sequence[str]]) -> None:
