@@ -10,7 +10,7 @@ from trackbench.scenarios.recordings.column_mapping import UNITS, is_unit_of
 _WORDS: dict[str, str] = {
     "time": "stamp time timestamp t timesec datetime datetimeutc basedatetime utctime timeutc utc "
     "seconds secs sec elapsed secondselapsed elapsedseconds elapsedtime millis ms "
-    "epoch unixtime gpstime systime timeofday tod tow gpstow itow gpst trkpttime measurementtime "
+    "epoch unixtime gpstime systime timeofday tod tow gpstow itow gpst measurementtime "
     "zeit zeitstempel uhrzeit temps heure hora tiempo tempo ora tid tijd klokkeslett",
     "date": "date dateutc utcdate datum fecha data dato jour",
     "step": "step k frame scan frameid",
@@ -18,21 +18,23 @@ _WORDS: dict[str, str] = {
     "sensorname anchorname device deviceid source sourceid sensortype type node nodeid",
     "run": "run mmsi sourcemmsi icao24 icao trackid track vessel vesselid objectid object vehicleid "
     "callsign individuallocalidentifier id",
-    "latitude": "latitude lat breite breitengrad breddegrad latitud latitudine breedtegraad",
-    "longitude": "longitude lon lng long lange langengrad laenge laengengrad lengdegrad longitud "
-    "longitudine lengtegraad",
-    "x": "x px posx xpos tx zx mx east easting e xm rechtswert xeast eastm",
-    "y": "y py posy ypos ty zy my north northing n ym hochwert ynorth northm",
+    "latitude": "latitude lat latn latituden breite breitengrad breddegrad latitud latitudine "
+    "breedtegraad",
+    "longitude": "longitude lon lone longitudee lng long lange langengrad laenge laengengrad "
+    "lengdegrad longitud longitudine lengtegraad",
+    "x": "x px posx xpos tx zx mx east easting e xm rechtswert xeast",
+    "y": "y py posy ypos ty zy my north northing n ym hochwert ynorth",
     "vx": "vx velx vxm xvelocity velocityx speedx eastspeed veast ve vele",
     "vy": "vy vely vym yvelocity velocityy speedy northspeed vnorth vn veln",
     "range": "range rmsd rho distance dist slantrange entfernung abstand",
     "azimuth": "azimuth az bearing theta azimut",
-    "speed": "speed sog speedoverground groundspeed velocity vel geschwindigkeit vitesse velocidad",
-    "course": "course cog courseoverground track heading direction bearing kurs cap rumbo cogt",
+    "speed": "speed spd sog speedoverground groundspeed velocity vel geschwindigkeit vitesse "
+    "velocidad",
+    "course": "course track gcrs cog courseoverground heading direction bearing kurs cap rumbo",
 }
 """Names of each quantity's columns, without accents and white space, the surest first."""
 _FILLERS = (
-    "field fields msg data header pose position positions pos loc location gps gnss gpsfix fix "
+    "boot field fields msg data header pose position positions pos loc location gps gnss gpsfix fix "
     "navsatfix trkpt wpt local global map world odom odometry p z rs r s meas measured measurement "
     "obs observed est hat coord coordinate coordinates point xyz enu utm wgs84 filtered raw utc "
     "value mathrm text rm obj ego target veh vehicle robot uav drone frame from sensor base"

@@ -79,7 +79,7 @@ AUTOMATIC = TextFormat()
 class Layout(NamedTuple):
     """Format of a file: lines before the data, names, and the column of a date apart from its time.
 
-    ``header`` is the line of the names, or 0.
+    ``header`` is the line of the names, or 0; it may be a comment.
     """
 
     encoding: str
@@ -88,6 +88,7 @@ class Layout(NamedTuple):
     header: int
     before: int
     joined: int | None
+    is_comment: bool = False
 
 
 def layout_of(path: str, form: TextFormat = AUTOMATIC) -> Layout:
@@ -173,7 +174,8 @@ def _layout(path: str, encoding: str, text: TextIO, form: TextFormat) -> Layout:
     names[0] = names[0].lstrip("#% ")
     if not (separator == " " and len(names) == width - 1):
         joined = None
-    return Layout(encoding, separator, names, header, header + form.skip, joined)
+    before = header + form.skip
+    return Layout(encoding, separator, names, header, before, joined, header in comments)
 
 
 def is_value(cell: str) -> bool:

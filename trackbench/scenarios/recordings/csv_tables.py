@@ -62,6 +62,10 @@ def seconds(cell: str, comma: bool = False) -> float:
 def moment(cell: str, form: str = "") -> datetime:
     """Return the time of a date in ISO 8601, or in a form of strptime; raises ValueError."""
     try:
+        if form.endswith("%f"):
+            # A whole second may have no digits behind it; there may be nine in place of six.
+            cell = re.sub(r"(:\d\d|(^| )\d{6})$", r"\g<0>" + form[-3] + "0", cell)
+            cell = re.sub(r"(\d{6})\d+$", r"\1", cell)
         if form:
             return datetime.strptime(cell, form)
         return datetime.fromisoformat(_UTC.sub("+00:00", cell))
@@ -198,6 +202,17 @@ def read_table(
         if len(reading.mistakes) >= _MOST_MISTAKES:
             break
     return reading.table()
+
+
+def first_rows(path: str, form: TextFormat, number: int) -> list[list[str]]:
+    """Return the cells of the first rows, as text, of those with a cell for each column."""
+    if is_parquet(path):
+        frame = _parquet(path, header(path)).head(number)
+        columns = (map(_shown, frame[name].tolist()) for name in frame)
+        return list(map(list, zip(*columns, strict=True)))
+    layout = layout_of(path, form)
+    rows = (cells for _, cells in islice(table_rows(path, layout), number))
+    return [[cell.strip() for cell in cells] for cells in rows if len(cells) == len(layout.names)]
 
 
 class _Reading:

@@ -75,7 +75,9 @@ def _target_lines(guess: Guess) -> Iterator[str]:
     if naming.origin:
         yield f"origin: [{', '.join(map(repr, naming.origin))}]"
     elif "latitude" in columns:
-        yield "# x and y are metres east and north of the first position, or of `origin: [lat, lon]`"
+        yield "# x and y are meters east and north of the first position, or of `origin: [lat, lon]`"
+    if "velocity" in why:
+        yield f"# {why['velocity']}"
     if len(guess.runs) > 1:
         (longest, _), *others = guess.runs
         more = ["..."] if others[_MOST_NAMES:] else []
@@ -114,10 +116,13 @@ def _comment(why: dict[str, str], key: str) -> str:
 
 def _flow(form: TextFormat) -> str:
     """Return the keys of a format that are set, in braces."""
-    values = {f.name: getattr(form, f.name) for f in fields(form)}
-    return json.dumps({key: value for key, value in values.items() if value}, ensure_ascii=False)
+    values = {f.name: getattr(form, f.name) for f in fields(form) if getattr(form, f.name)}
+    keys = (f"{key}: {json.dumps(value, ensure_ascii=False)}" for key, value in values.items())
+    return f"{{{', '.join(keys)}}}"
 
 
 def quoted(word: str) -> str:
     """Return a word of YAML; in quotes if it is more than letters, digits and lines."""
-    return word if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*|[1-9][0-9]*", word) else json.dumps(word)
+    if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*|[1-9][0-9]*", word):
+        return word
+    return json.dumps(word, ensure_ascii=False)

@@ -1,15 +1,15 @@
 """Guess of a recording's format, columns, units and errors, for a config that runs."""
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from itertools import chain, islice
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_mapping import UNITS, Naming, outlying
+from trackbench.scenarios.recordings.column_mapping import COURSE, UNITS, Naming, outlying
 from trackbench.scenarios.recordings.column_names import columns_of, ranges_of, unit_in, words_of
 from trackbench.scenarios.recordings.csv_lines import (
     TextFormat,
@@ -18,6 +18,7 @@ from trackbench.scenarios.recordings.csv_lines import (
     table_rows,
 )
 from trackbench.scenarios.recordings.csv_tables import (
+    first_rows,
     header,
     is_parquet,
     number,
@@ -38,9 +39,11 @@ _SMALLEST_E7 = 1e6  # deg: angles beyond are whole numbers of 1e-7 deg
 _SAMPLE = 10_000  # rows
 _ONE_SIGMA = 0.683  # of a normal law's values are within its standard deviation
 _MOST_SENSORS = 50
-_OF_SPEED = {"m/s": 1.0, "kn": 3600.0 / 1852.0, "km/h": 3.6, "mph": 3600.0 / 1609.344}
+_FIRST = 200  # rows that show the format
 _MOST_A_SECOND = 20
 _NEAR = 0.07  # of a ratio of speeds
+_SAME_WAY = 0.8  # cosine between directions that agree
+_PLACE, _VELOCITY = ("x", "y"), ("vx", "vy")
 SENSORS = {
     "position": ("x", "y"),
     "range-azimuth": ("range", "azimuth"),
@@ -74,10 +77,7 @@ class Guess:
     @property
     def moves(self) -> bool:
         """True if velocities are measured, too."""
-        columns, (first, *others) = self.naming.columns, self.sensors
-        both = [("vx", "vy"), ("speed", "course")]
-        measured = any(columns.keys() >= {*pair} for pair in both)
-        return first.kind == "position" and not others and not first.name and measured
+        return self.sensors[0].quantities == _PLACE and _has_velocity(self.naming.columns)
 
 
 def recognized(path: str, given: Naming | None = None) -> Guess:
@@ -88,7 +88,7 @@ def recognized(path: str, given: Naming | None = None) -> Guess:
     form = _text_format(path, given.format or TextFormat(), why)
     names = header(path, form)
     sample = _Sample(path, names, form)
-    if not sample and not is_parquet(path):
+    if not sample:
         read_table(path, {names[0]: "label"}, form=form)  # which reports why no row can be read
     columns, units = _columns(names, sample, given, why)
     if "time" not in columns and "step" not in columns:
@@ -121,77 +121,89 @@ def recognized(path: str, given: Naming | None = None) -> Guess:
     if missing and not given.missing:
         why["missing"] = "guess: far outside the others"
     # Step 3: read all rows.
-    return _measured(path, naming, why, sensors, sample)
+    return _measured(path, naming, why, sensors)
 
 
-def _measured(
-    path: str, naming: Naming, why: dict[str, str], sensors: list[SensorGuess], sample: "_Sample"
-) -> Guess:
+def _measured(path: str, naming: Naming, why: dict[str, str], sensors: list[SensorGuess]) -> Guess:
     """Return the guess with what all rows show: runs, errors, speed, and further units."""
     gathered, units, columns = Gathered(naming), naming.units, naming.columns
     by_name = [sensor.name for sensor in sensors] if columns.get("sensor") else []
-    every = read_rows(gathered, [path], [s.quantities for s in sensors], names=by_name)
+    wanted = [sensor.quantities for sensor in sensors]
+    velocity = _VELOCITY if wanted == [_PLACE] and not by_name and _has_velocity(columns) else ()
+    every = read_rows(gathered, [path], [(*names, *velocity) for names in wanted], names=by_name)
     every = chosen_runs(gathered, every, ())
-    widest = 0.0
-    for sensor, rows in zip(sensors, every, strict=True):
-        if "azimuth" in sensor.quantities:
-            widest = max(widest, float(np.nanmax(np.abs(rows.values[-1]), initial=0.0)))
-    if "azimuth" not in units and widest > _TURN:
+    angles = [r.values[-1] for names, r in zip(wanted, every, strict=True) if "azimuth" in names]
+    if "azimuth" not in units and any((np.abs(a[np.isfinite(a)]) > _TURN).any() for a in angles):
         units["azimuth"], why["azimuth"] = "deg", "guess: there are angles beyond 2 pi"
     # Sort the runs by length; noise and speed are those of the longest.
     sizes = np.sum([np.bincount(rows.run, minlength=len(gathered.runs)) for rows in every], axis=0)
     runs = sorted(zip(gathered.runs, sizes.tolist(), strict=True), key=lambda run: -run[1])
-    speed, whole, guesses = 0.0, None, []
+    longest = []
     for sensor, rows in zip(sensors, every, strict=True):
-        longest = rows.at(np.flatnonzero(rows.run == sizes.argmax()))
-        longest = longest.at(np.flatnonzero(np.isfinite(longest.values).all(axis=0)))
-        if naming.same_time is None and (way := _same_time(gathered, longest)):
+        measured = np.isfinite(rows.values[: len(sensor.quantities)]).all(axis=0)
+        rows = rows.at(np.flatnonzero(measured & (rows.run == sizes.argmax())))
+        if naming.same_time is None and (way := _same_time(gathered, rows)):
             naming = gathered.naming = replace(naming, same_time=way)
             why["same_time"] = "guess: several rows of a whole second; or mean, or last"
-        longest = in_order(gathered, longest)
-        sigmas, faster = _levels(longest, sensor.kind, "azimuth" in why)
-        speed = speed or faster
-        guesses.append(sensor._replace(sigmas=sigmas))
-        whole = longest if whole is None else whole
-    assert whole is not None
+        longest.append(in_order(gathered, rows))
+    levels = [
+        _levels(rows, sensor.kind, "azimuth" in why)
+        for sensor, rows in zip(sensors, longest, strict=True)
+    ]
+    speed = next((speed for _, speed in levels if speed), 0.0)
     # Guess the unit of times and of speeds, now that the path is known.
     if "time" in columns and "time" not in units and not gathered.dated:
-        unit = unit_by_speed(whole.time, speed)
+        unit = unit_by_speed(longest[0].time, speed)
         if unit is not None:
             units["time"] = unit
             why["time"] = f"guess: with seconds the usual speed would be {speed:.1g} m/s"
             speed /= UNITS[unit]
-    if "speed" in columns and "speed" not in units:
-        _guess_speed_unit(columns, units, why, sample.numbers(columns["speed"]), speed)
-    rounded = float(f"{speed:.1g}") or 1.0
-    return Guess(naming, why, runs, guesses, rounded)
+            longest[0] = longest[0]._replace(time=longest[0].time * UNITS[unit])
+    if velocity and not _velocities_agree(longest[0], columns, units, why):
+        for name in {*_VELOCITY, *COURSE} & columns.keys():
+            columns.pop(name)
+        why["velocity"] = "velocities are left out: they disagree with the positions"
+    guesses = [s._replace(sigmas=level[0]) for s, level in zip(sensors, levels, strict=True)]
+    return Guess(naming, why, runs, guesses, float(f"{speed:.1g}") or 1.0)
 
 
-def _text_format(path: str, form: TextFormat, why: dict[str, str]) -> TextFormat:
-    """Return the format with what is guessed: names that no line has, and a row of units."""
+def _has_velocity(columns: dict[str, str]) -> bool:
+    """Return whether there are columns of a velocity, or of speed and course."""
+    return columns.keys() >= {*_VELOCITY} or columns.keys() >= {*COURSE}
+
+
+def _text_format(path: str, given: TextFormat, why: dict[str, str]) -> TextFormat:
+    """Return the format with what is guessed: separator and decimal sign, header, a row of units."""
     if is_parquet(path):
-        return form
-    layout = layout_of(path, form)
-    rows = [cells for _, cells in islice(table_rows(path, layout), 20)]
-    if not form.names and not form.header and layout.header and all(map(is_value, layout.names)):
+        return given
+    layout = layout_of(path, given)
+    rows = [cells for _, cells in islice(table_rows(path, layout), _FIRST)]
+    keys: dict[str, Any] = {}
+    if layout.separator != ",":
+        keys["separator"] = {"\t": "tab", " ": "space"}.get(layout.separator, layout.separator)
+    if layout.encoding != "utf-8-sig":
+        keys["encoding"] = layout.encoding
+    if layout.header > 1 and not layout.is_comment:
+        keys["header"] = layout.header
+    # Beside commas only quotes can hold decimal commas, and three digits may be thousands.
+    cells = (cell.strip() for cell in chain.from_iterable(rows))
+    digits = r"[-+]?\d+,\d+" if layout.separator != "," else r"[-+]?\d+,(\d\d?|\d{4,})"
+    if any(re.fullmatch(digits, cell) for cell in cells):
+        keys["decimal"] = ","
+    if keys:
+        why["format"] = "guess: as its first lines are"
+    if layout.header and not given.header and all(map(is_value, layout.names)):
         width = len(layout.names)
         names = _TUM if width == len(_TUM) else ("time", "x", "y") if width == 3 else ()
         if not names or (width == 3 and _may_be_degrees([layout.names, *rows])):
             what = f"no line names the columns: name all {width},"
             way = "`--set 'format.names=[time, x, y, ...]'` (or latitude, longitude, range, ...)"
             raise DataError(Place(path, layout.header, 1, f"{what} {way}"))
-        why["format"] = "guess: no line names the columns"
-        form = replace(form, names=names)
-    elif not form.skip and _are_units(rows):
-        why["format"] = "guess: below the names is a line of units"
-        form = replace(form, skip=1)
-    if form.decimal is None and layout.separator == ",":
-        # Numbers in quotes, such as "1,25", have a decimal comma.
-        cells = [cell for row in rows for cell in row if re.fullmatch(r" *[-+]?\d+,\d+ *", cell)]
-        if any(not re.search(r",\d{3}$", cell) for cell in cells):
-            why["format"] = "guess: decimals follow a comma"
-            form = replace(form, decimal=",")
-    return form
+        keys["names"], why["format"] = names, "guess: no line names the columns"
+    elif not given.skip and _are_units(rows):
+        keys["skip"], why["format"] = 1, "guess: below the names is a line of units"
+    chosen = {field.name for field in fields(given) if getattr(given, field.name)}
+    return replace(given, **{key: value for key, value in keys.items() if key not in chosen})
 
 
 def _may_be_degrees(rows: list[list[str]]) -> bool:
@@ -214,11 +226,13 @@ def _columns(
     recognized_columns = columns_of(names)
     columns = {name: named.column for name, named in recognized_columns.items()}
     columns = {n: c for n, c in columns.items() if c not in given.columns.values()} | given.columns
+    if columns.keys() >= {*_VELOCITY}:
+        columns = {name: column for name, column in columns.items() if name not in COURSE}
     if "date" in columns and "time" not in columns:
         columns["time"] = columns.pop("date")
     for key in ("sensor", "run"):
         words = sample.words(columns.get(key, ""))
-        most = _MOST_SENSORS if key == "sensor" else len(sample) - 1
+        most = _MOST_SENSORS if key == "sensor" else len(sample) // 3
         is_many = len(words) > most
         if key not in given.columns and (len(words) < 2 or is_many):
             columns.pop(key, None)
@@ -302,19 +316,13 @@ class _Sample:
     """First rows of a table, as text."""
 
     def __init__(self, path: str, names: list[str], form: TextFormat) -> None:
-        self._names, self.line = names, 1
-        self._rows: list[list[str]] = []
+        self._names = names
+        self.line = 1 if is_parquet(path) else layout_of(path, form).before + 1
+        self._rows = first_rows(path, form, _SAMPLE)
         self._units: list[str] = []
-        if is_parquet(path):
-            return
-        layout = layout_of(path, form)
-        for line, cells in islice(table_rows(path, layout), _SAMPLE):
-            if len(cells) == len(names):
-                self.line = line if not self._rows else self.line
-                self._rows.append([cell.strip() for cell in cells])
         if form.skip:
-            rows = table_rows(path, layout._replace(before=layout.before - form.skip))
-            self._units = next((cells for _, cells in rows), [])
+            rows = first_rows(path, replace(form, skip=0), 1)
+            self._units = rows[0] if rows else []
 
     def __len__(self) -> int:
         return len(self._rows)
@@ -361,20 +369,33 @@ def _same_time(gathered: Gathered, rows: Rows) -> Literal["spread"] | None:
     return "spread" if twice.any() else None
 
 
-def _guess_speed_unit(
-    columns: dict[str, str], units: dict[str, str], why: dict[str, str], shown: Array, speed: float
-) -> None:
-    """Add the unit of a column of speeds, or drop it if none agrees with the positions."""
-    moving = shown[shown > 0.0]
-    ratio = float(np.median(moving)) / speed if len(moving) and speed > 0.0 else np.nan
-    near = {unit: abs(ratio / n - 1.0) for unit, n in _OF_SPEED.items()}
-    unit = min(near, key=lambda name: near[name])
-    if columns["speed"].lower() in ("sog", "speedoverground"):
+def _velocities_agree(
+    rows: Rows, columns: dict[str, str], units: dict[str, str], why: dict[str, str]
+) -> bool:
+    """Return whether measured velocities are those of the positions, and add the unit that they need."""
+    lag = max(1, len(rows.time) // 20)
+    passed = rows.time[lag:] - rows.time[:-lag]
+    gone = (rows.values[:2, lag:] - rows.values[:2, :-lag]) / np.where(passed > 0, passed, np.nan)
+    shown = 0.5 * (rows.values[2:, lag:] + rows.values[2:, :-lag])
+    sizes = np.hypot(*gone), np.hypot(*shown)
+    moving = (sizes[0] > 0.0) & (sizes[1] > 0.0)
+    if not moving.any():
+        return False
+    alike = (gone * shown).sum(axis=0)[moving] / (sizes[0] * sizes[1])[moving]
+    if np.median(alike) < _SAME_WAY:
+        return False
+    names = [name for name in ("speed", *_VELOCITY) if name in columns]
+    if any(name in units for name in names):
+        return True
+    if columns.get("speed", "").lower() in ("sog", "speedoverground"):
         units["speed"], why["speed"] = "kn", "guess: speed over ground mostly is in knots"
-    elif near[unit] < _NEAR:
-        units["speed"], why["speed"] = unit, "guess: agrees with the positions"
-    elif len(moving) and speed > 0.0:
-        columns.pop("speed")
+        return True
+    ratio = float(np.median(sizes[1][moving]) / np.median(sizes[0][moving]))
+    away = {unit: abs(ratio * UNITS[unit] - 1.0) for unit in ("m/s", "kn", "km/h", "mph", "ft/s")}
+    unit = min(away, key=lambda name: away[name])
+    units |= dict.fromkeys(names, unit)
+    why |= dict.fromkeys(names, "guess: agrees with the positions")
+    return away[unit] < _NEAR
 
 
 def _levels(rows: Rows, kind: str, in_degrees: bool) -> tuple[tuple[float, ...], float]:

@@ -45,8 +45,8 @@ _FORMS = [
     *map(" ".join, product(_DAYS, _TIMES)),
     *map("T".join, product(_DAYS, _TIMES[:3])),
 ]
-_CLOCK = re.compile(r"([01]?\d|2[0-3])[0-5]\d[0-5]\d(\.\d*)?")
-_LEAST_CLOCKS = 20  # rows whose numbers read as hours, minutes and seconds
+_CLOCK = re.compile(r"([01]?\d|2[0-3])[0-5]\d([0-5]\d)(?:\.\d*)?")
+_LEAST_SECONDS = 10
 _STEADIER = 5.0  # times, as the ratio of largest and usual interval, so that an order is decided
 _SIZES = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
 """Numbers since 1970 from 1973 on, in units that make them so large."""
@@ -71,8 +71,9 @@ def date_form(path: str, times: Sequence[str], dates: Sequence[str], line: int) 
         return DateForm()
     cells = [" ".join(pair) for pair in zip(dates, times, strict=True)] if dates else [*times]
     if not parsed(number, [cell.replace(",", ".") for cell in times])[1]:
-        clocks = all(map(_CLOCK.fullmatch, times)) and (dates or len({*times}) >= _LEAST_CLOCKS)
-        if not clocks:
+        # Hours, minutes and seconds in one number, 235959.0, whose seconds take many values.
+        clocks = [match for match in map(_CLOCK.fullmatch, times) if match]
+        if len(clocks) < len(times) or len({match[2] for match in clocks}) < _LEAST_SECONDS:
             return DateForm()
     elif is_instant(cells[0]):
         return DateForm("", True)
@@ -85,7 +86,6 @@ def date_form(path: str, times: Sequence[str], dates: Sequence[str], line: int) 
             found[form] = values
     if not found:
         return DateForm("", True)
-    why = "guess: %d is the day, %m the month"
     first, *others = sorted(found, key=lambda form: _unsteady(found[form]))
     for other in others:
         if np.array_equal(found[other] - found[other][0], found[first] - found[first][0]):
@@ -94,8 +94,8 @@ def date_form(path: str, times: Sequence[str], dates: Sequence[str], line: int) 
             what = f"{cells[0]!r} may be a day in either order: say which, "
             way = " or ".join(f"`--set 'time_format=\"{form}\"'`" for form in (first, other))
             raise DataError(Place(path, line, 1, what + way))
-        why = f"{why}; the other order has gaps"
-    return DateForm(first, True, why)
+    why = "%d is the day, %m the month" if "%d" in first else "hours, minutes and seconds"
+    return DateForm(first, True, f"guess: {why}")
 
 
 def _unsteady(times: Array) -> float:
