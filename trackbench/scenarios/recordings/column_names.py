@@ -34,10 +34,10 @@ _WORDS: dict[str, str] = {
 }
 """Names of each quantity's columns, without accents and white space, the surest first."""
 _FILLERS = (
-    "boot field fields msg data header pose position positions pos loc location gps gnss gpsfix fix "
-    "navsatfix trkpt wpt local global map world odom odometry p z rs r s meas measured measurement "
-    "obs observed est hat coord coordinate coordinates point xyz enu utm wgs84 filtered raw utc "
-    "value mathrm text rm obj ego target veh vehicle robot uav drone frame from sensor base"
+    "boot gmt cest cet field fields msg data header pose position positions pos loc location gps gnss "
+    "gpsfix fix navsatfix trkpt wpt local global map world odom odometry p z rs r s meas measured "
+    "measurement obs observed est hat coord coordinate coordinates point xyz enu utm wgs84 filtered "
+    "raw utc value mathrm text rm obj ego target veh vehicle robot uav drone frame from sensor base"
 )
 """Words that may stand beside a quantity in a name: field.pose.pose.position.x, p_RS_R_x."""
 _UNITS = {

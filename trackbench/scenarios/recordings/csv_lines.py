@@ -195,12 +195,11 @@ def _usual(rows: Iterable[list[str]]) -> tuple[int, int]:
 
 def _separator(lines: Sequence[str]) -> str:
     """Return the separator that gives lines as many cells as each other, at best the first, too."""
-    alike = []
+    alike, below = [], lines[len(lines) // 2 :]  # where no title stands
     for separator in _SEPARATORS:
-        rows = [_parsed(line, separator) for line in lines]
-        width, number = _usual(rows)
-        if width > 1 and number >= _ALIKE * len(rows):
-            alike.append((len(rows[0]) != width, separator))
+        width, number = _usual(_parsed(line, separator) for line in below)
+        if width > 1 and number >= _ALIKE * len(below):
+            alike.append((len(_parsed(lines[0], separator)) != width, separator))
     if alike:
         return min(alike, key=lambda usual: usual[0])[1]
     bare = re.sub('"[^"]*"', "", lines[0].strip())

@@ -316,6 +316,8 @@ class _Reading:
         if self.form:
             what = f"{first.what}: {cell[:40]!r} is not a time as {self.form}"
         way = 'say how it is written, `time_format: "%d/%m/%Y %H:%M:%S"` (or %m/%d/%Y, %H:%M:%S.%f)'
+        if cell and not any(map(str.isdigit, cell)):
+            way = "say `format: {skip: 1}` if the line holds units, or correct it"
         raise DataError(first._replace(what=f"{what}: {way}"))
 
     def _labeled(self, name: str, cells: Sequence[str]) -> tuple[Column, list[tuple[int, str]]]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_mapping import COURSE, UNITS, Naming, outlying
+from trackbench.scenarios.recordings.column_mapping import COURSE, GEODETIC, UNITS, Naming, outlying
 from trackbench.scenarios.recordings.column_names import columns_of, ranges_of, unit_in, words_of
 from trackbench.scenarios.recordings.csv_lines import (
     TextFormat,
@@ -25,6 +25,7 @@ from trackbench.scenarios.recordings.csv_tables import (
     parsed,
     read_table,
 )
+from trackbench.scenarios.recordings.guess_errors import SENSORS, levels_of, velocities_agree
 from trackbench.scenarios.recordings.guess_time import (
     DateForm,
     date_form,
@@ -37,20 +38,10 @@ from trackbench.scenarios.recordings.rows import Gathered, Rows, chosen_runs, re
 _TURN = 2.0 * np.pi
 _SMALLEST_E7 = 1e6  # deg: angles beyond are whole numbers of 1e-7 deg
 _SAMPLE = 10_000  # rows
-_ONE_SIGMA = 0.683  # of a normal law's values are within its standard deviation
 _MOST_SENSORS = 50
 _FIRST = 200  # rows that show the format
 _MOST_A_SECOND = 20
-_NEAR = 0.07  # of a ratio of speeds
-_SAME_WAY = 0.8  # cosine between directions that agree
 _PLACE, _VELOCITY = ("x", "y"), ("vx", "vy")
-SENSORS = {
-    "position": ("x", "y"),
-    "range-azimuth": ("range", "azimuth"),
-    "range": ("range",),
-    "bearing": ("azimuth",),
-}
-"""Types of sensors that a table may hold, the most telling first, and what they measure."""
 _MEASURED = ("x", "y", "latitude", "longitude", "range", "azimuth")
 _TUM = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 
@@ -77,7 +68,8 @@ class Guess:
     @property
     def moves(self) -> bool:
         """True if velocities are measured, too."""
-        return self.sensors[0].quantities == _PLACE and _has_velocity(self.naming.columns)
+        is_one = [sensor.quantities for sensor in self.sensors] == [_PLACE]
+        return is_one and _has_velocity(self.naming.columns)
 
 
 def recognized(path: str, given: Naming | None = None) -> Guess:
@@ -88,16 +80,17 @@ def recognized(path: str, given: Naming | None = None) -> Guess:
     form = _text_format(path, given.format or TextFormat(), why)
     names = header(path, form)
     sample = _Sample(path, names, form)
-    if not sample:
-        read_table(path, {names[0]: "label"}, form=form)  # which reports why no row can be read
     columns, units = _columns(names, sample, given, why)
     if "time" not in columns and "step" not in columns:
         raise DataError(Place(path, 1, 1, _no_time(names)))
+    if not sample and any(name in columns for name in _MEASURED):
+        read_table(path, {names[0]: "label"}, form=form)  # which reports why no row can be read
     # Step 2: find the sensors, and units that other units would make impossible.
     sensors = _sensors(path, sample, columns, names, units)
     measured = {name for sensor in sensors for name in sensor.quantities}
-    for name in {"latitude", "longitude"} & columns.keys() - units.keys():
-        if measured == {"x", "y"} and (np.abs(sample.numbers(columns[name])) > _SMALLEST_E7).any():
+    for name in GEODETIC[:2]:
+        values = sample.numbers(columns.get(name, ""))
+        if name not in units and (np.abs(values) > _SMALLEST_E7).any():
             units[name], why[name] = "degE7", "guess: degrees would be impossible"
     clock = DateForm(given.time_format, bool(given.time_format))
     if "time" in columns and not clock.form:
@@ -147,7 +140,7 @@ def _measured(path: str, naming: Naming, why: dict[str, str], sensors: list[Sens
             why["same_time"] = "guess: several rows of a whole second; or mean, or last"
         longest.append(in_order(gathered, rows))
     levels = [
-        _levels(rows, sensor.kind, "azimuth" in why)
+        levels_of(rows, sensor.kind, "azimuth" in why)
         for sensor, rows in zip(sensors, longest, strict=True)
     ]
     speed = next((speed for _, speed in levels if speed), 0.0)
@@ -159,7 +152,7 @@ def _measured(path: str, naming: Naming, why: dict[str, str], sensors: list[Sens
             why["time"] = f"guess: with seconds the usual speed would be {speed:.1g} m/s"
             speed /= UNITS[unit]
             longest[0] = longest[0]._replace(time=longest[0].time * UNITS[unit])
-    if velocity and not _velocities_agree(longest[0], columns, units, why):
+    if velocity and not velocities_agree(longest[0], columns, units, why):
         for name in {*_VELOCITY, *COURSE} & columns.keys():
             columns.pop(name)
         why["velocity"] = "velocities are left out: they disagree with the positions"
@@ -230,6 +223,8 @@ def _columns(
         columns = {name: column for name, column in columns.items() if name not in COURSE}
     if "date" in columns and "time" not in columns:
         columns["time"] = columns.pop("date")
+    if "time" in columns:
+        columns.pop("step", None)
     for key in ("sensor", "run"):
         words = sample.words(columns.get(key, ""))
         most = _MOST_SENSORS if key == "sensor" else len(sample) // 3
@@ -252,7 +247,9 @@ def _no_time(names: list[str]) -> str:
     what = f"no column looks like a time or a step; there are {', '.join(names)[:200]}"
     if {"year", "month", "day"} <= {name.lower() for name in names}:
         return f"{what}: join the parts of dates into one column, 2025-04-03 10:00:00"
-    way = f"say which is one, `--set columns.time={names[0]}` (or columns.step)"
+    way = (
+        f"say which is one, `--set 'columns.time={names[0]}'` (or columns.step), or number the rows"
+    )
     if any(map(is_value, names)):
         way += f", or name all {len(names)} if no line does, `--set 'format.names=[time, x, y]'`"
     return f"{what}: {way}"
@@ -296,7 +293,7 @@ def _no_position(columns: dict[str, str], sample: "_Sample", names: list[str]) -
     """Return what to write where a table, or one of its sensors, has nothing that is measured."""
     pairs = "x and y, latitude and longitude, range and azimuth, or range"
     known = ", ".join(names)[:200]
-    for name in columns.keys() & {*_MEASURED}:
+    for name in filter(columns.get, _MEASURED):
         cell = next((cell for cell in sample.cells(columns[name]) if cell), "")
         if cell and not np.isfinite(sample.numbers(columns[name])).any():
             what = f"{columns[name]}: {cell[:40]!r} is not a number, nor is any other of its cells"
@@ -308,7 +305,7 @@ def _no_position(columns: dict[str, str], sample: "_Sample", names: list[str]) -
         words = ", ".join(sample.words(columns["sensor"]))[:80]
         what = f"column {columns['sensor']} names {words}, and one of them has no {pairs}"
         return f"{what}; there are {known}: `--set columns.sensor=` mixes all"
-    way = f"say which are, `--set columns.x={names[0]} --set columns.y={names[-1]}`"
+    way = f"say which are, `--set 'columns.x={names[0]}' --set 'columns.y={names[-1]}'`"
     return f"no columns look like {pairs}; there are {known}: {way}"
 
 
@@ -351,9 +348,9 @@ class _Sample:
 
 def _missing(sample: _Sample, columns: dict[str, str], measured: set[str]) -> tuple[float, ...]:
     """Return whole numbers far outside the others, which mark missing cells."""
-    places = {"latitude", "longitude"} if not {"x", "y"} <= columns.keys() else set()
     out: dict[float, None] = {}
-    for name in sorted((measured | places) & columns.keys()):
+    # An azimuth of 0 may be far from others, and none of them is missing.
+    for name in sorted((measured | {*GEODETIC[:2]}) & columns.keys() - {"azimuth"}):
         out |= dict.fromkeys(v for v in outlying(sample.numbers(columns[name])) if v % 1 == 0)
     return tuple(out)
 
@@ -367,69 +364,3 @@ def _same_time(gathered: Gathered, rows: Rows) -> Literal["spread"] | None:
         return None
     twice = (np.diff(rows.ticks) == 0) & (np.diff(rows.values, axis=1) != 0.0).any(axis=0)
     return "spread" if twice.any() else None
-
-
-def _velocities_agree(
-    rows: Rows, columns: dict[str, str], units: dict[str, str], why: dict[str, str]
-) -> bool:
-    """Return whether measured velocities are those of the positions, and add the unit that they need."""
-    lag = max(1, len(rows.time) // 20)
-    passed = rows.time[lag:] - rows.time[:-lag]
-    gone = (rows.values[:2, lag:] - rows.values[:2, :-lag]) / np.where(passed > 0, passed, np.nan)
-    shown = 0.5 * (rows.values[2:, lag:] + rows.values[2:, :-lag])
-    sizes = np.hypot(*gone), np.hypot(*shown)
-    moving = (sizes[0] > 0.0) & (sizes[1] > 0.0)
-    if not moving.any():
-        return False
-    alike = (gone * shown).sum(axis=0)[moving] / (sizes[0] * sizes[1])[moving]
-    if np.median(alike) < _SAME_WAY:
-        return False
-    names = [name for name in ("speed", *_VELOCITY) if name in columns]
-    if any(name in units for name in names):
-        return True
-    if columns.get("speed", "").lower() in ("sog", "speedoverground"):
-        units["speed"], why["speed"] = "kn", "guess: speed over ground mostly is in knots"
-        return True
-    ratio = float(np.median(sizes[1][moving]) / np.median(sizes[0][moving]))
-    away = {unit: abs(ratio * UNITS[unit] - 1.0) for unit in ("m/s", "kn", "km/h", "mph", "ft/s")}
-    unit = min(away, key=lambda name: away[name])
-    units |= dict.fromkeys(names, unit)
-    why |= dict.fromkeys(names, "guess: agrees with the positions")
-    return away[unit] < _NEAR
-
-
-def _levels(rows: Rows, kind: str, in_degrees: bool) -> tuple[tuple[float, ...], float]:
-    """Return deviations of the quantities and the usual speed, of whole rows in order."""
-    time, values = rows.time, [*rows.values]
-    if "azimuth" in SENSORS[kind]:
-        values[-1] = np.unwrap(values[-1] * UNITS["deg"] if in_degrees else values[-1])
-    sigmas = tuple(_scatter(time, value) for value in values)
-    if kind == "range-azimuth":
-        r, a = values
-        values = [r * np.cos(a), r * np.sin(a)]
-    return sigmas, 0.0 if kind == "bearing" else _speed(time, *values)
-
-
-def _scatter(time: Array, value: Array) -> float:
-    """Return the errors' deviation, from distances to the line between neighbors."""
-    wide = time[2:] - time[:-2]
-    if len(value) < 3 or not (wide > 0.0).any():
-        return 1.0
-    share = (time[1:-1] - time[:-2]) / np.where(wide > 0.0, wide, np.nan)
-    # e = z_1 - (1 - s) z_0 - s z_2 has the variance sigma^2 (1 + s^2 + (1 - s)^2).
-    off = value[1:-1] - (1.0 - share) * value[:-2] - share * value[2:]
-    size = np.abs(off) / np.sqrt(1.0 + np.square(share) + np.square(1.0 - share))
-    # 68.3 % of the scaled |e| are below sigma.
-    sigma = float(np.nanquantile(size, _ONE_SIGMA))
-    # A straight line leaves rounding errors alone.
-    return float(f"{sigma:.1g}") if sigma > 1e-12 * np.abs(value).max() else 1.0
-
-
-def _speed(time: Array, *place: Array) -> float:
-    """Return the usual speed, m/s, over a tenth of the recording, where errors matter less."""
-    lag = max(1, len(time) // 10)
-    if len(time) <= lag:
-        return 1.0
-    gone = np.sqrt(np.sum([np.square(axis[lag:] - axis[:-lag]) for axis in place], axis=0))
-    passed = time[lag:] - time[:-lag]
-    return float(np.median(gone[passed > 0] / passed[passed > 0]))

@@ -86,11 +86,15 @@ def date_form(path: str, times: Sequence[str], dates: Sequence[str], line: int) 
             found[form] = values
     if not found:
         return DateForm("", True)
-    first, *others = sorted(found, key=lambda form: _unsteady(found[form]))
+    # Of orders that give the same times the month is first beside a.m. and p.m. only.
+    first, *others = sorted(
+        found, key=lambda form: (_unsteady(found[form]), "%p" in form and form[:2] == "%d")
+    )
     for other in others:
         if np.array_equal(found[other] - found[other][0], found[first] - found[first][0]):
             continue
-        if _unsteady(found[other]) < _STEADIER * _unsteady(found[first]):
+        (falls, gap), (other_falls, other_gap) = map(_unsteady, (found[first], found[other]))
+        if falls == other_falls and other_gap < _STEADIER * gap:
             what = f"{cells[0]!r} may be a day in either order: say which, "
             way = " or ".join(f"`--set 'time_format=\"{form}\"'`" for form in (first, other))
             raise DataError(Place(path, line, 1, what + way))
@@ -98,13 +102,11 @@ def date_form(path: str, times: Sequence[str], dates: Sequence[str], line: int) 
     return DateForm(first, True, f"guess: {why}")
 
 
-def _unsteady(times: Array) -> float:
-    """Return the largest interval, or fall, in usual ones."""
+def _unsteady(times: Array) -> tuple[bool, float]:
+    """Return whether times fall, and the largest interval in usual ones."""
     apart = np.diff(np.unique(times))
-    if not len(apart):
-        return 1.0
-    fall = float((-np.diff(times)).max())
-    return float(max(apart.max(), fall) / np.sort(apart)[len(apart) // 2])
+    largest = float(apart.max() / np.sort(apart)[len(apart) // 2]) if len(apart) else 1.0
+    return bool((np.diff(times) < 0.0).any()), largest
 
 
 def unit_by_size(times: Array) -> str | None:
