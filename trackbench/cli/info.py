@@ -122,6 +122,10 @@ def new(
         str,
         typer.Option(help="a filter as a program: c, c++, rust, julia, octave, javascript, python"),
     ] = "",
+    sets: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="how --from reads: columns.time=Zeit"),
+    ] = None,
 ) -> None:
     """Write a commented starting file that runs as it is, and its test.
 
@@ -145,8 +149,9 @@ def new(
         raise UserError(f"new {what} {name}: {' and '.join(chosen)} exclude each other")
     if data is not None and what not in ("experiment", "filter"):
         raise typer.BadParameter(f"a {what} is not made from data", param_hint="--from")
+    unknown: list[str] = []
     if data is not None and what == "experiment":
-        paths = write_config_for(data, name or _plain(data.stem), Path())
+        paths, unknown = write_config_for(data, name or _plain(data.stem), Path(), sets or ())
     elif name is None:
         raise typer.BadParameter("is required without --from", param_hint="NAME")
     else:
@@ -157,6 +162,8 @@ def new(
     config = next(path for path in paths if path.suffix == ".yaml")
     if language and (build := LANGUAGES[language].build):
         typer.echo(f"build it: {build.replace('@MODULE@', config.stem)}")
+    if unknown:
+        typer.echo(f"write where {', '.join(unknown)} are: `at` of each sensor, and `start`")
     plugins = "" if what == "experiment" else " --allow-plugins"
     typer.echo(f"run it: trackbench run {config}{plugins}")
 
