@@ -150,7 +150,7 @@ def as_config(part: Part | Assume, shown: Callable[[str], str] = str) -> PlainDa
 
 def _without_unset(keys: PlainData) -> PlainData:
     """Leave out keys that older results folders lack, so that their configs stay as they are."""
-    return {key: x for key, x in keys.items() if x or key not in ("faults", "robust")}
+    return {key: x for key, x in keys.items() if x or key not in ("faults", "robust", "density")}
 
 
 def _plain(value: object, shown: Callable[[str], str]) -> object:
