@@ -184,10 +184,16 @@ def test_outliers_have_a_density(tmp_path: Path) -> None:
     [
         ({}, "give a `factor` other than 1, or a `density`"),
         ({"factor": 3, "density": {"kind": "student-t", "df": 3}}, "other than 1, or a `density`"),
-        ({"density": {"kind": "student-t", "df": 2}}, "df 2 needs df > 2"),
-        ({"density": {"kind": "uniform", "region": {"z": [0, 9]}}}, "no errors about the truth"),
-        ({"density": {"kind": "uniform", "region": {"y": [0, 9]}}}, "unknown component 'y'"),
-        ({"density": {"kind": "uniform", "region": {}}}, "needs the bounds of z, too"),
+        ({"density": {"kind": "student-t", "df": 2}}, "Student's t with df <= 2"),
+        (
+            {"density": {"kind": "uniform", "region": {"z": [0, 9]}}},
+            "has no variance about the truth",
+        ),
+        (
+            {"density": {"kind": "uniform", "region": {"y": [0, 9]}}},
+            "needs bounds of z, and no others",
+        ),
+        ({"density": {"kind": "uniform", "region": {}}}, "needs bounds of z, and no others"),
         ({"density": {"kind": "uniform", "region": {"z": [9, 0]}}}, "ends before it begins"),
     ],
     ids=str,

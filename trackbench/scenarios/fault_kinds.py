@@ -80,11 +80,6 @@ class Fault:
         return False
 
     @property
-    def why_no_variance(self) -> str:
-        """Reason why errors have no variance, or nothing."""
-        return ""
-
-    @property
     def variance(self) -> float:
         """Factor on the variance of the noise."""
         return 1.0
@@ -190,19 +185,12 @@ class Outliers(LargerNoise):
         return not isinstance(self.density, UniformClutter)
 
     @property
-    def why_no_variance(self) -> str:
-        """Reason why errors have no variance, or nothing."""
-        if isinstance(self.density, UniformClutter):
-            return "uniform measurements are no errors about the truth"
-        if self.density is not None and self.density.df <= 2.0:
-            return f"Student's t of df {self.density.df:g} needs df > 2"
-        return ""
-
-    @property
     def variance(self) -> float:
-        """Factor on the variance of the noise: that of the mixture."""
-        if not isinstance(self.density, StudentErrors):
+        """Factor on the variance of the noise; infinite where the density has none."""
+        if self.density is None:
             return super().variance
+        if isinstance(self.density, UniformClutter) or self.density.df <= 2.0:
+            return np.inf
         of = self.density
         return 1.0 + self.share * (of.scale * of.scale * of.df / (of.df - 2.0) - 1.0)
 
@@ -211,11 +199,10 @@ class Outliers(LargerNoise):
         if not isinstance(self.density, UniformClutter):
             return
         region, where = self.density.region, ("density", "region")
-        _ = by_component(dict.fromkeys(region, 0.0), components, *where)
-        for name in components:
-            if name not in region:
-                raise InvalidKeyError(f"needs the bounds of {name}, too", *where)
-            if region[name][0] >= region[name][1]:
+        if {*region} != {*components}:
+            raise InvalidKeyError(f"needs bounds of {', '.join(components)}, and no others", *where)
+        for name, (least, largest) in region.items():
+            if least >= largest:
                 raise InvalidKeyError("ends before it begins", *where, name)
 
     def faulty(self, of: Stretch) -> Array:

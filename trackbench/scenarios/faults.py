@@ -130,9 +130,9 @@ class FaultContext(NamedTuple):
         """Return the assumed sensor with the noise of the faults; raises InvalidKeyError."""
         scales = np.ones((len(self.sensor.components), len(self.steps) - 1))
         for fault in faults:
-            if fault.why_no_variance:
-                what = f"{fault.name}: no known variance: {fault.why_no_variance}"
-                raise InvalidKeyError(what, "assume", "faults")
+            if fault.variance == np.inf:
+                what = f"the density of {fault.name!r} has no variance about the truth: it is uniform, "
+                raise InvalidKeyError(what + "or Student's t with df <= 2", "assume", "faults")
             scales[self.rows(fault), self.measured(fault)] *= np.sqrt(fault.variance)
         if (scales == 1.0).all():
             return assumed
