@@ -156,7 +156,7 @@ def as_config(part: Part | Assume, shown: Callable[[str], str] = str) -> PlainDa
     return {key: x for key, x in out.items() if x or key not in _LATER or defaults[key]}
 
 
-_LATER = ("faults", "robust", "delay", "late", "format")
+_LATER = ("faults", "robust", "delay", "late", "format", "density")
 """Keys that older results folders lack: left out if unset, so that their configs stay as they are."""
 
 

@@ -25,7 +25,7 @@ from trackbench.field_types import InvalidKeyError, Registered
 from trackbench.filters.base import FixedLag, SmoothingFilter
 from trackbench.filters.ekf import EKF
 from trackbench.filters.jump_markov import JumpMarkov, shared_components
-from trackbench.filters.kf import GaussianFilter, gate_limits, mean_weight
+from trackbench.filters.kf import GaussianFilter, gate_limits
 from trackbench.models.base import Model, Scene, extra_std
 from trackbench.models.priors import augment_gaussian
 from trackbench.registry import register
@@ -49,7 +49,7 @@ class ModelBank(NamedTuple):
     refused: Array | None = None
     """1 for each run (M,) whose gates refused the last measurement"""
     measurement_weight: Array | None = None
-    """models' and sensors' mean weight of the last measurement (M,) in a robust update"""
+    """mean weight of the last measurement's components (M,) in a robust update"""
 
     @property
     def moments(self) -> Gaussian:
@@ -146,7 +146,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         # Step 3: filter with every model.
         pairs = [*zip(models, mixed_states, strict=True)]
         updated = [self.filter.robust_update(of, mixed, z, k) for of, mixed in pairs]
-        states, innovations, by_sensor = zip(*updated, strict=True)
+        states, innovations, sensor_weights = zip(*updated, strict=True)
         if self.smooths:  # all states stay in memory
             innovations = tuple(innovation._replace(predicted=None) for innovation in innovations)
         # Step 4: weights mu_j ~ c_j N(nu_j; 0, S_j).
@@ -159,7 +159,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
             refused = (nis > gate_limits(self.filter.gate, len(z))[measured_components]).all(axis=0)
             z = np.where(refused, np.nan, z)
             updated = [self.filter.robust_update(of, mixed, z, k) for of, mixed in pairs]
-            states, _, by_sensor = zip(*updated, strict=True)
+            states, _, sensor_weights = zip(*updated, strict=True)
         ratios = np.stack([*map(self.filter.log_ratio, innovations, nis)])
         weights = update_weights(predicted, nis - 2.0 * ratios, mantissa, exponent)
         mean_nis = total(predicted * nis, axis=0)
@@ -169,8 +169,8 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
             mean_nis = np.where(missing, np.nan, mean_nis)
         bank = ModelBank(states, weights, mean_nis, state.reported, innovations, predicted)
         if self.filter.robust is not None:
-            mean = total(predicted[:, None] * np.stack(by_sensor), axis=0)
-            bank = bank._replace(measurement_weight=mean_weight(mean, mean_nis))
+            mean = total(predicted * np.stack(sensor_weights), axis=0)
+            bank = bank._replace(measurement_weight=mean)
         return bank._replace(refused=refused.astype(float))
 
     def smoothed(
@@ -248,9 +248,8 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         if self.filter.gate:
             out["gated"] = np.zeros(len(state.nis)) if state.refused is None else state.refused
         if self.filter.robust:
-            unknown = np.full(len(state.nis), np.nan)
             weight = state.measurement_weight
-            out["measurement_weight"] = unknown if weight is None else weight
+            out["measurement_weight"] = state.nis if weight is None else weight
         return out
 
 

@@ -21,7 +21,6 @@ from trackbench.core.distributions import (
 )
 from trackbench.core.kalman import Innovation, Updated
 from trackbench.core.smoothing import Transition, smooth
-from trackbench.core.sums import total
 from trackbench.field_types import NonNegative, OpenShare, Positive
 from trackbench.filters.base import FixedLag, InnovationFilter, SmoothingFilter, Steps
 from trackbench.filters.robust import AnyRobust, Reweighted
@@ -51,8 +50,8 @@ class Tracked(NamedTuple):
     nis: Array
     innovation: Innovation | None = None
     gated: Mask | None = None
-    weights: Array | None = None
-    """weights of the sensors (sensors, M) in a robust update"""
+    weight: Array | None = None
+    """mean weight of the measured components (M,) in a robust update"""
 
     @property
     def prediction(self) -> Gaussian | None:
@@ -100,21 +99,21 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
     def robust_update(
         self, model: Model, state: Gaussian, z: Array, k: int
     ) -> tuple[Gaussian, Innovation, Array | None]:
-        """Predict and update, again with each new weights of the sensors if the update is robust.
+        """Predict and update; a robust update does so again with each new weights of the sensors.
 
-        Returns the posterior, the innovation by weights of 1, and the weights (sensors, M) or None.
+        Returns the posterior, the innovation by weights of 1, and the mean weight (M,) or None.
         """
         if self.robust is None:
             return (*self.update(model, state, z, k), None)
         if not isinstance(state, Factored):
             state = per_run_moments(state)  # as the noise is
         posterior, innovation = self.update(model, state, z, k)
-        weights = np.ones((1, z.shape[1]))
+        weighted = None
         for _ in range(self.robust.iterations):
-            weights = self.robust.weights(model.sensor, posterior, z, k)
-            weighted = model._replace(sensor=Reweighted(model.sensor, weights))
-            posterior, _ = self.update(weighted, state, z, k)
-        return posterior, innovation, weights
+            weighted = Reweighted(model.sensor, self.robust.weights(model.sensor, posterior, z, k))
+            posterior, _ = self.update(model._replace(sensor=weighted), state, z, k)
+        assert weighted is not None
+        return posterior, innovation, weighted.mean_weight(z)
 
     def log_ratio(self, innovation: Innovation, nis: Array) -> Array:
         """Return the log-density (M,) of an innovation, less that of N(0, S): 0 unless robust."""
@@ -142,21 +141,21 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
     def step(self, model: Model, state: Tracked, z: Array, k: int, rng: Generator) -> Tracked:
         """Predict and update; predict only where the gate refuses the measurement."""
         before = self.prepared(state.posterior)
-        posterior, innovation, weights = self.robust_update(model, before, z, k)
+        posterior, innovation, weight = self.robust_update(model, before, z, k)
         nis = innovation.nis
         if self.smooths:
             innovation = innovation._replace(predicted=None)  # all states stay in memory
         if self.gate is None:
-            return Tracked(posterior, nis, innovation, None, weights)
+            return Tracked(posterior, nis, innovation, None, weight)
         # The limit of the NIS depends on the number of measured components.
         measured_components = (~np.isnan(innovation.nu)).sum(axis=0)
         gated = nis > gate_limits(self.gate, len(z))[measured_components]
         # Update again with the refused measurements as missing: predict only.
         if gated.any():
             used = np.where(gated, np.nan, z)
-            posterior, _, weights = self.robust_update(model, before, used, k)
+            posterior, _, weight = self.robust_update(model, before, used, k)
         # The NIS is that of the measurements that are used.
-        return Tracked(posterior, np.where(gated, np.nan, nis), innovation, gated, weights)
+        return Tracked(posterior, np.where(gated, np.nan, nis), innovation, gated, weight)
 
     def prepared(self, state: Gaussian) -> Gaussian:
         """Return a posterior as the next prediction takes it: N(m, a^2 P), with its factor if needed."""
@@ -204,14 +203,8 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
             gated = np.zeros(len(state.nis)) if state.gated is None else state.gated.astype(float)
             out["gated"] = gated
         if self.robust is not None:
-            out["measurement_weight"] = mean_weight(state.weights, state.nis)
+            out["measurement_weight"] = state.nis if state.weight is None else state.weight
         return out
-
-
-def mean_weight(weights: Array | None, nis: Array) -> Array:
-    """Return the mean (M,) over the sensors of their weights, NaN where no measurement is used."""
-    mean = 1.0 if weights is None else total(weights, axis=0) / len(weights)
-    return np.where(np.isnan(nis), np.nan, mean)
 
 
 @cache

@@ -18,6 +18,7 @@ from trackbench.core import linalg
 from trackbench.core.arrays import Array, Index, fixed, with_trailing
 from trackbench.core.distributions import Gaussian, per_run_moments
 from trackbench.core.elementary import chi_square_cdf, exp, log, log_gamma
+from trackbench.core.sums import total
 from trackbench.core.unscented import Unscented
 from trackbench.field_types import Count, Positive
 from trackbench.models.base import Sensor
@@ -161,16 +162,21 @@ class Reweighted:
     """A sensor whose noise is N(0, R / w), with weights w (sensors, M)."""
 
     def __init__(self, sensor: Sensor, weights: Array) -> None:
-        self._sensor, self._factors = sensor, np.empty((len(sensor.components), weights.shape[1]))
+        self._sensor, self._weights = sensor, np.empty((len(sensor.components), weights.shape[1]))
         for weight, rows in zip(weights, blocks(sensor), strict=True):
-            self._factors[rows] = 1.0 / weight
+            self._weights[rows] = weight
+
+    def mean_weight(self, z: Array) -> Array:
+        """Return the mean weight (M,) of the components that are measured, NaN without any."""
+        known = ~np.isnan(z)
+        with np.errstate(invalid="ignore"):
+            return np.asarray(total(np.where(known, self._weights, 0.0), 0) / known.sum(axis=0))
 
     def measurement(self, x: Array, k: int) -> Gaussian:
         """Return N(h(x), R / w) for states x (n_x[, points], M)."""
-        z, factors = self._sensor.measurement(x, k), self._factors[:, None]
-        if x.ndim > 2:
-            factors = factors[:, :, None]
-        return Gaussian(z.mean, with_trailing(z.cov, x.ndim - 1, leading=2) * factors)
+        z, weights = self._sensor.measurement(x, k), self._weights[:, None]
+        weights = weights[:, :, None] if x.ndim > 2 else weights
+        return Gaussian(z.mean, with_trailing(z.cov, x.ndim - 1, leading=2) / weights)
 
     def innovation(self, z: Array, z_pred: Array) -> Array:
         """Return ``z - z_pred``, angles wrapped."""
