@@ -445,6 +445,13 @@ def test_delays_have_the_law_and_random_numbers_of_their_own(tmp_path: Path) -> 
         assert (data.arrival <= 40).all()
 
 
+def test_each_sensor_draws_its_delays(tmp_path: Path) -> None:
+    sensors = [FAST, {**SLOW, "delay": FAST["delay"]}]
+    data = task_of(experiment(tmp_path, PLANAR | {"sensor": sensors}).points[0], "drop").data
+    assert data.arrival is not None
+    assert 0.05 < (data.arrival[0] == data.arrival[1]).mean() < 0.4
+
+
 def test_results_rerun_from_their_config_and_count(tmp_path: Path) -> None:
     fault = {"name": "gone", "kind": "bias", "value": [9], "steps": [20, 25]}
     columns = {"late": "mean(arrived_late)", "dropped": "mean(late_dropped)"}
