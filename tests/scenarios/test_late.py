@@ -28,6 +28,7 @@ from trackbench.filters.base import AnyFilter
 from trackbench.filters.external import External
 from trackbench.models.delays import UniformDelay
 from trackbench.models.sensors.base import Assume
+from trackbench.scaffold import write_config_for
 from trackbench.scenarios.base import Simulation
 from trackbench.scenarios.faults import Bias
 
@@ -412,6 +413,14 @@ def test_a_row_is_received_after_its_time(tmp_path: Path, row: str, what: str) -
     keys["sensor"] = keys["sensor"][0]
     with pytest.raises(UserError, match=what):
         experiment(tmp_path, keys, runs=1)
+
+
+def test_a_config_for_a_recording_filters_late_rows_again(tmp_path: Path) -> None:
+    recorded(tmp_path)
+    (path,) = write_config_for(tmp_path / "m.csv", "guessed", tmp_path)
+    late = load(path).points[0].scenario.late
+    assert late is not None
+    assert late.kind == "refilter"
 
 
 def test_delays_have_the_law_and_random_numbers_of_their_own(tmp_path: Path) -> None:

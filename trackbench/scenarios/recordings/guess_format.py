@@ -25,6 +25,7 @@ _CALLED = {
     ),
     "date": ("date", "day", "dateutc", "utcdate"),
     "step": ("step", "k", "frame", "scan"),
+    "received": ("received",),
     "sensor": (
         "sensor",
         "sensorid",
@@ -287,6 +288,7 @@ def config_parts(guess: Guess) -> dict[str, str]:
         "@SENSOR@": "\n".join(f"    {line}" for line in _sensor_lines(guess)),
         "@START@": f"  start: {{kind: one-scan, sigma_velocity: {2 * speed:g}}}  # guess",
         "@Q@": f"{q:g}",
+        "@LATE@": ", late: refilter" if "received" in guess.columns else "",
         "@HOLD@": f"{max(2, min(5, guess.runs[0][1] // 2))}",
         "@FILTERS@": "\n".join(lines),
         "@SHOWN@": f"{each[0].upper()}, IMM",
@@ -297,7 +299,7 @@ def _target_lines(guess: Guess) -> Iterator[str]:
     yield "columns:  # guess, from their names"
     # Only what the sensors below measure: a file of several sensors has further columns.
     velocity = ("vx", "vy", "speed", "course") if guess.moves else ()
-    read = {"time", "date", "step", "run", "sensor", *guess.places, *velocity}
+    read = {"time", "date", "step", "received", "run", "sensor", *guess.places, *velocity}
     columns = {name: named.column for name, named in guess.columns.items() if name in read}
     yield from (f"  {name}: {_quoted(column)}" for name, column in columns.items())
     units = {name: unit for name, unit in guess.units.items() if name in read}
