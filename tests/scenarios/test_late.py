@@ -10,6 +10,7 @@ import pytest
 import yaml
 
 from tests.conftest import make_filter
+from tests.papers import maneuver
 from trackbench import api
 from trackbench.adapters import PerRun
 from trackbench.adapters.per_run import loop_over_runs
@@ -21,9 +22,15 @@ from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockResult, BlockTask
 from trackbench.evaluation.run_block import run_block, run_stack
 from trackbench.evaluation.run_filter import FilterOutput, prior_of, run_filter
+from trackbench.evaluation.timing import Measured, measure
+from trackbench.execution.plan import _states
 from trackbench.filters.base import AnyFilter
 from trackbench.filters.external import External
+from trackbench.models.delays import UniformDelay
+from trackbench.models.sensors.base import Assume
+from trackbench.scaffold import write_config_for
 from trackbench.scenarios.base import Simulation
+from trackbench.scenarios.faults import Bias
 
 PHI, Q, R, RUNS = 0.95, 1.0, 4.0, 12
 SCALAR = {
@@ -275,8 +282,69 @@ def test_a_block_is_the_same_in_a_stack(tmp_path: Path, kind: str) -> None:
 
 
 def check_equal(alone: BlockResult, stacked: BlockResult) -> None:
+    assert "arrived_late" in alone.per_run
     for name, values in alone.per_run.items():
         np.testing.assert_array_equal(stacked.per_run[name], values)
+
+
+@pytest.mark.parametrize("late", ["apply", "refilter"])
+def test_filters_side_by_side_have_their_bytes(late: Any) -> None:
+    plain = maneuver(duration=60.0, legs=(), score_from=0.0)
+    sensor = replace(plain.sensor, delay=UniformDelay(most=3))
+    keys: dict[str, Any] = {"nmf": {"q": 0.0}, "mf": {"q": 1e-3}}
+    filters = [make_filter("vdf", **keys, eta=eta) for eta in (10.0, 20.0)]
+    fault = Bias(name="b", steps=(3, 5), value=(50.0, 0.0))
+    scenario = replace(plain, sensor=sensor, faults=(fault,))
+    tasks = [BlockTask(scenario, f, 3, 0, RUNS, RUNS, assume=Assume(late=late)) for f in filters]
+    for task, got in zip(tasks, run_stack(tasks), strict=True):
+        check_equal(run_block(task), got[RUNS])
+
+
+def test_a_gate_is_judged_by_the_measurements_that_it_was_given(tmp_path: Path) -> None:
+    fault = {"name": "b", "kind": "bias", "value": [20], "steps": [20, 30]}
+    filters = {w: {"kind": "ekf", "gate": 0.999, "late": w} for w in ("drop", "apply", "refilter")}
+    point = experiment(tmp_path, SCALAR | {"faults": [fault]}, filters=filters).points[0]
+    blocks = [replace(task_of(point, "apply"), index=i) for i in range(2)]
+    for block, got in zip(blocks, run_stack(blocks), strict=True):
+        check_equal(run_block(block), got[RUNS])
+    for label in filters:
+        task = task_of(point, label)
+        gated = run_filter(task, task.data).diagnostics["gated"][1:]
+        arrival, refused = task.data.arrival[0], dict[bool, list[float]]({True: [], False: []})
+        for k in range(40):
+            for m in range(RUNS):
+                arrived = [j for j in range(k + 1) if arrival[j, m] == k]
+                used = [j for j in arrived if label == "apply" or j == k][-1:]
+                for j in used:
+                    refused[20 <= j + 1 <= 30].append(gated[k, m])
+        number = {is_bad: len(values) for is_bad, values in refused.items()}
+        assert number[True] > 30
+        accepted, rejected = number[True] - sum(refused[True]), sum(refused[False])
+        series = run_block(replace(task, keep_steps=("accepted_bad", "rejected_good"))).run_series
+        assert np.nansum(series["accepted_bad"]) == accepted
+        assert np.nansum(series["rejected_good"]) == rejected
+        assert np.isfinite(series["accepted_bad"]).sum() == number[True]
+        assert np.isfinite(series["rejected_good"]).sum() == number[False]
+
+
+def test_costs_count_the_repeated_steps(tmp_path: Path) -> None:
+    built = experiment(tmp_path, PLANAR)
+    point = built.points[0]
+    task = task_of(point, "three")
+    data, repeated = task.data, 0
+    assert data.arrival is not None
+    exists = ~np.isnan(data.measurements[0])
+    for m in range(RUNS):
+        for k in range(30):
+            back = [j for j in range(max(0, k - 3), k) if data.arrival[0, j, m] == k]
+            repeated += k - min([j for j in back if exists[j, m]], default=k)
+    factor = 1 + repeated / (30 * RUNS)
+    one, other = measure([task, task_of(point, "bound")])
+    assert isinstance(one, Measured)
+    assert isinstance(other, Measured)
+    assert one.covariances == pytest.approx(factor * float(other.covariances or 0.0))
+    states = {label: _states(point.filters[label], point, label) for label in FILTERS}
+    assert states == {"drop": 1, "apply": 1, "refilter": 7, "three": 4, "bound": 1}
 
 
 def recorded(folder: Path, **keys: Any) -> dict[str, Any]:
@@ -347,6 +415,14 @@ def test_a_row_is_received_after_its_time(tmp_path: Path, row: str, what: str) -
         experiment(tmp_path, keys, runs=1)
 
 
+def test_a_config_for_a_recording_filters_late_rows_again(tmp_path: Path) -> None:
+    recorded(tmp_path)
+    (path,) = write_config_for(tmp_path / "m.csv", "guessed", tmp_path)
+    late = load(path).points[0].scenario.late
+    assert late is not None
+    assert late.kind == "refilter"
+
+
 def test_delays_have_the_law_and_random_numbers_of_their_own(tmp_path: Path) -> None:
     shares = [0.5, 0.2, 0.0, 0.3]
     laws = {
@@ -376,6 +452,13 @@ def test_delays_have_the_law_and_random_numbers_of_their_own(tmp_path: Path) -> 
             error = (share * (1 - share) / delays.size) ** 0.5
             assert abs((delays == n).mean() - share) <= 4 * error
         assert (data.arrival <= 40).all()
+
+
+def test_each_sensor_draws_its_delays(tmp_path: Path) -> None:
+    sensors = [FAST, {**SLOW, "delay": FAST["delay"]}]
+    data = task_of(experiment(tmp_path, PLANAR | {"sensor": sensors}).points[0], "drop").data
+    assert data.arrival is not None
+    assert 0.05 < (data.arrival[0] == data.arrival[1]).mean() < 0.4
 
 
 def test_results_rerun_from_their_config_and_count(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ _WORDS: dict[str, str] = {
     "zeit zeitstempel uhrzeit temps heure hora tiempo tempo ora tid tijd klokkeslett",
     "date": "date dateutc utcdate datum fecha data dato jour",
     "step": "step k frame scan frameid",
+    "received": "received",
     "sensor": "sensor sensorid anchor anchorid beacon beaconid radar radarid station stationid "
     "sensorname anchorname device deviceid source sourceid sensortype type node nodeid",
     "run": "run mmsi sourcemmsi icao24 icao trackid track vessel vesselid objectid object vehicleid "

@@ -33,6 +33,7 @@ def config_parts(guess: Guess) -> dict[str, str]:
         "@SENSOR@": "\n".join(f"    {line}" for line in _sensor_lines(guess)),
         "@START@": f"  start: {start}",
         "@Q@": f"{q:g}",
+        "@LATE@": ", late: refilter" if "received" in guess.naming.columns else "",
         "@HOLD@": f"{max(2, min(5, guess.runs[0][1] // 2))}",
         "@FILTERS@": "\n".join(lines),
         "@SHOWN@": f"{each[0].upper()}, IMM",
@@ -48,7 +49,7 @@ def _target_lines(guess: Guess) -> Iterator[str]:
     naming, why = guess.naming, guess.why
     yield "columns:  # guess, from their names"
     # Only what the sensors below measure: a file of several sensors has further columns.
-    read = {"time", "date", "step", "run", "sensor", "latitude", "longitude"}
+    read = {"time", "date", "step", "received", "run", "sensor", "latitude", "longitude"}
     read |= {"vx", "vy", "speed", "course"} if guess.moves else set()
     read = read.union(*(sensor.quantities for sensor in guess.sensors))
     if {"x", "y"} <= naming.columns.keys():
