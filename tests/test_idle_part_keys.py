@@ -42,6 +42,7 @@ SENSORS: dict[str, Keys] = {
     "polar-position": {"sigma_range": 5.0, "sigma_azimuth_mrad": 5.0},
     "position": {"sigma": 5.0},
     "position-velocity": {"sigma": 5.0, "sigma_velocity": 1.0},
+    "range": {"sigma": 5.0},
     "range-azimuth": {"sigma_range": 5.0, "sigma_azimuth_mrad": 5.0},
     "range-azimuth-doppler": {
         "sigma_range": 5.0,
