@@ -121,7 +121,7 @@ _DIMENSIONS = {
     "speed": {"m/s": 1.0, "km/h": 1 / 3.6, "kn": 1852.0 / 3600.0, "ft/s": 0.3048, "mph": 0.44704},
     "angle": {"rad": 1.0, "mrad": 1e-3, "deg": pi / 180.0, "degE7": pi / 180.0e7},
     "turn rate": {"rad/s": 1.0, "deg/s": pi / 180.0},
-    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0},
 }
 UNITS = dict(chain.from_iterable(units.items() for units in _DIMENSIONS.values()))
 """SI value of each unit."""
@@ -204,6 +204,11 @@ class Naming:
         plain = _plain(name)
         unit = self.units.get(name) or self.units.get(plain) or _DEFAULT_UNITS.get(plain)
         return 1.0 if unit is None else UNITS[unit]
+
+
+def is_unit_of(quantity: str, unit: str) -> bool:
+    """Return whether a unit is one of the quantity's dimension."""
+    return unit in _DIMENSIONS.get(_DIMENSION_OF.get(_plain(quantity), ""), ())
 
 
 def _mistaken_unit(key: str, unit: str, is_scalar: bool) -> str | None:
@@ -289,6 +294,8 @@ class Columns:
                 if impossible_value is not None:
                     line = int(table.lines[impossible_value.row])
                     mistakes.append(Place(self.path, line, 1, f"{column}: {impossible_value.what}"))
+                if quantity in ("course", "azimuth"):
+                    continue  # an angle of 0.01 deg is near one of 359.99 deg
                 self.far += [f"{self.path}: {column}: {what}" for what in far_values(values)]
         if mistakes:
             raise DataError(*mistakes)

@@ -20,6 +20,13 @@ _WORDS = {"tab": "\t", "space": " "}
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f]")
 _DATE = re.compile(r"\d{1,4}([-/.])\d{1,2}\1\d{1,4}")
 _VALUE = re.compile(r"[-+]?[0-9.,]+([eE][-+]?[0-9]+)?|\d{1,4}([-/.:])\d{1,2}\2[0-9TZ:. +-]*")
+_OTHERS = {
+    "<": "XML (GPX, KML): convert it, `gpsbabel -i gpx -f FILE -o unicsv -F m.csv`",
+    "{": "JSON: write its records as a table with a line of names",
+    "$G": "NMEA: convert it, `gpsbabel -i nmea -f FILE -o unicsv -F m.csv`",
+    "!AI": "NMEA sentences of AIS: decode them into a table with a line of names",
+}
+"""First letters of files that are text, but no tables, and what to do."""
 _ALIKE = 0.9  # of the lines have as many cells
 
 
@@ -72,7 +79,7 @@ AUTOMATIC = TextFormat()
 class Layout(NamedTuple):
     """Format of a file: lines before the data, names, and the column of a date apart from its time.
 
-    ``header`` is the line of the names, or 0.
+    ``header`` is the line of the names, or 0; it may be a comment.
     """
 
     encoding: str
@@ -81,6 +88,7 @@ class Layout(NamedTuple):
     header: int
     before: int
     joined: int | None
+    is_comment: bool = False
 
 
 def layout_of(path: str, form: TextFormat = AUTOMATIC) -> Layout:
@@ -136,6 +144,9 @@ def _layout(path: str, encoding: str, text: TextIO, form: TextFormat) -> Layout:
     first = next(iter(lines))
     if _CONTROL.search(lines[first]):
         raise DataError(Place(path, first, 1, "is not a text file"))
+    for letters, what in _OTHERS.items():
+        if lines[first].startswith(letters):
+            raise DataError(Place(path, first, 1, f"is no table but {what}"))
     # Step 2: find the separator, and the usual number of cells.
     separator = separator or _separator([*lines.values()])
     cells = {number: _parsed(line, separator) for number, line in lines.items()}
@@ -163,7 +174,8 @@ def _layout(path: str, encoding: str, text: TextIO, form: TextFormat) -> Layout:
     names[0] = names[0].lstrip("#% ")
     if not (separator == " " and len(names) == width - 1):
         joined = None
-    return Layout(encoding, separator, names, header, header + form.skip, joined)
+    before = header + form.skip
+    return Layout(encoding, separator, names, header, before, joined, header in comments)
 
 
 def is_value(cell: str) -> bool:
@@ -183,12 +195,11 @@ def _usual(rows: Iterable[list[str]]) -> tuple[int, int]:
 
 def _separator(lines: Sequence[str]) -> str:
     """Return the separator that gives lines as many cells as each other, at best the first, too."""
-    alike = []
+    alike, below = [], lines[len(lines) // 2 :]  # where no title stands
     for separator in _SEPARATORS:
-        rows = [_parsed(line, separator) for line in lines]
-        width, number = _usual(rows)
-        if width > 1 and number >= _ALIKE * len(rows):
-            alike.append((len(rows[0]) != width, separator))
+        width, number = _usual(_parsed(line, separator) for line in below)
+        if width > 1 and number >= _ALIKE * len(below):
+            alike.append((len(_parsed(lines[0], separator)) != width, separator))
     if alike:
         return min(alike, key=lambda usual: usual[0])[1]
     bare = re.sub('"[^"]*"', "", lines[0].strip())

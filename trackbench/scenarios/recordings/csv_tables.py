@@ -62,6 +62,10 @@ def seconds(cell: str, comma: bool = False) -> float:
 def moment(cell: str, form: str = "") -> datetime:
     """Return the time of a date in ISO 8601, or in a form of strptime; raises ValueError."""
     try:
+        if form.endswith("%f"):
+            # A whole second may have no digits behind it; there may be nine in place of six.
+            cell = re.sub(r"(:\d\d|(^| )\d{6})$", r"\g<0>" + form[-3] + "0", cell)
+            cell = re.sub(r"(\d{6})\d+$", r"\1", cell)
         if form:
             return datetime.strptime(cell, form)
         return datetime.fromisoformat(_UTC.sub("+00:00", cell))
@@ -200,6 +204,17 @@ def read_table(
     return reading.table()
 
 
+def first_rows(path: str, form: TextFormat, number: int) -> list[list[str]]:
+    """Return the cells of the first rows, as text, of those with a cell for each column."""
+    if is_parquet(path):
+        frame = _parquet(path, header(path)).head(number)
+        columns = (map(_shown, frame[name].tolist()) for name in frame)
+        return list(map(list, zip(*columns, strict=True)))
+    layout = layout_of(path, form)
+    rows = (cells for _, cells in islice(table_rows(path, layout), number))
+    return [[cell.strip() for cell in cells] for cells in rows if len(cells) == len(layout.names)]
+
+
 class _Reading:
     """A table on its way from cells to arrays, a piece at a time."""
 
@@ -227,7 +242,7 @@ class _Reading:
             return rows
         what = f"cells under {width} columns"
         if layout.separator == "," and all(number == 2 * width for _, number in wrong):
-            what += ": where decimals follow a comma, cells need another separator, such as ;"
+            what += ": where decimals follow a comma, cells need another separator"
         self._add_mistakes([(line, f"{number} {what}") for line, number in wrong], len(rows))
         return [row for row in rows if len(row[1]) == width]
 
@@ -235,7 +250,7 @@ class _Reading:
         """Append mistakes by line; the first stands for all if most rows have one."""
         if len(wrong) > max(_MOST_MISTAKES // 2, rows // 2):
             (line, what), *more = wrong
-            wrong = [(line, f"{what}; so it is in {len(more)} more rows")]
+            wrong = [(line, f"{what} ({len(more)} more rows are alike)")]
         self.mistakes += [Place(self.path, line, 1, what) for line, what in wrong]
 
     def add(self, lines: Index, cells: Mapping[str, Sequence[str]]) -> None:
@@ -301,6 +316,8 @@ class _Reading:
         if self.form:
             what = f"{first.what}: {cell[:40]!r} is not a time as {self.form}"
         way = 'say how it is written, `time_format: "%d/%m/%Y %H:%M:%S"` (or %m/%d/%Y, %H:%M:%S.%f)'
+        if cell and not any(map(str.isdigit, cell)):
+            way = "say `format: {skip: 1}` if the line holds units, or correct it"
         raise DataError(first._replace(what=f"{what}: {way}"))
 
     def _labeled(self, name: str, cells: Sequence[str]) -> tuple[Column, list[tuple[int, str]]]:
