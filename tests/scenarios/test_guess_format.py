@@ -77,7 +77,7 @@ def test_the_ferries(tmp_path: Path) -> None:
     ("names", "expected"),
     [
         ("a,b", "m.csv:1:1: no column looks like a time or a step; there are a, b"),
-        ("time,b", "m.csv:1:1: no columns look like x and y, latitude and longitude, or range"),
+        ("time,b", "m.csv:1:1: no columns look like x and y, latitude and longitude, range and"),
         ("time,x,y", "m.csv:1:1: has no rows"),
     ],
 )

@@ -62,7 +62,7 @@ def test_a_table(tmp_path: Path, name: str) -> None:
         ("ambiguous_days.csv", 'time_format="%m/%d/%Y"', 86400.0 * 334 / 11),
         ("nohead_latlon.csv", "format.names=[time, latitude, longitude]", 1.0),
         ("samesec.csv", "same_time=mean", 1.0),
-        ("piraeus.csv", "columns.run=", 1.0),
+        ("piraeus.csv", 'columns.run=""', 1.0),
     ],
 )
 def test_what_it_asks_is_answered(tmp_path: Path, name: str, option: str, every: float) -> None:
@@ -89,7 +89,7 @@ def test_mistaken_options(tmp_path: Path, option: str, expected: str) -> None:
 
 def check_positions(path: Path, expected: dict[str, Any]) -> None:
     """Compare measurements with the formulas of the path."""
-    scenario = load(path).points[0].scenario
+    scenario: Any = load(path).points[0].scenario
     recording = scenario.target._recording
     z = np.concatenate([recording.scans, recording.measurements], axis=1)[..., 0]
     times, kind = scenario.times[-z.shape[1] :], expected["sensors"][0]

@@ -225,11 +225,9 @@ def _columns(
         columns["time"] = columns.pop("date")
     if "time" in columns:
         columns.pop("step", None)
-    for key in ("sensor", "run"):
-        words = sample.words(columns.get(key, ""))
-        most = _MOST_SENSORS if key == "sensor" else len(sample) // 3
-        is_many = len(words) > most
-        if key not in given.columns and (len(words) < 2 or is_many):
+    for key, least, most in (("sensor", 2, _MOST_SENSORS), ("run", 1, max(1, len(sample) // 3))):
+        words = set(sample.cells(columns.get(key, "")))
+        if key not in given.columns and ("" in words or not least <= len(words) <= most):
             columns.pop(key, None)
     units = {
         n: c.unit for n, c in recognized_columns.items() if c.unit and columns.get(n) == c.column
@@ -304,7 +302,7 @@ def _no_position(columns: dict[str, str], sample: "_Sample", names: list[str]) -
     if columns.get("sensor"):
         words = ", ".join(sample.words(columns["sensor"]))[:80]
         what = f"column {columns['sensor']} names {words}, and one of them has no {pairs}"
-        return f"{what}; there are {known}: `--set columns.sensor=` mixes all"
+        return f"{what}; there are {known}: `--set 'columns.sensor=\"\"'` mixes all"
     way = f"say which are, `--set 'columns.x={names[0]}' --set 'columns.y={names[-1]}'`"
     return f"no columns look like {pairs}; there are {known}: {way}"
 
