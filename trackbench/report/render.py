@@ -33,13 +33,14 @@ from trackbench.execution.cache import figure_cache_folder
 from trackbench.execution.engines import pool, result_of
 from trackbench.field_types import require_regular_file
 from trackbench.registry import is_plugin
+from trackbench.report.findings.ranking_table import ranking_tables
 from trackbench.report.findings.sentences import answer
 from trackbench.report.kinds import FigureKind, TableKind, figure_folder
 from trackbench.report.paired import compared_statistics
 from trackbench.report.plotting import style
 from trackbench.report.plotting.page_formats import SHEETS, Style, drawing_for, is_crowded
 from trackbench.report.results import Results, as_figure, as_table, catch_errors
-from trackbench.report.table import Table
+from trackbench.report.table import Table, TextTable
 from trackbench.report.verdicts.files import write_comparison, write_paired
 from trackbench.report.verdicts.numbers import Verdicts, compare
 from trackbench.results.folder_contents import FIGURE_FORMS, RUN_FILES, TABLE_FORMS
@@ -229,6 +230,11 @@ def render(
 def conclusions(results: Results) -> list[str]:
     """Return the sentences on the filters; none if they fail."""
     return results.attempt("conclusions", lambda: answer(results), [])
+
+
+def ranking(results: Results, numbers: bool = False) -> list[TextTable]:
+    """Return the tables of the ranking; none if they fail."""
+    return results.attempt("ranking", lambda: ranking_tables(results, numbers), [])
 
 
 def write_tables(results: Results, tex: bool = False) -> dict[str, Table]:
