@@ -64,10 +64,12 @@ def _show(table: TextTable, console: Console) -> None:
             grid.add_row(*(_styled(row[i]) for i in part))
         console.print(grid)
         console.print()
-    if sum(cell.best for row in table.rows for cell in row) > 1:
-        console.print(Styled("* best, or not significantly worse", "dim"))
-    for note in table.notes:
+    marked = any(cell.best for row in table.rows for cell in row)
+    notes = ["* best, or not significantly worse"] * marked + table.notes
+    for note in notes:
         console.print(Styled(note, "dim"))
+    if notes:
+        console.print()
 
 
 def _styled(cell: Text) -> Styled:

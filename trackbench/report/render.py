@@ -31,6 +31,7 @@ from trackbench.config.build import unknown
 from trackbench.errors import Mark, Problem, UserError, WriteError
 from trackbench.execution.cache import figure_cache_folder
 from trackbench.execution.engines import pool, result_of
+from trackbench.execution.queue import progress_bar
 from trackbench.field_types import require_regular_file
 from trackbench.registry import is_plugin
 from trackbench.report.findings.ranking_table import ranking_tables
@@ -209,11 +210,15 @@ def _draw(spec: FigureKind, formats: Sequence[str]) -> Files:
 
 
 def render(
-    results: Results, formats: Collection[str], processes: int = 1, fresh: bool = True
+    results: Results,
+    formats: Collection[str],
+    processes: int = 1,
+    fresh: bool = True,
+    progress: bool = False,
 ) -> tuple[dict[str, Table], Verdicts]:
     """Write all of it, with so many processes; returns the tables by name and the verdicts.
 
-    Unless ``fresh``, figures that were drawn before are taken as they were.
+    Unless ``fresh``, figures that were drawn before are taken as they were. ``progress``: with a bar.
     """
     with drawing_pool(results, style.forms(formats), processes, fresh) as draw:
         tables = write_tables(results, tex="tex" in formats)
@@ -223,7 +228,16 @@ def render(
         with results.without("verdicts"):
             comparison = compare(results)
             write_comparison(results, comparison)
-        write_figures(results, formats, draw=draw)
+        figures = len(results.parts("figures")) if formats else 0
+        what = f"{results.config['name']}: drawing"
+        with progress_bar(figures, "figure", progress and figures > 0, desc=what) as bar:
+
+            def drawn(name: str, spec: FigureKind) -> Files:
+                files = draw(name, spec)
+                bar.update(1)
+                return files
+
+            write_figures(results, formats, draw=drawn)
     return tables, comparison
 
 
