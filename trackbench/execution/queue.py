@@ -31,7 +31,7 @@ _AHEAD = 16
 """Blocks per worker that are handed over: they last while the caller writes an experiment's report."""
 _TASK_SECONDS = 1.0
 """Least time that a task of a cluster should take."""
-_LONG_S = 5.0
+_LONG_S = 10.0
 """Seconds from which progress is printed where stderr is no terminal."""
 _SCHEDULER_SECONDS = 0.004
 """Time that a cluster's scheduler takes for a task."""
