@@ -52,19 +52,28 @@ Guard: TypeAlias = Callable[[], AbstractContextManager[None]]
 """Opens what code that is not the package's own is run in."""
 
 
-def measure(tasks: Sequence[BlockTask], guard: Guard = nullcontext) -> list[Measured | Exception]:
-    """Time filters over their blocks, in turns; return times, or the exception of a filter."""
+def measure(
+    tasks: Sequence[BlockTask],
+    guard: Guard = nullcontext,
+    tick: Callable[[], object] = lambda: None,
+) -> list[Measured | Exception]:
+    """Time filters over their blocks, in turns; return times, or the exception of a filter.
+
+    ``tick`` is called after each filter's pass and after each of the `REPEATS` turns.
+    """
     keep_freed_memory()
     # A program outside of Python is not stopped and repeated: its blocks have its times.
-    passes: list[_Pass | Measured | Exception] = [
-        Measured([], None, None) if task.filter.runs_program else _tried(guard, _Pass, task)
-        for task in tasks
-    ]
+    passes: list[_Pass | Measured | Exception] = []
+    for task in tasks:
+        is_program = task.filter.runs_program
+        passes.append(Measured([], None, None) if is_program else _tried(guard, _Pass, task))
+        tick()
     for repeat in range(REPEATS):
         # A B C, then C B A
         for i in range(len(tasks))[:: -1 if repeat % 2 else 1]:
             if isinstance(one := passes[i], _Pass):
                 passes[i] = _tried(guard, one.repeated)
+        tick()
     simulate.cache_clear()  # a plugin may have written to the data
     return [p.measured() if isinstance(p, _Pass) else p for p in passes]
 
