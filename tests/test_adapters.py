@@ -531,7 +531,7 @@ class Unsettled(Plain):
 )
 def test_the_contract_holds_them_to_what_can_be_asked(one: Any, bad: Any) -> None:
     skip_without_package(one)
-    found = check_filter(loop_over_runs(one))
+    found = [*check_filter(loop_over_runs(one))]
     names = {f.check for f in found if f.verdict == "bad"}
     assert names >= set(bad), [*map(str, found)]
     assert bad or not names, [*map(str, found)]

@@ -1,5 +1,6 @@
 """The built command line, end to end, as a user would."""
 
+import json
 import re
 from pathlib import Path
 from typing import cast
@@ -10,7 +11,7 @@ import pytest
 import yaml
 
 from tests.commands import spawned, trackbench
-from tests.conftest import EXPERIMENTS
+from tests.conftest import EXPERIMENTS, PLANE
 from trackbench.registry import Group, documentation
 
 
@@ -93,6 +94,28 @@ def test_dry_run_writes_nothing(tmp_path: Path) -> None:
     assert done.returncode == 0
     assert "14 filters x 3200 runs x 49 steps" in done.stdout
     assert not (tmp_path / "o").exists()
+
+
+def test_dry_run_expects_the_time_of_stored_runs(tmp_path: Path) -> None:
+    """It grows with the runs that are missing; other filters are not those that are stored."""
+    (tmp_path / "s.yaml").write_text(f"name: s\nruns: 9\n{PLANE}filters: {{KF: {{kind: kf}}}}\n")
+    words = ("--engine", "serial", "--set", "block=3", "--out", "o", "--format", "svg")
+
+    def expected(*more: str) -> str:
+        done = trackbench("run", "s.yaml", *words, *more, "--dry-run", cwd=tmp_path)
+        return done.stdout.rstrip().partition("; ")[2]
+
+    unknown = "time unknown: no results of the same scenario and filters are stored"
+    assert expected() == unknown
+    assert trackbench("run", "s.yaml", *words, cwd=tmp_path).returncode == 0
+    assert expected() == "every block is in the cache"
+    assert expected("--set", "filters.KF.fading=1.1") == unknown
+    cpu_s = json.loads((tmp_path / "o" / "run" / "machine.json").read_text())["cpu_s"]
+    hours = cpu_s / 9 * (50_000_000 - 9) / 3600
+    value, unit = re.fullmatch(r"about (\S+) (h|min|s)", expected("--runs", "50000000")).groups()
+    assert float(value) * {"h": 1, "min": 1 / 60, "s": 1 / 3600}[unit] == pytest.approx(
+        hours, rel=0.06
+    )
 
 
 def test_list_and_describe() -> None:

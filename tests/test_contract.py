@@ -41,9 +41,8 @@ def test_shipped_filters_keep_it(used: dict[str, tuple[Any, Any]], kind: str) ->
     cls = kinds("filters")[kind]
     needs_keys = any(f.default is f.default_factory is MISSING for f in fields(cls))
     tracker, scenario = used.get(kind, (None, None))
-    found = check_filter(
-        cls, tracker if needs_keys else None, [] if scenario is None else [scenario]
-    )
+    scenarios = [] if scenario is None else [scenario]
+    found = [*check_filter(cls, tracker if needs_keys else None, scenarios)]
     assert [str(f) for f in found if f.verdict == "bad"] == []
     # The contract has no problem of two components; test_plane_grid.py compares with exact answers.
     assert len(found) > 2 or kind == "grid-2d"

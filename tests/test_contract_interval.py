@@ -37,8 +37,8 @@ class Constants(PerRun, kind="constants"):
         return m, P
 '''
 SHIPPED = {
-    **{kind: f"{{kind: {kind}}}" for kind in ("kf", "ekf", "ukf", "ckf", "enkf")},
-    **{kind: f"{{kind: {kind}, N: 1000}}" for kind in ("pf", "rpf", "apf")},
+    **{kind: f"{{kind: {kind}}}" for kind in ("kf", "ekf", "ukf", "enkf")},
+    "pf": "{kind: pf, N: 1000}",
 }
 ON = """name: on
 seed: 3

@@ -81,7 +81,16 @@ NEEDED: dict[str, Keys] = {
 OTHER: dict[str, Any] = {
     **{"N": 16, "G": 2, "F": 0.5, "CR": 0.3, "T0": 1.0, "rho": 0.1, "moves": 2, "defensive": 0.3},
     **{"smooth": True, "centered": True, "inflation": 1.2, "fading": 1.2},
-    **{"Q": 0.5, "R": 0.3, "P0": 0.2, "gate": 0.5, "alpha": 0.5, "beta": 0.3, "kappa": 1.5},
+    **{
+        "Q": 0.5,
+        "R": 0.3,
+        "P0": 0.2,
+        "gate": 0.5,
+        "robust": {"kind": "huber", "k": 0.3},
+        "alpha": 0.5,
+        "beta": 0.3,
+        "kappa": 1.5,
+    },
     **{
         "nodes": 96,
         "deviations": 8.0,

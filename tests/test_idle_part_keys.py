@@ -42,6 +42,7 @@ SENSORS: dict[str, Keys] = {
     "polar-position": {"sigma_range": 5.0, "sigma_azimuth_mrad": 5.0},
     "position": {"sigma": 5.0},
     "position-velocity": {"sigma": 5.0, "sigma_velocity": 1.0},
+    "range": {"sigma": 5.0},
     "range-azimuth": {"sigma_range": 5.0, "sigma_azimuth_mrad": 5.0},
     "range-azimuth-doppler": {
         "sigma_range": 5.0,
@@ -213,6 +214,8 @@ def made(base: Keys, place: str, keys: Keys, folder: Path) -> bytes:
         whole["target"]["motion"] = keys
     else:
         whole[place] = keys
+    if keys.get("delay"):
+        whole["assume"] = whole.get("assume", {}) | {"late": "drop"}
     data = {"name": "c", "runs": 4, "scenario": whole, "filters": {"F": {"kind": "pf", "N": 20}}}
     (folder / "c.yaml").write_text(yaml.safe_dump(data))
     point = load(folder / "c.yaml").points[0]

@@ -91,6 +91,14 @@ PROBLEMS: dict[str, tuple[dict[str, Any], dict[tuple[str, ...], str]]] = {
         },
         {("kf",): LINEAR, OF_POSITIONS: PER_AXIS, OF_SCANS: SCANS, OF_READINGS: READING},
     ),
+    "range": (
+        {
+            "target": TARGET,
+            "sensor": {"kind": "range", "at": [500, -500], "sigma": 5},
+            "start": KNOWN_ROUGHLY,
+        },
+        {("kf",): LINEAR, OF_POSITIONS: PER_AXIS, OF_SCANS: SCANS, OF_READINGS: READING},
+    ),
     "two sensors": (
         {
             "target": TARGET,

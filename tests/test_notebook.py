@@ -12,6 +12,7 @@ import yaml
 
 import trackbench
 from tests.papers import merwe_text
+from trackbench.execution import queue
 from trackbench.execution.queue import progress_bar
 from trackbench.report.table import Text, TextTable, table_html
 from trackbench.yaml_source import from_mapping, parse
@@ -175,6 +176,20 @@ def test_completion_finds_what_there_is() -> None:
     offered, imported = (line.split() for line in done.stdout.splitlines())
     assert {*names} <= {*offered}
     assert not {"numpy", "pandas", "matplotlib", "yaml"} & {*imported}
+
+
+def test_off_a_terminal_progress_is_a_line_each_tenth(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for seconds, lines in ((0.0, 10), (60.0, 0)):
+        monkeypatch.setattr(queue, "_LONG_S", seconds)
+        with progress_bar(40, "block", True, desc="x") as bar:
+            for _ in range(40):
+                bar.update(1)
+        said = capsys.readouterr().err.splitlines()
+        assert [line.partition(",")[0] for line in said] == [
+            f"x: {4 * i} of 40 blocks" for i in range(1, lines + 1)
+        ]
 
 
 def test_a_notebook_has_a_bar_where_there_is_no_terminal(

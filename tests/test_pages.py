@@ -52,16 +52,19 @@ def test_the_tutorial_says_what_comes_out(
     monkeypatch.chdir(tmp_path)
     page = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
     sandbox = Sandbox(tmp_path, stored, page)
-    tables = []
+    tables, rankings = [], []
     for block in sandbox.blocks:
         if "run turn.yaml\n" in block.text:
-            trackbench.run("turn.yaml", engine="serial", quiet=True, set=BARE)
+            report = trackbench.run("turn.yaml", engine="serial", quiet=True, set=BARE)
+            rankings.append(_rows(report.ranking()[0].markdown()))
             tables += _rows((tmp_path / "results" / "turn" / "tables" / "errors.md").read_text())
         else:
             sandbox.follow(block)
     verdicts = _rows((tmp_path / "results" / "turn" / "comparison.md").read_text())
     shown = _rows(page)
     assert [row for row in shown if len(row) == 4] == [row for row in tables if len(row) == 4]
+    # The last column is the CPU time of a machine.
+    assert [row[:4] for row in shown if len(row) == 5] == [row[:4] for row in rankings[0]]
     assert [row for row in shown if len(row) == 3] == [row[:3] for row in verdicts]
 
 

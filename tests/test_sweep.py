@@ -1,6 +1,7 @@
 """Sweeps: every point validated first, blocks shared, one table, a figure per metric, the best named."""
 
 import itertools
+import re
 from pathlib import Path
 
 import pandas as pd
@@ -230,7 +231,9 @@ def test_the_command(config: Path) -> None:
         cwd=config.parent,
     )
     assert done.returncode == 0, done.stderr
-    assert "best: PF at N = " in done.stdout
+    first, settings = done.stdout.split("PF: mean RMSE per run of its settings")
+    assert re.search(r"^PF at N = \d+ ", first, re.MULTILINE)
+    assert sorted(re.findall(r"^N = (\d+) ", settings, re.MULTILINE)) == ["10", "100", "1000"]
     folder = config.parent / "results" / "s-sweep"
     assert (folder / "figures" / "sweep-PF-N.svg").is_file()
     page = (folder / "report.html").read_text()

@@ -51,6 +51,18 @@ class Unit(NamedTuple):
     unit: str
 
 
+class ByKind:
+    """Annotation of a union of dataclasses that differ in their key ``kind``."""
+
+    def __get_pydantic_core_schema__(
+        self, source: object, handler: "GetCoreSchemaHandler"
+    ) -> "CoreSchema":
+        """Build the validator that chooses by the kind."""
+        from pydantic import Field
+
+        return handler.generate_schema(Annotated[source, Field(discriminator="kind")])
+
+
 class UnitIf(NamedTuple):
     """Annotation of a key whose unit is ``unit`` if the key named ``key`` has the value ``value``."""
 

@@ -206,8 +206,11 @@ onset_age_s   | s |        | time since the estimated onset when it is detected
 false_maneuvers_per_1000 | 1 | lower | alarms per 1000 quiet samples
 nis           |   |        | normalized innovation squared; of n components that are used n if consistent
 gated         | 1 |        | measurements of a run that the gate refused
+measurement_weight | 1 | | weight of a measurement in a robust update: 1 as without, 0 if refused
 rejected_good | 1 | lower  | share of the measurements without a fault that the gate refused
 accepted_bad  | 1 | lower  | share of the measurements with a fault that the gate let in
+arrived_late  | 1 |        | measurements of a run that arrive after their step
+late_dropped  | 1 | lower  | late measurements of a run that the filter drops
 recovery_s    | s | lower  | time from a fault's end until its excess error stays below the limit
 not_recovered | 1 | lower  | share of runs whose excess error is above the limit at the end
 mode          | 1 |        | weight of the maneuvering mode

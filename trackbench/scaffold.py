@@ -4,7 +4,7 @@ import json
 import os
 import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.machinery import PathFinder
 from importlib.resources import files
 from pathlib import Path
@@ -12,11 +12,16 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from trackbench.atomic_files import write_text
+from trackbench.config.build import build
+from trackbench.config.includes import assignment, override
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.field_types import DataError
 from trackbench.help.copied_filter import parts_of_copy
 from trackbench.registry import GROUPS, kinds
-from trackbench.scenarios.recordings.guess_format import config_parts, recognized
+from trackbench.scenarios.recordings.column_mapping import Naming
+from trackbench.scenarios.recordings.guess_config import config_parts, unknown_places
+from trackbench.scenarios.recordings.guess_format import recognized
+from trackbench.yaml_source import MarkedMapping, Source
 
 _TEMPLATES = {
     "filter": ("filter.py", "filter.yaml", "test_filter.py"),
@@ -91,25 +96,38 @@ def write_new(what: str, name: str, folder: Path, form: str = "", source: str = 
     return list(filled)
 
 
-def write_config_for(data: Path, name: str, folder: Path) -> list[Path]:
-    """Write an experiment on recorded data with guessed columns and units; existing files stay."""
+def write_config_for(
+    data: Path, name: str, folder: Path, changes: Sequence[str] = ()
+) -> tuple[list[Path], list[str]]:
+    """Write an experiment on recorded data with guessed columns and units; existing files stay.
+
+    ``changes``, such as ``columns.time=Zeit``, are keys of the recording that need no guess. Return the
+    file, and the names of sensors whose place must be written into it.
+    """
     words = _words("experiment", name)
     path = folder / f"{'_'.join(words)}.yaml"
     mark = Mark(f"new experiment {name}")
     if path.exists():
         raise UserError(Problem(mark, "", f"there is a file {path}"))
+    # Read the given keys as those of a config.
+    source = Source(MarkedMapping(), mark)
+    for change in changes:
+        override(source, *assignment(source, change))
+    given = build(Naming, source, ())
+    if given is None:
+        raise UserError(*source.problems)
     try:
-        parts = config_parts(recognized(str(data)))
+        guess = recognized(str(data), given)
     except DataError as error:
         problems = [Problem(Mark(p.file, p.line, p.column), "", p.what) for p in error.places]
         raise UserError(*problems) from None
     # The template's lines for the data's columns and units.
     text = _filled("recording.yaml", words)
     file = {"measurements: @FILE@": f"measurements: {json.dumps(os.path.relpath(data, folder))}"}
-    for part, lines in {**file, "@FILE@": data.name, **parts}.items():
+    for part, lines in {**file, "@FILE@": data.name, **config_parts(guess)}.items():
         text = text.replace(part, lines)
     write_text(path, text)
-    return [path]
+    return [path], unknown_places(guess)
 
 
 def _words(what: str, name: str) -> list[str]:

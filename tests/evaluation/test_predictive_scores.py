@@ -17,6 +17,7 @@ from trackbench.evaluation.run_block import run_block
 from trackbench.evaluation.run_filter import run_filter
 from trackbench.filters.base import Filter
 from trackbench.filters.kf import KF
+from trackbench.filters.robust import StudentT
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.sensors.position import PositionSensor
 
@@ -228,6 +229,7 @@ def test_a_likelihood_of_another_shape_is_the_filters_failure() -> None:
     "kind",
     [
         {"kind": "kf", "gate": 0.9},
+        {"kind": "kf", "robust": StudentT()},
         {"kind": "ekf", "fading": 1.1},
         {"kind": "iekf"},
         {"kind": "iplf"},

@@ -1,5 +1,6 @@
 """One filter that fails does not stop the others, and the table says what happened."""
 
+import re
 from concurrent.futures import ProcessPoolExecutor
 from itertools import count
 from pathlib import Path
@@ -67,10 +68,13 @@ def test_the_others_finish(tmp_path: Path, engine: str) -> None:
     (tmp_path / "c.yaml").write_text(CONFIG)
     done = trackbench(
         *("run", "c.yaml", "--allow-plugins", "--engine", engine, "--workers", "2", "--fresh"),
+        *("--all", "--format", "markdown"),
         cwd=tmp_path,
     )
     assert done.returncode == 1
     assert "Traceback" not in done.stderr
+    assert re.search(r"\| NaN +\| – \| unranked: loses more \| 20 of 20 \|", done.stdout)
+    assert "| Raises | – | failed |" in done.stdout
     reason = (
         "Raises failed: bad.py:16: ValueError: no fifth step (runs "  # either block may come first
     )

@@ -186,9 +186,9 @@ def test_times_touch_no_other_verdict(config: Path, monkeypatch: pytest.MonkeyPa
     before = {name: (folder / name).read_bytes() for name in others}
     measured = computing.measure
 
-    def faster(tasks: Any, guard: Any) -> Any:
+    def faster(tasks: Any, guard: Any, tick: Any) -> Any:
         """HDEPF is the second."""
-        pf, hdepf = measured(tasks, guard)
+        pf, hdepf = measured(tasks, guard, tick)
         return [pf, hdepf._replace(seconds=[1e-3 * s for s in hdepf.seconds])]
 
     monkeypatch.setattr(computing, "measure", faster)
@@ -225,9 +225,9 @@ def test_measured_times_are_kept_until_code_machine_or_filters_change(
     taken: list[int] = []
     measured = computing.measure
 
-    def counted(tasks: Any, guard: Any) -> Any:
+    def counted(tasks: Any, guard: Any, tick: Any) -> Any:
         taken.append(len(tasks))
-        return measured(tasks, guard)
+        return measured(tasks, guard, tick)
 
     monkeypatch.setattr(computing, "measure", counted)
     first = (run(config) / TIMING).read_text()

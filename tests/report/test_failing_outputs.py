@@ -32,6 +32,7 @@ FAILING: dict[str, tuple[Any, str]] = {
     "figure bars": (Bars, "draw"),
     "caption of figure time": (RmseVsTime, "default_caption"),
     "conclusions": (render, "answer"),
+    "ranking": (render, "ranking_tables"),
     "pairs": (render, "write_paired"),
     "verdicts": (render, "compare"),
     "report.html": (run_experiment, "write_report"),
@@ -54,7 +55,7 @@ def test_a_bug_costs_one_output(
     monkeypatch.setattr(*FAILING[what], broken)
     run = api.sweep if what == "sweep.csv" else api.run
     report = run(config, engine="serial", quiet=True, out=tmp_path / "out", fresh=True)
-    assert any(report.answer) == (what != "conclusions")
+    assert any(report.ranking()) == (what != "ranking")
     [line] = report.failed
     assert line.startswith(f"{what} failed: ")
     assert line.endswith("ZeroDivisionError: of its own")
@@ -87,7 +88,7 @@ def test_a_killed_report_leaves_the_data(tmp_path: Path, monkeypatch: pytest.Mon
         api.run(config, engine="serial", quiet=True, out=out)
     monkeypatch.undo()
     assert (out / "figures" / "bars.svg").is_file()
-    assert api.load(out).answer
+    assert api.load(out).ranking()
     api.report(out)
     assert (out / "report.html").is_file()
     monkeypatch.setattr(report_page, "drawings", killed)

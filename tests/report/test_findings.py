@@ -2,7 +2,6 @@
 
 import re
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -13,10 +12,11 @@ from scipy.stats import norm
 from tests.conftest import EXPERIMENTS
 from tests.papers import merwe_text
 from trackbench import api
-from trackbench.report.findings import sentences
 from trackbench.report.findings.ranking import Candidate, ranking_of, rankings
-from trackbench.report.findings.sentences import _leader_sentence, answer
+from trackbench.report.findings.ranking_table import ranking_tables
+from trackbench.report.findings.sentences import answer
 from trackbench.report.results import Results
+from trackbench.report.table import Text
 from trackbench.results.folder_contents import COLUMNS
 from trackbench.results.point_facts import PointFacts
 from trackbench.statistics.comparison import Sample
@@ -76,25 +76,35 @@ def A(rng: np.random.Generator) -> np.ndarray:
     return 10.0 + rng.standard_normal(M)
 
 
-def test_who_is_best_and_who_is_not_told_apart(tmp_path, rng, A) -> None:
+def ranked(results: Results) -> dict[str, dict[str, str]]:
+    """The rows of the ranking by filter, cells by heading, the best first."""
+    (table,) = ranking_tables(results)
+    return {
+        row[0].text: {h: c.text for h, c in zip(table.heads, row, strict=True)}
+        for row in table.rows
+    }
+
+
+RATIO, NATS = "Ratio to the best (95 %)", "Below the best (nats)"
+BY = "Mean position RMSE (m)"
+
+
+def test_the_best_filter_stands_first_and_the_others_beside_it(tmp_path, rng, A) -> None:
     apart = 0.1 * rng.standard_normal(M)
     apart -= apart.mean() - 0.001
     C = A + 1.0 + 0.1 * rng.standard_normal(M)
-    (line,) = answer(folder(tmp_path, {"C": C, "A": A, "B": A + apart}))
-    best = re.match(
-        r"A has the smallest mean position RMSE per run, (\S+) ± (\S+) m over 200", line
-    )
-    assert best is not None
-    assert float(best[1]) == pytest.approx(A.mean(), abs=0.006)
-    assert float(best[2]) == pytest.approx(A.std(ddof=1) / M**0.5, rel=0.05)
-    ties = re.search(
-        r"without a significant difference: B (\S+) times \((\S+) to (\S+?)(?:, below 1 %)?\)", line
-    )
-    assert ties is not None
+    rows = ranked(folder(tmp_path, {"C": C, "A": A, "B": A + apart}))
+    assert [*rows] == ["A", "B", "C"]
+    value, error = map(float, rows["A"][BY].split(" ± "))
+    assert value == pytest.approx(A.mean(), abs=0.006)
+    assert error == pytest.approx(A.std(ddof=1) / M**0.5, rel=0.05)
+    assert rows["A"][RATIO] == "1"
+    tie = re.fullmatch(r"(\S+) x \((\S+) to (\S+)\) n\.s\.", rows["B"][RATIO])
+    assert tie is not None
     high = 0.001 + 1.972 * apart.std(ddof=1) / M**0.5  # Student's t, 199 degrees of freedom
-    assert float(ties[1]) == pytest.approx(1.0 + 0.001 / A.mean(), abs=1e-3)
-    assert float(ties[3]) - 1.0 == pytest.approx(high / A.mean(), rel=0.3)
-    worse = re.search(r"significantly larger: C (\S+) times \((\S+) to (\S+)\)", line)
+    assert float(tie[1]) == pytest.approx(1.0 + 0.001 / A.mean(), abs=1e-3)
+    assert float(tie[3]) - 1.0 == pytest.approx(high / A.mean(), rel=0.3)
+    worse = re.fullmatch(r"(\S+) x \((\S+) to (\S+)\)", rows["C"][RATIO])
     assert worse is not None
     assert float(worse[1]) == pytest.approx(C.mean() / A.mean(), abs=1e-3)
     # The ratio without each run in turn gives its error.
@@ -110,36 +120,31 @@ def test_how_much_smaller_a_score_may_be_is_in_nats(tmp_path, rng, A) -> None:
     results = folder(tmp_path, {"A": A, "B": A - less})
     path = tmp_path / "per_run.csv"
     path.write_text(path.read_text().replace("rmse_position", "log_score"))
-    (line,) = answer(results)
-    assert line.startswith("A has the largest mean")
-    by = re.search(r"without a significant difference: B by (\S+) nats \(\S+ to (\S+)\)", line)
+    rows = ranked(results)
+    assert [*rows] == ["A", "B"]
+    assert rows["A"][NATS] == "0"
+    by = re.fullmatch(r"(\S+) \((\S+) to (\S+)\) n\.s\.", rows["B"][NATS])
     assert by is not None
-    high = 0.001 + 1.972 * less.std(ddof=1) / M**0.5
-    assert (float(by[1]), float(by[2])) == pytest.approx((0.001, high), rel=0.05)
-
-
-@pytest.mark.parametrize(
-    ("leaders", "leader"), [("AAB", "A"), ("ABB", "B"), ("AABB", ""), ("", "")]
-)
-def test_the_costs_of_a_grid_are_those_of_one_leader(leaders, leader, monkeypatch) -> None:
-    found = [SimpleNamespace(among_the_best=[SimpleNamespace(label=label)]) for label in leaders]
-    monkeypatch.setattr(sentences, "over_points", lambda _, each: [each[0].label])
-    assert _leader_sentence(None, found) == [leader] * bool(leader)
+    half = 1.972 * less.std(ddof=1) / M**0.5
+    ends = (0.001, 0.001 - half, 0.001 + half)
+    assert tuple(map(float, by.groups())) == pytest.approx(ends, rel=0.06)
 
 
 def test_equal_filters(tmp_path, A) -> None:
-    (line,) = answer(folder(tmp_path, {"A": A, "B": A.copy()}))
-    assert line.endswith("without a significant difference: B (equal in every run).")
+    assert ranked(folder(tmp_path, {"A": A, "B": A.copy()}))["B"][RATIO] == "equal"
 
 
 def test_a_filter_that_loses_more_is_not_the_best(tmp_path, A) -> None:
     B = 0.5 * A
     B[:1] = np.nan
-    assert answer(folder(tmp_path, {"A": A, "B": B}))[0].startswith("B has the smallest")
+    rows = ranked(folder(tmp_path, {"A": A, "B": B}))
+    assert [*rows] == ["B", "A"]
+    assert [row["Lost runs"] for row in rows.values()] == ["1 of 200", "0"]
     B[:40] = np.nan
-    first, second = answer(folder(tmp_path, {"A": A, "B": B}))
-    assert first.startswith("The mean position RMSE per run of A is ")
-    assert second == "Not ranked, for more lost runs than others have: B 40 of 200 (15 to 26 %)."
+    rows = ranked(folder(tmp_path, {"A": A, "B": B}))
+    assert [*rows] == ["A", "B"]
+    assert rows["B"][RATIO] == "unranked: loses more"
+    assert rows["B"]["Lost runs"] == "40 of 200"
 
 
 @pytest.mark.parametrize("apart", [False, True])
@@ -154,25 +159,41 @@ def test_values_with_which_more_runs_are_lost_are_not_the_best(A, apart) -> None
 
 def test_all_lost(tmp_path, A) -> None:
     lost = np.full(M, np.nan)
-    assert answer(folder(tmp_path, {"A": lost, "B": lost})) == ["A and B lose every run."]
-    lines = answer(folder(tmp_path, {"A": A[:3], "B": lost[:3]}))  # too few for a sign test
-    assert lines[0].startswith("The mean position RMSE per run of A is ")
-    assert lines[1] == "B loses every run."
+    rows = ranked(folder(tmp_path, {"A": lost, "B": lost}))
+    assert {row[BY] for row in rows.values()} == {"–"}
+    assert {row["Lost runs"] for row in rows.values()} == {"200 of 200"}
+    rows = ranked(folder(tmp_path, {"A": A[:3], "B": lost[:3]}))  # too few for a sign test
+    assert [(row[RATIO], row["Lost runs"]) for row in rows.values()] == [
+        ("1", "0"),
+        ("unranked: loses more", "3 of 3"),
+    ]
 
 
 def test_one_filter_and_one_run(tmp_path, A) -> None:
-    (line,) = answer(folder(tmp_path, {"A": A}))
-    assert re.fullmatch(r"The mean position RMSE per run of A is \S+ ± \S+ m over 200 runs\.", line)
-    (line,) = answer(folder(tmp_path, {"A": A[:1], "B": A[:1] + 1.0}))
-    assert line == "One run has no standard error: it does not decide which filter is best."
+    results = folder(tmp_path, {"A": A})
+    assert ranked(results)["A"][RATIO] == "1"
+    assert answer(results) == []
+    results = folder(tmp_path, {"A": A[:1], "B": A[:1] + 1.0})
+    assert ranked(results)["B"][RATIO] == f"{1.0 + 1.0 / A[0]:.3g} x"
+    assert answer(results) == ["1 run cannot decide which filter is best; at least 5 are needed."]
 
 
 def test_the_reference_is_no_rival(tmp_path, rng, A) -> None:
     B = 1.5 * A + 0.01 * rng.standard_normal(M)
     results = folder(tmp_path, {"Exact": A, "B": B, "C": 2.0 * A}, reference="Exact")
-    (line,) = answer(results)
-    assert line.startswith("B has the smallest")
-    assert "runs, 50 % above the reference Exact; significantly larger: C 1.33" in line
+    rows = ranked(results)
+    assert [*rows] == ["B", "C", "Exact (reference)"]
+    assert rows["C"][RATIO].startswith("1.33")
+    assert rows["Exact (reference)"][RATIO].startswith("0.66")
+
+
+def test_a_filter_without_the_error_has_a_row(tmp_path, A) -> None:
+    results = folder(tmp_path, {"A": A, "B": A + 1.0, "C": A})
+    path = tmp_path / "per_run.csv"
+    path.write_text(re.sub(r"(?m)^(C,\d+),rmse_position", r"\1,nees", path.read_text()))
+    rows = ranked(results)
+    assert [*rows] == ["A", "B", "C"]
+    assert rows["C"][RATIO] == "has no such error"
 
 
 def test_a_contradiction_is_no_answer(tmp_path, rng) -> None:
@@ -182,12 +203,11 @@ def test_a_contradiction_is_no_answer(tmp_path, rng) -> None:
     A[:4] = np.nan
     (line,) = answer(folder(tmp_path, {"A": A, "B": B}))
     assert line.endswith(
-        "A has it over all runs that it keeps, but over the 196 runs that both keep B is better."
+        "A leads over all runs that it keeps, but over the 196 runs that both keep B is better."
     )
     A[:], B[:] = np.nan, B
     A[:4], B[:4] = 1.0 + rng.random(4), np.nan
-    (line,) = answer(folder(tmp_path, {"A": A, "B": B}))[:1]
-    assert "no run in common" in line or line.startswith("The mean position RMSE per run of B")
+    assert ranked(folder(tmp_path, {"A": A, "B": B}))["A"][RATIO] == "unranked: loses more"
 
 
 def test_the_statistic_is_that_of_the_first_table(tmp_path, rng) -> None:
@@ -198,9 +218,9 @@ def test_the_statistic_is_that_of_the_first_table(tmp_path, rng) -> None:
         columns = {"Late": "rms(rmse_position[end])", "Error": f"{statistic}(rmse_position)"}
         table = {"kind": "metrics", "columns": columns}
         results = folder(tmp_path, {"A": A, "B": B}, tables={"t": table})
-        (line,) = answer(results)
-        assert line.startswith(f"{best} has the smallest")
-        assert ("mean position RMSE per run" in line) == (statistic == "mean")
+        rows = ranked(results)
+        assert next(iter(rows)) == best
+        assert (BY in rows["A"]) == (statistic == "mean")
 
     # sqrt(mean B^2) - sqrt(mean A^2), and its error by leaving out each run in turn
     def apart(keep: np.ndarray) -> float:
@@ -208,9 +228,8 @@ def test_the_statistic_is_that_of_the_first_table(tmp_path, rng) -> None:
 
     left_out = [apart(np.arange(M) != m) for m in range(M)]
     error = np.sqrt((M - 1) / M * np.sum((np.array(left_out) - np.mean(left_out)) ** 2))
-    by = re.search(r"B (\S+) times", line)
-    assert by is not None
-    assert float(by[1]) == pytest.approx(np.sqrt(np.mean(B**2) / np.mean(A**2)), abs=0.006)
+    by = rows["B"][RATIO].split()[0]
+    assert float(by) == pytest.approx(np.sqrt(np.mean(B**2) / np.mean(A**2)), abs=0.006)
     (found,) = rankings(results)
     difference = found.rivals[0].difference
     assert difference.value == pytest.approx(apart(np.arange(M)))
@@ -220,9 +239,9 @@ def test_the_statistic_is_that_of_the_first_table(tmp_path, rng) -> None:
 @pytest.mark.parametrize(("matters", "word"), [(None, True), ("5%", True), (0.0001, False)])
 def test_a_tiny_difference_is_called_so(tmp_path, rng, A, matters, word) -> None:
     B = A + 0.01 + 0.001 * rng.standard_normal(M)
-    (line,) = answer(folder(tmp_path, {"A": A, "B": B}, matters=matters))
-    assert "significantly larger: B 1.001" in line
-    assert (", below " in line) == word
+    ratio = ranked(folder(tmp_path, {"A": A, "B": B}, matters=matters))["B"][RATIO]
+    assert ratio.startswith("1.001")
+    assert ratio.endswith("tiny") == word
 
 
 def test_the_runs_that_would_decide_do(tmp_path, rng) -> None:
@@ -230,8 +249,8 @@ def test_the_runs_that_would_decide_do(tmp_path, rng) -> None:
     apart = rng.standard_normal(100)
     apart = (apart - apart.mean()) / apart.std(ddof=1) + 0.1
     A = 50.0 + rng.random(100)
-    (line,) = answer(folder(tmp_path, {"A": A, "B": A + apart}))
-    needed = re.search(r"\((\d+) runs would decide a difference of this size\)", line)
+    (table,) = ranking_tables(folder(tmp_path, {"A": A, "B": A + apart}))
+    needed = re.search(r"; (\d+) runs would decide differences of this size", table.notes[0])
     assert needed is not None
     assert float(needed[1]) == pytest.approx(100 * 2.576**2, rel=0.1)
 
@@ -239,42 +258,31 @@ def test_the_runs_that_would_decide_do(tmp_path, rng) -> None:
 def test_a_tuned_filter_beside_untuned_ones_is_named(tmp_path, A) -> None:
     errors = {"A": A, "A (tuned)": 0.9 * A, "B": 1.1 * A}
     lines = answer(folder(tmp_path, errors, tune={"A": {"q": "1..2"}}))
-    assert lines[1] == "A (tuned) is tuned, B is not: tuning may be the difference."
+    assert lines[0] == "A (tuned) is tuned, B is not: tuning may be the difference."
 
 
-def test_times_that_differ_and_that_do_not(tmp_path, rng, A) -> None:
-    errors = {"A": A, "B": A + 0.2 * (rng.random(M) - 0.5), "C": A + 5.0}
-    clear = {"A": 4.1e-3, "B": 2e-3, "C": 1e-4}
-    line = answer(folder(tmp_path, errors, clear))[1]
-    assert line == (
-        "The cheapest of these is B: 2 ms of CPU time a run, against 4.1 ms of A; "
-        "the fastest of the others, C, is 20 times as fast."
-    )
-    line = answer(folder(tmp_path, errors, clear | {"A": 3.9e-3}))[1]
-    assert line == "A run takes 2 ms (B) to 3.9 ms (A) of CPU time."
-    line = answer(folder(tmp_path, errors, clear | {"C": 1.1e-3}))[1]
-    assert line.endswith("4.1 ms of A.")  # of the others nothing is decided
+def test_times_have_two_digits_and_a_unit(tmp_path, A) -> None:
+    errors = dict.fromkeys("ABC", A)
+    rows = ranked(folder(tmp_path, errors, {"A": 4.13e-3, "B": 2.0, "C": 1.3e-5}))
+    assert [row["CPU time per run"] for row in rows.values()] == ["4.1 ms", "2 s", "13 µs"]
 
 
-def test_calibration_is_said_where_it_is_decided(tmp_path, rng, A) -> None:
+def test_calibration_in_a_word(tmp_path, rng, A) -> None:
     """Of two components: chi-square of two degrees of freedom per step, here means of fifty."""
     consistent = rng.chisquare(2.0, (M, 50)).mean(axis=1)
     nees = {"A": consistent, "B": 1.5 * consistent, "C": 0.5 * consistent}
     nees["D"] = 1.1 * np.r_[consistent[:3], np.full(M - 3, np.nan)]  # three runs decide nothing
-    close = {label: A + 0.2 * (rng.random(M) - 0.5) for label in nees}
-    (_, said) = answer(folder(tmp_path, close, nees=nees))
-    words = {}
-    for part in said.removesuffix(".").split("; "):
-        for label, value in re.findall(r"([ABCD]) \(ANEES (\S+) ± \S+\)", part):
-            words[label] = (float(value), part.rpartition(") ")[2])
-    assert {label: word for label, (_, word) in words.items()} == {
-        "A": "is calibrated within 10 %",
-        "B": "is overconfident",
-        "C": "is underconfident",
+    nees["E"] = np.r_[np.full(3, 1e9), consistent[3:]]
+    nees["F"] = np.full(M, 1e9)
+    rows = ranked(folder(tmp_path, dict.fromkeys(nees, A), nees=nees))
+    assert {label: row["ANEES"] for label, row in rows.items()} == {
+        "A": "calibrated",
+        "B": "overconfident",
+        "C": "underconfident",
+        "D": "inconclusive",
+        "E": "collapsed in 3 of 200 runs",
+        "F": "collapsed in every run",
     }
-    assert [value for value, _ in words.values()] == pytest.approx(
-        [nees[label].mean() / 2.0 for label in words], abs=0.006
-    )
 
 
 @pytest.mark.parametrize(("filters", "settings"), [(6, 1), (2, 10)])
@@ -315,14 +323,22 @@ def test_what_is_said_of_shipped_results_is_in_their_files(path: Path, tmp_path:
         keys.append(f"scenario.last={LAST[path.stem]}")
     options = api.Options(engine="serial", quiet=True, out=tmp_path, formats=(), set=keys)
     results = api.run(path, options, runs=few, times=False).results
-    lines, (found,) = answer(results), rankings(results)
+    (found,), rows = rankings(results), ranked(results)
     _check_marks(results)
     if found.best is None:  # of one run
         assert results.config["runs"] == 1
-        assert len(lines) == 1
+        assert len(answer(results)) == 1
         return
     metric, best = str(found.metric), found.best.label
-    assert lines[0].startswith(found.best.name)
+    assert next(iter(rows)) == best
+    not_significant = {label for label, row in rows.items() if "n.s." in row.get(RATIO, "")}
+    tested = {
+        rival.filter.label
+        for rival in found.not_worse
+        if rival.comparison.is_tested and not rival.comparison.is_equal
+    }
+    assert not_significant - tested <= {f"{results.config.get('reference')} (reference)"}
+    assert tested <= not_significant or NATS in rows[best]
     runs = pd.read_csv(
         results.folder / "per_run.csv", keep_default_na=False, na_values={"value": ["nan"]}
     )
@@ -394,8 +410,15 @@ def test_a_grid_of_scenarios_and_where_it_is_shown(tmp_path, capsys) -> None:
     report = api.run(tmp_path / "g.yaml", options)
     ranks = report.per_run.query("metric == 'rmse'").groupby(["scenario.sensor.R", "filter"])
     assert (ranks["value"].mean().unstack().idxmin(axis=1) == "PF (N=60)").all()
-    assert report.answer[0].startswith(
-        "By RMSE PF (N=60) is best, or without a significant difference from the best, "
-        "at all 2 values of R"
-    )
-    assert report.answer[0] in (report.folder / "report.html").read_text()
+    summary, numbers = report.ranking(numbers=True)
+    assert summary.title.startswith("Ranking over 2 values of R by RMSE")
+    assert [row[0].text for row in summary.rows] == ["PF (N=60)", "PF"]
+    assert summary.rows[0][1:3] == [Text("at 2 of 2", 2), Text("1 x")]
+    rms = report.summary.query("metric == 'rms(rmse)'").set_index(["scenario.sensor.R", "filter"])
+    for R, row in zip((0.1, 1.0), numbers.rows, strict=True):
+        assert row[0].text == f"{R:g}"
+        assert [c.number for c in row[1:]] == pytest.approx(
+            [rms["value"][R, label] for label in ("PF", "PF (N=60)")], rel=1e-6
+        )
+        assert [c.best for c in row[1:]] == [False, True]
+    assert summary.title in (report.folder / "report.html").read_text()

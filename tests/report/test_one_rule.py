@@ -13,7 +13,7 @@ import pytest
 from scipy import stats
 
 import trackbench
-from tests.report.test_findings import M, folder
+from tests.report.test_findings import RATIO, M, folder, ranked
 from tests.simulated import filters_differ
 from trackbench import api
 from trackbench.config.published import Claim
@@ -42,9 +42,8 @@ def test_two_filters_have_one_answer_on_every_screen(tmp_path: Path, rng, statis
         results = folder(tmp_path, {"A": A, "B": A + apart}, tables=tables, verdict_seeds=4)
         (found,) = rankings(results)
         significant = bool(found.worse)
-        # The first sentence, the marks, the list of pairs and the caption of a heat-map.
-        (line,) = answer(results)
-        assert ("significantly larger: B" in line) == significant
+        # The first table, the marks, the list of pairs and the caption of a heat-map.
+        assert ranked(results)["B"][RATIO].endswith(") n.s.") != significant
         assert results.tables["t"].best == {(0, 0), *([] if significant else [(1, 0)])}
         ((_, (pair,)),) = results.pairs
         assert pair.word == ("better" if significant else "no significant difference")
@@ -115,10 +114,9 @@ def test_fewer_than_five_runs_do_not_decide(tmp_path: Path) -> None:
     errors = {"A": A, "B": A + 10.0 + 0.01 * A**2}
     for runs, decided in ((5, True), (4, False), (2, False)):
         results = folder(tmp_path, {label: x[:runs] for label, x in errors.items()})
-        (line,) = answer(results)
-        assert ("significantly larger: B" in line) == decided
-        few = f"{runs} runs do not decide which filter has the smallest mean position RMSE per run"
-        assert decided or line == f"{few}; 5 are needed."
+        assert ("(" in ranked(results)["B"][RATIO]) == decided
+        few = f"{runs} runs cannot decide which filter is best; at least 5 are needed."
+        assert answer(results) == [few] * (not decided)
         assert results.tables["t"].best == ({(0, 0)} if decided else set())
 
 
@@ -130,9 +128,9 @@ def test_no_value_is_marked_that_is_larger_than_an_unmarked_one(tmp_path: Path, 
     errors["C"] += 12.5 - errors["C"].mean()
     results = folder(tmp_path, errors)
     assert results.tables["t"].best == {(0, 0)}
-    (line,) = answer(results)
-    assert "significantly larger: B 1.1" in line
-    assert line.endswith("C is larger, which 200 runs do not decide.")
+    rows = ranked(results)
+    assert rows["B"][RATIO].startswith("1.1")
+    assert [label for label, row in rows.items() if row[RATIO].endswith("n.s.")] == ["C"]
 
 
 @pytest.mark.parametrize(("metric", "word"), [("rmse", "worse"), ("log_score", "better")])

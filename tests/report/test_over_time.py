@@ -183,3 +183,41 @@ def test_a_line_ends_where_the_truth_has_a_gap(tmp_path: Path, kind: OverTime) -
     assert xy[breaks[0] - 1, 0] == 40
     assert xy[breaks[0] + 1, 0] == 61
     assert {*known[2:]} <= {*xy[np.isfinite(xy[:, 0]), 0].astype(int)}
+
+
+DIVERGED = """
+name: diverged
+runs: 4
+scenario:
+  kind: tracking
+  T: 1
+  last: 40
+  target: {kind: driven, motion: {kind: cwna, q: 1}, launch: {x: 1000, y: 500, vx: 10, vy: -3}}
+  sensor: {kind: position, sigma: 2}
+  start: {kind: gaussian, sigma: [2, 1, 2, 1]}
+filters:
+  Good: {kind: kf}
+  Other: {kind: kf, assume: {motion: {kind: cwna, q: 5}}}
+  Bad: {kind: kf, assume: {motion: {kind: cwna, q: 1.0e-9}, sensor: {kind: position, sigma: 2000}}}
+figures:
+  time: {kind: rmse-vs-time}
+  runs: {kind: rmse-per-run}
+  similar: {kind: rmse-vs-time, filters: [Good, Other], x: time}
+  said: {kind: rmse-vs-time, y_label: Position RMSE (km)}
+"""
+
+
+def test_an_axis_without_a_label_gets_one_and_is_logarithmic_where_one_curve_dwarfs_the_others(
+    tmp_path: Path,
+) -> None:
+    """The figures name no metric either: they show the scenario's first error."""
+    (tmp_path / "c.yaml").write_text(DIVERGED)
+    results = api.run(tmp_path / "c.yaml", out=tmp_path / "out", workers=1, quiet=True, formats=())
+    stored = Results(results.folder)
+    axes = {name: stored.figure(name).axes[0] for name in stored.parts("figures")}
+    assert {name: (ax.get_ylabel(), ax.get_yscale()) for name, ax in axes.items()} == {
+        "time": ("Position RMSE (m)", "log"),
+        "runs": ("Position RMSE (m)", "log"),
+        "similar": ("Position RMSE (m)", "linear"),
+        "said": ("Position RMSE (km)", "linear"),
+    }

@@ -1,5 +1,6 @@
 """A recording without a truth: what is shown of it, what may be asked, and which way better is."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +8,7 @@ import pandas as pd
 import pytest
 from scipy.stats import chi2
 
+from tests.report.test_findings import NATS, ranked
 from trackbench import api
 from trackbench.errors import UserError
 from trackbench.report.figures.critical_difference import mean_ranks
@@ -234,9 +236,10 @@ def test_one_recording_is_decided_by_its_steps(tmp_path: Path) -> None:
         "  Bad: {kind: kf, assume: {motion: {kind: ar1, q: 0.01}}}\n"
     )
     report = api.run(tmp_path / "one.yaml", out=tmp_path / "out", quiet=True, formats=())
-    first, *_, last = report.answer
-    assert "without a significant difference: Same (equal at every step)" in first
-    assert "significantly smaller: Bad by" in first
-    assert last.startswith("One recording: its steps decide")
+    rows = ranked(report.results)
+    assert [*rows] == ["Good", "Same", "Bad"]
+    assert rows["Same"][NATS] == "equal"
+    assert re.fullmatch(r"\S+ \(\S+ to \S+\)", rows["Bad"][NATS])
+    assert report.answer[-1].startswith("One recording: its steps decide")
     quick = api.run(tmp_path / "one.yaml", out=tmp_path / "q", quiet=True, formats=(), quick=True)
     assert "\nruns: 1\n" in (quick.folder / "config.yaml").read_text()

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from scipy import stats
 
 from trackbench import api
 from trackbench.config.experiment import Experiment
@@ -158,6 +159,52 @@ def test_drawn_faults_have_streams_of_their_own(tmp_path: Path) -> None:
     assert abs(changed - 0.75) < 4 * 0.44 / number**0.5
 
 
+def test_outliers_have_a_density(tmp_path: Path) -> None:
+    """Of 40 000 measurements: quantiles of Student's t, moments of the uniform law, a share."""
+    law = {"kind": "student-t", "df": 3, "scale": 5}
+    fault = {"name": "a", "kind": "outliers", "steps": [1, 100], "density": law}
+    truth, z = measured(scenario(tmp_path, fault), 400)
+    error = (z - truth[:, 1:]).ravel() / (5.0 * R**0.5)
+    assert stats.kstest(error, "t", (3,)).pvalue > 1e-4
+    region = {"kind": "uniform", "region": {"z": [-300, 100]}}
+    half = fault | {"density": region, "share": 0.5}
+    (_, z), (_, clean) = measured(scenario(tmp_path, half), 400), measured(scenario(tmp_path), 400)
+    drawn = z[z != clean]
+    assert abs(drawn.size / z.size - 0.5) < 4 * 0.5 / z.size**0.5
+    assert stats.kstest(drawn, "uniform", (-300, 400)).pvalue > 1e-4
+    # A recording without truth has false measurements, too, and gaps stay.
+    faulty = scenario(tmp_path, fault | {"density": region}, **recording(tmp_path))
+    (_, z), (_, clean) = measured(faulty, 2), measured(faulty.without_faults, 2)
+    np.testing.assert_array_equal(np.isnan(z), np.isnan(clean))
+    assert (np.abs(z - clean)[~np.isnan(z)] > 0.0).all()
+
+
+@pytest.mark.parametrize(
+    ("keys", "what"),
+    [
+        ({}, "give a `factor` other than 1, or a `density`"),
+        ({"factor": 3, "density": {"kind": "student-t", "df": 3}}, "other than 1, or a `density`"),
+        ({"density": {"kind": "student-t", "df": 2}}, "Student's t with df <= 2"),
+        (
+            {"density": {"kind": "uniform", "region": {"z": [0, 9]}}},
+            "has no variance about the truth",
+        ),
+        (
+            {"density": {"kind": "uniform", "region": {"y": [0, 9]}}},
+            "needs bounds of z, and no others",
+        ),
+        ({"density": {"kind": "uniform", "region": {}}}, "needs bounds of z, and no others"),
+        ({"density": {"kind": "uniform", "region": {"z": [9, 0]}}}, "ends before it begins"),
+    ],
+    ids=str,
+)
+def test_densities_are_refused_in_one_line(tmp_path: Path, keys: Any, what: str) -> None:
+    with pytest.raises(UserError) as error:
+        experiment(tmp_path, {"name": "a", "kind": "outliers", **keys}, filters=KNOWN)
+    (line,) = str(error.value).splitlines()
+    assert what in line
+
+
 def test_a_fault_is_of_one_sensor_and_begins_with_its_last_value(tmp_path: Path) -> None:
     sensors = [{"kind": "scalar", "sigma": 1.0}, {"kind": "scalar", "sigma": 2.0, "detection": 0.5}]
     faults = [
@@ -191,6 +238,11 @@ def test_the_time_after_a_fault_ends_with_the_next_one(tmp_path: Path) -> None:
     [
         ({"kind": "noise", "factor": 3}, lambda z: z, 9.0),
         ({"kind": "outliers", "factor": 50, "share": 0.5}, lambda z: z, 1250.5),
+        (
+            {"kind": "outliers", "density": {"kind": "student-t", "df": 4, "scale": 5}},
+            lambda z: z,
+            50,
+        ),
         ({"kind": "bias", "value": [30]}, lambda z: z - 30.0, 1.0),
         ({"kind": "blackout"}, lambda z: z, 1.0),
         ({"kind": "freeze"}, lambda z: z * np.nan, 1.0),

@@ -44,6 +44,7 @@ FORMATS = {
     "days first": text(*of_time("31/12/2024 10:00:{:02}")),
     "months first": text(*of_time("12/31/2024 10:00:{:02}")),
     "either first": text(*of_time("03/09/2024 10:00:{:02}")),
+    "digits of some seconds": text(*of_time("31.12.2024 10:00:{:02}")).replace("2,", "2.000000,"),
     "time of day": text(*of_time("10:00:{:02}")),
     "zone in words": text(*of_time("2024-12-31 10:00:{:02} UTC")),
     "two columns": text(
@@ -161,23 +162,23 @@ def test_a_config_has_a_sensor_for_each_name(tmp_path: Path) -> None:
     assert np.isfinite(seen(tmp_path / "m.yaml")).sum() == 2 * 19
 
 
-def test_ranges_to_anchors_are_refused_with_the_way(tmp_path: Path) -> None:
-    rows = [(f"{t}", f"A{t % 3}", "7.5") for t in T]
+def test_ranges_to_anchors(tmp_path: Path) -> None:
+    places = [(0.0, 0.0), (9.0, 0.0), (5.0, -7.0)]
+    ranges = [f"{np.hypot(X[t] - places[t % 3][0], Y[t] - places[t % 3][1])}" for t in T]
+    rows = [(f"{t}", f"A{t % 3}", ranges[t]) for t in T]
     (tmp_path / "m.csv").write_text(text(*rows, head="t,anchor,distance"))
-    done = trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path)
-    assert done.returncode == 2
-    (line,) = done.stderr.splitlines()
-    assert "`columns: {sensor: anchor}`, `sensors: [A0, A1, A2]`" in line
-    places = [
-        {"kind": "function", "h": {"range": f"sqrt((px-{i})**2 + py**2)"}, "R": 1}
-        for i in (0, 9, 5)
-    ]
-    columns = {"time": "t", "sensor": "anchor", "range": "distance"}
-    target = {"measurements": "m.csv", "columns": columns, "sensors": ["A0", "A1", "A2"]}
-    start = {"kind": "given", "mean": [0, 0, 5, 0], "sigma": [9, 1, 9, 1]}
-    filters = {"EKF": {"kind": "ekf"}}
-    values = seen(config(tmp_path, target, sensor=places, start=start, filters=filters))
-    assert np.isfinite(values).sum() == len(T)
+    made = trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path)
+    assert "write where A0, A1, A2 are: `at` of each sensor, and `start`\n" in made.stdout
+    unknown = trackbench("check", "m.yaml", cwd=tmp_path)
+    assert unknown.returncode == 2
+    assert "scenario.sensor.0.at.0: 'X_A0' is not a number" in unknown.stderr
+    config = (tmp_path / "m.yaml").read_text().replace("[X, 0, Y, 0]", "[9.5, 0, 5.2, 0]")
+    for i, (x, y) in enumerate(places):
+        config = config.replace(f"X_A{i}, Y_A{i}", f"{x}, {y}")
+    (tmp_path / "m.yaml").write_text(config)
+    done = trackbench("run", "m.yaml", "--workers", "1", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert np.isfinite(seen(tmp_path / "m.yaml")).sum() == len(T)
 
 
 def test_two_vessels_are_not_one_run(tmp_path: Path) -> None:

@@ -50,17 +50,17 @@ def test_what_it_writes_runs(tmp_path: Path, what: str) -> None:
 
 def test_its_numbers_are_near(tmp_path: Path) -> None:
     guess = recognized(str(table(tmp_path / "m.csv", *TABLES["dates"])))
-    assert {name: f.column for name, f in guess.columns.items()} == {
+    assert guess.naming.columns == {
         "time": "Time (UTC)",
         "run": "Track ID",
         "x": "x (km)",
         "y": "y (km)",
     }
-    assert guess.units == {"x": "km", "y": "km"}
-    assert 2.0 <= guess.sigmas[""][0] <= 4.0
+    assert guess.naming.units == {"x": "km", "y": "km"}
+    assert 2.0 <= guess.sensors[0].sigmas[0] <= 4.0
     assert guess.speed == 20.0  # 22.4 to one digit
     guess = recognized(str(table(tmp_path / "m.csv", *TABLES["a radar"])))
-    assert (guess.units["time"], guess.units["azimuth"]) == ("ms", "deg")
+    assert (guess.naming.units["time"], guess.naming.units["azimuth"]) == ("ms", "deg")
 
 
 def test_the_ferries(tmp_path: Path) -> None:
@@ -77,7 +77,7 @@ def test_the_ferries(tmp_path: Path) -> None:
     ("names", "expected"),
     [
         ("a,b", "m.csv:1:1: no column looks like a time or a step; there are a, b"),
-        ("time,b", "m.csv:1:1: no columns look like x and y, latitude and longitude, or range"),
+        ("time,b", "m.csv:1:1: no columns look like x and y, latitude and longitude, range and"),
         ("time,x,y", "m.csv:1:1: has no rows"),
     ],
 )

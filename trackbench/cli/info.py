@@ -1,6 +1,7 @@
 """Commands that list and describe kinds and metrics, and write starting files."""
 
 import re
+from itertools import compress
 from pathlib import Path
 from typing import Annotated
 
@@ -122,6 +123,10 @@ def new(
         str,
         typer.Option(help="a filter as a program: c, c++, rust, julia, octave, javascript, python"),
     ] = "",
+    sets: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="how --from reads: columns.time=Zeit"),
+    ] = None,
 ) -> None:
     """Write a commented starting file that runs as it is, and its test.
 
@@ -135,29 +140,35 @@ def new(
     one_of("new", what, WHAT)
     if language:
         one_of("--language", language, tuple(LANGUAGES))
-    options = {
-        "--per-run": per_run,
-        "--nonlinear": nonlinear,
-        "--language": language,
-        "--from": data,
-    }
-    if len(chosen := [option for option, value in options.items() if value]) > 1:
+    names, values = ("--per-run", "--nonlinear", "--language"), (per_run, nonlinear, language)
+    chosen = [*compress(names, values), *(["--from"] if data else [])]
+    if len(chosen) > 1:
         raise UserError(f"new {what} {name}: {' and '.join(chosen)} exclude each other")
     if data is not None and what not in ("experiment", "filter"):
         raise typer.BadParameter(f"a {what} is not made from data", param_hint="--from")
+    if sets and data is None:
+        raise typer.BadParameter("is of --from", param_hint="--set")
+    unknown: list[str] = []
     if data is not None and what == "experiment":
-        paths = write_config_for(data, name or _plain(data.stem), Path())
+        paths, unknown = write_config_for(data, name or _plain(data.stem), Path(), sets or ())
     elif name is None:
         raise typer.BadParameter("is required without --from", param_hint="NAME")
     else:
         form = language or ("per_run" if per_run else "nonlinear" if nonlinear else "")
         paths = write_new(what, name, Path(), "copy" if data else form, str(data))
+    build = LANGUAGES[language].build if language else ""
+    _echo_next(paths, build, unknown, plugins="" if what == "experiment" else " --allow-plugins")
+
+
+def _echo_next(paths: list[Path], build: str, unknown: list[str], plugins: str) -> None:
+    """Print the files that were written, and what to do with them."""
     for path in paths:
         typer.echo(f"wrote {path}")
     config = next(path for path in paths if path.suffix == ".yaml")
-    if language and (build := LANGUAGES[language].build):
+    if build:
         typer.echo(f"build it: {build.replace('@MODULE@', config.stem)}")
-    plugins = "" if what == "experiment" else " --allow-plugins"
+    if unknown:
+        typer.echo(f"write where {', '.join(unknown)} are: `at` of each sensor, and `start`")
     typer.echo(f"run it: trackbench run {config}{plugins}")
 
 

@@ -111,6 +111,7 @@ def _key_paths(part: Any, group: str | None, path: str) -> Iterator[str]:
         known |= {"preset": str} if group == "filters" and cls.presets else {}
     if group == "filters":
         known |= {f"assume.{key}": hint for key, hint in hints_of(Assume).items()}
+        known["late"] = known.pop("assume.late")
     for key in dict.fromkeys([*known, *part]):
         nested = dataclasses_in(known.get(key)) if part_group(known.get(key)) is None else []
         if isinstance(part.get(key), dict) and not nested:
@@ -159,6 +160,7 @@ Only = Annotated[
     list[str] | None,
     typer.Option(metavar="LABEL", help="run these filters only", autocompletion=labels),
 ]
+All = Annotated[bool, typer.Option("--all", help="also print the config's tables and all notes")]
 Json = Annotated[bool, typer.Option("--json", help="JSON, an object a line (docs/programs.md)")]
 Runs = Annotated[int | None, typer.Option(min=1, help="Monte Carlo runs")]
 Seed = Annotated[int | None, typer.Option(min=0, help="seed of every random number")]
@@ -184,8 +186,7 @@ Format = Annotated[
     str,
     typer.Option(
         "--format",
-        help="png, svg, pdf, tex (tables, and figures as pdf), with commas; markdown prints tables as "
-        "into a pipe",
+        help="png, svg, pdf, tex (tables, and figures as pdf), with commas; markdown prints tables so",
     ),
 ]
 AllowPlugins = Annotated[
@@ -227,6 +228,7 @@ def _shared(
     dry_run: DryRun = False,
     format_: Format = "png,svg",
     allow_plugins: AllowPlugins = False,
+    all_: All = False,
     json: Json = False,
 ) -> None:
     """Declare the options of all commands that run experiments, with types and defaults."""

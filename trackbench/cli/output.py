@@ -15,7 +15,7 @@ import typer
 if TYPE_CHECKING:
     from trackbench.api import Report
     from trackbench.errors import Problem, RunError, UserError
-    from trackbench.report.table import Table
+    from trackbench.report.table import Table, TextTable
 
 
 _STDOUT, _STDERR = 1, 2
@@ -148,6 +148,7 @@ def reported(report: "Report") -> dict[str, Any]:
         "numbers": number_rows(report.comparison),
         "claims": claim_rows(report.comparison),
         "best": [best._asdict() for best in report.best],
+        "ranking": [_text_rows(table) for table in report.ranking()],
         "answer": report.answer,
         "notes": report.notes,
         "failed": report.failed,
@@ -164,6 +165,12 @@ def table_rows(table: "Table") -> dict[str, Any]:
     """Return a table's title, rows and notes as data."""
     header = table.csv_header
     rows = [dict(zip(header, row, strict=True)) for row in table.csv_rows()]
+    return {"title": table.title, "rows": rows, "notes": table.notes}
+
+
+def _text_rows(table: "TextTable") -> dict[str, Any]:
+    """Return a table's title, its rows as on the screen, and notes as data."""
+    rows = [dict(zip(table.heads, (c.text for c in row), strict=True)) for row in table.rows]
     return {"title": table.title, "rows": rows, "notes": table.notes}
 
 

@@ -3,7 +3,7 @@
 import hashlib
 import signal
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing, suppress
 from functools import partial
 from pathlib import Path
@@ -33,8 +33,6 @@ if TYPE_CHECKING:
 
 _Print: TypeAlias = "partial[None]"
 """Prints a report, as objects, Markdown or tables of a terminal."""
-_SWEEP_ROWS = 20
-"""Longer tables of a sweep, of every filter at every point, are not printed."""
 
 
 @runs_experiments
@@ -113,7 +111,8 @@ def execute(
     from trackbench.plugins.errors import interrupt
 
     options, dry_run, json = api_options(given), given["dry_run"], given["json"]
-    form = partial(_print, json=json, markdown=MARKDOWN in given["format_"].split(","))
+    markdown = MARKDOWN in given["format_"].split(",")
+    form = partial(_print, json=json, markdown=markdown, everything=given["all_"])
     if command == "tune":
         api.check_tuned(configs, options)
     if dry_run:
@@ -139,8 +138,8 @@ def _run(command: str, configs: list[Path], options: "Options", form: _Print) ->
     good = True
     try:
         with closing(reports):
-            for report in reports:
-                form(report, most_rows=_SWEEP_ROWS if command == "sweep" else None)
+            for config, report in zip(configs, reports, strict=False):
+                form(report, config, is_sweep=command == "sweep")
                 good &= not report.failed
     except KeyboardInterrupt:
         typer.echo(
@@ -170,23 +169,50 @@ def _watch(configs: list[Path], options: "Options", form: _Print) -> None:
         _run_after_changes(config, go, [Path(file) for file in options.filters])
 
 
-def _print(report: "Report", json: bool, markdown: bool, most_rows: int | None) -> None:
+def _print(
+    report: "Report", config: Path, json: bool, markdown: bool, everything: bool, is_sweep: bool
+) -> None:
+    """Print the ranking, what it cannot say, and a line each on verdicts and on where the rest is."""
     if json:
         echo_line(reported(report))
     else:
         from trackbench.cli.screen import print_lines, print_tables
 
-        for name, table in report.tables.items():
-            if most_rows is None or len(table.keys) <= most_rows:
-                print_tables([table.texts()], markdown)
-            else:
-                typer.echo(f"{len(table.keys)} rows: {report.folder}/tables/{name}.md", err=True)
-        print_lines([*(f"best: {best}" for best in report.best), *report.answer])
-    for note in report.notes:
+        numbers = everything or is_sweep or not report.config.get("tables")
+        tables = report.ranking(numbers)
+        if everything or not tables:
+            tables += [table.texts() for table in report.tables.values()]
+        print_tables(tables, markdown)
+        print_lines([*report.answer, *_verdict_lines(report, config)])
+    for note in report.notes if everything else report.run_notes:
         typer.echo(f"note: {note}", err=True)
     for failure in report.failed:
         typer.echo(f"error: {failure}", err=True)
-    typer.echo(f"results in {report.folder}/", err=True)
+    rest = ": report.html has tables, figures and verdicts; --all prints the tables"
+    typer.echo(f"results in {report.folder}/" + rest * (not everything), err=True)
+
+
+def _verdict_lines(report: "Report", config: Path) -> Iterator[str]:
+    """Yield the counts of verdicts on papers, or how many runs of the config they need."""
+    from trackbench.config.shipped_experiments import located
+    from trackbench.errors import UserError
+    from trackbench.report.verdicts.files import bars
+    from trackbench.yaml_source import read
+
+    counts = bars(report.comparison)
+    if not counts:
+        return
+    needed = None
+    with suppress(UserError):
+        needed = read(located(config, lambda line: None)).data.get("runs")
+    if isinstance(needed, int) and needed > report.config["runs"]:
+        titles = " and ".join(bar.title for bar in counts)
+        yield f"Verdicts on {titles} need all {needed} runs of the config."
+        return
+    shown = []
+    for bar in counts:
+        shown.append(f"{bar.title}: {', '.join(f'{p.number} {p.verb}' for p in bar.parts)}")
+    yield f"Verdicts on {'; on '.join(shown)}. Reasons: trackbench compare {report.folder}"
 
 
 _EVERY_S = 0.2

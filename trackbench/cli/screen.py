@@ -1,11 +1,11 @@
-"""Tables and sentences on a terminal: aligned, colored, wrapped to its width.
+"""Tables and sentences on a screen: aligned, colored on a terminal, wrapped to its width.
 
-A pipe or a file gets Markdown, as does a terminal with `--format markdown`.
+Into a pipe or a file they are as wide as a page. `--format markdown` prints Markdown.
 """
 
+import re
 import sys
-from collections.abc import Iterable, Iterator
-from functools import partial
+from collections.abc import Iterable, Iterator, Mapping
 
 import typer
 from rich.box import SIMPLE_HEAD
@@ -17,6 +17,8 @@ from rich.text import Text as Styled
 from trackbench.report.table import Text, TextTable
 
 _GAP = 2
+_PAGE = 100
+"""Columns where stdout is no terminal."""
 _BEST = "bold green"
 _COLORS = {
     **dict.fromkeys(("equal", "agrees", "holds"), "green"),
@@ -27,9 +29,9 @@ _COLORS = {
 
 
 def print_tables(tables: Iterable[TextTable], markdown: bool = False) -> None:
-    """Print tables in the form that suits stdout."""
+    """Print tables aligned, or as Markdown."""
     for table in tables:
-        if markdown or not sys.stdout.isatty():
+        if markdown:
             typer.echo(table.markdown())
         else:
             _show(table, _console())
@@ -37,36 +39,37 @@ def print_tables(tables: Iterable[TextTable], markdown: bool = False) -> None:
 
 def print_lines(lines: Iterable[str]) -> None:
     """Print sentences, wrapped between words on a terminal."""
-    if not sys.stdout.isatty():
-        for line in lines:
-            typer.echo(line)
-        return
     for line in lines:
-        _console().print(Styled(line))
+        if sys.stdout.isatty():
+            _console().print(Styled(line))
+        else:
+            typer.echo(line)
 
 
 def _console() -> Console:
-    return Console(highlight=False)
+    return Console(highlight=False, width=None if sys.stdout.isatty() else _PAGE)
 
 
 def _show(table: TextTable, console: Console) -> None:
     """Print a table; columns beyond the width follow below, again with the first columns."""
     if table.title:
         console.print(Styled(table.title, "bold"))
-    for part in _parts(table, console.width):
-        grid = Grid(box=SIMPLE_HEAD, pad_edge=False, padding=(0, _GAP, 0, 0), show_edge=False)
+    widths = _widths(table, console.width)
+    for part in _parts(table, widths, console.width):
+        grid = Grid(box=SIMPLE_HEAD, pad_edge=False, padding=(0, _GAP - 1, 0, 0), show_edge=False)
         for i in part:
-            longest = None if i == part[-1] else _width(table, i, console.width)
             justify: JustifyMethod = "right" if _is_numeric(table, i) else "left"
-            grid.add_column(Styled(table.heads[i]), justify=justify, max_width=longest)
+            grid.add_column(Styled(table.heads[i]), justify=justify, max_width=widths[i])
         for row in table.rows:
             grid.add_row(*(_styled(row[i]) for i in part))
         console.print(grid)
         console.print()
-    if any(cell.best for row in table.rows for cell in row):
-        console.print(Styled("* best, or not significantly worse", "dim"))
-    for note in table.notes:
+    marked = any(cell.best for row in table.rows for cell in row)
+    notes = ["* best, or not significantly worse"] * marked + table.notes
+    for note in notes:
         console.print(Styled(note, "dim"))
+    if notes:
+        console.print()
 
 
 def _styled(cell: Text) -> Styled:
@@ -74,15 +77,14 @@ def _styled(cell: Text) -> Styled:
     return Styled("*" * cell.best + cell.text, color)
 
 
-def _parts(table: TextTable, room: int) -> Iterator[list[int]]:
+def _parts(table: TextTable, widths: Mapping[int, int], room: int) -> Iterator[list[int]]:
     """Yield the columns of each part: the leading columns of words, then as many as fit."""
     columns = range(len(table.heads))
     first = next((i for i in columns if _is_numeric(table, i)), len(columns))
     keys = [*columns[: min(first, _MOST_KEYS)]]
-    width = partial(_width, table, room=room)
     part = [*keys]
     for i in columns[len(keys) :]:
-        if len(part) > len(keys) and sum(width(j) + _GAP for j in (*part, i)) > room:
+        if len(part) > len(keys) and sum(widths[j] + _GAP for j in (*part, i)) > room + _GAP:
             yield part
             part = [*keys]
         part.append(i)
@@ -97,10 +99,35 @@ def _is_numeric(table: TextTable, column: int) -> bool:
     return any(row[column].number is not None for row in table.rows)
 
 
-def _width(table: TextTable, column: int, room: int) -> int:
-    """Return the width of a column; one of words takes a quarter of the room at most."""
-    longest = max((cell_len(row[column].text) + row[column].best for row in table.rows), default=0)
-    if _is_numeric(table, column):
-        words = max(map(cell_len, table.heads[column].split()), default=0)
-        return max(longest, words)
-    return max(min(max(longest, cell_len(table.heads[column])), room // 4), 8)
+def _widths(table: TextTable, room: int) -> dict[int, int]:
+    """Return the width of each column: of words narrower where all columns then fit side by side.
+
+    Words that begin with a digit are wrapped last.
+    """
+    columns = range(len(table.heads))
+    most = {i: max(map(cell_len, _texts(table, i))) for i in columns}
+    for wrapped in (r"(?!\d)", ""):
+        least = {i: _least(table, i, wrapped) for i in columns}
+        if sum(least.values()) + _GAP * (len(columns) - 1) <= room:
+            while sum(most.values()) + _GAP * (len(columns) - 1) > room:
+                widest = max((i for i in columns if most[i] > least[i]), key=most.__getitem__)
+                most[widest] -= 1
+            return most
+    # In parts: a column of words takes a quarter of the room at most.
+    parts = {i: max(8, min(most[i], room // 4)) for i in columns}
+    return {i: least[i] if _is_numeric(table, i) else parts[i] for i in columns}
+
+
+def _least(table: TextTable, column: int, wrapped: str) -> int:
+    """Return the width of the longest word; of numbers, and cells that do not match, the whole cell."""
+    head, *cells = _texts(table, column)
+    is_wrapped = not _is_numeric(table, column) and all(re.match(wrapped, c) for c in cells)
+    return max(
+        map(cell_len, [*head.split(), *(" ".join(cells).split() if is_wrapped else cells), ""])
+    )
+
+
+def _texts(table: TextTable, column: int) -> list[str]:
+    """Return the heading of a column, then its cells."""
+    cells = [row[column] for row in table.rows]
+    return [table.heads[column], *("*" * cell.best + cell.text for cell in cells)]

@@ -14,10 +14,11 @@ from typing import Any, NamedTuple
 
 from trackbench.commands import check_keywords
 from trackbench.config import load as configurations
-from trackbench.config.dump import as_yaml, data_from_python
+from trackbench.config.dump import as_yaml, data_from_python, resolved
 from trackbench.config.experiment import Experiment
 from trackbench.config.python_tables import name_rows
-from trackbench.config.shipped_experiments import located
+from trackbench.config.shipped_experiments import folder as shipped_folder
+from trackbench.config.shipped_experiments import listed, located
 from trackbench.config.tuned_entries import Chosen
 from trackbench.errors import Mark, Problem, UserError, reason
 from trackbench.evaluation.precision_check import checkpoints
@@ -26,7 +27,7 @@ from trackbench.execution.engines import Engine, cpu_count, engine
 from trackbench.execution.plan import Plan, announced, check_memory, make_plan
 from trackbench.execution.runner import first_batch
 from trackbench.report.sweep import as_sweep
-from trackbench.results.folder_contents import DERIVED_FILES, RUN_FILES
+from trackbench.results.folder_contents import DERIVED_FILES, RUN_FILES, read_manifest
 from trackbench.tuning.search import Record
 from trackbench.tuning.tuner import tune
 from trackbench.yaml_source import Config, read
@@ -194,6 +195,48 @@ def _job(config: Config, options: Options, alone: bool) -> Job:
     line = announced(experiment, plan, workers)
     first = first_batch(experiment)
     return Job(config, first, folder, plan_of(first, most, options), line, most)
+
+
+def expected_time(job: Job, options: Options) -> str:
+    """Return how long the missing blocks take, from stored results of the same scenario and filters."""
+    store, workers = BlockStore(cache_folder()), min(most_workers(options), len(job.plan.unique))
+    missing = [t for t in job.plan.unique if options.fresh or not store.has_file(t)]
+    if not missing:
+        return "every block is in the cache"
+    cpu_s = _cpu_s_of_run(job, options)
+    if cpu_s is None:
+        return "time unknown: no results of the same scenario and filters are stored"
+    runs = [sum(task.runs_used for task in tasks) for tasks in (missing, job.plan.unique)]
+    seconds = cpu_s * job.most * runs[0] / runs[1] / workers
+    size, unit = next(((s, u) for s, u in _LONG if seconds >= 2 * s), (1, "s"))
+    return f"about {max(seconds / size, 1):.2g} {unit}"
+
+
+_LONG = ((3600, "h"), (60, "min"))
+
+
+def _cpu_s_of_run(job: Job, options: Options) -> float | None:
+    """Return CPU seconds of all filters' run in the results folder, or of the shipped experiment."""
+    wanted = resolved(job.experiment, job.folder)
+    with suppress(OSError, UserError, ValueError, LookupError, TypeError):
+        facts = read_manifest(job.folder)
+        stored = read(job.folder / "config.yaml").data
+        if all(as_yaml({k: stored.get(k)}) == as_yaml({k: wanted.get(k)}) for k in _SAME):
+            return float(facts["cpu_s"]) / int(facts["runs"])
+    is_changed = options.grid or options.only or any(w != FIT for w in options.set)
+    if isinstance(job.config, Mapping) or is_changed:
+        return None
+    with suppress(UserError):
+        path = file_of(job.config, replace(options, quiet=True))
+        for shipped in listed() if path.parent.samefile(shipped_folder()) else []:
+            if shipped.name == path.stem and shipped.cpu_s is not None:
+                return shipped.cpu_s / int(read(path).data.get("runs", 1))
+    return None
+
+
+FIT = "block=fit"
+"""Override of `--quick`, which changes no filter."""
+_SAME = ("scenario", "filters", "grid", "only")
 
 
 def plan_of(experiment: Experiment, most: int, options: Options) -> Plan:

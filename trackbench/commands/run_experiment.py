@@ -19,6 +19,7 @@ from trackbench.commands.prepare import (
     OPTION_NAMES,
     Job,
     Options,
+    expected_time,
     jobs_of,
     most_drawers,
     most_workers,
@@ -32,10 +33,11 @@ from trackbench.config.python_tables import without_folders
 from trackbench.config.requested_metrics import takes_times
 from trackbench.config.tuned_entries import held_out, training_cautions
 from trackbench.errors import Mark, Problem, UserError, WriteError, counted, in_line
-from trackbench.evaluation.timing import Measured, measure
+from trackbench.evaluation.timing import REPEATS, Measured, measure
 from trackbench.execution.cache import BlockStore, block_key, cache_folder, times_folder
 from trackbench.execution.engines import OpenEngine, begin, engine
 from trackbench.execution.plan import Key, Plan, cautions
+from trackbench.execution.queue import progress_bar
 from trackbench.execution.runner import Outcome, execute, next_batch, stop_reason
 from trackbench.field_types import require_regular_file
 from trackbench.plugins.errors import guarded
@@ -118,8 +120,8 @@ def _import_ahead() -> None:
 
 
 def preview(configs: Sequence[Config], options: Options) -> list[str]:
-    """Return a line for each experiment that `run_all` would run."""
-    return [job.line for job in jobs_of(configs, options)]
+    """Return a line for each experiment that `run_all` would run, with the time that it takes."""
+    return [f"{job.line}; {expected_time(job, options)}" for job in jobs_of(configs, options)]
 
 
 def _reported(job: Job, outcome: Outcome, options: Options, sweep: bool) -> Report:
@@ -130,7 +132,9 @@ def _reported(job: Job, outcome: Outcome, options: Options, sweep: bool) -> Repo
     """
     for line in [*_what_happened(outcome), *stop_reason(job.experiment, job.most, outcome)]:
         say(line, options)
-    times = times_of(job.experiment, outcome, options.fresh) if options.times else Times({}, {})
+    progress, times = not options.quiet, Times({}, {})
+    if options.times:
+        times = times_of(job.experiment, outcome, options.fresh, progress)
     for label, why in times.failed.items():
         say(f"note: {label} has no measured CPU time: {why}", options)
     with record_writes() as data:
@@ -145,7 +149,8 @@ def _reported(job: Job, outcome: Outcome, options: Options, sweep: bool) -> Repo
     write_manifest(job.folder, facts, data)
     results = Results(job.folder, facts)
     with record_writes() as derived:
-        comparison = render(results, options.formats, most_drawers(options), options.fresh)[1]
+        drawers = most_drawers(options)
+        comparison = render(results, options.formats, drawers, options.fresh, progress)[1]
         if sweep:
             with results.without("sweep.csv"):
                 write_sweep(results)
@@ -196,7 +201,9 @@ class Times(NamedTuple):
     failed: Mapping[str, str]
 
 
-def times_of(experiment: Experiment, outcome: Outcome, fresh: bool) -> Times:
+def times_of(
+    experiment: Experiment, outcome: Outcome, fresh: bool, progress: bool = False
+) -> Times:
     """Measure the filters' CPU times if the config or a published row uses them.
 
     They are measured in this process. Cached times are reused unless code, machine or a filter
@@ -226,7 +233,9 @@ def times_of(experiment: Experiment, outcome: Outcome, fresh: bool) -> Times:
         with suppress(OSError, ValueError, TypeError):
             stored = [Measured(*row) for row in json.loads(require_regular_file(file).read_bytes())]
             return Times({key: stored[unique.index(task)] for key, task in tasks.items()}, {})
-    measured = dict(zip(unique, measure(unique, guarded), strict=True))
+    what = f"{experiment.settings.name}: CPU times"
+    with progress_bar(len(unique) + REPEATS, "turn", progress, desc=what) as bar:
+        measured = dict(zip(unique, measure(unique, guarded, bar.update), strict=True))
     good = {key: m for key, task in tasks.items() if isinstance(m := measured[task], Measured)}
     failed = {
         key[1]: in_line(str(measured[task])) for key, task in tasks.items() if key not in good

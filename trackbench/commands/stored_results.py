@@ -27,10 +27,10 @@ from trackbench.report.open import (
 )
 from trackbench.report.paired import Pair
 from trackbench.report.plotting.page_formats import Style
-from trackbench.report.render import conclusions, write_figures
+from trackbench.report.render import conclusions, ranking, write_figures
 from trackbench.report.results import PartialReportError, Results
 from trackbench.report.sweep import Best, best_points
-from trackbench.report.table import Table, results_html
+from trackbench.report.table import Table, TextTable, results_html
 from trackbench.report.verdicts.cpu_times import time_line
 from trackbench.report.verdicts.files import reasons, summary_lines, write_comparison, write_paired
 from trackbench.report.verdicts.numbers import Verdicts
@@ -65,7 +65,7 @@ class Report:
 
     def _repr_html_(self) -> str:
         lines = [f"{self.folder}/", *self.failed, *self.answer, *summary_lines(self.comparison)]
-        tables = (table.texts() for table in self.tables.values())
+        tables = [*self.ranking(), *(table.texts() for table in self.tables.values())]
         return results_html(self.results.title, lines, tables, self._repr_png_())
 
     def _repr_png_(self) -> bytes | None:
@@ -93,8 +93,16 @@ class Report:
 
     @cached_property
     def answer(self) -> list[str]:
-        """Conclusions, a sentence each."""
+        """Conclusions beside the ranking, a sentence each."""
         return conclusions(self.results)
+
+    def ranking(self, numbers: bool = False) -> list[TextTable]:
+        """Return the ranking as a table, a row a filter, the best first.
+
+        Of a grid it is over all scenarios. With ``numbers``, tables of each scenario, or of each
+        filter's settings, follow.
+        """
+        return ranking(self.results, numbers)
 
     @property
     def tables(self) -> dict[str, Table]:

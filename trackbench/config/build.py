@@ -26,12 +26,13 @@ from trackbench.field_types import (
     annotations_of,
 )
 from trackbench.filters.base import Filter
-from trackbench.models.sensors.base import Assume
 from trackbench.plugins.checks import check_sensors
 from trackbench.plugins.errors import PluginError, plugin_code
 from trackbench.registry import Group, kinds, of_kind
 from trackbench.yaml_source import Keys, Source, dotted, formula, marked, put
 
+ENTRY_KEYS = ("assume", "late")
+"""Keys of every filter's entry beside those of its class."""
 T = TypeVar("T")
 F = TypeVar("F", bound=Callable[..., object])
 
@@ -154,12 +155,16 @@ def unknown(word: str, known: list[str]) -> str:
 def _without_unions(problems: Collection[Problem]) -> list[Problem]:
     """Return one line for an invalid value, for which the validator of a union has several.
 
-    A mistaken item of a list is reported without the remark that the list is no word.
+    A mistaken item of a list is reported without the remark that the list is no word, and a mapping of
+    no known kind without the remark that it is no number.
     """
     merged: dict[tuple[Mark, str, str], Problem] = {}
     for problem in problems:
         value, verb, rest = problem.what.rpartition(" is ")
         if verb and any(p.path.startswith(f"{problem.path}.") for p in problems):
+            continue
+        of_kinds = [p for p in problems if p.path == problem.path and not p.what.startswith("{")]
+        if verb and value.startswith("{") and of_kinds:
             continue
         before = merged.get(place := (problem.mark, problem.path, value or rest))
         merged[place] = replace(before, what=f"{before.what} and {rest}") if before else problem
@@ -286,9 +291,9 @@ def _component(group: Group, data: object, source: Source, keys: Keys) -> Part |
         source.add_problem((*keys, "command"), "a program is run only with --allow-plugins")
         return None
     also = ["preset"] if cls.presets else []
-    if keys[:-1] == ("filters",):  # a key of every filter's entry: see `read_assumed`
-        values.pop("assume", None)
-        also.append("assume")
+    if keys[:-1] == ("filters",):  # keys of every filter's entry: see `read_assumed`
+        values = {key: value for key, value in values.items() if key not in ENTRY_KEYS}
+        also += ENTRY_KEYS
         if isinstance(values.get("start"), dict):
             what = "the prior of one filter is `assume: {start: {kind: ...}}`"
             source.add_key_problem((*keys, "start"), what)
@@ -301,21 +306,6 @@ def _is_allowed(source: Source, values: Mapping[str, object]) -> bool:
     if source.programs is None or not (isinstance(words, list) and words):
         return True
     return len(words) == 1 and words[0] in [*source.programs]
-
-
-def read_assumed(source: Source, label: str) -> Assume | None:
-    """Return the filter model that the key ``assume`` of a filter's entry gives, if it has one."""
-    entry = source.data["filters"][label]
-    if not isinstance(entry, dict) or entry.get("assume") is None:
-        return None
-    keys = ("filters", label, "assume")
-    knows_faults = isinstance(entry["assume"], dict) and {*entry["assume"]} == {"faults"}
-    if label == source.data.get("reference") and not knows_faults:
-        source.add_key_problem(keys, "the reference filter uses the true model; leave this key out")
-    if not isinstance(entry["assume"], dict):
-        source.add_problem(keys, "is not a mapping")
-        return None
-    return build(Assume, source, keys)
 
 
 _REPORTED = "reported"

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias, cast
 
 import yaml
 
-from trackbench.config.build import file_keys
+from trackbench.config.build import ENTRY_KEYS, file_keys
 from trackbench.config.experiment import Experiment
 from trackbench.config.grid import single_paths
 from trackbench.config.includes import split_path
@@ -65,12 +65,19 @@ def resolved(experiment: Experiment, folder: Path) -> PlainData:
         out["key_figure"] = None
     # Step 3: filter models.
     for label, assume in first.assumed.items():
-        keys = ("filters", label, "assume")
-        assumed: object = {k: v for k, v in as_config(assume, relative).items() if v is not None}
-        if keys[:2] in without_defaults:
-            assumed = _only_set(assumed, experiment.source.at(keys))
-        out["filters"][label]["assume"] = assumed
+        assumed: object = entry_keys(assume, relative)
+        if ("filters", label) in without_defaults:
+            entry = experiment.source.at(("filters", label))
+            assumed = _only_set(assumed, {key: entry[key] for key in ENTRY_KEYS if key in entry})
+        out["filters"][label] |= assumed
     return out
+
+
+def entry_keys(assume: Assume, shown: Callable[[str], str] = str) -> PlainData:
+    """Return the keys of a filter's entry that give these assumptions."""
+    assumed = {k: v for k, v in as_config(assume, shown).items() if v is not None}
+    late = {"late": assumed.pop("late")} if "late" in assumed else {}
+    return ({"assume": assumed} if assumed or not late else {}) | late
 
 
 def data_files(experiment: Experiment, folder: Path) -> dict[str, Path]:
@@ -145,12 +152,17 @@ def as_config(part: Part | Assume, shown: Callable[[str], str] = str) -> PlainDa
         if key.name in files and value is not None:
             value = shown(value) if isinstance(value, str) else [shown(path) for path in value]
         out[key.name] = _plain(value, shown)
-    return _without_unset(out)
+    defaults = {key.name: key.default for key in fields(part)}
+    return {key: x for key, x in out.items() if x or key not in _LATER or defaults[key]}
+
+
+_LATER = ("faults", "robust", "delay", "late", "format", "density")
+"""Keys that older results folders lack: left out if unset, so that their configs stay as they are."""
 
 
 def _without_unset(keys: PlainData) -> PlainData:
-    """Leave out keys that older results folders lack, so that their configs stay as they are."""
-    return {key: value for key, value in keys.items() if value or key != "faults"}
+    """Leave out keys that older results folders lack."""
+    return {key: value for key, value in keys.items() if value or key not in _LATER}
 
 
 def _plain(value: object, shown: Callable[[str], str]) -> object:

@@ -204,6 +204,11 @@ class DrawnExhibit(Exhibit):
         """True if the positions measured in the first run must be stored."""
         return False
 
+    @property
+    def shown_particles(self) -> tuple[int, int] | None:
+        """First and last step of which the particles must be stored."""
+        return None
+
 
 @dataclass(frozen=True)
 class Experiment:
@@ -236,6 +241,12 @@ class Experiment:
     def shown_covariances(self) -> bool:
         """True if a figure needs those tracks' covariances too."""
         return any(f.shown_covariances for f in self.figures.values())
+
+    @property
+    def shown_particles(self) -> tuple[int, int] | None:
+        """First and last step of which a figure needs those runs' particles."""
+        spans = [f.shown_particles for f in self.figures.values() if f.shown_particles]
+        return (min(a for a, _ in spans), max(b for _, b in spans)) if spans else None
 
     def title_of(self, key: tuple[int, str]) -> str:
         """Return a filter at a grid point, for people."""

@@ -12,7 +12,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from trackbench.config.build import build, build_kind, read_assumed
+from trackbench.config.build import build, build_kind
 from trackbench.config.checks import (
     QUICK,
     check_assumed,
@@ -30,6 +30,7 @@ from trackbench.config.checks import (
     with_recorded_runs,
 )
 from trackbench.config.experiment import DrawnExhibit, Exhibit, Experiment, Point, Settings
+from trackbench.config.filter_model import check_idle_late, check_late, read_assumed
 from trackbench.config.grid import add_axis, apply_point, grid_points
 from trackbench.config.includes import assignment, inline_parts, override
 from trackbench.config.plugin_checks import add_filters, load_plugins, show_filters
@@ -45,12 +46,14 @@ from trackbench.config.tuned_entries import (
     with_defaults,
 )
 from trackbench.errors import Mark, Problem, RunError, UserError
+from trackbench.evaluation.metric_expression import Measure
 from trackbench.filters.base import AnyFilter
 from trackbench.models.base import position_velocity_names
 from trackbench.plugins.checks import check_scenario
 from trackbench.plugins.errors import PluginError, foreign_line, guarded
 from trackbench.plugins.load import Plugin
-from trackbench.registry import Group
+from trackbench.registry import Group, kinds
+from trackbench.scenarios.base import error_names
 from trackbench.yaml_source import Source, from_mapping, read, unprintable_reason
 
 _ALIKE = 0.7  # of two keys: `title` and `titel` are 0.8, `bound` and `bogus` 0.6
@@ -200,6 +203,7 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
     points = [point for point in built if point is not None]
     whole_grid = points if len(points) == len(built) else []
     check_idle(source, whole_grid)
+    check_idle_late(source, whole_grid)
     for point in points if not source.problems else ():
         check_exact(source, settings, point)
     check_idle_settings(source, settings, points)
@@ -214,8 +218,8 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
     # Step 4: tables and figures.
     if whole:
         _add_default_exhibits(source, settings, points)
-    tables: dict[str, Exhibit] = _exhibits("tables", source)
-    figures: dict[str, DrawnExhibit] = _exhibits("figures", source)
+    tables: dict[str, Exhibit] = _exhibits("tables", source, points)
+    figures: dict[str, DrawnExhibit] = _exhibits("figures", source, points)
     exhibits: dict[Group, dict[str, Exhibit]] = {"tables": tables, "figures": {**figures}}
     for group, parts in exhibits.items():
         check_named_filters(source, settings, group, parts)
@@ -265,6 +269,7 @@ def _point(source: Source, labels: list[str], values: dict[str, object]) -> Poin
         assumed_scenario = check_assumed(source, point, label)
         if tracker is not None and assumed_scenario is not None:
             check_fit(source, ("filters", label), tracker, assumed_scenario)
+            check_late(source, ("filters", label), tracker, assumed_scenario)
     return point
 
 
@@ -281,9 +286,20 @@ def _sections(source: Source) -> None:
                 build_kind(group, source, (group, label))
 
 
-def _exhibits(group: Group, source: Source) -> dict[str, Any]:
-    """Return the tables or figures, without those that have mistakes."""
+def _exhibits(group: Group, source: Source, points: list[Point]) -> dict[str, Any]:
+    """Return the tables or figures, without those that have mistakes.
+
+    One whose kind shows an error by default, and names none, shows the scenario's first error.
+    """
     names = source.data.get(group) or {}
+    errors = error_names(points[0].scenario) if points and points[0].scenario.has_truth else []
+    for name, entry in names.items() if errors else ():
+        kind = entry.get("kind") if isinstance(entry, dict) and "metric" not in entry else None
+        default = getattr(kinds(group).get(str(kind)), "metric", None)
+        base = default.metric if isinstance(default, Measure) else ""
+        if base.startswith("rmse") and base not in errors:
+            metric = str(default).replace(base, errors[0])
+            override(source, (group, name, "metric"), metric, Mark("default"))
     built = {name: build_kind(group, source, (group, name)) for name in names}
     return {name: part for name, part in built.items() if part is not None}
 
@@ -315,7 +331,7 @@ def _add_default_exhibits(source: Source, settings: Settings, points: list[Point
     # With ground truth: the track of the first run.
     if any(p.scenario.has_truth for p in points):
         if planar and not settings.grid and not settings.tables and not settings.figures:
-            track = {"kind": "track", "best": 3}
+            track = {"kind": "track"}
             override(source, ("figures",), {"track": track}, Mark("default in the plane"))
         return
     # Without: what needs only innovations.
@@ -328,7 +344,7 @@ def _add_default_exhibits(source: Source, settings: Settings, points: list[Point
             "whiteness": {"kind": "autocorrelation"},
         }
         if planar:
-            figures["track"] = {"kind": "track", "best": 3}
+            figures["track"] = {"kind": "track"}
         else:
             figures["estimates"] = {"kind": "estimates"}
         override(source, ("figures",), figures, mark)

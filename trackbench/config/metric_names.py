@@ -22,6 +22,7 @@ from trackbench.filters.base import (
     has_likelihood,
 )
 from trackbench.metrics import METRICS, in_window, is_reserved, joined, metric_of, metrics_of
+from trackbench.models.delays import LATE_COUNTS
 from trackbench.plugins.errors import guarded
 from trackbench.registry import of_kind
 from trackbench.scenarios.base import Scenario
@@ -61,6 +62,8 @@ class Names:
     efficiencies: set[str] = field(default_factory=set)
     """metrics of a filter's runs together with those of the reference"""
     windows: set[str] = field(default_factory=set)
+    has_delays: bool = False
+    """whether measurements may arrive late"""
     has_truth: bool = True
     """whether there are errors at all"""
     unprobed: list[type] = field(default_factory=list)
@@ -147,6 +150,7 @@ def names_of(
     ``with_diagnostics`` adds the filters' diagnostics, at the first point of each scenario and the last.
     """
     names = Names(has_truth=all(p.scenario.has_truth for p in points))
+    names.has_delays = any(p.scenario.longest_delay for p in points)
     # Step 1: the series of every filter, at the first point of each scenario and at the last.
     first = {point.scenario: point for point in reversed(points)}
     for point in {id(p): p for p in (*first.values(), points[-1])}.values():
@@ -156,6 +160,8 @@ def names_of(
             series = frozenset(_series(settings, point.scenario, label, tracker))
             series |= set(_predictive_series(settings, point.scenario, tracker))
             counts = frozenset() if tracker is None else tracker.summed_diagnostics
+            if point.scenario.longest_delay:
+                series, counts = series | LATE_COUNTS, counts | LATE_COUNTS
             if with_diagnostics:
                 try:
                     series |= _diagnostics(settings, point.assumed_scenario(label), tracker)

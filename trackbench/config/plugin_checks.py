@@ -233,7 +233,7 @@ def exhibit_conflicts(part: Exhibit, points: Sequence[Point]) -> dict[str, str]:
 def _check_shown(part: DrawnExhibit) -> None:
     """Raise WrongReturnError unless a figure declares properly which tracks it needs."""
     runs, components = part.shown_runs, part.shown_components
-    _ = part.shown_covariances, part.shown_measurements
+    _ = part.shown_covariances, part.shown_measurements, part.shown_particles
     if not isinstance(runs, int):
         raise WrongReturnError("shown_runs", f"shown_runs is {runs!r}, no whole number")
     if components is not None and not isinstance(components, tuple):

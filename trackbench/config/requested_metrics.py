@@ -147,6 +147,10 @@ def _unknown(request: MetricRequest, names: Names, settings: Settings) -> str | 
         return f"{word!r} needs ground truth, and the recording has none; {usable}"
     if m.metric == "likelihood_ratio" and settings.reference is None:
         return "likelihood_ratio is relative to an exact filter; name one under `reference`"
+    if m.metric == "likelihood_ratio" and names.has_delays:
+        return (
+            "likelihood_ratio needs equal measurements for both filters, and here some arrive late"
+        )
     if word in known or not request.named or names.could_be_diagnostic(request.measure.metric):
         return None
     # Names that are unknown.

@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from trackbench.atomic_files import free_name
-from trackbench.config.build import build_kind, read_assumed
+from trackbench.config.build import build_kind
 from trackbench.config.checks import add_label_problem, check_assumed, check_fit
 from trackbench.config.dump import as_config
 from trackbench.config.experiment import Experiment, Point, Settings
+from trackbench.config.filter_model import check_late, read_assumed
 from trackbench.config.includes import deep_merge, override, split_path
 from trackbench.config.tuning import Axis, bad_terms, default_metric, read_axis, tuned_label
 from trackbench.errors import Mark, Problem
@@ -167,6 +168,7 @@ def make_trial(source: Source, point: Point, label: str, values: Chosen) -> Tria
         scenario = check_assumed(changed, trial_point, label)
         if scenario is not None:
             check_fit(changed, ("filters", label), tracker, scenario)
+            check_late(changed, ("filters", label), tracker, scenario)
     return changed.problems or Trial(tracker, assume)
 
 

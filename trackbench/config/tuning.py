@@ -12,8 +12,8 @@ from trackbench.core import elementary
 from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import Measure, measured
 from trackbench.field_types import Count, Finite, is_number
-from trackbench.metrics import in_window, joined
-from trackbench.scenarios.base import Scenario
+from trackbench.metrics import in_window
+from trackbench.scenarios.base import Scenario, error_names
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.over_runs import STATISTICS, influence, mean
 
@@ -226,5 +226,4 @@ def default_metric(scenario: Scenario) -> str:
     """Return the rms of the scenario's first error; without a truth the predictive likelihood."""
     if not scenario.has_truth:
         return "log_score"
-    nowhere = np.zeros((len(scenario.components), 1))
-    return f"rms({joined('rmse', next(iter(scenario.errors(nowhere, nowhere))))})"
+    return f"rms({error_names(scenario)[0]})"

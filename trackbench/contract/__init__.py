@@ -33,6 +33,7 @@ from trackbench.contract.problems import (
 from trackbench.errors import UserError, in_line
 from trackbench.filters.base import AnyFilter, Filter
 from trackbench.filters.external import External
+from trackbench.filters.kf import GaussianFilter
 from trackbench.models.motions.scalar import SineGamma
 from trackbench.models.sensors.square_then_line import SquareThenLine
 from trackbench.plugins.errors import PluginError, guarded, located_message
@@ -104,15 +105,15 @@ def check_file(
         raise UserError(f'{path}: registers no filter (@register("filters", "my-kind"))')
     classes = {k: c for k, c in registered.items() if issubclass(c, Filter)}
     if on is None:
-        return {k: check_filter(c) for k, c in classes.items()}
+        return {k: [*check_filter(c)] for k, c in classes.items()}
     point = load(on, allow_plugins=allow_plugins, chosen=[path]).points[0]
     out: dict[str, list[Finding]] = {}
     for kind, cls in classes.items():
         labels = [label for label, f in point.filters.items() if f.kind == kind]
         of_kind = {
-            n: check_filter(cls, point.filters[n], on=ModelDraws(base=point.assumed_scenario(n)))
+            n: [*check_filter(cls, point.filters[n], on=ModelDraws(base=point.assumed_scenario(n)))]
             for n in labels
-        } or {kind: check_filter(cls, on=ModelDraws(base=point.scenario))}
+        } or {kind: [*check_filter(cls, on=ModelDraws(base=point.scenario))]}
         out |= _with_other_keys(of_kind)
     return out
 
@@ -138,15 +139,15 @@ def _check_program(
         raise UserError(f"{path}: {NO_FILTER}; {what}")
     program = External(command=(str(path.absolute()),)) if not labels else None
     if on is None:
-        return {path.stem: check_filter(External, program)}
+        return {path.stem: [*check_filter(External, program)]}
     point = load(on, allow_plugins=allow_plugins, chosen=[path]).points[0]
     if program is not None:
         problem = ModelDraws(base=point.scenario)
-        return {path.stem: check_filter(External, program, on=problem)}
+        return {path.stem: [*check_filter(External, program, on=problem)]}
     by_label = {}
     for label in labels:
         problem = ModelDraws(base=point.assumed_scenario(label))
-        by_label[label] = check_filter(External, point.filters[label], on=problem)
+        by_label[label] = [*check_filter(External, point.filters[label], on=problem)]
     return _with_other_keys(by_label)
 
 
@@ -169,8 +170,8 @@ def check_filter(
     scenarios: Sequence[Scenario] = (),
     on: ModelDraws | None = None,
     seed: int = 1,
-) -> list[Finding]:
-    """Check a filter class.
+) -> Iterator[Finding]:
+    """Check a filter class; a check runs when its finding is asked for.
 
     Parameters
     ----------
@@ -184,37 +185,39 @@ def check_filter(
         The problem that the filter's constants belong to; default: the contract's problems.
     seed : int
         Seed of the data that are compared with reference filters.
-
-    Returns
-    -------
-    list of Finding
     """
     name = "has a default for every key"
     keys = fields(cls) if is_dataclass(cls) else ()
     required = [f.name for f in keys if f.init and f.default is f.default_factory is MISSING]
     if tracker is None and required:
         why = f"{', '.join(required)} have none: `--on CONFIG` names an experiment with values"
-        return [Finding(name, "left out", why), Finding("everything else", "left out", why)]
+        yield Finding(name, "left out", why)
+        yield Finding("everything else", "left out", why)
+        return
     try:
         tracker = _with_defaults(cls) if tracker is None else tracker
     except ContractError as error:
-        return [Finding(name, "bad", str(error))]
-    findings = [Finding(name, "good")] if on is None and not tracker.runs_program else []
+        yield Finding(name, "bad", str(error))
+        return
+    if on is None and not tracker.runs_program:
+        yield Finding(name, "good")
     scenario, why_not_linear = _choose_scenario(tracker, scenarios, on)
     if scenario is None:
-        return [*findings, Finding("everything else", "left out", why_not_linear)]
+        yield Finding("everything else", "left out", why_not_linear)
+        return
     exempt = _exemptions(tracker, scenario, why_not_linear)
     for key, (name, check) in CHECKS.items():
         if key in exempt:
-            findings.append(Finding(name, "left out", exempt[key]))
+            yield Finding(name, "left out", exempt[key])
         else:
-            findings.append(run_check(name, check, tracker, scenario, seed))
-    return findings
+            yield run_check(name, check, tracker, scenario, seed)
 
 
 def _exemptions(tracker: AnyFilter, scenario: Scenario, why_not_linear: str) -> dict[str, str]:
     """Return the checks that are left out, with reasons."""
     exempt: dict[str, str] = dict(type(tracker).contract_exemptions)
+    if isinstance(tracker, GaussianFilter) and tracker.robust:
+        exempt.setdefault("kalman", "weighs measurements by `robust`")
     if "kalman" in exempt:
         exempt.setdefault("consistency", exempt["kalman"])
     if tracker.loops_over_runs:

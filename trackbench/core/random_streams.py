@@ -144,6 +144,21 @@ def side_by_side(blocks: Sequence[Generator], width: int) -> Generator:
     return blocks[0] if len(blocks) == 1 else cast(Generator, SideBySide(blocks, width))
 
 
+def position_of(stream: Generator) -> list[Any]:
+    """Return the place in a block's stream, or in those of several blocks, for `put_back`."""
+    return [g.bit_generator.state for g in _generators_of(stream)]
+
+
+def put_back(stream: Generator, position: list[Any]) -> None:
+    """Let a stream draw again what it drew after a `position_of`."""
+    for generator, state in zip(_generators_of(stream), position, strict=True):
+        generator.bit_generator.state = state
+
+
+def _generators_of(stream: Generator) -> Sequence[Generator]:
+    return stream.blocks if isinstance(stream, SideBySide) else [stream]
+
+
 class SomeRuns:
     """Streams of chosen runs of a block at one step, for draws that only some runs make.
 

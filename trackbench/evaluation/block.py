@@ -5,7 +5,7 @@ same in a batch of 10 or of 10 000.
 """
 
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -46,6 +46,8 @@ class BlockTask:
     """keep whole tracks of runs below this number"""
     keep_covariance: bool = False
     """keep the covariances of the shown tracks too"""
+    particle_steps: tuple[int, int] | None = None
+    """keep the particles of the shown tracks from the first to the last of these steps"""
     keep_steps: tuple[str, ...] = ()
     """series kept per run and step, for their medians"""
     assume: Assume | None = None
@@ -104,6 +106,8 @@ class BlockTask:
             hold_out=self.hold_out,
             stacked=self.stacked,
             copies=self.copies,
+            particle_steps=self.particle_steps,
+            runs_with_tracks=self.runs_with_tracks if self.particle_steps else 0,
         )
 
     @property
@@ -133,6 +137,8 @@ class Tracks(NamedTuple):
     measurements: Array
     mean: Array
     cov: Array | None
+    particles: Array | None = None
+    """states, weights and parents of some steps' N particles (n_x + 2, S, N, r), NaN where unknown"""
 
 
 class BlockResult(NamedTuple):
@@ -163,12 +169,13 @@ def _simulate_copies(
     """Return the same runs several times, with the prior's moments."""
     data = simulate(scenario, seed, first_run, width)
 
-    def repeated(rows: Array) -> Array:
+    def repeated(rows: Any) -> Any:
         return np.concatenate([rows] * copies, axis=-1)
 
     mean, cov = data.prior.mean, data.prior.cov
     prior = Gaussian(repeated(mean), repeated(cov) if cov.ndim > 2 else cov)
-    return freeze(Simulation(repeated(data.truth), repeated(data.measurements), prior))
+    arrival = None if data.arrival is None else repeated(data.arrival)
+    return freeze(Simulation(repeated(data.truth), repeated(data.measurements), prior, arrival))
 
 
 simulate_copies = LatestResults(_simulate_copies, size=1)

@@ -59,8 +59,10 @@ def _run(task: BlockTask, streams: _FixedNormals, runs: int) -> tuple[Simulation
 def why_not_exact(task: BlockTask) -> str | None:
     """Return the reason why a filter has no exact errors; None if it has."""
     tracker = task.filter
-    if not tracker.is_linear or (isinstance(tracker, GaussianFilter) and tracker.gate):
-        return f"`{tracker.kind}` is not linear; take a `kf` without `gate`, or an `alpha-beta`"
+    adapts = isinstance(tracker, GaussianFilter) and (tracker.gate or tracker.robust)
+    if not tracker.is_linear or adapts:
+        what = f"`{tracker.kind}` is not linear"
+        return f"{what}; take a `kf` without `gate` and `robust`, or an `alpha-beta`"
     if task.scenario.recorded_runs is not None:
         return "the measurements are recorded: nothing of them is random"
     try:

@@ -47,6 +47,13 @@ def held_out(measurements: Array, every: int) -> Mask:
     return np.asarray(measured & (np.cumsum(measured, axis=0) % every == 0))
 
 
+def visible_to_filter(measurements: Array, hold_out: int | None) -> Array:
+    """Return the measurements with NaN in place of those that are held out."""
+    if not hold_out:
+        return measurements
+    return freeze(np.where(held_out(measurements, hold_out), np.nan, measurements))
+
+
 def predictive_series(components: Sequence[str], scores: bool, hold_out: int | None) -> list[str]:
     """Return names of all predictive series; ``scores``: the filter has a log-likelihood."""
     out = [_SCORE] if scores else []
@@ -84,11 +91,8 @@ class PredictionScorer:
         self._tracker, self._model, self._rng = tracker, model, rng
         self._wanted = {"score", "prediction"}.intersection(wanted)
         self._all = measurements
-        # The filter gets NaN in place of measurements that are held out.
         self._held_out = held_out(measurements, hold_out) if hold_out else None
-        self.visible = measurements
-        if self._held_out is not None:
-            self.visible = freeze(np.where(self._held_out, np.nan, measurements))
+        self.visible = visible_to_filter(measurements, hold_out)
         self._rows: dict[str, list[Array]] = {}
         self._pending: list[tuple[Gaussian, Array, int]] = []
         self._innovations: list[Innovation] = []

@@ -20,6 +20,7 @@ from trackbench.evaluation.error_series import (
     step_sums,
     with_unused,
 )
+from trackbench.evaluation.late_measurements import deliveries
 from trackbench.evaluation.run_filter import (
     FilterOutput,
     run_filter_cached,
@@ -28,6 +29,7 @@ from trackbench.evaluation.run_filter import (
 )
 from trackbench.evaluation.validate_output import check_names
 from trackbench.filters.base import JoinableFilter
+from trackbench.models.delays import LATE_COUNTS
 from trackbench.scenarios.base import Simulation
 
 _COLUMNS = 16_384  # runs times steps whose series are made and added up at a time, in the cache
@@ -121,19 +123,28 @@ def _cut(
     """Return a block's share of a stack: sums over contiguous copies have the order of a lone block."""
     share = width / output.mean.shape[-1]
 
-    def runs_of(rows: Array) -> Array:
+    def runs_of(rows: Any) -> Any:
         return np.ascontiguousarray(rows[..., first : first + width])
 
     return (
-        data._replace(truth=runs_of(data.truth), measurements=runs_of(data.measurements)),
+        data._replace(
+            truth=runs_of(data.truth),
+            measurements=runs_of(data.measurements),
+            arrival=None if data.arrival is None else runs_of(data.arrival),
+        ),
         FilterOutput(
             mean=runs_of(output.mean),
             nees=runs_of(output.nees),
-            cov=None if output.cov is None else output.cov[..., first : first + width],
+            cov=_runs_of(output.cov, first, width),
             diagnostics={name: runs_of(rows) for name, rows in output.diagnostics.items()},
             cpu_s=output.cpu_s * share,
+            particles=_runs_of(output.particles, first, width),
         ),
     )
+
+
+def _runs_of(rows: Array | None, first: int, width: int) -> Array | None:
+    return None if rows is None else rows[..., first : first + width]
 
 
 def _reduce(task: BlockTask, data: Simulation, output: FilterOutput) -> dict[int, BlockResult]:
@@ -147,8 +158,10 @@ def _reduce(task: BlockTask, data: Simulation, output: FilterOutput) -> dict[int
     if twin_task is not None:
         if task.scenario.has_truth:
             twin_mean = run_twin(twin_task).mean
-        clean = twin_task.data.measurements
-        predictive |= rejections(data.measurements, clean, output.diagnostics)
+        z, clean = data.measurements, twin_task.data.measurements
+        if delivered := deliveries(task, data):
+            z, clean = delivered.given(z), delivered.given(clean)
+        predictive |= rejections(z, clean, output.diagnostics)
     # Step 1: error series (T + 1, M), then the filter's diagnostics and the likelihood ratio.
     exact_mean = None if exact is None else exact.mean
     values, sums = _series_and_sums(task, data, output, predictive, exact_mean, twin_mean)
@@ -175,7 +188,7 @@ def _series_and_sums(
     The steps are taken in pieces, whose series are added up while they are in the cache.
     """
     values, whole = dict[str, Array](), {"nees": output.nees} | predictive
-    sums = SeriesSums(task.scenario.windows, task.filter.summed_diagnostics)
+    sums = SeriesSums(task.scenario.windows, task.filter.summed_diagnostics | LATE_COUNTS)
     steps, runs = output.nees.shape
     at_a_time = max(1, _COLUMNS // runs)
     rank = rank_of("nees", predictive, len(data.truth))
@@ -221,8 +234,9 @@ def _trimmed(
     tracks, shown = None, task.runs_with_tracks_among(used)
     if shown:
         cov = None if result.cov is None else _first_runs(result.cov, shown)
+        clouds = None if result.particles is None else _first_runs(result.particles, shown)
         truth, measurements = _first_runs(data.truth, shown), _first_runs(data.measurements, shown)
-        tracks = Tracks(truth, measurements, _first_runs(result.mean, shown), cov)
+        tracks = Tracks(truth, measurements, _first_runs(result.mean, shown), cov, clouds)
     # Sums per step; training runs (index < 0) have none.
     steps = {
         name: known[name] if name in known else step_sums(rows, per_run["lost"])

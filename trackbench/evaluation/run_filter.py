@@ -1,11 +1,13 @@
 """Run one filter over one block of runs: time each step, validate the estimates, compute errors."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from copy import deepcopy
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.random import Generator
 
 from trackbench.core import arrays
 from trackbench.core.angles import moments_together, near, particles_together
@@ -19,6 +21,8 @@ from trackbench.evaluation.consistency_and_calibration import (
     ConsistencySeries,
     observed,
 )
+from trackbench.evaluation.late_measurements import Deliveries, Refilter, deliveries
+from trackbench.evaluation.particle_recorder import ParticleRecorder
 from trackbench.evaluation.predictive_scores import PredictionScorer, Step, after_first
 from trackbench.evaluation.validate_output import (
     check_axes,
@@ -45,13 +49,17 @@ Series: TypeAlias = dict[str, Array] | None
 
 
 class FilterOutput(NamedTuple):
-    """mean (n_x, T + 1, M), nees (T + 1, M), cov of the first runs, diagnostics (T + 1, M), CPU s."""
+    """mean (n_x, T + 1, M), nees (T + 1, M), cov of the first runs, diagnostics (T + 1, M), CPU s.
+
+    And the first runs' particles (n_x + 2, S, N, r), with weights and parents, if S steps are shown.
+    """
 
     mean: Array
     nees: Array
     cov: Array | None
     diagnostics: dict[str, Array]
     cpu_s: float
+    particles: Array | None = None
 
 
 @explain_read_only_errors()
@@ -62,15 +70,13 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
     filter writes to what it is given, or gives back what is no estimate.
     """
     tracker, model = task.filter, freeze(task.assumed_scenario.model)
-    # The scores' own stream leaves the filter's random numbers as they are without scores.
-    rng, aside = (
-        side_by_side([stream(task.seed, block) for block in task.blocks], task.width)
-        for stream in (block_stream, aside_stream)
-    )
+    rng, aside = (_stream_of(task, stream) for stream in (block_stream, aside_stream))
+    delivered, clock = deliveries(task, data), _Clock()
     data, wanted = _as_assumed(task, data), task.predictive_metrics
     scorer = PredictionScorer(tracker, model, data.measurements, wanted, task.hold_out, aside)
-    prior, clock = prior_of(data, model), _Clock()
-    recorder = _Recorder(task, data, model, covariances)
+    refilter = _refilter(task, model, delivered, scorer.visible, rng, clock)
+    scorer.visible = delivered.given(scorer.visible) if delivered else scorer.visible
+    prior, recorder = prior_of(data, model), _Recorder(task, data, model, covariances)
     with _sealed(task, data, scorer.visible, prior, model):
         with clock:
             # Step 1: initialize from the prior.
@@ -81,18 +87,20 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
             recorder.add(state, estimate)
         check_axes(estimate, prior.mean)
         # Step 2: one timed step per measurement, or many in one call; recording is not timed.
-        steps = task.scenario.steps[1:].tolist()
-        at_once = max(1, _AT_ONCE // task.runs)
+        steps, at_once = task.scenario.steps[1:].tolist(), max(1, _AT_ONCE // task.runs)
         one_by_one = tracker.smooths or recorder.needs_states
         for first in range(0, len(steps), at_once):
             part = slice(first, first + at_once)
             with clock:
-                ahead = _steps_ahead(tracker, model, state, scorer.visible[:, part], steps[first])
+                z = scorer.visible[:, part]
+                ahead = None if refilter else _steps_ahead(tracker, model, state, z, steps[first])
             if ahead and not one_by_one and scorer.add_steps(ahead, part, steps[part]):
                 recorder.add_steps(ahead)
                 state = ahead.state(-1)
                 continue
             for i, k in enumerate(steps[part], first):
+                if refilter is not None:
+                    state = refilter.state_before(i, state)
                 before = state if scorer.disabled else scorer.snapshot(state)
                 with clock:
                     if ahead is None:
@@ -113,7 +121,41 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
                 states = tracker.smoothed(model, states, int(task.scenario.steps[0]), rng)
             for state in states:
                 recorder.add(state, tracker.estimate(state))
-        return recorder.filtered(scorer.visible, scorer.series(), clock.cpu_s)
+        late = delivered.counts() if delivered else {}
+        return recorder.filtered(scorer.visible, scorer.series() | late, clock.cpu_s)
+
+
+def _stream_of(task: BlockTask, stream: Callable[[int, int], Generator]) -> Generator:
+    """Return a stream of the blocks; the scores' own leaves the filter's random numbers as they are."""
+    return side_by_side([stream(task.seed, block) for block in task.blocks], task.width)
+
+
+def _refilter(
+    task: BlockTask,
+    model: Model,
+    delivered: Deliveries | None,
+    z: Array,
+    rng: Generator,
+    clock: "_Clock",
+) -> Refilter | None:
+    """Return the states to go back to, if the filter goes back."""
+    if delivered is None or not delivered.refilters:
+        return None
+    tracker, steps = task.filter, task.scenario.steps[1:].tolist()
+
+    def repeat(state: Any, z: Array, first: int) -> Iterator[Any]:
+        ahead = _steps_ahead(tracker, model, state, z, steps[first])
+        for i in range(z.shape[1]):
+            if ahead is None:
+                state = tracker.step(model, state, z[:, i], steps[first + i], rng)
+            yield state if ahead is None else ahead.state(i)
+
+    def copy(state: Any) -> Any:
+        # A step of a program, and one of a plugin that breaks the contract, changes its state.
+        is_changed = tracker.loops_over_runs or foreign_parts(tracker)
+        return deepcopy(state, {id(model): model}) if is_changed else state
+
+    return Refilter(z, delivered, repeat, copy, rng, clock)
 
 
 def _as_assumed(task: BlockTask, data: Simulation) -> Simulation:
@@ -194,6 +236,7 @@ class _Recorder:
         wanted = task.predictive_metrics if scenario.has_truth else ()
         self._judged = Calibration(scenario.components, wanted)
         self._angles = scenario.angle_rows
+        self._clouds = ParticleRecorder(task, self._sizes[0])
         self.needs_states = has_expectations(tracker) or not self._judged.disabled
         """whether what is recorded depends on more than estimates and diagnostics"""
 
@@ -213,7 +256,7 @@ class _Recorder:
         if len(estimate.mean) > n:
             estimate = Gaussian(estimate.mean[:n], estimate.cov[:n, :n])
         posterior = None
-        if self._angles or not self._judged.disabled:
+        if self._angles or self._clouds.wanted or not self._judged.disabled:
             posterior = self._task.filter.posterior(state)
         if self._angles and isinstance(posterior, ParticlePosterior):
             # Particles on both sides of an angle's cut have their mean direction.
@@ -224,6 +267,7 @@ class _Recorder:
                 moments_together(estimate, cloud, together),
                 ParticlePosterior(together),
             )
+        self._clouds.add(state, posterior, int(self._task.scenario.steps[k]))
         self._mean[:, k] = estimate.mean
         self._consistency.add(estimate.cov)
         if self.needs_states:
@@ -266,7 +310,7 @@ class _Recorder:
         # Covariances of the shown runs (n, n, T + 1, r).
         cov = np.stack(self._covs, axis=2) if self._covs else None
         series = (self._noted or {}) | errors | (self._observed or {}) | predictive
-        return FilterOutput(self._mean, nees, cov, series, cpu_s)
+        return FilterOutput(self._mean, nees, cov, series, cpu_s, self._clouds.recorded())
 
     def _filled(self, series: Series, steps: int | slice, rows: dict[str, Array]) -> Series:
         """Enter the rows of some steps; all steps have the names of the first."""

@@ -75,11 +75,13 @@ def _merged_tracks(parts: list[Tracks]) -> Tracks | None:
     if not parts:
         return None
     covs = [p.cov for p in parts if p.cov is not None]
+    clouds = [p.particles for p in parts if p.particles is not None]
     return Tracks(
         truth=np.concatenate([p.truth for p in parts], axis=-1),
         measurements=np.concatenate([p.measurements for p in parts], axis=-1),
         mean=np.concatenate([p.mean for p in parts], axis=-1),
         cov=np.concatenate(covs, axis=-1) if covs else None,
+        particles=np.concatenate(clouds, axis=-1) if clouds else None,
     )
 
 

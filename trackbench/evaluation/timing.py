@@ -19,6 +19,7 @@ import numpy as np
 from trackbench.core.arrays import Array, counting, freeze
 from trackbench.core.random_streams import block_stream
 from trackbench.evaluation.block import BlockTask, simulate
+from trackbench.evaluation.late_measurements import deliveries
 from trackbench.evaluation.run_block import keep_freed_memory
 from trackbench.evaluation.run_filter import prior_of
 
@@ -51,19 +52,28 @@ Guard: TypeAlias = Callable[[], AbstractContextManager[None]]
 """Opens what code that is not the package's own is run in."""
 
 
-def measure(tasks: Sequence[BlockTask], guard: Guard = nullcontext) -> list[Measured | Exception]:
-    """Time filters over their blocks, in turns; return times, or the exception of a filter."""
+def measure(
+    tasks: Sequence[BlockTask],
+    guard: Guard = nullcontext,
+    tick: Callable[[], object] = lambda: None,
+) -> list[Measured | Exception]:
+    """Time filters over their blocks, in turns; return times, or the exception of a filter.
+
+    ``tick`` is called after each filter's pass and after each of the `REPEATS` turns.
+    """
     keep_freed_memory()
     # A program outside of Python is not stopped and repeated: its blocks have its times.
-    passes: list[_Pass | Measured | Exception] = [
-        Measured([], None, None) if task.filter.runs_program else _tried(guard, _Pass, task)
-        for task in tasks
-    ]
+    passes: list[_Pass | Measured | Exception] = []
+    for task in tasks:
+        is_program = task.filter.runs_program
+        passes.append(Measured([], None, None) if is_program else _tried(guard, _Pass, task))
+        tick()
     for repeat in range(REPEATS):
         # A B C, then C B A
         for i in range(len(tasks))[:: -1 if repeat % 2 else 1]:
             if isinstance(one := passes[i], _Pass):
                 passes[i] = _tried(guard, one.repeated)
+        tick()
     simulate.cache_clear()  # a plugin may have written to the data
     return [p.measured() if isinstance(p, _Pass) else p for p in passes]
 
@@ -83,6 +93,12 @@ class _Pass:
         self._task, self._model = task, freeze(task.assumed_scenario.model)
         self._data, self._steps = task.data, task.scenario.steps[1:].tolist()
         self._operations = operations(task)
+        # A filter that goes back for a late measurement makes some steps more than once.
+        delivered = deliveries(task, self._data)
+        self._repeats = 1.0 if delivered is None else delivered.steps_per_step
+        if delivered is not None:
+            given = delivered.given(self._data.measurements)
+            self._data = self._data._replace(measurements=given)
         self._kept: dict[int, Any] = {}
         self._spent = self._passed()
         if self._spent.sum() < _QUICK_S:  # of two times of a step, the one that was disturbed less
@@ -139,9 +155,10 @@ class _Pass:
         passed = self._spent[[*self._kept][: len(medians)]]
         of_block = self._spent.sum() * medians.sum() / passed.sum()
         of_block /= _weights(self._operations, len(self._steps))[: len(self._spent)].sum()
+        of_block *= self._repeats
         of_run = of_block / self._task.width * seconds / np.maximum(medians, _LEAST**2)[turns]
         # Mean operations of a step; a filter that notes none has none.
-        likelihoods, covariances = self._operations.mean(axis=1).tolist()
+        likelihoods, covariances = (self._repeats * self._operations.mean(axis=1)).tolist()
         hidden = not self._operations.any()
         noted = (None, None) if hidden else (likelihoods, covariances)
         return Measured(of_run.tolist(), *noted)

@@ -44,6 +44,7 @@ def block_key(task: BlockTask, used: int) -> str:
         [task.seed, task.index, task.width, used],
         [shown, task.keep_covariance and shown > 0, task.keep_steps],
         [task.predictive_metrics, task.hold_out],
+        *([task.particle_steps] if shown and task.particle_steps else []),
         [code_digest(), code_digests.own_arithmetic()],
     ]
     return hashlib.sha256(json.dumps(facts).encode()).hexdigest()

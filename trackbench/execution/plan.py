@@ -91,6 +91,7 @@ def make_plan(experiment: Experiment, save_tracks: bool = False, looks: Sequence
                     reference_assume=point.assumed.get(settings.reference or ""),
                     runs_with_tracks=shown,
                     keep_covariance=save_tracks or experiment.shown_covariances,
+                    particle_steps=experiment.shown_particles,
                     keep_steps=series,
                     extra_run_counts=tuple(
                         n - block * width for n in looks if 0 < n - block * width < width
@@ -182,7 +183,7 @@ def check_memory(experiment: Experiment, save_tracks: bool = False) -> None:
         of_runs = settings.runs * (_PER_RUN + series * steps)
         stored = of_runs + shown * per_track * steps * len(point.filters)
         for label, tracker in point.filters.items():
-            particles = tracker.max_particle_count * (steps if tracker.smooths else 1)
+            particles = tracker.max_particle_count * _states(tracker, point, label)
             of_run = 2 * (n_x + 1) * particles + n_x * steps
             needed = 8 * (_width(settings, tracker, point.scenario) * of_run + stored)
             if needed > memory():
@@ -192,6 +193,16 @@ def check_memory(experiment: Experiment, save_tracks: bool = False) -> None:
                 )
                 mark = experiment.source.mark(("filters", label, "N"))
                 raise UserError(Problem(mark, f"filters.{label}", what))
+
+
+def _states(tracker: AnyFilter, point: Point, label: str) -> int:
+    """Return how many states a filter keeps: a smoother's of all steps, and those to go back to."""
+    steps, late = len(point.scenario.steps), point.assumed_scenario(label).late
+    if tracker.smooths:
+        return steps
+    if late is None or late.kind != "refilter":
+        return 1
+    return min(steps, 1 + point.scenario.longest_delay, 1 + (late.memory or steps))
 
 
 def announced(experiment: Experiment, plan: Plan, workers: int) -> str:

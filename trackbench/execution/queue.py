@@ -2,6 +2,7 @@
 
 import pickle
 import sys
+import time
 from collections import Counter, deque
 from collections.abc import Generator, Hashable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
@@ -30,6 +31,8 @@ _AHEAD = 16
 """Blocks per worker that are handed over: they last while the caller writes an experiment's report."""
 _TASK_SECONDS = 1.0
 """Least time that a task of a cluster should take."""
+_LONG_S = 10.0
+"""Seconds from which progress is printed where stderr is no terminal."""
 _SCHEDULER_SECONDS = 0.004
 """Time that a cluster's scheduler takes for a task."""
 
@@ -262,12 +265,36 @@ def _results(future: Future[list[Computed]]) -> list[Computed] | Exception:
 
 
 def progress_bar(total: int, unit: str, wanted: bool, **keys: Any) -> Any:
-    """Return a progress bar of ``total`` units; ``keys`` are tqdm's."""
-    if not wanted:
-        hidden: bool | None = True
-    else:  # None: silent when stderr is no terminal
-        hidden = False if _in_notebook() else None
-    return _kind()(total=total, unit=unit, disable=hidden, **keys)
+    """Return a progress bar of ``total`` units; ``keys`` are tqdm's. Off a terminal it prints lines."""
+    if wanted and not sys.stderr.isatty() and not _in_notebook():
+        return _Lines(total, unit, **keys)
+    return _kind()(total=total, unit=unit, disable=not wanted, **keys)
+
+
+class _Lines:
+    """Progress into a file: a line each tenth of what takes long."""
+
+    def __init__(self, total: int, unit: str, initial: int = 0, desc: str = "") -> None:
+        self.total, self._unit, self._n, self._what = total, unit, initial, desc
+        self._began, self._tenths = time.monotonic(), 10 * initial // max(total, 1)
+
+    def __enter__(self) -> "_Lines":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        return
+
+    def update(self, n: int = 1) -> None:
+        """Count units as done."""
+        self._n += n
+        tenths, seconds = 10 * self._n // max(self.total, 1), time.monotonic() - self._began
+        if tenths > self._tenths and seconds >= _LONG_S:
+            self._tenths = tenths
+            units = f"{self._n} of {counted(self.total, self._unit)}"
+            print(f"{self._what}: {units}, {seconds:.0f} s", file=sys.stderr, flush=True)
+
+    def set_postfix_str(self, text: str) -> None:
+        """Leave out what a bar shows beside the count."""
 
 
 def _kind() -> Any:

@@ -34,6 +34,11 @@ class CMKF(GaussianFilter):
     """conversion of the two scans that initialize the filter; default: `conversion`"""
     requires: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.reading")
 
+    def conflicts(self, scenario: Scene) -> dict[str, str]:
+        """Reject weights of the sensor."""
+        what = "weighs a sensor's R, and the converted position has another one: take ekf or mcaekf"
+        return super().conflicts(scenario) | ({} if self.robust is None else {"robust": what})
+
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
         """Report ``start`` as idle if there are no two scans to convert."""
         if issubclass(scenario.prior_type, Convertible):

@@ -118,7 +118,7 @@ class MCAEKF(NonlinearFilter):
         nu = sensor.innovation(z, expected.mean)
         # R11 <- R11 + (D / kappa)^2 with the sagitta D (eq. 11)
         D = self._sagitta(polar_moments(sensor, predicted, k), nu[1], expected.cov[1, 1])
-        R = np.broadcast_to(expected.cov[..., None], (2, 2, len(D))).copy()
+        R = np.broadcast_to(with_trailing(expected.cov, 1, leading=2), (2, 2, len(D))).copy()
         R[0, 0] += np.where(np.isnan(D), 0.0, np.square(D / self.kappa))
         H = jacobian_at(sensor, predicted, k)
         return kalman.update(predicted, nu, H, R)

@@ -48,6 +48,8 @@ class ModelBank(NamedTuple):
     """weights of the models before the last measurement (r, M)"""
     refused: Array | None = None
     """1 for each run (M,) whose gates refused the last measurement"""
+    measurement_weight: Array | None = None
+    """mean weight of the last measurement's components (M,) in a robust update"""
 
     @property
     def moments(self) -> Gaussian:
@@ -143,8 +145,8 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
             mixed_states.append(self.filter.prepared(mixed))
         # Step 3: filter with every model.
         pairs = [*zip(models, mixed_states, strict=True)]
-        updated = [self.filter.update(of, mixed, z, k) for of, mixed in pairs]
-        states, innovations = zip(*updated, strict=True)
+        updated = [self.filter.robust_update(of, mixed, z, k) for of, mixed in pairs]
+        states, innovations, sensor_weights = zip(*updated, strict=True)
         if self.smooths:  # all states stay in memory
             innovations = tuple(innovation._replace(predicted=None) for innovation in innovations)
         # Step 4: weights mu_j ~ c_j N(nu_j; 0, S_j).
@@ -156,14 +158,19 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
             measured_components = (~np.isnan(innovations[0].nu)).sum(axis=0)
             refused = (nis > gate_limits(self.filter.gate, len(z))[measured_components]).all(axis=0)
             z = np.where(refused, np.nan, z)
-            states = tuple(self.filter.update(of, mixed, z, k)[0] for of, mixed in pairs)
-        weights = update_weights(predicted, nis, mantissa, exponent)
+            updated = [self.filter.robust_update(of, mixed, z, k) for of, mixed in pairs]
+            states, _, sensor_weights = zip(*updated, strict=True)
+        ratios = np.stack([*map(self.filter.log_ratio, innovations, nis)])
+        weights = update_weights(predicted, nis - 2.0 * ratios, mantissa, exponent)
         mean_nis = total(predicted * nis, axis=0)
         missing = np.isnan(z).all(axis=0)
         if missing.any():
             weights = np.where(missing, predicted, weights)
             mean_nis = np.where(missing, np.nan, mean_nis)
         bank = ModelBank(states, weights, mean_nis, state.reported, innovations, predicted)
+        if self.filter.robust is not None:
+            mean = total(predicted * np.stack(sensor_weights), axis=0)
+            bank = bank._replace(measurement_weight=mean)
         return bank._replace(refused=refused.astype(float))
 
     def smoothed(
@@ -226,19 +233,23 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         """Return the logarithm (M,) of the models' likelihoods, summed with predicted weights."""
         if state.predicted is None:
             return np.full(state.nis.shape, np.nan)
-        each = np.stack([innovation.log_likelihood for innovation in state.innovations])
+        each = np.stack([*map(self.filter.log_density, state.innovations)])
         return log_mixture(state.predicted, each)
 
     @property
     def diagnostic_names(self) -> frozenset[str]:
         """Names of `diagnostics`."""
-        return frozenset({"nis", "mode"} | ({"gated"} if self.filter.gate else set()))
+        keys = {"gated": self.filter.gate, "measurement_weight": self.filter.robust}
+        return frozenset({"nis", "mode", *(name for name, key in keys.items() if key is not None)})
 
     def diagnostics(self, state: ModelBank) -> dict[str, Array]:
         """Return ``nis``, the models' mean; ``mode``, weight of all but the first; ``gated``."""
         out = {"nis": state.nis, "mode": 1.0 - state.weights[0]}
         if self.filter.gate:
             out["gated"] = np.zeros(len(state.nis)) if state.refused is None else state.refused
+        if self.filter.robust:
+            weight = state.measurement_weight
+            out["measurement_weight"] = state.nis if weight is None else weight
         return out
 
 

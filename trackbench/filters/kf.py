@@ -13,6 +13,7 @@ from trackbench.core.arrays import Array, Mask, fixed
 from trackbench.core.conversions import Conversion
 from trackbench.core.distributions import (
     Distribution,
+    Factored,
     Gaussian,
     from_root,
     per_run_moments,
@@ -22,7 +23,8 @@ from trackbench.core.kalman import Innovation, Updated
 from trackbench.core.smoothing import Transition, smooth
 from trackbench.field_types import NonNegative, OpenShare, Positive
 from trackbench.filters.base import FixedLag, InnovationFilter, SmoothingFilter, Steps
-from trackbench.models.base import Model, Scene
+from trackbench.filters.robust import AnyRobust, Reweighted
+from trackbench.models.base import Model, Scene, has_density
 from trackbench.models.gaussian_steps import (
     MODEL_NOISE,
     AssumedNoise,
@@ -48,6 +50,8 @@ class Tracked(NamedTuple):
     nis: Array
     innovation: Innovation | None = None
     gated: Mask | None = None
+    weight: Array | None = None
+    """mean weight of the measured components (M,) in a robust update"""
 
     @property
     def prediction(self) -> Gaussian | None:
@@ -61,6 +65,9 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
 
     gate: OpenShare | None = None
     """refuse a measurement whose NIS is beyond this quantile of its chi-square law, such as 0.999"""
+
+    robust: AnyRobust | None = None
+    """weights of the sensors, less for an outlier: {kind: huber, k: 1.5}, {kind: student-t, df: 4}"""
 
     smooth: bool | FixedLag = False
     """estimate each step from all measurements of the run, or from so many later ones: {lag: 5}"""
@@ -82,6 +89,51 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
         """Predict to step k and update with z (n_z, M)."""
         raise NotImplementedError
 
+    def conflicts(self, scenario: Scene) -> dict[str, str]:
+        """Reject weights on noise that is not normal."""
+        if self.robust is None or not has_density(scenario.model.sensor):
+            return {}
+        what = "weighs normal noise of covariance R, and this sensor's noise is not normal"
+        return {"robust": f"{what}; give the filter a normal sensor by `assume: {{sensor: ...}}`"}
+
+    def robust_update(
+        self, model: Model, state: Gaussian, z: Array, k: int
+    ) -> tuple[Gaussian, Innovation, Array | None]:
+        """Predict and update; a robust update does so again with each new weights of the sensors.
+
+        Returns the posterior, the innovation by weights of 1, and the mean weight (M,) or None.
+        """
+        if self.robust is None:
+            return (*self.update(model, state, z, k), None)
+        if not isinstance(state, Factored):
+            state = per_run_moments(state)  # as the noise is
+        posterior, innovation = self.update(model, state, z, k)
+        weighted = None
+        for _ in range(self.robust.iterations):
+            weighted = Reweighted(model.sensor, self.robust.weights(model.sensor, posterior, z, k))
+            posterior, _ = self.update(model._replace(sensor=weighted), state, z, k)
+        assert weighted is not None
+        return posterior, innovation, weighted.mean_weight(z)
+
+    def log_ratio(self, innovation: Innovation, nis: Array) -> Array:
+        """Return the log-density (M,) of an innovation, less that of N(0, S): 0 unless robust."""
+        if self.robust is None:
+            return np.zeros(nis.shape)
+        return self.robust.log_ratio(nis, (~np.isnan(innovation.nu)).sum(axis=0))
+
+    def log_density(self, innovation: Innovation) -> Array:
+        """Return the log-density (M,) of an innovation: N(0, S), or a robust update's law of scale S."""
+        value = innovation.log_likelihood
+        if self.robust is None:
+            return value
+        return value + self.log_ratio(innovation, innovation.nis)
+
+    def log_likelihood(self, state: Tracked) -> Array:
+        """Return log p(z_k | z_1..k-1) (M,) of the last measurement by `log_density`."""
+        if state.innovation is None:
+            return np.full(state.nis.shape, np.nan)
+        return self.log_density(state.innovation)
+
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Tracked:
         """Return the first state, without an innovation."""
         return Tracked(self.initialize(model, prior), np.full(prior.mean.shape[1], np.nan))
@@ -89,20 +141,21 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
     def step(self, model: Model, state: Tracked, z: Array, k: int, rng: Generator) -> Tracked:
         """Predict and update; predict only where the gate refuses the measurement."""
         before = self.prepared(state.posterior)
-        posterior, innovation = self.update(model, before, z, k)
+        posterior, innovation, weight = self.robust_update(model, before, z, k)
         nis = innovation.nis
         if self.smooths:
             innovation = innovation._replace(predicted=None)  # all states stay in memory
         if self.gate is None:
-            return Tracked(posterior, nis, innovation)
+            return Tracked(posterior, nis, innovation, None, weight)
         # The limit of the NIS depends on the number of measured components.
         measured_components = (~np.isnan(innovation.nu)).sum(axis=0)
         gated = nis > gate_limits(self.gate, len(z))[measured_components]
         # Update again with the refused measurements as missing: predict only.
         if gated.any():
-            posterior, _ = self.update(model, before, np.where(gated, np.nan, z), k)
+            used = np.where(gated, np.nan, z)
+            posterior, _, weight = self.robust_update(model, before, used, k)
         # The NIS is that of the measurements that are used.
-        return Tracked(posterior, np.where(gated, np.nan, nis), innovation, gated)
+        return Tracked(posterior, np.where(gated, np.nan, nis), innovation, gated, weight)
 
     def prepared(self, state: Gaussian) -> Gaussian:
         """Return a posterior as the next prediction takes it: N(m, a^2 P), with its factor if needed."""
@@ -140,14 +193,18 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
     @property
     def diagnostic_names(self) -> frozenset[str]:
         """Names of `diagnostics`."""
-        return frozenset({"nis"} if self.gate is None else {"nis", "gated"})
+        keys = {"gated": self.gate, "measurement_weight": self.robust}
+        return frozenset({"nis", *(name for name, key in keys.items() if key is not None)})
 
     def diagnostics(self, state: Tracked) -> dict[str, Array]:
-        """Return ``nis`` of a measurement that is used, and ``gated``: 1 where it was refused."""
-        if self.gate is None:
-            return {"nis": state.nis}
-        gated = np.zeros(len(state.nis)) if state.gated is None else state.gated.astype(float)
-        return {"nis": state.nis, "gated": gated}
+        """Return ``nis`` of a used measurement; ``gated``: 1 where it was refused; its mean weight."""
+        out = {"nis": state.nis}
+        if self.gate is not None:
+            gated = np.zeros(len(state.nis)) if state.gated is None else state.gated.astype(float)
+            out["gated"] = gated
+        if self.robust is not None:
+            out["measurement_weight"] = state.nis if state.weight is None else state.weight
+        return out
 
 
 @cache
@@ -176,7 +233,11 @@ class NonlinearFilter(GaussianFilter):
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Reject a conversion without two scans of a radar, and variances of several components."""
-        out, (motion, sensor) = {}, scenario.model
+        out, (motion, sensor) = super().conflicts(scenario), scenario.model
+        if self.robust is not None and self.R is not None:
+            out["R"] = (
+                "has no effect beside `robust`, which weighs the sensor's R: set it by `assume`"
+            )
         if self.start is not None and not issubclass(scenario.prior_type, Convertible):
             out["start"] = "needs a start from two scans, such as `start: two-scan`"
         # One variance serves a scalar state or measurement only.

@@ -218,9 +218,9 @@ class LineOfSight(ParticleFilter):
     ) -> tuple[Particles, Array | float]:
         """Resample with a light mode's share raised; the log-weights take the factor back."""
         if modes is None or (modes.gain == 1.0).all():
-            return self._resample(frame, rng, size), 0.0
+            return self._resample(frame, rng, size)[0], 0.0
         tilted = Particles(frame.x, frame.w * modes.of_each(frame.x, modes.gain))
-        x = self._resample(tilted, rng, size).x
+        x = self._resample(tilted, rng, size)[0].x
         log_w = -log(modes.of_each(x, modes.gain))
         return Particles(x, particles.normalize(log_w).w), log_w
 

@@ -44,6 +44,8 @@ class PFState(NamedTuple):
     evidence: tuple[Evidence, ...] = ()
     """factors of the likelihood of the last measurement"""
     extra_diagnostics: tuple[tuple[str, Array], ...] = ()
+    origin: Index | None = None
+    """flat indices (M, N) of those of ``weighted`` that ``particles`` are copies of, for figures"""
 
     @classmethod
     def first(cls, cloud: Particles, log_w: Array | float = 0.0) -> "PFState":
@@ -149,10 +151,10 @@ class ParticleFilter(WeightedParticlesFilter):
         """Return the number of particles after so many steps."""
         return self.N * (self.boost if age < self.boost_scans else 1)
 
-    def _resample(self, cloud: Particles, rng: Streams, size: int) -> Particles:
-        # Copy each particle as often as the scheme draws it; then all weights are equal.
+    def _resample(self, cloud: Particles, rng: Streams, size: int) -> tuple[Particles, Index]:
+        """Copy each particle as often as the scheme draws it, with equal weights; return its index."""
         index = ancestors(cloud.w, rng, self.resampling, size)
-        return Particles(select(cloud.x, index), particles.equal_weights(*index.shape))
+        return Particles(select(cloud.x, index), particles.equal_weights(*index.shape)), index
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -192,8 +194,9 @@ class SimulatingSmoother(SmoothingFilter[PFState], ParticleFilter):
         # Step 2: draw the states before them, step by step.
         paths = backwards(ends, one_back, self.lag)
         clouds = [Particles(x, particles.equal_weights(*x.shape[1:])) for x in paths]
+        itself = np.arange(clouds[0].w.size).reshape(clouds[0].w.shape)
         return [
-            state._replace(particles=cloud, weighted=cloud, estimate=cloud.moments())
+            state._replace(particles=cloud, weighted=cloud, estimate=cloud.moments(), origin=itself)
             for state, cloud in zip(states, clouds, strict=True)
         ]
 

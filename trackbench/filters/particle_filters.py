@@ -8,7 +8,7 @@ from annotated_types import Interval
 from numpy.random import Generator
 
 from trackbench.core import elementary, particles, resampling
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, Index
 from trackbench.core.distributions import Gaussian
 from trackbench.core.particle_moves import Kernel, bandwidth, independence_moves, jitter
 from trackbench.core.particles import Evidence, Particles, read_likelihood
@@ -38,8 +38,8 @@ class PF(SimulatingSmoother):
     def step(self, model: Model, state: PFState, z: Array, k: int, rng: Generator) -> PFState:
         """Predict, weigh (eq. 7 with the prior as q), resample, move."""
         # Step 1: draw each particle from the transition.
-        origin = state.particles.x
-        x = model.motion.transition(origin, k).sample(rng)
+        parents = state.particles.x
+        x = model.motion.transition(parents, k).sample(rng)
         # Step 2: weigh by the likelihood (eq. 7), from equal weights or those carried on.
         if self.ess_threshold < 1.0:
             state = state._replace(log_w=elementary.log(state.particles.w))
@@ -48,10 +48,11 @@ class PF(SimulatingSmoother):
         # Step 3: resample; step 4: move. A move needs the parent, which is resampled with its child as
         # components of one state.
         if self.moves:
-            joint = Particles(np.concatenate((x, origin)), w)
-            resampled = self._move(model, self._resample_if_needed(joint, rng, size), z, k, rng)
+            joint = Particles(np.concatenate((x, parents)), w)
+            joint, origin = self._resample_if_needed(joint, rng, size)
+            resampled = self._move(model, joint, z, k, rng)
         else:
-            resampled = self._resample_if_needed(weighted, rng, size)
+            resampled, origin = self._resample_if_needed(weighted, rng, size)
         source = weighted if self.estimate_from == "weighted" else resampled
         return PFState(
             particles=resampled,
@@ -61,6 +62,7 @@ class PF(SimulatingSmoother):
             age=state.age + 1,
             w=w,
             evidence=evidence,
+            origin=origin if self.estimate_from == "weighted" else None,
         )
 
     def diagnostics(self, state: PFState) -> dict[str, Array]:
@@ -82,16 +84,20 @@ class PF(SimulatingSmoother):
             independence_moves(x, transition.sample, log_ratio, self.moves, rng), joint.w
         )
 
-    def _resample_if_needed(self, cloud: Particles, rng: Generator, size: int) -> Particles:
-        resampled = self._resample(cloud, rng, size)
+    def _resample_if_needed(
+        self, cloud: Particles, rng: Generator, size: int
+    ) -> tuple[Particles, Index]:
+        resampled, index = self._resample(cloud, rng, size)
         if self.ess_threshold == 1.0 or size != cloud.w.shape[1]:
-            return resampled
+            return resampled, index
         # Runs with a large effective sample size keep their weighted particles.
         keep = particles.effective_sample_size(cloud.w) >= self.ess_threshold * size
-        return Particles(
+        some = Particles(
             np.where(keep[:, None], cloud.x, resampled.x),
             np.where(keep[:, None], cloud.w, resampled.w),
         )
+        itself = np.arange(index.size).reshape(index.shape)
+        return some, np.where(keep[:, None], itself, index)
 
 
 @register("filters", "jitter-pf")
@@ -105,8 +111,10 @@ class JitterPF(PF):
     bandwidth_scale: NonNegative = 1.0
     """factor on the optimal bandwidth of a Gaussian kernel"""
 
-    def _resample_if_needed(self, cloud: Particles, rng: Generator, size: int) -> Particles:
-        resampled = super()._resample_if_needed(cloud, rng, size)
+    def _resample_if_needed(
+        self, cloud: Particles, rng: Generator, size: int
+    ) -> tuple[Particles, Index]:
+        resampled, index = super()._resample_if_needed(cloud, rng, size)
         # Step 1: unbiased covariance P / (1 - sum w^2), of equal weights where one particle has it all.
         rest = 1.0 - 1.0 / particles.effective_sample_size(cloud.w)
         w = np.where((rest > 1e-10)[:, None], cloud.w, 1.0 / cloud.w.shape[1])
@@ -116,7 +124,7 @@ class JitterPF(PF):
         e = Gaussian(np.zeros(P.shape[1:]), P).sample(rng, size)
         first = resampled.x[0]
         copied = (first == np.roll(first, 1, axis=-1)) | (first == np.roll(first, -1, axis=-1))
-        return resampled._replace(x=np.where(copied, resampled.x + h * e, resampled.x))
+        return resampled._replace(x=np.where(copied, resampled.x + h * e, resampled.x)), index
 
 
 @register("filters", "rpf")
@@ -140,7 +148,7 @@ class RPF(SimulatingSmoother):
         weighted, age = Particles(x, w), state.age + 1
         # Step 3: resample, and add h A e: e from the kernel, A A' the covariance of the particles.
         moments = weighted.moments()
-        resampled = self._resample(weighted, rng, self._size(age))
+        resampled, origin = self._resample(weighted, rng, self._size(age))
         x = jitter(resampled.x, moments.cov, self.kernel, rng, self.bandwidth_scale)
         return PFState(
             particles=Particles(x, resampled.w),
@@ -150,6 +158,7 @@ class RPF(SimulatingSmoother):
             age=age,
             w=w,
             evidence=evidence,
+            origin=origin,
         )
 
 
@@ -204,7 +213,7 @@ class APF(SimulatingSmoother):
             evidence=evidence,
         )
         if self.stages == 2:
-            return new._replace(particles=self._resample(weighted, rng, size))
+            return new._replace(particles=self._resample(weighted, rng, size)[0])
         in_float64 = self._in_float64
         log_w = elementary.log(w) if in_float64 else np.where(collapsed[:, None], 0.0, second)
         return new._replace(log_w=log_w)

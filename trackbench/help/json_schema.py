@@ -75,6 +75,8 @@ def _definitions(group: Group, kind: str, cls: type[Part]) -> JsonSchema:
     if group == "filters":
         text = "motion and sensor that this filter assumes"
         properties["assume"] = {"$ref": _ref("assume"), "description": text}
+        text = "what becomes of measurements that arrive late"
+        properties["late"] = {"$ref": f"{_ref('assume')}/properties/late", "description": text}
     schema["properties"] = {"kind": {"const": kind}, **properties}
     schema["required"] = ["kind", *schema.get("required", [])]
     schema["title"] = kind

@@ -141,9 +141,14 @@ def experiment_keys() -> list[dict[str, str]]:
 
 def assume_keys() -> list[dict[str, str]]:
     """Return key, default and text of what every filter may assume."""
+    return _as_data(_assume_rows())
+
+
+def _assume_rows() -> list[tuple[str, str, str]]:
     from trackbench.models.sensors.base import Assume
 
-    return _as_data(list(_key_rows(Assume, "assume.")))
+    rows = [*_key_rows(Assume, "assume.")]
+    return [(key.replace("assume.late", "late"), default, text) for key, default, text in rows]
 
 
 def _as_data(rows: list[tuple[str, str, str]]) -> list[dict[str, str]]:
@@ -167,9 +172,7 @@ def _rows(group: str, cls: type[Part]) -> list[tuple[str, str, str]]:
     """Return key, default and text of every key, including `assume`."""
     rows = list(_key_rows(cls, ""))
     if group == "filters":
-        from trackbench.models.sensors.base import Assume
-
-        rows += _key_rows(Assume, "assume.")
+        rows += _assume_rows()
     return rows
 
 

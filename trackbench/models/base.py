@@ -22,7 +22,9 @@ from trackbench.extension_points import Part
 from trackbench.field_types import InvalidKeyError
 
 AXES = ("x", "y", "z")
-_DELAY = "not supported: a measurement of step k reaches the filters at step k"
+_DELAY = (
+    "the key is `delay`, of a sensor: {delay: 3} or {delay: {kind: uniform, most: 5}}, in steps"
+)
 _CONTROL = "not supported: write known inputs as expressions of k and t in a motion `map` or `ode`"
 _CORRELATION = "not supported: process noise and measurement noise are independent"
 UNSUPPORTED_KEYS = (

@@ -115,7 +115,7 @@ def _simulate_and_score(scenario: Scenario, bounded: bool) -> None:
     _check_windows(scenario.windows, steps)
     _ = scenario.spans, scenario.cautions, scenario.marginals, scenario.lost_beyond
     # Step 1: simulate, and check the shapes.
-    truth, measurements, prior = scenario.simulate(RunStreams(0, range(runs)), runs)
+    truth, measurements, prior, *_ = scenario.simulate(RunStreams(0, range(runs)), runs)
     n_x, n_z = len(scenario.components), len(scenario.true_sensor.components)
     _check_shape("simulate", "the truth", truth, (n_x, steps, runs))
     _check_shape("simulate", "what is measured", measurements, (n_z, steps - 1, runs))

@@ -31,15 +31,17 @@ from trackbench.config.build import unknown
 from trackbench.errors import Mark, Problem, UserError, WriteError
 from trackbench.execution.cache import figure_cache_folder
 from trackbench.execution.engines import pool, result_of
+from trackbench.execution.queue import progress_bar
 from trackbench.field_types import require_regular_file
 from trackbench.registry import is_plugin
+from trackbench.report.findings.ranking_table import ranking_tables
 from trackbench.report.findings.sentences import answer
 from trackbench.report.kinds import FigureKind, TableKind, figure_folder
 from trackbench.report.paired import compared_statistics
 from trackbench.report.plotting import style
 from trackbench.report.plotting.page_formats import SHEETS, Style, drawing_for, is_crowded
 from trackbench.report.results import Results, as_figure, as_table, catch_errors
-from trackbench.report.table import Table
+from trackbench.report.table import Table, TextTable
 from trackbench.report.verdicts.files import write_comparison, write_paired
 from trackbench.report.verdicts.numbers import Verdicts, compare
 from trackbench.results.folder_contents import FIGURE_FORMS, RUN_FILES, TABLE_FORMS
@@ -208,11 +210,15 @@ def _draw(spec: FigureKind, formats: Sequence[str]) -> Files:
 
 
 def render(
-    results: Results, formats: Collection[str], processes: int = 1, fresh: bool = True
+    results: Results,
+    formats: Collection[str],
+    processes: int = 1,
+    fresh: bool = True,
+    progress: bool = False,
 ) -> tuple[dict[str, Table], Verdicts]:
     """Write all of it, with so many processes; returns the tables by name and the verdicts.
 
-    Unless ``fresh``, figures that were drawn before are taken as they were.
+    Unless ``fresh``, figures that were drawn before are taken as they were. ``progress``: with a bar.
     """
     with drawing_pool(results, style.forms(formats), processes, fresh) as draw:
         tables = write_tables(results, tex="tex" in formats)
@@ -222,13 +228,27 @@ def render(
         with results.without("verdicts"):
             comparison = compare(results)
             write_comparison(results, comparison)
-        write_figures(results, formats, draw=draw)
+        figures = len(results.parts("figures")) if formats else 0
+        what = f"{results.config['name']}: drawing"
+        with progress_bar(figures, "figure", progress and figures > 0, desc=what) as bar:
+
+            def drawn(name: str, spec: FigureKind) -> Files:
+                files = draw(name, spec)
+                bar.update(1)
+                return files
+
+            write_figures(results, formats, draw=drawn)
     return tables, comparison
 
 
 def conclusions(results: Results) -> list[str]:
     """Return the sentences on the filters; none if they fail."""
     return results.attempt("conclusions", lambda: answer(results), [])
+
+
+def ranking(results: Results, numbers: bool = False) -> list[TextTable]:
+    """Return the tables of the ranking; none if they fail."""
+    return results.attempt("ranking", lambda: ranking_tables(results, numbers), [])
 
 
 def write_tables(results: Results, tex: bool = False) -> dict[str, Table]:

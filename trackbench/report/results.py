@@ -56,8 +56,7 @@ def default_keys(group: Group, metrics: Iterable[str], points: int, filters: int
     if group == "figures":
         if points > 1 or not errors:
             return {}
-        metric = measure(errors[0][1])
-        return {"kind": "rmse-vs-time", "x": "time", "metric": metric, "y_label": _head(errors[0])}
+        return {"kind": "rmse-vs-time", "x": "time", "metric": measure(errors[0][1])}
     columns = {_head(error): error[0] for error in errors[:2]}
     consistent = {"ANEES": "anees"} if errors else {"NIS": "mean(nis)"}
     columns |= {head: text for head, text in consistent.items() if text in metrics}

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from trackbench.config.dump import as_config
+from trackbench.config.dump import as_config, entry_keys
 from trackbench.config.experiment import Point
 from trackbench.config.python_tables import path_from
 from trackbench.evaluation.consistency_and_calibration import sizes
@@ -75,8 +75,7 @@ def facts_of_point(point: Point, shown: Callable[[str], str] = str) -> PointFact
     scenario = point.scenario
     filters = {label: as_config(part, shown) for label, part in point.filters.items()}
     for label, assume in point.assumed.items():
-        assumed = {k: v for k, v in as_config(assume, shown).items() if v is not None}
-        filters[label]["assume"] = assumed
+        filters[label] |= entry_keys(assume, shown)
     return PointFacts(
         dict(point.values),
         as_config(scenario, shown),

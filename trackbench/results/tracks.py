@@ -40,13 +40,16 @@ class TrackFile:
         prefix = array_prefix(i, len(self.experiment.points))
         scenario = self.experiment.points[i].scenario
         arrays = {"steps": scenario.steps, "times": scenario.times}
+        if (span := self.experiment.shown_particles) is not None:
+            arrays["particle_steps"] = np.arange(span[0], span[1] + 1)
         arrays |= self._arrays(label, result.tracks, scenario)
         self.arrays |= {f"{prefix}{name}": array for name, array in arrays.items()}
 
     def _arrays(self, label: str, tracks: Tracks, scenario: Scenario) -> dict[str, Array]:
         arrays = {"truth": tracks.truth, "measurements": tracks.measurements}
         arrays[f"mean/{label}"] = tracks.mean
-        return arrays if tracks.cov is None else arrays | {f"cov/{label}": tracks.cov}
+        optional = {"cov": tracks.cov, "particles": tracks.particles}
+        return arrays | {f"{name}/{label}": a for name, a in optional.items() if a is not None}
 
     def write(self, path: Path) -> None:
         """Write the file as `np.load` reads it, unless it would be empty."""
@@ -89,6 +92,8 @@ class FigureTracks(TrackFile):
             arrays[f"mean/{label}"] = _quantized(means, components)
         if tracks.cov is not None and any(f.shown_covariances for f in of_filter):
             arrays[f"cov/{label}"] = tracks.cov[..., :exact]
+        if tracks.particles is not None and any(f.shown_particles for f in of_filter):
+            arrays[f"particles/{label}"] = tracks.particles.astype(np.float32)
         return arrays
 
 

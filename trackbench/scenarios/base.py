@@ -10,7 +10,9 @@ from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution
 from trackbench.core.random_streams import Streams
 from trackbench.field_types import InvalidKeyError
+from trackbench.metrics import joined
 from trackbench.models.base import Model, Scene, Sensor, has_density
+from trackbench.models.delays import Late
 from trackbench.models.sensors.base import Assume
 
 
@@ -19,11 +21,14 @@ class Simulation(NamedTuple):
 
     ``truth`` (n_x, T + 1, M) starts with the prior's step; ``measurements`` (n_z, T, M) follow it, NaN
     where there is none; ``prior`` is the distribution of the first state, given to every filter.
+    ``arrival`` (S, T, M) is the step, from 0, at which the measurement of each of S sensors arrives, T
+    for after the end; None if all arrive on time.
     """
 
     truth: Array
     measurements: Array
     prior: Distribution
+    arrival: Index | None = None
 
 
 class Scenario(Scene):
@@ -78,6 +83,16 @@ class Scenario(Scene):
     def without_faults(self) -> "Scenario":
         """Scenario with equal truth and noise, and without faults; itself if it has none."""
         return self
+
+    @property
+    def longest_delay(self) -> int:
+        """Number of steps that almost no measurement exceeds; 0 if all arrive on time."""
+        return 0
+
+    @property
+    def late(self) -> Late | None:
+        """Treatment of late measurements by filters; None if they get all on time."""
+        return None
 
     @property
     def without_scoring(self) -> "Scenario":
@@ -152,3 +167,9 @@ def simulate_markov(model: Model, start: Array, steps: Index, rng: Streams) -> t
         else:
             measurements.append(model.sensor.measurement(truth[-1], int(k)).sample(rng))
     return np.stack(truth, axis=1), np.stack(measurements, axis=1)
+
+
+def error_names(scenario: Scenario) -> list[str]:
+    """Return the metrics ``rmse_position`` ... of a scenario with a truth."""
+    nowhere = np.zeros((len(scenario.components), 1))
+    return [joined("rmse", quantity) for quantity in scenario.errors(nowhere, nowhere)]

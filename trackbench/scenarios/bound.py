@@ -13,11 +13,13 @@ import numpy as np
 from trackbench.core import linalg
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.cramer_rao import largest_deviation, posterior_cramer_rao
+from trackbench.core.distributions import PointMass
 from trackbench.core.random_streams import Streams, block_stream
 from trackbench.core.sums import mean, total
 from trackbench.models.base import append_noise, extra_std
 from trackbench.models.motions.kinematic import Linear
-from trackbench.models.sensors.base import Sensors
+from trackbench.models.sensors.base import Sensors, sensors_of
+from trackbench.scenarios.starts.base import Start
 
 BATCHES, _PATHS, _SCORED = 10, 1000, 100
 """Independent batches, paths of each, and paths along which a covariance becomes errors."""
@@ -113,3 +115,20 @@ def _mean_squares(squares: Squares, P: Array, paths: Array) -> dict[str, Array]:
 
 def _roots(squares: dict[str, Array]) -> dict[str, Array]:
     return {name: np.sqrt(square) for name, square in squares.items()}
+
+
+def why_no_bound_of(sensor: Sensors, start: Start) -> str | None:
+    """Return the reason why sensors or start have no bound; None if they have one.
+
+    The bound of measurements on time is one of late measurements, too.
+    """
+    sensors = sensors_of(sensor)
+    if any(s.outliers is not None or s.bias for s in sensors):
+        return "the bound is of normal errors without a bias"
+    if any(s.has_noise_of_state for s in sensors):
+        return "the covariance of the noise depends on the state"
+    if start.prior_type(sensor) is PointMass:
+        return "the first state is known"
+    if type(start).bound is Start.bound:
+        return f"the bound is of a normal first state, and the start is `{start.kind}`"
+    return None

@@ -5,31 +5,18 @@ numbers stay, so that a run and its twin without faults are paired.
 """
 
 import zlib
-from abc import abstractmethod
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import Annotated, ClassVar, Literal, NamedTuple, TypeAlias, cast
+from typing import NamedTuple, cast
 
 import numpy as np
-from pydantic import Field, StringConstraints
 
 from trackbench.core.arrays import Array, Index, Mask, fixed, with_trailing
 from trackbench.core.random_streams import RunStreams, Streams
 from trackbench.core.sums import total
-from trackbench.field_types import (
-    ONE_LINE,
-    ByComponent,
-    Count,
-    Finite,
-    InvalidKeyError,
-    Natural,
-    Positive,
-    Share,
-    freeze_mappings,
-)
+from trackbench.field_types import InvalidKeyError
 from trackbench.metrics import in_window
-from trackbench.models.base import Sensor, by_component, has_density
+from trackbench.models.base import Sensor, has_density
 from trackbench.models.sensors.base import (
     ScaledNoise,
     SensorBase,
@@ -37,192 +24,8 @@ from trackbench.models.sensors.base import (
     rows_of,
     sensors_of,
 )
-
-_TICK = 1e-6  # s, by which times may differ from those of steps
-
-
-class Stretch(NamedTuple):
-    """A sensor's measurements of S steps with a fault, M runs."""
-
-    z: Array
-    """measurements (n_z, S, M), NaN where missing"""
-    elapsed: Array
-    """time since the fault's begin (S,), s"""
-    components: tuple[str, ...]
-    """names of the measurement's components"""
-    before: Array = np.empty(0)
-    """last measurement of each run before the fault (n_z, M)"""
-    noise: Array = np.empty(0)
-    """errors of the measurements without the sensor's bias; NaN where the truth is unknown"""
-    streams: Callable[[], RunStreams] | None = None
-    """random numbers of this fault alone"""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Fault:
-    """Base of the faults: when they are, and of which sensor."""
-
-    name: Annotated[str, StringConstraints(pattern=ONE_LINE, max_length=70)]
-    """window of metrics: rmse_position[burst], rmse_position[after burst]"""
-    from_: Finite | None = None
-    """time of the first wrong measurement, s; default: from the start"""
-    to: Finite | None = None
-    """time of the last wrong measurement, s; default: to the end"""
-    steps: tuple[Natural, Natural] | None = None
-    """first and last step, in place of times"""
-    sensor: Count | None = None
-    """number of the sensor in a scenario of several, from 1; default: all"""
-    recovered: Positive = 0.1
-    """excess error after the fault that counts as recovered, as a share of the twin's RMSE"""
-
-    uses_noise: ClassVar[bool] = False
-    """whether the truth must be known"""
-
-    def __post_init__(self) -> None:
-        freeze_mappings(self)
-        if self.steps is not None and not (self.from_ is self.to is None):
-            raise InvalidKeyError("give `steps`, or `from` and `to`", "steps")
-        if self.steps is not None and self.steps[0] > self.steps[1]:
-            raise InvalidKeyError(f"{[*self.steps]} ends before it begins", "steps")
-        if self.from_ is not None and self.to is not None and self.from_ >= self.to:
-            what = f"ends at {self.to:g} s, and begins at {self.from_:g} s; take a later end"
-            raise InvalidKeyError(what, "to")
-
-    @abstractmethod
-    def faulty(self, of: Stretch) -> Array:
-        """Return the measurements (n_z, S, M) with the fault."""
-
-    @property
-    def variance(self) -> float:
-        """Factor on the variance of the noise."""
-        return 1.0
-
-    def corrected(self, of: Stretch) -> Array:
-        """Return the measurements (n_z, S, M) that a filter uses if it knows of the fault."""
-        return of.z
-
-    def check(self, components: tuple[str, ...]) -> None:
-        """Raise InvalidKeyError for keys that do not fit the measurement's components."""
-
-    def inside(self, steps: Index, times: Array) -> Mask:
-        """Return which steps (K,) have the fault."""
-        if self.steps is not None:
-            return np.asarray((steps >= self.steps[0]) & (steps <= self.steps[1]))
-        first = -np.inf if self.from_ is None else self.from_
-        last = np.inf if self.to is None else self.to
-        return np.asarray((times >= first - _TICK) & (times <= last + _TICK))
-
-
-@dataclass(frozen=True, kw_only=True)
-class LargerNoise(Fault):
-    """Larger or smaller errors of all measurements, or of a share."""
-
-    factor: Positive
-    """factor on the errors"""
-    share: Share = 1.0
-    """share of the measurements that have them"""
-
-    uses_noise: ClassVar[bool] = True
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.factor == 1.0 or self.share == 0.0:
-            key = "factor" if self.factor == 1.0 else "share"
-            raise InvalidKeyError(f"a {key} of {getattr(self, key):g} changes nothing", key)
-
-    @property
-    def variance(self) -> float:
-        """Factor on the variance of the noise: that of the mixture."""
-        return 1.0 + self.share * (self.factor * self.factor - 1.0)
-
-    def faulty(self, of: Stretch) -> Array:
-        """Return ``h(x) + factor e``; a measurement whose truth is unknown stays."""
-        changed = ~np.isnan(of.noise)
-        if self.share < 1.0 and of.streams is not None:
-            changed &= of.streams().random(of.z.shape[1:]) < self.share
-        return np.where(changed, of.z + (self.factor - 1.0) * of.noise, of.z)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Outliers(LargerNoise):
-    """Larger errors, as a gate is to refuse."""
-
-    kind: Literal["outliers"] = "outliers"
-    """larger errors"""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Noise(LargerNoise):
-    """Larger or smaller noise."""
-
-    kind: Literal["noise"] = "noise"
-    """larger or smaller noise"""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Blackout(Fault):
-    """No measurement."""
-
-    kind: Literal["blackout"] = "blackout"
-    """no measurements"""
-
-    def faulty(self, of: Stretch) -> Array:
-        """Return NaN."""
-        return np.full_like(of.z, np.nan)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Bias(Fault):
-    """An error that is constant, or grows with time."""
-
-    kind: Literal["bias"] = "bias"
-    """constant or growing error"""
-    value: ByComponent = ()
-    """error by component of the measurement, in SI units and radians"""
-    ramp: ByComponent = ()
-    """growth of the error per s, from zero or `value` at the fault's begin"""
-
-    def check(self, components: tuple[str, ...]) -> None:
-        """Check the components' names."""
-        for key, given in (("value", self.value), ("ramp", self.ramp)):
-            _ = by_component(given or {}, components, key)
-        if not (self.value or self.ramp):
-            raise InvalidKeyError("give `value`, or `ramp`")
-
-    def bias(self, of: Stretch) -> Array:
-        """Return the error (n_z, S)."""
-        value, ramp = (by_component(x or {}, of.components) for x in (self.value, self.ramp))
-        return np.asarray(value[:, None] + ramp[:, None] * of.elapsed)
-
-    def faulty(self, of: Stretch) -> Array:
-        """Add the error."""
-        return np.asarray(of.z + self.bias(of)[..., None])
-
-    def corrected(self, of: Stretch) -> Array:
-        """Subtract the error."""
-        return np.asarray(of.z - self.bias(of)[..., None])
-
-
-@dataclass(frozen=True, kw_only=True)
-class Freeze(Fault):
-    """The last measurement before the fault again and again."""
-
-    kind: Literal["freeze"] = "freeze"
-    """the last measurement again"""
-
-    def faulty(self, of: Stretch) -> Array:
-        """Repeat the last measurement wherever there is one."""
-        return np.where(np.isnan(of.z), np.nan, of.before[:, None])
-
-    def corrected(self, of: Stretch) -> Array:
-        """Return NaN: the value has been used before."""
-        return np.full_like(of.z, np.nan)
-
-
-AnyFault: TypeAlias = Annotated[
-    Outliers | Blackout | Bias | Freeze | Noise, Field(discriminator="kind")
-]
-"""A fault of any kind."""
+from trackbench.scenarios.fault_kinds import AnyFault as AnyFault
+from trackbench.scenarios.fault_kinds import Bias, Fault, Stretch
 
 
 class FaultContext(NamedTuple):
@@ -303,12 +106,13 @@ class FaultContext(NamedTuple):
             rows, inside = self.rows(fault), self.measured(fault)
             earlier = np.concatenate([scans, z[:, : int(np.argmax(inside))]], axis=1)[rows]
             stretch = self._stretch(fault, z)._replace(before=_latest(earlier))
+            # Draws depend on the name alone.
+            number = zlib.crc32(fault.name.encode())
+            stretch = stretch._replace(streams=partial(_beside, rng, number))
             if fault.uses_noise:
-                # The errors as earlier faults have made them; draws depend on the name alone.
+                # The errors as earlier faults have made them.
                 noise = self._noise(truth, drawn, inside)[rows] + more_noise[rows, inside]
-                number = zlib.crc32(fault.name.encode())
-                streams = partial(cast(RunStreams, rng).beside, number)
-                stretch = stretch._replace(noise=noise, streams=streams)
+                stretch = stretch._replace(noise=noise)
             faulty = fault.faulty(stretch)
             if fault.uses_noise:
                 more_noise[rows, inside] += faulty - stretch.z
@@ -324,8 +128,13 @@ class FaultContext(NamedTuple):
 
     def known_sensor(self, faults: Sequence[Fault], assumed: Sensors) -> Sensor:
         """Return the assumed sensor with the noise of the faults; raises InvalidKeyError."""
+        if not faults:
+            raise InvalidKeyError("has no effect: the scenario has no `faults`", "assume", "faults")
         scales = np.ones((len(self.sensor.components), len(self.steps) - 1))
         for fault in faults:
+            if fault.variance == np.inf:
+                what = f"the density of {fault.name!r} has no variance about the truth: it is uniform, "
+                raise InvalidKeyError(what + "or Student's t with df <= 2", "assume", "faults")
             scales[self.rows(fault), self.measured(fault)] *= np.sqrt(fault.variance)
         if (scales == 1.0).all():
             return assumed
@@ -395,3 +204,8 @@ def _latest(z: Array) -> Array:
     for column in np.moveaxis(z, 1, 0):
         out = np.where(np.isnan(column), out, column)
     return out
+
+
+def _beside(rng: Streams, number: int) -> RunStreams:
+    """Return further streams of the runs, other ones for each number."""
+    return cast(RunStreams, rng).beside(number)

@@ -9,27 +9,36 @@ import numpy as np
 
 from trackbench.core.angles import near
 from trackbench.core.arrays import Array, Index, Mask
-from trackbench.core.distributions import Distribution, PointMass
+from trackbench.core.distributions import Distribution
 from trackbench.core.random_streams import Streams
 from trackbench.field_types import Finite, InvalidKeyError, Natural, Positive, Registered, Unit
 from trackbench.models.base import Model, SampledMotion
+from trackbench.models.delays import Late
 from trackbench.models.motions.kinematic import ConstantVelocity, Linear
 from trackbench.models.motions.nonlinear import AngledMotion
 from trackbench.models.sensors.base import (
     Assume,
     SensorBase,
     Sensors,
-    check_assumed,
+    assumed_sensor,
     sensors_of,
     stack_for,
 )
 from trackbench.registry import register
 from trackbench.scenarios.base import Scenario, Simulation
-from trackbench.scenarios.bound import Bound, Course, along, over_paths, position_sigma
+from trackbench.scenarios.bound import (
+    Bound,
+    Course,
+    along,
+    over_paths,
+    position_sigma,
+    why_no_bound_of,
+)
+from trackbench.scenarios.delays import arrivals, longest_delay_of, treatment
 from trackbench.scenarios.faults import AnyFault, FaultContext, recovery
 from trackbench.scenarios.score import Score, diverged
 from trackbench.scenarios.starts.base import FixedStart, InitialScans, Start, repeated
-from trackbench.scenarios.targets.base import Schedule, Scored, Target, Timeline, recorded_columns
+from trackbench.scenarios.targets.base import Schedule, Scored, Target, Timeline
 
 _NOTHING = Assume()
 _EVERYTHING = Score()
@@ -92,6 +101,16 @@ class Tracking(Scenario):
     @property
     def _fault_context(self) -> FaultContext:
         return FaultContext(self.true_sensor, self.steps, self.times)
+
+    @property
+    def longest_delay(self) -> int:
+        """Number of steps that almost no measurement exceeds; 0 if all arrive on time."""
+        return max(self.target.longest_delay, longest_delay_of(self.true_sensor))
+
+    @property
+    def late(self) -> Late | None:
+        """Treatment of late measurements by filters; raises InvalidKeyError if it is not set."""
+        return treatment(self.assume) if self.longest_delay else None
 
     @property
     def without_faults(self) -> "Tracking":
@@ -183,17 +202,9 @@ class Tracking(Scenario):
         if sampled.components[: len(self.components)] != self.components:
             what = f"a motion of {', '.join(sampled.components)} for {', '.join(self.components)}"
             raise InvalidKeyError(what, "assume")
-        # The assumed sensor has the true sensor's components.
-        sensor = self.true_sensor
-        if self.assume.sensor is not None:
-            sensor = stack_for(self.assume.sensor, self.components, "assume", "sensor")
-            check_assumed(self.assume.sensor)
-        if sensor.components != self.true_sensor.components:
-            raise InvalidKeyError("the assumed sensor measures something else", "assume", "sensor")
+        sensor = assumed_sensor(self.assume, self.true_sensor, self.components)
         if self.assume.faults is None:
             return Model(sampled, sensor)
-        if not self.faults:
-            raise InvalidKeyError("has no effect: the scenario has no `faults`", "assume", "faults")
         return Model(sampled, self._fault_context.known_sensor(self.faults, sensor))
 
     def assumed_measurements(self, z: Array) -> Array:
@@ -296,11 +307,7 @@ class Tracking(Scenario):
         flight = self.target.fly(start, self._timeline, self.true_sensor, rng, self._start.scans)
         scans, measurements = np.split(flight.measurements, [self._start.scans], axis=1)
         # Step 3: the prior from these scans, or from knowledge of the first state.
-        line = self._timeline
-        T = line.T if line.apart is None else line.apart
-        if isinstance(T, np.ndarray):
-            T = recorded_columns(T, rng)
-        first = int(line.steps[0])
+        first, T = int(self._timeline.steps[0]), self._timeline.between_scans(rng)
         opening = InitialScans(flight.truth[:, 0], scans, first, T, self.target.diffusion)
         prior = self._start.prior(opening, self.true_sensor, nominal if driven else None, rng)
         # Step 4: faults change the measurements after the start's.
@@ -309,7 +316,9 @@ class Tracking(Scenario):
             measurements = self._fault_context.with_faults(
                 self.faults, truth, measurements, scans, rng
             )
-        return Simulation(truth, measurements, prior)
+        # Step 5: the steps at which measurements arrive.
+        arrival = arrivals(self.true_sensor, flight.arrival, measurements, rng)
+        return Simulation(truth, measurements, prior, arrival)
 
     def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
         """Return error vectors by quantity: of the state, and in the coordinates of each sensor."""
@@ -329,16 +338,7 @@ class Tracking(Scenario):
             return "the bound is of a sensor without faults"
         if not isinstance(self._motion, Linear):
             return "the target is driven by a motion that is not linear"
-        sensors = sensors_of(self.true_sensor)
-        if any(s.outliers is not None or s.bias for s in sensors):
-            return "the bound is of normal errors without a bias"
-        if any(s.has_noise_of_state for s in sensors):
-            return "the covariance of the noise depends on the state"
-        if self._start.prior_type(self.true_sensor) is PointMass:
-            return "the first state is known"
-        if type(self._start).bound is Start.bound:
-            return f"the bound is of a normal first state, and the start is `{self._start.kind}`"
-        return self.target.why_no_bound
+        return why_no_bound_of(self.true_sensor, self._start) or self.target.why_no_bound
 
     @cached_property
     def _bound(self) -> Bound:

@@ -220,7 +220,8 @@ def given_values(experiment: Experiment, label: str) -> dict[str, Any]:
     point = experiment.points[0]
     config = as_config((point.filters | experiment.left_out)[label])
     if label in point.assumed:
-        config["assume"] = as_config(point.assumed[label])
+        assumed = as_config(point.assumed[label])
+        config |= {"late": assumed.pop("late", None), "assume": assumed}
     return dict(_flat(config))
 
 

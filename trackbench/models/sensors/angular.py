@@ -1,4 +1,4 @@
-"""Sensors of angles: their base, with position or platform and angles that wrap; bearing alone."""
+"""Sensors at a place: their base, with position or platform and angles that wrap; bearing; range."""
 
 from bisect import bisect_right
 from dataclasses import dataclass
@@ -154,4 +154,34 @@ class Bearing(AngularSensor):
         square = px * px + py * py
         H = np.zeros((1, *x.shape))
         H[0, 0], H[0, 2] = -py / square, px / square
+        return H
+
+
+@register("sensors", "range")
+@dataclass(frozen=True, kw_only=True)
+class Range(AngularSensor):
+    """Distance to a known place alone, ``r = sqrt(px^2 + py^2) + w_r``: a beacon or an anchor."""
+
+    sigma: Annotated[Positive, Unit("m")]
+    """standard deviation of the distance, m"""
+
+    components: ClassVar[tuple[str, ...]] = ("range",)
+    angles: ClassVar[tuple[int, ...]] = ()
+
+    @cached_property
+    def R(self) -> Array:
+        """Noise covariance (1, 1), m^2."""
+        return fixed(np.array([[self.sigma * self.sigma]]))
+
+    def measurement(self, x: Array, k: int) -> Gaussian:
+        """Return N(range, R) for x (n, *batch)."""
+        return Gaussian(distance(*self.relative_position(x, k))[None], self.R)
+
+    def jacobian(self, x: Array, k: int) -> Array:
+        """Return d(range)/dx (1, n, *batch)."""
+        px, py = self.relative_position(x, k)
+        # dr/dpx = px / r, dr/dpy = py / r
+        r = distance(px, py)
+        H = np.zeros((1, *x.shape))
+        H[0, 0], H[0, 2] = px / r, py / r
         return H

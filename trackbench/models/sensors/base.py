@@ -38,6 +38,7 @@ from trackbench.models.base import (
     has_density,
     log_likelihood,
 )
+from trackbench.models.delays import AnyDelay, Late, Treatment
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,6 +71,8 @@ class SensorBase(Part):
     """number of steps from one measurement to the next"""
     offset: Natural = 0
     """number of a step with a measurement"""
+    delay: AnyDelay = 0
+    """steps after which a measurement arrives, or their law: {kind: uniform, most: 5}"""
 
     components: ClassVar[tuple[str, ...]]
     """names of the measurement's components"""
@@ -193,6 +196,14 @@ class Assume:
     """prior that is independent of the data: given, uniform or mixture"""
     faults: Literal["known"] | None = None
     """known: the true law of the sensors' faults; default: none"""
+    delay: Literal["none"] | None = None
+    """none: every measurement on time, as a bound; default: they arrive with their delays"""
+    late: Treatment | Late | None = None
+    """of late measurements: drop, apply or refilter, also as {kind: refilter, memory: 20}"""
+
+    def __post_init__(self) -> None:
+        if self.delay and self.late:
+            raise InvalidKeyError("has no effect beside `delay: none`; leave one out", "late")
 
     def over(self, other: "Assume") -> "Assume":
         """Return these assumptions, with the other's where a key is unset."""
@@ -201,6 +212,8 @@ class Assume:
             sensor=self.sensor or other.sensor,
             start=self.start or other.start,
             faults=self.faults or other.faults,
+            delay=self.delay or (None if self.late else other.delay),
+            late=self.late or (None if self.delay else other.late),
         )
 
 
@@ -358,7 +371,18 @@ def rows_of(sensor: Sensors) -> list[slice]:
     return sensor.rows if isinstance(sensor, StackedSensor) else [slice(None)]
 
 
-def check_assumed(sensors: SensorBase | tuple[SensorBase, ...]) -> None:
+def assumed_sensor(assume: Assume, true: Sensors, components: tuple[str, ...]) -> Sensors:
+    """Return the sensor of the filter model for states of these components; raises InvalidKeyError."""
+    if assume.sensor is None:
+        return true
+    sensor = stack_for(assume.sensor, components, "assume", "sensor")
+    _check_assumed(assume.sensor)
+    if sensor.components != true.components:
+        raise InvalidKeyError("the assumed sensor measures something else", "assume", "sensor")
+    return sensor
+
+
+def _check_assumed(sensors: SensorBase | tuple[SensorBase, ...]) -> None:
     """Raise InvalidKeyError for a property of true measurements that filters do not model."""
     for i, sensor in enumerate(sensors if isinstance(sensors, tuple) else (sensors,)):
         index = (i,) if isinstance(sensors, tuple) else ()

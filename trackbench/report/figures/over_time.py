@@ -1,8 +1,8 @@
 """Figure kinds over time: `rmse-vs-time`, `estimates`; what they share with others of curves."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 
@@ -36,9 +36,9 @@ class Curves(FigureKind):
     x_label: str = ""
     """label of the horizontal axis; default: what it is"""
     y_label: str = ""
-    """label of the vertical axis, with its unit"""
+    """label of the vertical axis, with its unit; default: the metric"""
     log: bool = False
-    """logarithmic vertical axis"""
+    """logarithmic vertical axis; without `y_label` also where one filter's errors dwarf the others'"""
     floor: str | None = None
     """label of the filter that none can beat: drawn black and dashed"""
     baseline: str | None = None
@@ -88,6 +88,12 @@ class Curves(FigureKind):
         rows = results.columns("per_step", point).where(metric=str(metric))
         for label, look in self.labels(results, exact=True):
             yield rows.where(filter=label), {"label": label, **look}
+
+    def with_axis(self, metric: Measure, curves: Sequence[Array]) -> Self:
+        """Return the figure with its vertical axis labeled, logarithmic if one curve dwarfs the rest."""
+        fits = scales.has_logarithm(np.concatenate([np.empty(0), *curves]))
+        log = self.log or (fits and scales.one_dwarfs(curves))
+        return replace(self, y_label=phrases.axis_of(metric), log=log)
 
     def finish(self, figure: Figure, titles: Collection[str] = ()) -> Figure:
         """Return the figure with legible vertical axes and a legend of all labels but the ``titles``."""
@@ -224,6 +230,10 @@ class RmseVsTime(OverTime):
 
     def draw(self, results: Results) -> Figure:
         """Return one line per filter."""
+        if not self.y_label:
+            points = results.points()[: style.MOST_PANELS]
+            series = [row for point in points for row, _ in self.lines(results, point, self.metric)]
+            return self.with_axis(self.metric, [row["value"] for row in series]).draw(results)
         titles = self.panel_titles(results, self.steps_of(results, self.metric))
         figure, panels = self.panels_over_time(results, titles)
         for (ax,), point, title in panels:

@@ -31,13 +31,13 @@ _FAR = 4.0  # times as long as the tracks: a picture with a sensor so far away s
 class Track(FigureKind):
     """The true track in the plane, its sensors and, one panel per filter, estimates of the first runs.
 
-    With `best`, one panel shows the first run's estimates of the best filters.
+    Unless it names filters, one panel shows the first run's estimates of the best ones.
     """
 
     filters: tuple[str, ...] = ()
-    """labels, a panel each; none draws the truth alone, or the best"""
-    best: Natural = 0
-    """number of the best filters that are drawn over each other, if no filters are named"""
+    """labels, a panel each; none draws the best over each other"""
+    best: Natural = 3
+    """number of the best filters, if no filters are named; 0 draws the truth alone"""
     runs: Count = 50
     """number of runs drawn over each other"""
     components: tuple[int, int] = (0, 2)

@@ -76,12 +76,23 @@ def mean_of(metric: Measure) -> str:
     return f"Mean {_words_and_unit(metric)}"
 
 
+def head_of(statistic: str, metric: Measure) -> str:
+    """Return a heading: ``Mean position RMSE (m)``, of the root mean square ``Position RMSE (m)``."""
+    words = _words_and_unit(metric)
+    return f"{words[0].upper()}{words[1:]}" if statistic == "rms" else f"Mean {words}"
+
+
 def error_of(metric: Measure) -> str:
     """Label an axis: ``Position RMSE (m)`` for a mean error of the whole run, else the expression."""
     if metric != Measure(metric.metric, statistic="mean") or not metric.is_error:
         return str(metric)
-    words = _words_and_unit(metric)
-    return words[0].upper() + words[1:]
+    return head_of("rms", metric)
+
+
+def axis_of(metric: Measure) -> str:
+    """Label an axis of a metric over time or runs: ``Position RMSE (m)``, else the expression."""
+    words = error_of(metric._replace(statistic="mean"))
+    return str(metric) if words.startswith("mean(") else words
 
 
 def _words_and_unit(metric: Measure) -> str:

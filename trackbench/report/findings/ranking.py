@@ -5,11 +5,11 @@ common runs, by the rule for filters. A filter that loses significantly more run
 the best.
 """
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import chain
 from math import isfinite
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -102,6 +102,8 @@ class Ranking(NamedTuple):
     chosen: bool
     """whether a filter is there with the best of several values that the grid gives it"""
     runs: int
+    compared: Mapping[str, Comparison] = MappingProxyType({})
+    """by name, each filter with the first of the order, decided or not; the reference, too"""
     conflict: tuple[Candidate, Candidate, int] | None = None
     """the filter that leads over its runs, the one whose common runs with it contradict that, and the
     number of these"""
@@ -172,11 +174,6 @@ def best_settings(results: Results) -> list[Ranking]:
     return best
 
 
-def leaders(standings: Collection[Ranking]) -> list[Candidate]:
-    """Return the filters among the best of each ranking, one after the other."""
-    return list(chain.from_iterable(ranking.among_the_best for ranking in standings))
-
-
 def ranking_metrics(results: Results) -> list[str]:
     """Return the metrics that filters are ranked by, the first one first."""
     points = results.points()
@@ -209,14 +206,19 @@ def ranking_of(
     losing += [c for c in ranked if c not in rivals and c not in losing and c.losses]
     chosen, runs = len(tried) > len(ranked), max((len(c.lost) for c in ranked), default=0)
     ranking = Ranking({}, measure, None, [], [], [], losing, exact, rivals, chosen, runs)
-    if not rivals or not rivals[0].has_error(untested=apart or not rivals[1:]):
+    if not rivals:
         return ranking
     # Step 3: compare the first of the others with all the rest on common runs.
     best, beside = rivals[0], [exact] if exact is not None else []
     family = compare_all({c.name: c.sample for c in (*ranked, *beside, *unranked)})
+    pairs = {c.name: family.between(c.name, best.name) for c in (*rivals[1:], *beside)}
+    compared = {name: comparison for name, comparison in pairs.items() if comparison is not None}
+    ranking = ranking._replace(compared=compared)
+    if not best.has_error(untested=apart or not rivals[1:]):
+        return ranking
     ties, worse, undecided = list[Rival](), list[Rival](), list[Rival]()
     for rival in rivals[1:]:
-        comparison = family.between(rival.name, best.name)
+        comparison = compared.get(rival.name)
         if comparison is None or sign * comparison.sign < 0:
             # No runs in common; or on these the other is the better one.
             common = 0 if comparison is None else comparison.difference.runs

@@ -16,7 +16,7 @@ from trackbench.report.findings import phrases
 from trackbench.report.findings.sentences import HOW_DECIDED
 from trackbench.report.html.svg import inline
 from trackbench.report.kinds import FigureKind, figure_folder
-from trackbench.report.render import conclusions, draw_figure
+from trackbench.report.render import conclusions, draw_figure, ranking
 from trackbench.report.results import Results
 from trackbench.report.table import Text, TextTable, rounded
 from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts
@@ -33,7 +33,8 @@ def write_report(
 ) -> Path:
     """Write report.html into the results folder, or another file."""
     comparison = comparison or compare(results)
-    tables = [table.texts() for table in results.tables.values()]
+    ranked = ranking(results, numbers=True)
+    tables = [*ranked[1:], *(table.texts() for table in results.tables.values())]
     pairs = results.attempt("pairs", lambda: _pairs(results), TextTable("", []))
     verdicts = verdict_tables(comparison)
     figures, times = drawings(results), time_tables(time_verdicts(results))
@@ -51,6 +52,7 @@ def write_report(
         live=bool(figures),
         name=results.config["name"],
         title=results.title,
+        ranking=ranked[0] if ranked else None,
         answer=conclusions(results),
         how_decided=HOW_DECIDED,
         counted=bars(comparison),

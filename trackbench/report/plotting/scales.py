@@ -18,6 +18,8 @@ else:
 _ZERO = 0.2
 """Place of zero on a logarithmic axis, as a multiple of the least positive value."""
 _ROUNDING = 1e-12
+_DWARFED = 20.0
+"""Ratio of the largest curve's maximum to that of the median curve."""
 
 
 def has_logarithm(values: Array) -> bool:
@@ -29,6 +31,12 @@ def has_logarithm(values: Array) -> bool:
 def spans(values: Sequence[float], factor: float) -> bool:
     """Return whether numbers are positive and the largest is at least ``factor`` times the least."""
     return len(values) > 0 and 0.0 < factor * min(values) <= max(values)
+
+
+def one_dwarfs(curves: Sequence[Array]) -> bool:
+    """Return whether positive curves would be flat on a linear axis beside the largest."""
+    largest = [float(np.nanmax(y)) for y in curves if np.isfinite(y).any()]
+    return len(largest) > 1 and max(largest) > _DWARFED * float(np.median(largest))
 
 
 def without_rounding(values: Array) -> Array:

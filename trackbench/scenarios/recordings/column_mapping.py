@@ -14,6 +14,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.conversions import Geodetic, east_north_up
 from trackbench.core.elementary import cos_sin
 from trackbench.field_types import DataError, Finite, InvalidKeyError, Place
+from trackbench.scenarios.recordings.csv_lines import AUTOMATIC, TextFormat
 from trackbench.scenarios.recordings.csv_tables import Content, Table, header, read_table
 
 _DEGREES = 180.0 / pi
@@ -120,7 +121,7 @@ _DIMENSIONS = {
     "speed": {"m/s": 1.0, "km/h": 1 / 3.6, "kn": 1852.0 / 3600.0, "ft/s": 0.3048, "mph": 0.44704},
     "angle": {"rad": 1.0, "mrad": 1e-3, "deg": pi / 180.0, "degE7": pi / 180.0e7},
     "turn rate": {"rad/s": 1.0, "deg/s": pi / 180.0},
-    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0},
 }
 UNITS = dict(chain.from_iterable(units.items() for units in _DIMENSIONS.values()))
 """SI value of each unit."""
@@ -131,7 +132,7 @@ _DIMENSION_OF = {
     **dict.fromkeys(("latitude", "longitude", "course", "azimuth", "elevation"), "angle"),
 }
 """Dimension of each quantity; that of a plugin's own quantities may be any."""
-KEYS = ("run", "time", "step", "sensor", "date")
+KEYS = ("run", "time", "step", "sensor", "date", "received")
 """What a row may say beside its quantities."""
 _OBJECTS = ("mmsi", "icao24", "icao", "callsign", "trackid", "vessel", "object")
 """Columns that name what moves."""
@@ -162,6 +163,8 @@ class Naming:
     same_time: Literal["mean", "last", "spread"] | None = None
     """what becomes of different rows of one sensor, run and time: their mean, the last of them, or times
     spread evenly until the next; default: they are a mistake"""
+    format: TextFormat | None = None
+    """how a text file is written, where its first lines do not show it: {separator: ";", skip: 1}"""
 
     def __post_init__(self) -> None:
         for key, unit in self.units.items():
@@ -203,6 +206,11 @@ class Naming:
         return 1.0 if unit is None else UNITS[unit]
 
 
+def is_unit_of(quantity: str, unit: str) -> bool:
+    """Return whether a unit is one of the quantity's dimension."""
+    return unit in _DIMENSIONS.get(_DIMENSION_OF.get(_plain(quantity), ""), ())
+
+
 def _mistaken_unit(key: str, unit: str, is_scalar: bool) -> str | None:
     """Return why a quantity cannot have this unit. A scalar's x and z may have any."""
     if key in KEYS and key != "time":
@@ -219,7 +227,8 @@ class Columns:
 
     def __init__(self, path: str, naming: Naming, wanted: Sequence[str], least: int = 1) -> None:
         """Find a file's columns for these quantities; raises DataError if fewer than ``least`` exist."""
-        self.path, self.naming, self.names = path, naming, header(path)
+        self.path, self.naming = path, naming
+        self.names = header(path, naming.format or AUTOMATIC)
         self.contents: dict[str, Content] = {}
         self.unavailable: Counter[str] = Counter()
         self.far: list[str] = []
@@ -267,7 +276,8 @@ class Columns:
 
     def read(self) -> Table:
         """Read the table, codes of "not available" as NaN. Raises DataError for impossible values."""
-        table = read_table(self.path, self.contents, self.naming.time_format)
+        naming = self.naming
+        table = read_table(self.path, self.contents, naming.time_format, naming.format or AUTOMATIC)
         of_ais = is_ais(self.names)
         mistakes = []
         for column, quantity in self._used.items():
@@ -284,6 +294,8 @@ class Columns:
                 if impossible_value is not None:
                     line = int(table.lines[impossible_value.row])
                     mistakes.append(Place(self.path, line, 1, f"{column}: {impossible_value.what}"))
+                if quantity in ("course", "azimuth"):
+                    continue  # an angle of 0.01 deg is near one of 359.99 deg
                 self.far += [f"{self.path}: {column}: {what}" for what in far_values(values)]
         if mistakes:
             raise DataError(*mistakes)

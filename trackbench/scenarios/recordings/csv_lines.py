@@ -1,94 +1,209 @@
-"""Lines of a CSV file as cells: its separator, comment lines, encoding, and quotes that do not close."""
+"""Lines of a text table as cells: encoding, comments, separator, header and open quotes."""
 
 import codecs
 import csv
 import re
-from collections.abc import Iterator
-from itertools import chain
-from typing import TextIO
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from typing import Literal, NamedTuple, TextIO
 
-from trackbench.field_types import DataError, Place, require_regular_file
+from trackbench.field_types import DataError, InvalidKeyError, Natural, Place, require_regular_file
 
 _LONGEST_LINE = 1_000_000  # characters: a file without line breaks is not read into memory
 _MOST_COMMENTS = 10_000  # lines
-_SEPARATORS = ",;\t|"
-_NUMBER = re.compile(r"[-+]?[0-9.,]+([eE][-+]?[0-9]+)?")
+_LOOKED_AT = 200  # lines that are not comments
+_COMMENTS = ("#", "%", "//")
+_SEPARATORS = (";", "\t", "|", ",", " ")
+_WORDS = {"tab": "\t", "space": " "}
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f]")
+_DATE = re.compile(r"\d{1,4}([-/.])\d{1,2}\1\d{1,4}")
+_VALUE = re.compile(r"[-+]?[0-9.,]+([eE][-+]?[0-9]+)?|\d{1,4}([-/.:])\d{1,2}\2[0-9TZ:. +-]*")
+_OTHERS = {
+    "<": "XML (GPX, KML): convert it, `gpsbabel -i gpx -f FILE -o unicsv -F m.csv`",
+    "{": "JSON: write its records as a table with a line of names",
+    "$G": "NMEA: convert it, `gpsbabel -i nmea -f FILE -o unicsv -F m.csv`",
+    "!AI": "NMEA sentences of AIS: decode them into a table with a line of names",
+}
+"""First letters of files that are text, but no tables, and what to do."""
+_ALIKE = 0.9  # of the lines have as many cells
 
 
-def _latin_1(error: UnicodeError) -> tuple[str, int]:
-    """Read bytes that are not UTF-8 as Latin-1."""
+def _windows(error: UnicodeError) -> tuple[str, int]:
+    """Read bytes that are not UTF-8 as Windows-1252, or as Latin-1."""
     if not isinstance(error, UnicodeDecodeError):
         raise error
-    return error.object[error.start : error.end].decode("latin-1"), error.end
-
-
-codecs.register_error("trackbench.latin-1", _latin_1)
-
-
-def table_lines(path: str) -> Iterator[tuple[int, list[str], str]]:
-    """Yield line number, cells and separator of every line that is not blank, first the header.
-
-    Lines of comment (#) before the header are left out, unless the last of them is the header.
-    """
+    wrong = error.object[error.start : error.end]
     try:
-        file = require_regular_file(path)
-        with file.open("rb") as head:
-            of_16_bits = head.read(2) in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
-        encoding = "utf-16" if of_16_bits else "utf-8-sig"
-        with file.open(newline="", encoding=encoding, errors="trackbench.latin-1") as text:
-            yield from _cells(path, text)
+        return wrong.decode("cp1252"), error.end
+    except UnicodeDecodeError:
+        return wrong.decode("latin-1"), error.end
+
+
+codecs.register_error("trackbench.windows", _windows)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TextFormat:
+    """Format of a text table; the first lines decide on keys that are unset."""
+
+    separator: str = ""
+    """character between cells, or `tab`, or `space` for any white space"""
+    decimal: Literal[".", ","] | None = None
+    """decimal sign; default: a comma if cells of numbers have one"""
+    encoding: str = ""
+    """name of an encoding; default: UTF-8, or UTF-16, and other bytes as Windows-1252"""
+    header: Natural = 0
+    """number of the line with the columns' names, from 1 on"""
+    names: tuple[str, ...] = ()
+    """names of the columns, where no line has them"""
+    skip: Natural = 0
+    """number of lines between the names and the data, such as a line of units"""
+
+    def __post_init__(self) -> None:
+        if len(_WORDS.get(self.separator, self.separator)) > 1:
+            raise InvalidKeyError("is one character, `tab` or `space`", "separator")
+        if self.header and self.names:
+            raise InvalidKeyError("names replace the line of the header: leave one out", "names")
+        if self.encoding:
+            try:
+                codecs.lookup(self.encoding)
+            except LookupError:
+                raise InvalidKeyError("is no encoding that Python knows", "encoding") from None
+
+
+AUTOMATIC = TextFormat()
+
+
+class Layout(NamedTuple):
+    """Format of a file: lines before the data, names, and the column of a date apart from its time.
+
+    ``header`` is the line of the names, or 0; it may be a comment.
+    """
+
+    encoding: str
+    separator: str
+    names: list[str]
+    header: int
+    before: int
+    joined: int | None
+    is_comment: bool = False
+
+
+def layout_of(path: str, form: TextFormat = AUTOMATIC) -> Layout:
+    """Return the format of a file, as its first lines and the keys say. Raises DataError."""
+    try:
+        encoding = form.encoding or _encoding(path)
+        with _opened(path, encoding) as text:
+            return _layout(path, encoding, text, form)
     except OSError as error:
         raise DataError(Place(path, 1, 1, (error.strerror or str(error)).lower())) from None
     except UnicodeError:
         raise DataError(Place(path, 1, 1, "is not a text file")) from None
-
-
-def _cells(path: str, text: TextIO) -> Iterator[tuple[int, list[str], str]]:
-    lines = iter(lambda: text.readline(_LONGEST_LINE), "")
-    # Step 1: pass over comments to the first line of cells.
-    skipped, separator, first, comment = -1, "", "", ""
-    for skipped, first in enumerate(lines):
-        if first.lower().startswith("sep=") and len(first) > len("sep="):
-            separator = first[len("sep=")]
-        elif first.startswith("#") and skipped < _MOST_COMMENTS:
-            comment = first.lstrip("# ")
-        elif first.strip():
-            break
-    else:
-        return
-    if _CONTROL.search(first):
-        raise DataError(Place(path, skipped + 1, 1, "is not a text file"))
-    # Step 2: the last comment is the header of a first line that holds numbers.
-    separator = separator or _separator(first)
-    before, cells = [_parsed(line, separator) for line in (comment, first)]
-    numbers = any(_NUMBER.fullmatch(cell.strip()) for cell in cells)
-    if numbers and len(before) == len(cells):
-        yield skipped, before, separator
-    # Step 3: read the lines.
-    following: Iterator[str] = chain([first], lines)
-    if separator == " ":
-        following = (" ".join(line.split()) + "\n" for line in following)
-    reader = csv.reader(following, delimiter=separator)
-    line, width = skipped, len(cells)
-    try:
-        for row in reader:
-            end = skipped + reader.line_num
-            if end > line + 1 and _holds_rows(row, separator, width):
-                what = f"a quote that opens in this line closes in line {end}, after further rows"
-                raise DataError(Place(path, line + 1, 1, f"{what}: close it, or leave it out"))
-            line = end
-            if row:
-                yield line, row, separator
     except csv.Error as error:
-        what = f"not a CSV: {error}; is a quote in this line not closed?"
-        raise DataError(Place(path, line + 1, 1, what)) from None
+        raise DataError(Place(path, 1, 1, f"not a CSV: {error}")) from None
 
 
-def _separator(line: str) -> str:
-    """Return what separates the cells of a line, outside quotes: mostly a comma; else white space."""
-    bare = re.sub('"[^"]*"', "", line.strip())
-    most = max(_SEPARATORS, key=bare.count)
+def _encoding(path: str) -> str:
+    with require_regular_file(path).open("rb") as file:
+        head = file.read(256)
+    if head[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+        return "utf-16"
+    # Plain letters have a zero in every second byte.
+    for first, encoding in ((1, "utf-16-le"), (0, "utf-16-be")):
+        if len(head) > 2 and not any(head[first::2]) and all(head[1 - first :: 2]):
+            return encoding
+    return "utf-8-sig"
+
+
+def _opened(path: str, encoding: str) -> TextIO:
+    return require_regular_file(path).open(
+        newline="", encoding=encoding, errors="trackbench.windows"
+    )
+
+
+def _layout(path: str, encoding: str, text: TextIO, form: TextFormat) -> Layout:
+    # Step 1: take the first lines, comments and others.
+    separator = _WORDS.get(form.separator, form.separator)
+    comments: dict[int, str] = {}
+    lines: dict[int, str] = {}
+    for number, line in enumerate(iter(lambda: text.readline(_LONGEST_LINE), ""), 1):
+        if number < form.header or not line.strip():
+            continue
+        if not lines and line.lower().startswith("sep=") and len(line) > len("sep="):
+            separator = separator or line[len("sep=")]
+        elif line.startswith(_COMMENTS) and number != form.header:
+            comments[number] = line.lstrip("#%/ \t")
+        else:
+            lines[number] = line
+        if len(lines) >= _LOOKED_AT or len(comments) >= _MOST_COMMENTS:
+            break
+    if not lines:
+        raise DataError(Place(path, 1, 1, "has no rows" if comments else "is empty"))
+    first = next(iter(lines))
+    if _CONTROL.search(lines[first]):
+        raise DataError(Place(path, first, 1, "is not a text file"))
+    for letters, what in _OTHERS.items():
+        if lines[first].startswith(letters):
+            raise DataError(Place(path, first, 1, f"is no table but {what}"))
+    # Step 2: find the separator, and the usual number of cells.
+    separator = separator or _separator([*lines.values()])
+    cells = {number: _parsed(line, separator) for number, line in lines.items()}
+    width = _usual(cells.values())[0]
+    rows = [row for row in cells.values() if len(row) == width]
+    joined = next(
+        (i for i, cell in enumerate(rows[-1][:-1]) if _is_apart(cell, rows[-1][i + 1])), None
+    )
+    # Step 3: find the header: the last comment above numbers, or the first line of as many cells.
+    if form.names:
+        return Layout(encoding, separator, [*form.names], 0, first - 1 + form.skip, None)
+    header = first
+    if not form.header:
+        above = max((number for number in comments if number < first), default=0)
+        if above and any(map(is_value, cells[first])):
+            by_separator = _parsed(comments[above], separator)
+            for row in (by_separator, re.split(r"\s*[,;\t|]\s*|\s+", comments[above].strip())):
+                if width - len(row) in ((0, 1) if joined is not None else (0,)):
+                    header, cells[above] = above, row
+                    break
+        elif len(cells[first]) != width:
+            usual = next(n for n, row in cells.items() if len(row) == width)
+            header = first if any(map(is_value, cells[usual])) else usual
+    names = [name.strip() for name in cells[header]]
+    names[0] = names[0].lstrip("#% ")
+    if not (separator == " " and len(names) == width - 1):
+        joined = None
+    before = header + form.skip
+    return Layout(encoding, separator, names, header, before, joined, header in comments)
+
+
+def is_value(cell: str) -> bool:
+    """Return whether a cell is a number or a date, not a name."""
+    return _VALUE.fullmatch(cell.strip()) is not None
+
+
+def _is_apart(cell: str, after: str) -> bool:
+    """Return whether these are a date and a time of day."""
+    return _DATE.fullmatch(cell) is not None and re.match(r"\d{1,2}:\d\d", after) is not None
+
+
+def _usual(rows: Iterable[list[str]]) -> tuple[int, int]:
+    """Return the most frequent number of cells, and how many rows have it."""
+    return Counter(map(len, rows)).most_common(1)[0]
+
+
+def _separator(lines: Sequence[str]) -> str:
+    """Return the separator that gives lines as many cells as each other, at best the first, too."""
+    alike, below = [], lines[len(lines) // 2 :]  # where no title stands
+    for separator in _SEPARATORS:
+        width, number = _usual(_parsed(line, separator) for line in below)
+        if width > 1 and number >= _ALIKE * len(below):
+            alike.append((len(_parsed(lines[0], separator)) != width, separator))
+    if alike:
+        return min(alike, key=lambda usual: usual[0])[1]
+    bare = re.sub('"[^"]*"', "", lines[0].strip())
+    most = max(_SEPARATORS[:4], key=bare.count)
     return most if most in bare else " "
 
 
@@ -96,7 +211,53 @@ def _parsed(line: str, separator: str) -> list[str]:
     """Return the cells of one line."""
     if separator == " ":
         return line.split()
-    return next(csv.reader([line], delimiter=separator), [])
+    return next(csv.reader([line.rstrip("\r\n")], delimiter=separator), [])
+
+
+def table_rows(path: str, layout: Layout) -> Iterator[tuple[int, list[str]]]:
+    """Yield the line number and cells of every row below the header; blank lines and comments are none.
+
+    Raises DataError for a file that is no table.
+    """
+    try:
+        with _opened(path, layout.encoding) as text:
+            yield from _rows(path, text, layout)
+    except OSError as error:
+        raise DataError(Place(path, 1, 1, (error.strerror or str(error)).lower())) from None
+    except UnicodeError:
+        raise DataError(Place(path, 1, 1, "is not a text file")) from None
+
+
+def _rows(path: str, text: TextIO, layout: Layout) -> Iterator[tuple[int, list[str]]]:
+    separator, width = layout.separator, len(layout.names)
+    every = islice(iter(lambda: text.readline(_LONGEST_LINE), ""), layout.before, None)
+    lines = ("\n" if line.startswith(_COMMENTS) else line for line in every)
+    if separator == " ":
+        separator, lines = "\t", (_by_tabs(line, layout.joined) for line in lines)
+    reader, line = csv.reader(lines, delimiter=separator), layout.before
+    try:
+        for row in reader:
+            end = layout.before + reader.line_num
+            if end > line + 1 and _holds_rows(row, separator, width):
+                what = f"a quote that opens in this line closes in line {end}, after further rows"
+                raise DataError(Place(path, line + 1, 1, f"{what}: close it, or leave it out"))
+            line = end
+            # A separator at the end of every row opens no column.
+            if len(row) == width + 1 and not row[-1].strip():
+                row.pop()
+            if row:
+                yield line, row
+    except csv.Error as error:
+        what = f"not a CSV: {error}; is a quote in this line not closed?"
+        raise DataError(Place(path, line + 1, 1, what)) from None
+
+
+def _by_tabs(line: str, joined: int | None) -> str:
+    """Return a line with tabs for white space; a date and its time of day stay one cell."""
+    cells = line.split()
+    if joined is not None:
+        cells[joined : joined + 2] = [" ".join(cells[joined : joined + 2])]
+    return "\t".join(cells) + "\n"
 
 
 def _holds_rows(cells: list[str], separator: str, width: int) -> bool:

@@ -15,20 +15,29 @@ from numpy.typing import NDArray
 
 from trackbench.core.arrays import Array, Index
 from trackbench.field_types import DataError, Place, require_regular_file
-from trackbench.scenarios.recordings.csv_lines import table_lines
+from trackbench.scenarios.recordings.csv_lines import (
+    AUTOMATIC,
+    Layout,
+    TextFormat,
+    is_value,
+    layout_of,
+    table_rows,
+)
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _UTC = re.compile(r" ?(UTC|GMT)$")
-_TIME_OF_DAY = re.compile(r" *[0-9]{1,2}:[0-9]{2}")
+_TIME_OF_DAY = re.compile(r" *[0-9]{1,2}(:[0-9]{2}|[0-9]{3,4}(\.|$))")
+_MISSING = frozenset(("", "nan", "na", "n/a", "#n/a", "null", "none", "nil", "-", "--"))
 _MICROSECOND = timedelta(microseconds=1)
+_MANY = 1000  # rows, from which on pandas is faster than strptime
 _DIGITS = 9
 """Of a whole number, at most."""
 Parse = Callable[[str], float]
 
 
 def number(cell: str, comma: bool = False) -> float:
-    """Return a finite number, NaN for an empty cell; raises ValueError. Decimals follow a ``comma``."""
-    if cell.lower() in ("", "nan"):
+    """Return a finite number, NaN for a missing cell; raises ValueError. Decimals follow a ``comma``."""
+    if cell.lower() in _MISSING:
         return math.nan
     if comma and "." in cell:
         raise ValueError("a number with a decimal comma, as others of this file are")
@@ -54,6 +63,10 @@ def seconds(cell: str, comma: bool = False) -> float:
 def moment(cell: str, form: str = "") -> datetime:
     """Return the time of a date in ISO 8601, or in a form of strptime; raises ValueError."""
     try:
+        if form.endswith("%f"):
+            # A whole second may have no digits behind it; there may be nine in place of six.
+            cell = re.sub(r"(:\d\d|(^| )\d{6})$", r"\g<0>" + form[-3] + "0", cell)
+            cell = re.sub(r"(\d{6})\d+$", r"\1", cell)
         if form:
             return datetime.strptime(cell, form)
         return datetime.fromisoformat(_UTC.sub("+00:00", cell))
@@ -95,11 +108,17 @@ def is_instant(cell: str) -> bool:
 
 def parsed(parse: Parse, cells: Sequence[str]) -> tuple[Array, list[tuple[int, str]]]:
     """Return the values (R,) of a column's cells, and which are none and why."""
-    if parse in (number, seconds):
-        # Mostly all cells are plain numbers: one pass.
+    keys = parse.keywords if isinstance(parse, partial) else {}
+    values = None
+    # Mostly all cells are plain numbers, or dates of one form: one pass.
+    if keys.get("form"):
+        values = _dates_quickly(cells, keys["form"])
+    elif keys.get("comma") and not any("." in cell for cell in cells):
+        values = _quickly([cell.replace(",", ".") for cell in cells])
+    elif parse in (number, seconds):
         values = _quickly(cells)
-        if values is not None:
-            return values, []
+    if values is not None:
+        return values, []
     out, mistakes = np.full(len(cells), np.nan), []
     # Otherwise cell by cell, to name each mistake.
     for i, cell in enumerate(cells):
@@ -120,6 +139,18 @@ def _quickly(cells: Sequence[str]) -> Array | None:
     except ValueError:
         return None
     return values if np.isfinite(values).all() else None
+
+
+def _dates_quickly(cells: Sequence[str], form: str) -> Array | None:
+    """Return microseconds since 1970, if every cell is a date of this form and without a zone."""
+    if len(cells) < _MANY or "%z" in form:
+        return None
+    import pandas as pd
+
+    dates = pd.to_datetime(pd.Series(cells).str.strip(), format=form, errors="coerce")
+    if dates.isna().any():
+        return None
+    return dates.to_numpy().astype("datetime64[us]").astype(np.int64).astype(np.float64)
 
 
 Content = Literal["number", "time", "date", "step", "label"]
@@ -143,44 +174,64 @@ class Table(NamedTuple):
     dated: str
 
 
-def header(path: str) -> list[str]:
-    """Return names of a table's columns."""
-    if _is_parquet(path):
+def header(path: str, form: TextFormat = AUTOMATIC) -> list[str]:
+    """Return names of a table's columns. Raises DataError if the first line has numbers instead."""
+    if is_parquet(path):
         return [str(name) for name in _parquet(path, None)]
-    for _, cells, _ in table_lines(path):
-        return [name.strip() for name in cells]
-    raise DataError(Place(path, 1, 1, "is empty"))
+    layout = layout_of(path, form)
+    if layout.header and all(is_value(name) for name in layout.names if name):
+        what = f"holds {', '.join(layout.names)[:60]} and no names of columns: name all"
+        way = f"{len(layout.names)}, such as `format: {{names: [time, x, y]}}`"
+        raise DataError(Place(path, layout.header, 1, f"{what} {way}"))
+    return layout.names
 
 
-def read_table(path: str, contents: Mapping[str, Content], form: str = "") -> Table:
+def read_table(
+    path: str,
+    contents: Mapping[str, Content],
+    time_format: str = "",
+    form: TextFormat = AUTOMATIC,
+) -> Table:
     """Read columns of a table; raises DataError with up to twenty mistakes and their lines.
 
     Dates are in ISO 8601, or in a form of strptime.
     """
-    reading = _Reading(path, contents, form)
-    if _is_parquet(path):
+    reading = _Reading(path, contents, time_format)
+    if is_parquet(path):
         # Parquet: the cells become text, so that both formats have the same parsers.
         frame = _parquet(path, list(contents))
         shown = {name: list(map(_shown, frame[name].tolist())) for name in contents}
         reading.add(np.arange(2, len(frame) + 2), shown)
         return reading.table()
-    lines = table_lines(path)
-    line, names, separator = next(lines)
-    reading.is_european = separator == ";"
-    names = [name.strip() for name in names]
+    layout = layout_of(path, form)
+    # Commas in cells that commas do not separate are decimal signs.
+    reading.may_have_commas = form.decimal is None and layout.separator != ","
+    reading.comma = form.decimal == ","
     for name in contents:
-        if names.count(name) > 1:
-            raise DataError(Place(path, line, 1, f"two columns {name}"))
+        if layout.names.count(name) > 1:
+            raise DataError(Place(path, max(layout.header, 1), 1, f"two columns {name}"))
+    lines = table_rows(path, layout)
     # CSV: read piece by piece, until there are too many mistakes.
     while rows := list(islice(lines, _ROWS_AT_A_TIME)):
-        full_rows = reading.of_full_width(rows, len(names))
+        full_rows = reading.of_full_width(rows, layout)
         if full_rows:
             columns: list[Sequence[str]] = list(zip(*(row[1] for row in full_rows), strict=True))
-            cells = {name: columns[names.index(name)] for name in contents}
+            cells = {name: columns[layout.names.index(name)] for name in contents}
             reading.add(np.array([row[0] for row in full_rows]), cells)
         if len(reading.mistakes) >= _MOST_MISTAKES:
             break
     return reading.table()
+
+
+def first_rows(path: str, form: TextFormat, number: int) -> list[list[str]]:
+    """Return the cells of the first rows, as text, of those with a cell for each column."""
+    if is_parquet(path):
+        frame = _parquet(path, header(path)).head(number)
+        columns = (map(_shown, frame[name].tolist()) for name in frame)
+        return list(map(list, zip(*columns, strict=True)))
+    layout = layout_of(path, form)
+    rows = (cells for _, cells in islice(table_rows(path, layout), number))
+    return [[cell.strip() for cell in cells] for cells in rows if len(cells) == len(layout.names)]
 
 
 class _Reading:
@@ -191,7 +242,7 @@ class _Reading:
         self._date = next((name for name, content in contents.items() if content == "date"), None)
         self.contents = {n: content for n, content in contents.items() if content != "date"}
         self.path, self.form = path, form
-        self.is_european, self.comma = False, False
+        self.may_have_commas, self.comma = False, False
         self.mistakes: list[Place] = []
         self.dated: str | None = None
         self._pieces: dict[str, list[Column]] = {name: [] for name in self.contents}
@@ -201,19 +252,29 @@ class _Reading:
         self._lines: list[Index] = []
 
     def of_full_width(
-        self, rows: Sequence[tuple[int, list[str], str]], width: int
-    ) -> Sequence[tuple[int, list[str], str]]:
+        self, rows: Sequence[tuple[int, list[str]]], layout: Layout
+    ) -> Sequence[tuple[int, list[str]]]:
         """Return the rows with a cell for each column; the others are mistakes."""
-        wrong = [(line, len(cells)) for line, cells, _ in rows if len(cells) != width]
+        width = len(layout.names)
+        wrong = [(line, len(cells)) for line, cells in rows if len(cells) != width]
         if not wrong:
             return rows
-        what = "{} cells under {} columns"
-        self.mistakes += [Place(self.path, at, 1, what.format(n, width)) for at, n in wrong]
+        what = f"cells under {width} columns"
+        if layout.separator == "," and all(number == 2 * width for _, number in wrong):
+            what += ": where decimals follow a comma, cells need another separator"
+        self._add_mistakes([(line, f"{number} {what}") for line, number in wrong], len(rows))
         return [row for row in rows if len(row[1]) == width]
+
+    def _add_mistakes(self, wrong: Sequence[tuple[int, str]], rows: int) -> None:
+        """Append mistakes by line; the first stands for all if most rows have one."""
+        if len(wrong) > max(_MOST_MISTAKES // 2, rows // 2):
+            (line, what), *more = wrong
+            wrong = [(line, f"{what} ({len(more)} more rows are alike)")]
+        self.mistakes += [Place(self.path, line, 1, what) for line, what in wrong]
 
     def add(self, lines: Index, cells: Mapping[str, Sequence[str]]) -> None:
         """Append rows by column."""
-        if self.is_european and not self.comma:
+        if self.may_have_commas and not self.comma:
             numbers = (
                 cells[name] for name, content in self.contents.items() if content == "number"
             )
@@ -232,9 +293,8 @@ class _Reading:
                 parser = self._parser(content, column, Place(self.path, int(lines[0]), 1, name))
                 values, wrong = parsed(parser, column)
             self._pieces[name].append(values)
-            self.mistakes += [
-                Place(self.path, int(lines[i]), 1, f"{name}: {what}") for i, what in wrong
-            ]
+            at = [(int(lines[i]), f"{name}: {what}") for i, what in wrong]
+            self._add_mistakes(at, len(column))
         self._lines.append(lines.astype(np.int32))
 
     def table(self) -> Table:
@@ -275,6 +335,8 @@ class _Reading:
         if self.form:
             what = f"{first.what}: {cell[:40]!r} is not a time as {self.form}"
         way = 'say how it is written, `time_format: "%d/%m/%Y %H:%M:%S"` (or %m/%d/%Y, %H:%M:%S.%f)'
+        if cell and not any(map(str.isdigit, cell)):
+            way = "say `format: {skip: 1}` if the line holds units, or correct it"
         raise DataError(first._replace(what=f"{what}: {way}"))
 
     def _labeled(self, name: str, cells: Sequence[str]) -> tuple[Column, list[tuple[int, str]]]:
@@ -285,7 +347,8 @@ class _Reading:
         return values, [(i, "is missing") for i in np.flatnonzero(values == codes[""]).tolist()]
 
 
-def _is_parquet(path: str) -> bool:
+def is_parquet(path: str) -> bool:
+    """Return whether a file is a Parquet file, by its name."""
     return Path(path).suffix.lower() in (".parquet", ".pq")
 
 

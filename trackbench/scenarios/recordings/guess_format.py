@@ -1,338 +1,364 @@
-"""A first look at a table of recorded data: what its columns may be, and a config that runs."""
+"""Guess of a recording's format, columns, units and errors, for a config that runs."""
 
-import json
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass
-from functools import partial
-from itertools import chain, islice, product
-from typing import NamedTuple
+from dataclasses import dataclass, fields, replace
+from itertools import chain, islice
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_mapping import UNITS, Naming, outlying
-from trackbench.scenarios.recordings.csv_lines import table_lines
-from trackbench.scenarios.recordings.csv_tables import header, instant, is_instant, number, parsed
+from trackbench.scenarios.recordings.column_mapping import COURSE, GEODETIC, UNITS, Naming, outlying
+from trackbench.scenarios.recordings.column_names import columns_of, ranges_of, unit_in, words_of
+from trackbench.scenarios.recordings.csv_lines import (
+    TextFormat,
+    is_value,
+    layout_of,
+    table_rows,
+)
+from trackbench.scenarios.recordings.csv_tables import (
+    first_rows,
+    header,
+    is_parquet,
+    number,
+    parsed,
+    read_table,
+)
+from trackbench.scenarios.recordings.guess_errors import SENSORS, levels_of, velocities_agree
+from trackbench.scenarios.recordings.guess_time import (
+    DateForm,
+    date_form,
+    unit_by_size,
+    unit_by_speed,
+)
 from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows import Gathered, Rows, chosen_runs, read_rows
 
-_CALLED = {
-    "time": (
-        *("time", "timestamp", "t", "datetime", "utc", "timeutc", "utctime", "epoch"),
-        *("basedatetime", "datetimeutc", "unixtime", "gpstime", "systime", "timeofday"),
-    ),
-    "date": ("date", "day", "dateutc", "utcdate"),
-    "step": ("step", "k", "frame", "scan"),
-    "sensor": (
-        "sensor",
-        "sensorid",
-        "anchor",
-        "anchorid",
-        "beacon",
-        "beaconid",
-        "radar",
-        "station",
-    ),
-    "run": ("run", "id", "trackid", "mmsi", "vessel", "object", "icao24", "icao", "callsign"),
-    "latitude": ("latitude", "lat"),
-    "longitude": ("longitude", "lon", "lng", "long"),
-    "x": ("x", "px", "posx", "east", "easting"),
-    "y": ("y", "py", "posy", "north", "northing"),
-    "vx": ("vx", "velx", "eastspeed"),
-    "vy": ("vy", "vely", "northspeed"),
-    "range": ("range", "rmsd", "rho", "distance"),
-    "azimuth": ("azimuth", "bearing", "theta"),
-    "speed": ("speed", "sog", "groundspeed"),
-    "course": ("course", "cog", "heading"),
-}
-_WRITTEN = {
-    **{
-        unit: unit
-        for unit in ("m", "km", "ft", "nmi", "deg", "rad", "mrad", "kn", "s", "ms", "us", "ns", "h")
-    },
-    **{"feet": "ft", "nm": "nmi", "degrees": "deg", "knots": "kn", "kts": "kn", "kmh": "km/h"},
-    **{"e7": "degE7", "dege7": "degE7"},
-    **{"seconds": "s", "millis": "ms", "mps": "m/s", "meters": "m", "metres": "m"},
-}
 _TURN = 2.0 * np.pi
 _SMALLEST_E7 = 1e6  # deg: angles beyond are whole numbers of 1e-7 deg
 _SAMPLE = 10_000  # rows
-_DAYS = ("%d/%m/%Y", "%m/%d/%Y", "%d.%m.%Y", "%d-%m-%Y", "%m-%d-%Y", "%Y/%m/%d", "%Y.%m.%d")
-_TIMES = ("%H:%M:%S", "%H:%M:%S.%f", "%I:%M:%S %p", "%H:%M")
-_FORMS = [*_TIMES, *map(" ".join, product(_DAYS, _TIMES))]
-_MILLISECONDS = 1e11  # since 1970: from 1973 on; in seconds it would be the year 5138
-_ONE_SIGMA = 0.683  # of a normal law's values are within its standard deviation
+_MOST_SENSORS = 50
+_FIRST = 200  # rows that show the format
+_MOST_A_SECOND = 20
+_PLACE, _VELOCITY = ("x", "y"), ("vx", "vy")
+_MEASURED = ("x", "y", "latitude", "longitude", "range", "azimuth")
+_TUM = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 
 
-class NamedColumn(NamedTuple):
-    """A column that may be a quantity, and the unit in its name."""
+class SensorGuess(NamedTuple):
+    """A sensor of the table: its name there, its type, and the deviations of its errors."""
 
-    column: str
-    unit: str | None
+    name: str
+    kind: str
+    quantities: tuple[str, ...]
+    sigmas: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
 class Guess:
-    """Guess at a table: columns by quantity, units, and noise levels by sensor for a first try."""
+    """Guess at a table: how it is read, why so, and noise levels by sensor for a first try."""
 
-    columns: dict[str, NamedColumn]
-    units: dict[str, str]
+    naming: Naming
     why: dict[str, str]
     runs: list[tuple[str, int]]
-    sigmas: dict[str, tuple[float, float]]
+    sensors: list[SensorGuess]
     speed: float
-    time_format: str
-    missing: list[float]
-
-    @property
-    def places(self) -> tuple[str, str]:
-        """Two quantities of the position."""
-        return places_of(self.columns)
 
     @property
     def moves(self) -> bool:
         """True if velocities are measured, too."""
-        if self.places == ("range", "azimuth") or "sensor" in self.columns:
-            return False
-        both = [("vx", "vy"), ("speed", "course")]
-        return any(self.columns.keys() >= {*pair} for pair in both)
+        is_one = [sensor.quantities for sensor in self.sensors] == [_PLACE]
+        return is_one and _has_velocity(self.naming.columns)
 
 
-def places_of(columns: dict[str, NamedColumn]) -> tuple[str, str]:
-    """Return the pair of quantities that determines a position."""
-    for pair in (("x", "y"), ("latitude", "longitude"), ("range", "azimuth")):
-        if all(name in columns for name in pair):
-            return pair
-    raise KeyError
-
-
-def recognized(path: str) -> Guess:
-    """Return the guess. Raises DataError if no time or no position can be made out."""
-    # Step 1: find time and position by the columns' names.
-    names = header(path)
-    columns, known = dict(_recognized(names)), ", ".join(names)[:200]
-    if "date" in columns and "time" not in columns:
-        columns["time"] = columns.pop("date")
+def recognized(path: str, given: Naming | None = None) -> Guess:
+    """Return the guess; ``given`` keys are none. Raises DataError if time or position are unknown."""
+    given = given or Naming()
+    # Step 1: find the columns by their names.
+    why: dict[str, str] = {}
+    form = _text_format(path, given.format or TextFormat(), why)
+    names = header(path, form)
+    sample = _Sample(path, names, form)
+    columns, units = _columns(names, sample, given, why)
     if "time" not in columns and "step" not in columns:
-        what = f"no column looks like a time or a step; there are {known}"
-        raise DataError(Place(path, 1, 1, what))
-    sample = _Sample(path, names)
-    sensors = sample.words(columns["sensor"].column) if "sensor" in columns else []
-    if len(sensors) < 2:
-        columns.pop("sensor", None)
-    try:
-        pair = places_of(columns)
-    except KeyError:
-        raise DataError(Place(path, 1, 1, _no_position(columns, sensors, known))) from None
-    # Step 2: take the units from the columns' names, or from values that are impossible otherwise.
-    units = {name: column.unit for name, column in columns.items() if column.unit is not None}
-    why = dict.fromkeys(units, "as the column's name says")
-    if "speed" in columns and columns["speed"].column.lower() == "sog" and "speed" not in units:
-        units["speed"], why["speed"] = "kn", "guess: speed over ground mostly is in knots"
-    for name in {"latitude", "longitude"} & {*pair} - {*units}:
-        if (np.abs(sample.numbers(columns[name].column)) > _SMALLEST_E7).any():
+        raise DataError(Place(path, 1, 1, _no_time(names)))
+    if not sample and any(name in columns for name in _MEASURED):
+        read_table(path, {names[0]: "label"}, form=form)  # which reports why no row can be read
+    # Step 2: find the sensors, and units that other units would make impossible.
+    sensors = _sensors(path, sample, columns, names, units)
+    measured = {name for sensor in sensors for name in sensor.quantities}
+    for name in GEODETIC[:2]:
+        values = sample.numbers(columns.get(name, ""))
+        if name not in units and (np.abs(values) > _SMALLEST_E7).any():
             units[name], why[name] = "degE7", "guess: degrees would be impossible"
+    clock = DateForm(given.time_format, bool(given.time_format))
+    if "time" in columns and not clock.form:
+        times, dates = (sample.cells(columns[k]) if k in columns else [] for k in ("time", "date"))
+        clock = date_form(path, times, dates, sample.line)
+    if clock.why:
+        why["time_format"] = clock.why
+    elif "time" in columns and "time" not in units and not clock.is_date:
+        unit = unit_by_size(sample.numbers(columns["time"]))
+        if unit is not None:
+            units["time"], why["time"] = unit, "guess: seconds would be thousands of years"
+    missing = given.missing or _missing(sample, columns, measured)
+    naming = replace(
+        given,
+        columns=columns,
+        units=units,
+        time_format=clock.form,
+        missing=missing,
+        format=form if form != TextFormat() else None,
+    )
+    if missing and not given.missing:
+        why["missing"] = "guess: far outside the others"
     # Step 3: read all rows.
-    outliers = (outlying(sample.numbers(columns[name].column)) for name in pair)
-    missing = [v for v in dict.fromkeys(map(float, chain.from_iterable(outliers))) if v % 1 == 0]
-    form = _time_format(sample, columns)
-    named = {name: f.column for name, f in columns.items()}
-    naming = Naming(columns=named, units=units, time_format=form, missing=tuple(missing))
-    gathered, wanted = Gathered(naming), pair if pair == ("range", "azimuth") else ("x", "y")
-    every = read_rows(gathered, [path], [wanted] * max(len(sensors), 1), names=sensors)
+    return _measured(path, naming, why, sensors)
+
+
+def _measured(path: str, naming: Naming, why: dict[str, str], sensors: list[SensorGuess]) -> Guess:
+    """Return the guess with what all rows show: runs, errors, speed, and further units."""
+    gathered, units, columns = Gathered(naming), naming.units, naming.columns
+    by_name = [sensor.name for sensor in sensors] if columns.get("sensor") else []
+    wanted = [sensor.quantities for sensor in sensors]
+    velocity = _VELOCITY if wanted == [_PLACE] and not by_name and _has_velocity(columns) else ()
+    every = read_rows(gathered, [path], [(*names, *velocity) for names in wanted], names=by_name)
     every = chosen_runs(gathered, every, ())
-    # Step 4: guess further units from the values.
-    latest = max(float(np.abs(rows.time).max(initial=0.0)) for rows in every)
-    if "time" in columns and not gathered.dated and latest > _MILLISECONDS:
-        units["time"], why["time"] = "ms", "guess: seconds would be thousands of years"
-    widest = max(float(np.abs(rows.values[1]).max(initial=0.0)) for rows in every)
-    if "azimuth" in wanted and "azimuth" not in naming.units and widest > _TURN:
+    angles = [r.values[-1] for names, r in zip(wanted, every, strict=True) if "azimuth" in names]
+    if "azimuth" not in units and any((np.abs(a[np.isfinite(a)]) > _TURN).any() for a in angles):
         units["azimuth"], why["azimuth"] = "deg", "guess: there are angles beyond 2 pi"
-    # Step 5: sort the runs by length; noise and speed are those of the longest.
+    # Sort the runs by length; noise and speed are those of the longest.
     sizes = np.sum([np.bincount(rows.run, minlength=len(gathered.runs)) for rows in every], axis=0)
     runs = sorted(zip(gathered.runs, sizes.tolist(), strict=True), key=lambda run: -run[1])
-    sigmas, speed = {}, 1.0
-    for sensor, rows in zip(sensors or [""], every, strict=True):
-        longest = in_order(gathered, rows.at(np.flatnonzero(rows.run == sizes.argmax())))
-        longest = longest.at(np.flatnonzero(np.isfinite(longest.values).all(axis=0)))
-        if sensor and not len(longest.time):
-            raise DataError(Place(path, 1, 1, _no_position(columns, sensors, known, sensor)))
-        sigmas[sensor], speed = _levels(longest, units, "azimuth" in wanted)
-    return Guess(columns, units, why, runs, sigmas, speed, form, missing)
+    longest = []
+    for sensor, rows in zip(sensors, every, strict=True):
+        measured = np.isfinite(rows.values[: len(sensor.quantities)]).all(axis=0)
+        rows = rows.at(np.flatnonzero(measured & (rows.run == sizes.argmax())))
+        if naming.same_time is None and (way := _same_time(gathered, rows)):
+            naming = gathered.naming = replace(naming, same_time=way)
+            why["same_time"] = "guess: several rows of a whole second; or mean, or last"
+        longest.append(in_order(gathered, rows))
+    levels = [
+        levels_of(rows, sensor.kind, "azimuth" in why)
+        for sensor, rows in zip(sensors, longest, strict=True)
+    ]
+    speed = next((speed for _, speed in levels if speed), 0.0)
+    # Guess the unit of times and of speeds, now that the path is known.
+    if "time" in columns and "time" not in units and not gathered.dated:
+        unit = unit_by_speed(longest[0].time, speed)
+        if unit is not None:
+            units["time"] = unit
+            why["time"] = f"guess: with seconds the usual speed would be {speed:.1g} m/s"
+            speed /= UNITS[unit]
+            longest[0] = longest[0]._replace(time=longest[0].time * UNITS[unit])
+    if velocity and not velocities_agree(longest[0], columns, units, why):
+        for name in {*_VELOCITY, *COURSE} & columns.keys():
+            columns.pop(name)
+        why["velocity"] = "velocities are left out: they disagree with the positions"
+    guesses = [s._replace(sigmas=level[0]) for s, level in zip(sensors, levels, strict=True)]
+    return Guess(naming, why, runs, guesses, float(f"{speed:.1g}") or 1.0)
 
 
-def _levels(rows: Rows, units: dict[str, str], polar: bool) -> tuple[tuple[float, float], float]:
-    """Return deviations of both quantities and the usual speed, of whole rows in order."""
-    time, (one, two) = rows.time, rows.values
-    if units.get("time") == "ms" and np.abs(time).max(initial=0.0) > _MILLISECONDS:
-        time = time / 1000.0
-    if not polar:
-        return (_scatter(time, one), _scatter(time, two)), _speed(time, one, two)
-    if np.abs(two).max(initial=0.0) > _TURN:
-        two = two * UNITS["deg"]
-    sigma = _scatter(time, one), _scatter(time, np.unwrap(two))
-    return sigma, _speed(time, one * np.cos(two), one * np.sin(two))
+def _has_velocity(columns: dict[str, str]) -> bool:
+    """Return whether there are columns of a velocity, or of speed and course."""
+    return columns.keys() >= {*_VELOCITY} or columns.keys() >= {*COURSE}
 
 
-def _no_position(
-    columns: dict[str, NamedColumn], sensors: list[str], known: str, sensor: str = ""
-) -> str:
-    """Return what to write where a table, or one of its sensors, holds no positions."""
-    if len(sensors) < 2:
-        pairs = "x and y, latitude and longitude, or range and azimuth"
-        return f"no columns look like {pairs}: {known}"
-    who = f"sensor {sensor}" if sensor else "a sensor"
-    what = f"column {columns['sensor'].column} names {len(sensors)} sensors, and {who} has no positions"
+def _text_format(path: str, given: TextFormat, why: dict[str, str]) -> TextFormat:
+    """Return the format with what is guessed: separator and decimal sign, header, a row of units."""
+    if is_parquet(path):
+        return given
+    layout = layout_of(path, given)
+    rows = [cells for _, cells in islice(table_rows(path, layout), _FIRST)]
+    keys: dict[str, Any] = {}
+    if layout.separator != ",":
+        keys["separator"] = {"\t": "tab", " ": "space"}.get(layout.separator, layout.separator)
+    if layout.encoding != "utf-8-sig":
+        keys["encoding"] = layout.encoding
+    if layout.header > 1 and not layout.is_comment:
+        keys["header"] = layout.header
+    # Beside commas only quotes can hold decimal commas, and three digits may be thousands.
+    cells = (cell.strip() for cell in chain.from_iterable(rows))
+    digits = r"[-+]?\d+,\d+" if layout.separator != "," else r"[-+]?\d+,(\d\d?|\d{4,})"
+    if any(re.fullmatch(digits, cell) for cell in cells):
+        keys["decimal"] = ","
+    if keys:
+        why["format"] = "guess: as its first lines are"
+    if layout.header and not given.header and all(map(is_value, layout.names)):
+        width = len(layout.names)
+        names = _TUM if width == len(_TUM) else ("time", "x", "y") if width == 3 else ()
+        if not names or (width == 3 and _may_be_degrees([layout.names, *rows])):
+            what = f"no line names the columns: name all {width},"
+            way = "`--set 'format.names=[time, x, y, ...]'` (or latitude, longitude, range, ...)"
+            raise DataError(Place(path, layout.header, 1, f"{what} {way}"))
+        keys["names"], why["format"] = names, "guess: no line names the columns"
+    elif not given.skip and _are_units(rows):
+        keys["skip"], why["format"] = 1, "guess: below the names is a line of units"
+    chosen = {field.name for field in fields(given) if getattr(given, field.name)}
+    return replace(given, **{key: value for key, value in keys.items() if key not in chosen})
+
+
+def _may_be_degrees(rows: list[list[str]]) -> bool:
+    """Return whether three columns may be a time, a latitude and a longitude, by their digits."""
+    places = list(chain.from_iterable(row[1:] for row in rows))
+    return all(re.fullmatch(r" *-?\d{1,3}\.\d{4,} *", cell) for cell in places)
+
+
+def _are_units(rows: list[list[str]]) -> bool:
+    """Return whether the first of these rows holds words above values."""
+    if len(rows) < 2 or any(map(is_value, rows[0])):
+        return False
+    return any(map(str.strip, rows[0])) and any(map(is_value, rows[1]))
+
+
+def _columns(
+    names: list[str], sample: "_Sample", given: Naming, why: dict[str, str]
+) -> tuple[dict[str, str], dict[str, str]]:
+    """Return columns and units by quantity, as the names of columns and a row of units show them."""
+    recognized_columns = columns_of(names)
+    columns = {name: named.column for name, named in recognized_columns.items()}
+    columns = {n: c for n, c in columns.items() if c not in given.columns.values()} | given.columns
+    if columns.keys() >= {*_VELOCITY}:
+        columns = {name: column for name, column in columns.items() if name not in COURSE}
+    if "date" in columns and "time" not in columns:
+        columns["time"] = columns.pop("date")
+    if "time" in columns:
+        columns.pop("step", None)
+    for key, least, most in (("sensor", 2, _MOST_SENSORS), ("run", 1, max(1, len(sample) // 3))):
+        words = set(sample.cells(columns.get(key, "")))
+        if key not in given.columns and ("" in words or not least <= len(words) <= most):
+            columns.pop(key, None)
+    units = {
+        n: c.unit for n, c in recognized_columns.items() if c.unit and columns.get(n) == c.column
+    }
+    why |= dict.fromkeys(units, "as the column's name says")
+    for name, column in columns.items():
+        unit = sample.unit(column, name)
+        if unit is not None:
+            units[name], why[name] = unit, "as the line of units says"
+    return columns, units | given.units
+
+
+def _no_time(names: list[str]) -> str:
+    """Return what to write where no column looks like a time."""
+    what = f"no column looks like a time or a step; there are {', '.join(names)[:200]}"
+    if {"year", "month", "day"} <= {name.lower() for name in names}:
+        return f"{what}: join the parts of dates into one column, 2025-04-03 10:00:00"
     way = (
-        f"`columns: {{sensor: {columns['sensor'].column}}}`, `sensors: [{', '.join(sensors[:8])}]`"
+        f"say which is one, `--set 'columns.time={names[0]}'` (or columns.step), or number the rows"
     )
-    return f"{what}: write a config with {way} and a sensor for each, such as `function` from its place"
+    if any(map(is_value, names)):
+        way += f", or name all {len(names)} if no line does, `--set 'format.names=[time, x, y]'`"
+    return f"{what}: {way}"
+
+
+def _sensors(
+    path: str, sample: "_Sample", columns: dict[str, str], names: list[str], units: dict[str, str]
+) -> list[SensorGuess]:
+    """Return the sensors; columns of several ranges are added. Raises DataError if there is none."""
+    # Quantities by row: a position is x and y, or latitude and longitude.
+    numbers = {n: np.isfinite(sample.numbers(c)) for n, c in columns.items() if n in _MEASURED}
+    for part, other in (("x", "latitude"), ("y", "longitude")):
+        if not {"x", "y"} <= numbers.keys() and {"latitude", "longitude"} <= numbers.keys():
+            numbers[part] = numbers[other]
+    words = sample.words(columns["sensor"]) if columns.get("sensor") else [""]
+    out = []
+    for word in words:
+        cells = sample.cells(columns.get("sensor", ""))
+        rows = np.array([cell == word or not word for cell in cells], dtype=np.bool_)
+        for kind, quantities in SENSORS.items():
+            if all(name in numbers and (numbers[name] & rows).any() for name in quantities):
+                out.append(SensorGuess(word, kind, quantities))
+                break
+    has_position = {"x", "y"} <= numbers.keys() or {"range", "azimuth"} <= numbers.keys()
+    ranges = {} if has_position else ranges_of(names)
+    if ranges and words == [""]:
+        columns.pop("range", None)
+        out = []
+        for number, (name, named) in enumerate(ranges.items(), 1):
+            quantity = f"{number}.range"
+            columns[quantity] = named.column
+            out.append(SensorGuess(name.upper(), "range", (quantity,)))
+            if named.unit is not None:
+                units[quantity] = named.unit
+    if len(out) < len(words):
+        raise DataError(Place(path, 1, 1, _no_position(columns, sample, names)))
+    return out
+
+
+def _no_position(columns: dict[str, str], sample: "_Sample", names: list[str]) -> str:
+    """Return what to write where a table, or one of its sensors, has nothing that is measured."""
+    pairs = "x and y, latitude and longitude, range and azimuth, or range"
+    known = ", ".join(names)[:200]
+    for name in filter(columns.get, _MEASURED):
+        cell = next((cell for cell in sample.cells(columns[name]) if cell), "")
+        if cell and not np.isfinite(sample.numbers(columns[name])).any():
+            what = f"{columns[name]}: {cell[:40]!r} is not a number, nor is any other of its cells"
+            return f"{what}: write decimal numbers, such as -8.5042, without letters"
+    for name in names:
+        if any(re.fullmatch(r"-?\d+\.\d+, *-?\d+\.\d+", cell) for cell in sample.cells(name)[:1]):
+            return f"column {name} has two numbers in a cell: give each a column, latitude and longitude"
+    if columns.get("sensor"):
+        words = ", ".join(sample.words(columns["sensor"]))[:80]
+        what = f"column {columns['sensor']} names {words}, and one of them has no {pairs}"
+        return f"{what}; there are {known}: `--set 'columns.sensor=\"\"'` mixes all"
+    way = f"say which are, `--set 'columns.x={names[0]}' --set 'columns.y={names[-1]}'`"
+    return f"no columns look like {pairs}; there are {known}: {way}"
 
 
 class _Sample:
     """First rows of a table, as text."""
 
-    def __init__(self, path: str, names: list[str]) -> None:
-        self._names, self._rows = names, []
-        if not path.lower().endswith((".parquet", ".pq")):
-            rows = islice(table_lines(path), 1, _SAMPLE)
-            self._rows = [cells for _, cells, _ in rows if len(cells) == len(names)]
+    def __init__(self, path: str, names: list[str], form: TextFormat) -> None:
+        self._names = names
+        self.line = 1 if is_parquet(path) else layout_of(path, form).before + 1
+        self._rows = first_rows(path, form, _SAMPLE)
+        self._units: list[str] = []
+        if form.skip:
+            rows = first_rows(path, replace(form, skip=0), 1)
+            self._units = rows[0] if rows else []
+
+    def __len__(self) -> int:
+        return len(self._rows)
 
     def cells(self, column: str) -> list[str]:
         """Return the cells of a column."""
-        return [cells[self._names.index(column)].strip() for cells in self._rows]
+        if column not in self._names:
+            return [""] * len(self) if column == "" else []
+        return [cells[self._names.index(column)] for cells in self._rows]
 
     def words(self, column: str) -> list[str]:
         """Return the words in a column."""
-        return list(dict.fromkeys(self.cells(column)))
+        return [word for word in dict.fromkeys(self.cells(column)) if word]
 
     def numbers(self, column: str) -> Array:
         """Return the numbers of a column, NaN for what is none."""
         values, _ = parsed(number, [cell.replace(",", ".") for cell in self.cells(column)])
         return values
 
-
-def _time_format(sample: _Sample, columns: dict[str, NamedColumn]) -> str:
-    """Return the form of dates that are neither numbers nor in ISO 8601: that of the shortest span."""
-    if "time" not in columns:
-        return ""
-    cells = sample.cells(columns["time"].column)
-    if "date" in columns:
-        dates = sample.cells(columns["date"].column)
-        cells = [f"{date} {cell}" for date, cell in zip(dates, cells, strict=True)]
-    if not cells or is_instant(cells[0]):
-        return ""
-    if not parsed(number, [cells[0].replace(",", ".")])[1]:
-        return ""
-    spans = {}
-    for form in _FORMS:
-        times, mistakes = parsed(partial(instant, form=form), cells)
-        if not mistakes:
-            spans[form] = float(np.ptp(times))
-    return min(spans, key=lambda form: spans[form]) if spans else ""
+    def unit(self, column: str, quantity: str) -> str | None:
+        """Return the unit of a quantity's column in the line of units."""
+        if column not in self._names or len(self._units) != len(self._names):
+            return None
+        return unit_in(words_of(self._units[self._names.index(column)]), quantity)
 
 
-def _recognized(names: list[str]) -> Iterator[tuple[str, NamedColumn]]:
-    """Yield each quantity with the first column that may be it."""
-    for quantity, words in _CALLED.items():
-        for name in names:
-            # posX_km: words pos, x and km; unit km, name posx
-            parts = re.findall(r"[a-z0-9/]+", re.sub(r"([a-z])([A-Z])", r"\1 \2", name).lower())
-            unit = next((_WRITTEN[p] for p in reversed(parts[1:]) if p in _WRITTEN), None)
-            bare = "".join(p for i, p in enumerate(parts) if i == 0 or p not in _WRITTEN)
-            if bare in words:
-                yield quantity, NamedColumn(name, unit)
-                break
+def _missing(sample: _Sample, columns: dict[str, str], measured: set[str]) -> tuple[float, ...]:
+    """Return whole numbers far outside the others, which mark missing cells."""
+    out: dict[float, None] = {}
+    # An azimuth of 0 may be far from others, and none of them is missing.
+    for name in sorted((measured | {*GEODETIC[:2]}) & columns.keys() - {"azimuth"}):
+        out |= dict.fromkeys(v for v in outlying(sample.numbers(columns[name])) if v % 1 == 0)
+    return tuple(out)
 
 
-def _scatter(time: Array, value: Array) -> float:
-    """Return the errors' deviation, from distances to the line between neighbors."""
-    wide = time[2:] - time[:-2]
-    if len(value) < 3 or not (wide > 0.0).any():
-        return 1.0
-    share = (time[1:-1] - time[:-2]) / np.where(wide > 0.0, wide, np.nan)
-    # e = z_1 - (1 - s) z_0 - s z_2 has the variance sigma^2 (1 + s^2 + (1 - s)^2).
-    off = value[1:-1] - (1.0 - share) * value[:-2] - share * value[2:]
-    size = np.abs(off) / np.sqrt(1.0 + np.square(share) + np.square(1.0 - share))
-    # 68.3 % of the scaled |e| are below sigma.
-    sigma = float(np.nanquantile(size, _ONE_SIGMA))
-    # A straight line leaves rounding errors alone.
-    return float(f"{sigma:.1g}") if sigma > 1e-12 * np.abs(value).max() else 1.0
-
-
-def _speed(time: Array, x: Array, y: Array) -> float:
-    """Return the usual speed, m/s, over a tenth of the recording, where errors matter less."""
-    lag = max(1, len(time) // 10)
-    if len(time) <= lag:
-        return 1.0
-    gone, passed = np.hypot(x[lag:] - x[:-lag], y[lag:] - y[:-lag]), time[lag:] - time[:-lag]
-    return float(f"{np.median(gone[passed > 0] / passed[passed > 0]):.1g}") or 1.0
-
-
-def config_parts(guess: Guess) -> dict[str, str]:
-    """Return the parts of a config that are guessed, as lines of YAML."""
-    polar, speed = guess.places == ("range", "azimuth"), guess.speed
-    each = ["ekf", "ukf"] if polar else ["kf"]
-    lines = [f"  {kind.upper()}: {{kind: {kind}}}" for kind in each]
-    # Process noise from the usual speed; the IMM's motions have a tenth of it and ten times it.
-    q = float(f"{max(0.0025 * speed * speed, 1e-3):.1g}")
-    motions = f"[{{kind: cwna, q: {q / 10:g}}}, {{kind: cwna, q: {q * 10:g}}}]"
-    chances = "[[0.95, 0.05], [0.05, 0.95]]"
-    lines.append(f"  IMM: {{kind: imm, motions: {motions}, transition: {chances}}}")
-    lines.append("  RPF: {kind: rpf, N: 1000}")
-    return {
-        "@TARGET@": "\n".join(f"    {line}" for line in _target_lines(guess)),
-        "@SENSOR@": "\n".join(f"    {line}" for line in _sensor_lines(guess)),
-        "@START@": f"  start: {{kind: one-scan, sigma_velocity: {2 * speed:g}}}  # guess",
-        "@Q@": f"{q:g}",
-        "@HOLD@": f"{max(2, min(5, guess.runs[0][1] // 2))}",
-        "@FILTERS@": "\n".join(lines),
-        "@SHOWN@": f"{each[0].upper()}, IMM",
-    }
-
-
-def _target_lines(guess: Guess) -> Iterator[str]:
-    yield "columns:  # guess, from their names"
-    # Only what the sensors below measure: a file of several sensors has further columns.
-    velocity = ("vx", "vy", "speed", "course") if guess.moves else ()
-    read = {"time", "date", "step", "run", "sensor", *guess.places, *velocity}
-    columns = {name: named.column for name, named in guess.columns.items() if name in read}
-    yield from (f"  {name}: {_quoted(column)}" for name, column in columns.items())
-    units = {name: unit for name, unit in guess.units.items() if name in read}
-    if units:
-        yield "units:"
-        yield from (f"  {name}: {unit}  # {guess.why[name]}" for name, unit in units.items())
-    if guess.time_format:
-        yield f"time_format: {json.dumps(guess.time_format)}  # guess: %d is the day, %m the month"
-    if guess.missing:
-        numbers = ", ".join(f"{value:.9g}" for value in guess.missing)
-        yield f"missing: [{numbers}]  # guess: far outside the others"
-    if "sensor" in guess.columns:
-        yield f"sensors: [{', '.join(map(_quoted, guess.sigmas))}]"
-    if "latitude" in guess.places:
-        yield "# x and y are metres east and north of the first position, or of `origin: [lat, lon]`"
-    if len(guess.runs) > 1:
-        (longest, _), *others = guess.runs
-        names = ", ".join([*(name for name, _ in others[:7]), *(["..."] if others[7:] else [])])
-        yield f"runs: [{_quoted(longest)}]  # the longest of {len(guess.runs)}; there are {names}"
-
-
-def _sensor_lines(guess: Guess) -> Iterator[str]:
-    source = "guess: how far measurements are from the line between their neighbors"
-    polar = guess.places == ("range", "azimuth")
-    for one, two in guess.sigmas.values():
-        if polar:
-            keys = f"sigma_range: {one:g}, sigma_azimuth_mrad: {float(f'{1000.0 * two:.3g}'):g}"
-            yield f"- {{kind: range-azimuth, {keys}}}  # {source}"
-        else:
-            yield f"- {{kind: position, sigma: {max(one, two):g}}}  # {source}"
-    if guess.moves:
-        velocity = float(f"{max(0.05 * guess.speed, 0.05):.1g}")
-        yield f"- {{kind: velocity, sigma: {velocity:g}}}  # guess: 5 % of the usual speed"
-
-
-def _quoted(word: str) -> str:
-    """Return a word of YAML; in quotes if it is more than letters, digits and lines."""
-    return word if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*|[1-9][0-9]*", word) else json.dumps(word)
+def _same_time(gathered: Gathered, rows: Rows) -> Literal["spread"] | None:
+    """Return what becomes of several rows of a whole second, which differ."""
+    seconds = len(np.unique(rows.time))
+    if gathered.stepped or (rows.time % 1.0).any() or not 1 < seconds < len(rows.time):
+        return None
+    if len(rows.time) > _MOST_A_SECOND * seconds:
+        return None
+    twice = (np.diff(rows.ticks) == 0) & (np.diff(rows.values, axis=1) != 0.0).any(axis=0)
+    return "spread" if twice.any() else None

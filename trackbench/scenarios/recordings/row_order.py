@@ -67,7 +67,9 @@ def _without_twins(gathered: Gathered, rows: Rows, again: Numbers, difference: D
     if (~differ).any():
         what = "rows that say again what the one before says were left out"
         gathered.notices.append(f"{(~differ).sum()} {what}")
-        rows = rows.at(np.delete(np.arange(len(rows.run)), again[~differ]))
+        # A row was received when the first of its repetitions was.
+        kept = np.delete(np.arange(len(rows.run)), again[~differ])
+        rows = rows.at(kept)._replace(received=np.minimum.reduceat(rows.received, kept))
     if not differ.any():
         return rows
     # Step 2: number the times; rows of one time are neighbors.
@@ -92,7 +94,9 @@ def _without_twins(gathered: Gathered, rows: Rows, again: Numbers, difference: D
     if way == "last":
         return rows.at(last)
     if way == "mean":
-        return rows.at(first)._replace(values=_means(rows.values, first, group, difference))
+        means = _means(rows.values, first, group, difference)
+        received = np.maximum.reduceat(rows.received, first)
+        return rows.at(first)._replace(values=means, received=received)
     return rows._replace(time=_spread(rows, first, last, group))
 
 

@@ -29,18 +29,23 @@ Numbers = NDArray[np.integer[Any]]
 
 
 class Rows(NamedTuple):
-    """R rows: number of their run, time (s, or a step's number), values (n, R), file and line."""
+    """R rows: number of their run, time (s, or a step's number), values (n, R), file and line.
+
+    ``received`` (R,) is the time at which they were received, by default their own.
+    """
 
     run: Numbers
     time: Array
     values: Array
     file: Numbers
     line: Numbers
+    received: Array
 
     def at(self, chosen: Numbers) -> "Rows":
         """Return some of the rows, or all in another order."""
-        run, time, values, file, line = self
-        return Rows(run[chosen], time[chosen], values[:, chosen], file[chosen], line[chosen])
+        run, time, values, file, line, received = self
+        of_table = run[chosen], time[chosen], values[:, chosen], file[chosen], line[chosen]
+        return Rows(*of_table, received[chosen])
 
     @property
     def ticks(self) -> Numbers:
@@ -53,7 +58,8 @@ class Gathered:
     """Common properties of the files, collected while they are read.
 
     Times are numbers of steps (``stepped``), or seconds, of dates (``dated``) after the first of them.
-    The first file (``clock_of``) says which. ``unavailable`` counts cells with codes of "not available".
+    The first file (``clock_of``) says which. ``has_delays``: a column has the times at which rows were
+    received. ``unavailable`` counts cells with codes of "not available".
     ``geodetic`` is the first file with latitude and longitude, and ``planar`` the first one with another
     quantity that depends on the position (``in_frame``).
     """
@@ -67,6 +73,7 @@ class Gathered:
     stepped: bool = False
     dated: str = ""
     clock_of: str = ""
+    has_delays: bool = False
     unavailable: Counter[str] = field(default_factory=Counter)
     runs: list[str] = field(default_factory=list)
     files: list[str] = field(default_factory=list)
@@ -197,6 +204,7 @@ def _rows_of_file(
         raise columns.mistake(f"no column time or step; there are {known} (see `columns`)")
     if columns.column("date") != clock:
         columns.take("date", "date")
+    arrival = columns.take("received", columns.contents[clock])
     run = columns.take("run", "label")
     which = columns.take("sensor", "label")
     several = columns.take_unnamed_runs() if run is None else None
@@ -208,7 +216,9 @@ def _rows_of_file(
         what = f"column {several} has {len(table.words[several])} values, which would be one run"
         way = f'say `columns: {{run: {several}}}`, or `columns: {{run: ""}}` to mix them'
         raise columns.mistake(f"{what}: {way}")
-    time = gathered.timed(columns, table, clock)
+    time = received = gathered.timed(columns, table, clock)
+    if arrival is not None:
+        received = _received(gathered, columns, table, arrival, time)
     if columns.is_geodetic:
         gathered.geodetic = gathered.geodetic or path
     if beside := columns.of_columns(gathered.in_frame):
@@ -225,11 +235,28 @@ def _rows_of_file(
     out = []
     # Step 4: choose the rows of each sensor.
     for m, components in enumerate(sensors):
-        rows = Rows(runs, time, np.stack([quantities[c] for c in components]), files, table.lines)
+        values = np.stack([quantities[c] for c in components])
+        rows = Rows(runs, time, values, files, table.lines, received)
         if which is not None and (len(sensors) > 1 or len(table.words[which]) > 1 or names):
             rows = rows.at(_of_sensor(gathered, columns, table, which, m, len(sensors), names))
         out.append(rows)
     return out
+
+
+def _received(
+    gathered: Gathered, columns: Columns, table: Table, column: str, time: Array
+) -> Array:
+    """Return the times at which rows were received. Raises DataError for one before the row's own."""
+    received, gathered.has_delays = gathered.timed(columns, table, column), True
+    early = np.flatnonzero(received < time - TICK)[:_MOST_MISTAKES].tolist()
+    if early:
+        what = "{}: received {:.9g}" + (" steps" if gathered.stepped else " s") + " before its time"
+        places = (what.format(column, time[i] - received[i]) for i in early)
+        lines = table.lines[early].tolist()
+        raise DataError(
+            *(Place(columns.path, n, 1, text) for n, text in zip(lines, places, strict=True))
+        )
+    return received
 
 
 def _of_sensor(

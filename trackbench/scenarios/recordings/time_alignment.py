@@ -137,16 +137,22 @@ def _checked(gathered: Gathered, clock: Clock) -> Clock:
 
 def measurement_array(
     gathered: Gathered, sensors: Sequence[Rows], clock: Clock, resampled: bool
-) -> Array:
-    """Return measurements (n_z, K, M) by step and run, of several rows the nearest."""
+) -> tuple[Array, Array | None]:
+    """Return measurements (n_z, K, M) by step and run, of several rows the nearest, and arrivals.
+
+    Those are steps (S, K, M), from 0, at which measurements of S sensors were received, if it is known.
+    """
     steps, runs = len(clock.steps), len(gathered.runs)
     sizes = [len(rows.values) for rows in sensors]
     if sum(sizes) * steps * runs > _MOST_CELLS:
         what = f"{runs} runs of {steps} steps are too many: choose runs, or `resample`"
         raise InvalidKeyError(what, "target", "runs")
     out = np.full((sum(sizes), steps - 1, runs), np.nan)
+    arrivals, due = None, np.arange(steps - 1.0)[:, None]
+    if gathered.has_delays:
+        arrivals = np.broadcast_to(due, (len(sizes), steps - 1, runs)).copy()
     moved, crowded, above = 0.0, 0, 0
-    for rows, size in zip(sensors, sizes, strict=True):
+    for n, (rows, size) in enumerate(zip(sensors, sizes, strict=True)):
         # Place the rows among the steps; only those after the first state are measurements.
         place, away = _placed(gathered, rows, clock)
         later = np.flatnonzero(place > 0)
@@ -159,11 +165,26 @@ def measurement_array(
         for c in range(size):
             out[above + c, place[later] - 1, rows.run[later]] = rows.values[c, later]
         above += size
+        if arrivals is not None:
+            received = np.maximum(_received(gathered, rows, clock), place) - 1
+            arrivals[n, place[later] - 1, rows.run[later]] = received[later]
     if resampled:
         what = f"resampled: measurements are taken to be up to {moved:.3g} s from when they were"
         what += f", {crowded} of one step were left out" if crowded else ""
         gathered.notices.append(what)
-    return fixed(out)
+    if arrivals is not None:
+        late, longest = int((arrivals > due).sum()), int((arrivals - due).max())
+        what = f"{late} measurements were received late, by {longest} steps at most"
+        gathered.notices.append(what)
+    return fixed(out), arrivals
+
+
+def _received(gathered: Gathered, rows: Rows, clock: Clock) -> Index:
+    """Return the place (R,) among the steps of the first one at which each row has been received."""
+    times = rows.received + clock.shift[rows.run]
+    if gathered.stepped:
+        return np.rint(times).astype(np.intp) - int(clock.steps[0])
+    return np.searchsorted(clock.times, times - TICK, side="left")
 
 
 def _placed(gathered: Gathered, rows: Rows, clock: Clock) -> tuple[Index, Array]:

@@ -43,12 +43,22 @@ class Timeline(NamedTuple):
             raise InvalidKeyError(what, "assume")
         return Irregular(motion, axes, int(self.steps[1]), fixed(np.diff(self.times)))
 
+    def between_scans(self, rng: Streams) -> Array | float:
+        """Return the time between the two scans of a start, s, of each run (M,) if they differ."""
+        apart = self.T if self.apart is None else self.apart
+        return recorded_columns(apart, rng) if isinstance(apart, np.ndarray) else apart
+
 
 class Flight(NamedTuple):
-    """Truth (n_x, K, M) at every step, and measurements (n_z, K or K - 1, M)."""
+    """Truth (n_x, K, M) at every step, and measurements (n_z, K or K - 1, M).
+
+    ``arrival`` (S, K or K - 1, M) are steps from 0 at which measurements of S sensors were received, if
+    they were recorded.
+    """
 
     truth: Array
     measurements: Array
+    arrival: Array | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,6 +131,11 @@ class Target(Part):
     def has_truth(self) -> bool:
         """True if the true path is known."""
         return True
+
+    @property
+    def longest_delay(self) -> int:
+        """Number of steps after which the last recorded measurement was received."""
+        return 0
 
     @property
     def recorded_runs(self) -> int | None:

@@ -40,6 +40,7 @@ class Recording(NamedTuple):
     """M runs on one clock: scans (n_z, s, M) that the start uses up, what is seen (n_z, K, M) after.
 
     ``apart`` (M,) is the time between the last two of those scans, s; the truth (n_x, K + 1, M).
+    ``arrivals`` (S, K, M) are steps at which measurements of S sensors were received, if that is known.
     """
 
     clock: Clock
@@ -48,6 +49,7 @@ class Recording(NamedTuple):
     measurements: Array
     truth: Array | None
     notices: tuple[str, ...]
+    arrivals: Array | None
 
 
 def _angles(sensor: SensorBase) -> dict[str, int]:
@@ -65,7 +67,8 @@ class Measured(FromFiles, Naming, Target):
     Tables have a column ``time`` (seconds, or ISO 8601) or ``step``, one for each of the sensor's
     components, and perhaps ``run``; of several sensors a file each, or a column ``sensor``.
     Steps are the times at which anything was measured, and motions are given the true time between them;
-    a start from scans takes the first of each run. A cell that is empty is a missing measurement.
+    a start from scans takes the first of each run. A cell that is empty is a missing measurement. A
+    column ``received`` has the time at which a filter gets the row.
     """
 
     measurements: DataFile | tuple[DataFile, ...]
@@ -137,6 +140,14 @@ class Measured(FromFiles, Naming, Target):
         return self.truth is not None
 
     @property
+    def longest_delay(self) -> int:
+        """Number of steps after which the last recorded measurement was received."""
+        arrivals = self._recording.arrivals
+        if arrivals is None:
+            return 0
+        return int((arrivals - np.arange(arrivals.shape[1])[:, None]).max())
+
+    @property
     def recorded_runs(self) -> int:
         """Number of recorded runs."""
         return self._recording.measurements.shape[-1]
@@ -161,6 +172,9 @@ class Measured(FromFiles, Naming, Target):
                 object.__setattr__(
                     self, "_read", (requested, self._recorded(sensor, start.scans, T))
                 )
+        if self.longest_delay and any(one.delay for one in sensors_of(sensor)):
+            what = "`delay` and a column `received` exclude each other; leave one out"
+            raise InvalidKeyError(what, "sensor")
         clock, apart = self._recording.clock, self._recording.apart
         between = clock.T if clock.T is not None else float(clock.times[1] - clock.times[0])
         # Time between the scans of the start: one number, or one for each run.
@@ -192,7 +206,8 @@ class Measured(FromFiles, Naming, Target):
         start = initial_scans(gathered, rows[place], scans) if scans else None
         # Step 3: put all runs on one clock, and the measurements on its steps.
         clock = common_clock(gathered, rows, start, T, self.resample)
-        measurements = measurement_array(gathered, rows, clock, self.resample is not None)
+        resampled = self.resample is not None
+        measurements, arrivals = measurement_array(gathered, rows, clock, resampled)
         # Step 4: add the scans of the start and the truth.
         first = np.full((len(sensor.components), scans, len(gathered.runs)), np.nan)
         if start is not None:
@@ -201,9 +216,8 @@ class Measured(FromFiles, Naming, Target):
         gathered.check_origin(origin, *path)
         apart = np.full(len(gathered.runs), np.nan) if start is None else start.apart
         notices = tuple(dict.fromkeys(gathered.notices))
-        return Recording(
-            with_scans(clock, gathered, scans, apart), first, apart, measurements, truth, notices
-        )
+        clock = with_scans(clock, gathered, scans, apart)
+        return Recording(clock, first, apart, measurements, truth, notices, arrivals)
 
     def _of_position(self, sensor: Sensors) -> set[str]:
         """Return the components of the measurement that depend on the position."""
@@ -274,7 +288,10 @@ class Measured(FromFiles, Naming, Target):
         # The scenario may end before the recording.
         end = measurements.shape[1] - (len(recording.clock.steps) - steps)
         truth = recorded_columns(self._padded()[:, :steps], rng)
-        return Flight(truth, recorded_columns(measurements[:, :end], rng))
+        arrival = recording.arrivals
+        if arrival is not None:
+            arrival = recorded_columns(arrival[:, : end - recording.scans.shape[1]], rng)
+        return Flight(truth, recorded_columns(measurements[:, :end], rng), arrival)
 
     def _padded(self) -> Array:
         """Return the truth at every step, those that the start uses up included."""

@@ -1,0 +1,69 @@
+"""Keys of every filter's entry: the filter model, and the treatment of late measurements."""
+
+from dataclasses import replace
+
+from trackbench.config.build import ENTRY_KEYS, build
+from trackbench.config.experiment import Point
+from trackbench.field_types import InvalidKeyError
+from trackbench.filters.base import AnyFilter
+from trackbench.models.sensors.base import Assume
+from trackbench.scenarios.base import Scenario
+from trackbench.yaml_source import Keys, Source, dotted
+
+_OF_REFERENCE = {"faults", "delay", "late"}
+"""Assumptions that leave the true model."""
+
+
+def read_assumed(source: Source, label: str) -> Assume | None:
+    """Return the filter model that a filter's entry gives by `assume` and `late`, if it has one."""
+    entry = source.data["filters"][label]
+    if not isinstance(entry, dict):
+        return None
+    assume, keys = None, ("filters", label, "assume")
+    if entry.get("assume") is not None:
+        is_mapping = isinstance(entry["assume"], dict)
+        is_true = is_mapping and {*entry["assume"]} <= _OF_REFERENCE
+        if label == source.data.get("reference") and not is_true:
+            what = "the reference filter uses the true model; leave this key out"
+            source.add_key_problem(keys, what)
+        if not is_mapping:
+            source.add_problem(keys, "is not a mapping")
+            return None
+        assume = build(Assume, source, keys)
+    if entry.get("late") is None:
+        return assume
+    late = build(Assume, source, keys[:2], {"late": entry["late"]})
+    if late is None or assume is None:
+        return late
+    if assume.delay or assume.late:
+        source.add_key_problem((*keys[:2], "late"), "has no effect beside `assume`; leave one out")
+        return assume
+    return replace(assume, late=late.late)
+
+
+def check_late(source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenario) -> None:
+    """Check that a filter says what it does with late measurements, and can do it."""
+    mistaken = tuple(dotted((*keys, key)) for key in ENTRY_KEYS)
+    if any(problem.path.startswith(mistaken) for problem in source.problems):
+        return
+    try:
+        late = scenario.late
+    except InvalidKeyError as error:
+        source.add_problem(keys, str(error))
+        return
+    if late is not None and late.kind == "refilter" and tracker.smooths:
+        what = "a smoother goes back through all states at the end; take `drop` or `apply`"
+        source.add_problem((*keys, "late"), f"{what}, or a filter without `smooth`")
+
+
+def check_idle_late(source: Source, points: list[Point]) -> None:
+    """Reject what filters do with late measurements where all arrive on time."""
+    if not points or any(point.scenario.longest_delay for point in points):
+        return
+    places: list[Keys] = [("filters", label, "late") for label in points[0].filters]
+    owners = [("scenario",), *(("filters", label) for label in points[0].filters)]
+    places += [(*owner, "assume", key) for owner in owners for key in ("delay", "late")]
+    for keys in places:
+        if source.has(keys) and source.at(keys) is not None:
+            what = "has no effect: all measurements arrive on time; add a `delay` to a sensor"
+            source.add_key_problem(keys, what)

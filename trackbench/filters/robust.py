@@ -1,0 +1,186 @@
+"""Robust updates of the filters with one Gaussian, by weights on the measurement noise.
+
+A sensor's weight w replaces its R by R / w in an update that is otherwise the filter's. Weight and
+posterior determine each other: both are iterated, from weights of one. Each sensor has a weight of its
+own, so that an outlier of one does not cost the other's measurement.
+"""
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from functools import cache
+from math import factorial
+from typing import Annotated, Any, ClassVar, Literal, TypeAlias, cast
+
+import numpy as np
+from pydantic import Field
+
+from trackbench.core import linalg
+from trackbench.core.arrays import Array, Index, fixed, with_trailing
+from trackbench.core.distributions import Gaussian, per_run_moments
+from trackbench.core.elementary import chi_square_cdf, exp, log, log_gamma
+from trackbench.core.sums import total
+from trackbench.core.unscented import Unscented
+from trackbench.field_types import Count, Positive
+from trackbench.models.base import Sensor
+from trackbench.models.sensors.base import ScaledNoise, Sensors, rows_of
+
+_CUBATURE = Unscented(1.0, 0.0, 0.0)
+_LEAST = 1e-30  # weight, of an outlier by 1e15 standard deviations or more
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobustUpdate:
+    """Base of the robust updates: a law of the residuals with a heavier tail than the normal one."""
+
+    iterations: Count = 5
+    """updates with new weights, after one with weights of 1"""
+
+    uses_spread: ClassVar[bool] = False
+    """whether weights depend on the posterior's covariance, too"""
+
+    @abstractmethod
+    def weight(self, squared: Array, n: Index) -> Array:
+        """Return weights of n measured components with squared normalized residuals."""
+
+    @abstractmethod
+    def log_ratio(self, nis: Array, n: Index) -> Array:
+        """Return log p(nu) - log N(nu; 0, S) of innovations with n measured components, by their NIS."""
+
+    def weights(self, sensor: Sensor, posterior: Gaussian, z: Array, k: int) -> Array:
+        """Return the sensors' weights (sensors, M), 1 without a measurement or with a singular R."""
+        posterior = per_run_moments(posterior)
+        R = with_trailing(sensor.measurement(posterior.mean, k).cov, 1, leading=2)
+        # Step 1: residuals z - h(x) at the mean, or at cubature points of the posterior.
+        points = _CUBATURE.points(posterior) if self.uses_spread else None
+        x = posterior.mean[:, None] if points is None else points.x
+        expected = sensor.measurement(x, k).mean
+        z = np.broadcast_to(z[:, None], expected.shape)
+        missing = np.isnan(z)
+        residual = np.where(missing, 0.0, sensor.innovation(z, expected))
+        # Step 2: r' R^-1 r of each sensor's measured components, averaged over the points.
+        out = []
+        for rows in blocks(sensor):
+            absent = missing[rows, 0]
+            eye = np.eye(len(absent))[..., None]
+            noise = np.where(absent[:, None] | absent[None], eye, R[rows, rows])
+            has_density = (linalg.diagonal(linalg.cholesky(noise)) > 0.0).all(axis=0)
+            noise = np.where(has_density, noise, eye)
+            each = linalg.mahalanobis(residual[rows], noise[:, :, None])
+            squared = each[0] if points is None else points.mean(each[None])[0]
+            # Step 3: the weight.
+            weight = np.maximum(self.weight(squared, (~absent).sum(axis=0)), _LEAST)
+            out.append(np.where(has_density, weight, 1.0))
+        return np.stack(out)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Huber(RobustUpdate):
+    """Huber's M-estimate: the weighted update's fixed point minimizes a convex cost.
+
+    ``(x - m)' P^-1 (x - m) / 2 + sum rho(|R_s^-1/2 (z_s - h_s(x))|)`` over the sensors s, with
+    ``rho(r) = r^2 / 2`` up to k and ``k r - k^2 / 2`` beyond. Karlgaard & Schaub 2007 weigh each
+    component, and the prediction too; Chang, Hu, Chang & Li 2013 weigh the measurement alone.
+    """
+
+    kind: Literal["huber"] = "huber"
+    """weights min(1, k / r) of a residual of r standard deviations"""
+    k: Positive = 1.5
+    """residual beyond which the cost is linear: norm of a sensor's components, each over its sigma"""
+
+    def weight(self, squared: Array, n: Index) -> Array:
+        """Return ``psi(r) / r = min(1, k / r)``."""
+        return self.k / np.maximum(np.sqrt(squared), self.k)
+
+    def log_ratio(self, nis: Array, n: Index) -> Array:
+        """Return the ratio of Huber's density, ``exp(-rho(r))`` over its integral."""
+        r = np.sqrt(nis)
+        rho = np.where(r > self.k, self.k * r - 0.5 * self.k * self.k, 0.5 * nis)
+        return np.asarray(0.5 * nis - rho - _log_integrals(self.k, int(n.max(initial=0)))[n])
+
+
+@cache
+def _log_integrals(k: float, n_z: int) -> Array:
+    """Return the logarithm of ``int exp(-rho(|u|)) du`` over n components, less that of the normal."""
+    tail, values = float(exp(-0.5 * k * k)), [0.0]
+    for n in range(1, n_z + 1):
+        # P(chi^2_n < k^2) + 2 e^(-k^2/2) (n-1)! / (2^(n/2) Gamma(n/2) k^n) sum_j<n k^2j / j!
+        value = float(chi_square_cdf(k * k, n))
+        if tail > 0.0:
+            terms = sum(k ** (2 * j - n) / factorial(j) for j in range(n))
+            scale = log(2.0 * factorial(n - 1)) - 0.5 * n * log(2.0) - log_gamma(0.5 * n)
+            value += tail * float(exp(scale)) * terms
+        values.append(float(log(value)))
+    return fixed(np.array(values))
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudentT(RobustUpdate):
+    """Variational update for noise with Student's t of scale R (Piche, Sarkka & Hartikainen 2012).
+
+    The noise is N(0, R / w) with w of a gamma law of shape and rate df / 2. The posterior is a product
+    of a Gaussian and a gamma law, whose mean is the weight. Agamennoni, Nieto & Nebot 2012 have a
+    Wishart law of a whole matrix in its place.
+    """
+
+    kind: Literal["student-t"] = "student-t"
+    """weights by a variational posterior for Student's t of scale R"""
+    df: Positive = 4.0
+    """degrees of freedom"""
+
+    uses_spread: ClassVar[bool] = True
+
+    def weight(self, squared: Array, n: Index) -> Array:
+        """Return ``(df + n) / (df + E r' R^-1 r)``, the mean of the gamma law."""
+        return np.asarray((self.df + n) / (self.df + squared))
+
+    def log_ratio(self, nis: Array, n: Index) -> Array:
+        """Return the ratio of the t density of scale S."""
+        constants = [
+            log_gamma(0.5 * (self.df + i)) - log_gamma(0.5 * self.df) - 0.5 * i * log(0.5 * self.df)
+            for i in range(int(n.max(initial=0)) + 1)
+        ]
+        # log(1 + x) without the loss of digits for a small x
+        x = nis / self.df
+        u = 1.0 + x
+        logs = np.where(u == 1.0, x, log(u) * x / np.where(u == 1.0, 1.0, u - 1.0))
+        kernel = 0.5 * (self.df + n) * logs
+        return np.asarray(np.array(constants)[n] + 0.5 * nis - kernel)
+
+
+AnyRobust: TypeAlias = Annotated[Huber | StudentT, Field(discriminator="kind")]
+"""A robust update of any kind."""
+
+
+def blocks(sensor: Sensor) -> list[slice]:
+    """Return the rows of each sensor in a measurement."""
+    while isinstance(sensor, ScaledNoise):
+        sensor = sensor.sensor
+    return rows_of(cast(Sensors, sensor))
+
+
+class Reweighted:
+    """A sensor whose noise is N(0, R / w), with weights w (sensors, M)."""
+
+    def __init__(self, sensor: Sensor, weights: Array) -> None:
+        self._sensor, self._weights = sensor, np.empty((len(sensor.components), weights.shape[1]))
+        for weight, rows in zip(weights, blocks(sensor), strict=True):
+            self._weights[rows] = weight
+
+    def mean_weight(self, z: Array) -> Array:
+        """Return the mean weight (M,) of the components that are measured, NaN without any."""
+        known = ~np.isnan(z)
+        with np.errstate(invalid="ignore"):
+            return np.asarray(total(np.where(known, self._weights, 0.0), 0) / known.sum(axis=0))
+
+    def measurement(self, x: Array, k: int) -> Gaussian:
+        """Return N(h(x), R / w) for states x (n_x[, points], M)."""
+        z, weights = self._sensor.measurement(x, k), self._weights[:, None]
+        weights = weights[:, :, None] if x.ndim > 2 else weights
+        return Gaussian(z.mean, with_trailing(z.cov, x.ndim - 1, leading=2) / weights)
+
+    def innovation(self, z: Array, z_pred: Array) -> Array:
+        """Return ``z - z_pred``, angles wrapped."""
+        return self._sensor.innovation(z, z_pred)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._sensor, name)

@@ -1,0 +1,140 @@
+"""Delays: how late a sensor's measurements arrive, and what a filter does with late ones."""
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from math import ceil, log
+from typing import Annotated, Literal, TypeAlias
+
+import numpy as np
+from annotated_types import Interval
+
+from trackbench.core import elementary
+from trackbench.core.arrays import Array, Index
+from trackbench.field_types import MOST_STEPS, ByKind, Count, InvalidKeyError, Natural, Share, Steps
+
+_ONE = 1e-9  # by which shares may differ from one in sum
+_RARE = 1e-6  # share of the measurements that may be later than `longest`
+
+
+@dataclass(frozen=True, kw_only=True)
+class Delay:
+    """Base of the laws of a delay: the number of steps, drawn for each measurement."""
+
+    @abstractmethod
+    def steps(self, u: Array) -> Array:
+        """Return whole numbers of steps of uniform variates u in [0, 1)."""
+
+    @property
+    @abstractmethod
+    def longest(self) -> int:
+        """Number of steps that at most one measurement in a million exceeds."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class UniformDelay(Delay):
+    """All numbers of steps in a range, equally often."""
+
+    kind: Literal["uniform"] = "uniform"
+    """every number of steps in a range"""
+    least: Natural = 0
+    """smallest number of steps"""
+    most: Steps
+    """largest number of steps"""
+
+    def __post_init__(self) -> None:
+        if self.least > self.most:
+            raise InvalidKeyError(f"{self.least} is more than `most`, {self.most}", "least")
+
+    def steps(self, u: Array) -> Array:
+        """Return ``least + floor(u n)``, n numbers."""
+        return self.least + np.floor(u * (self.most - self.least + 1))
+
+    @property
+    def longest(self) -> int:
+        """The largest number."""
+        return self.most
+
+
+@dataclass(frozen=True, kw_only=True)
+class GeometricDelay(Delay):
+    """A number of steps with an exponential tail: P(n or more) = (mean / (1 + mean))^n."""
+
+    kind: Literal["geometric"] = "geometric"
+    """numbers of steps with an exponential tail"""
+    mean: Annotated[float, Interval(gt=0.0, le=1e5)]
+    """mean number of steps"""
+
+    def steps(self, u: Array) -> Array:
+        """Return ``floor(log(1 - u) / log q)``, q = mean / (1 + mean)."""
+        q = np.array(self.mean / (1.0 + self.mean))
+        return np.asarray(np.floor(elementary.log(1.0 - u) / elementary.log(q)))
+
+    @property
+    def longest(self) -> int:
+        """The quantile of 1 - 1e-6."""
+        return ceil(log(_RARE) / log(self.mean / (1.0 + self.mean)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class SharesDelay(Delay):
+    """Numbers of steps with a share each."""
+
+    kind: Literal["shares"] = "shares"
+    """numbers of steps by a list"""
+    shares: tuple[Share, ...]
+    """share of the measurements that are 0, 1, 2, ... steps late"""
+
+    def __post_init__(self) -> None:
+        if abs(sum(self.shares) - 1.0) > _ONE:
+            what = f"sum to {sum(self.shares):g}; the shares of 0, 1, 2, ... steps sum to 1"
+            raise InvalidKeyError(what, "shares")
+
+    def steps(self, u: Array) -> Array:
+        """Return the number of cumulative shares that are at most u."""
+        ends = np.cumsum(self.shares)[:-1]
+        return np.asarray(np.searchsorted(ends, u, side="right"), dtype=np.float64)
+
+    @property
+    def longest(self) -> int:
+        """The last number."""
+        return len(self.shares) - 1
+
+
+AnyDelay: TypeAlias = (
+    Annotated[int, Interval(ge=0, le=MOST_STEPS)]
+    | Annotated[UniformDelay | GeometricDelay | SharesDelay, ByKind()]
+)
+"""A number of steps, or the law of each measurement's."""
+
+
+def longest_delay(delay: AnyDelay) -> int:
+    """Return a number of steps that at most one measurement in a million exceeds."""
+    return delay if isinstance(delay, int) else delay.longest
+
+
+def drawn_steps(delay: AnyDelay, u: Array) -> Index:
+    """Return the delays of measurements in whole steps, by uniform variates u of their shape."""
+    if isinstance(delay, int):
+        return np.full(u.shape, delay, dtype=np.intp)
+    return delay.steps(u).astype(np.intp)
+
+
+Treatment: TypeAlias = Literal["drop", "apply", "refilter"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Late:
+    """Treatment of a measurement that arrives after its step."""
+
+    kind: Treatment
+    """drop; apply: use it as if it were new; refilter: go back to its step and filter again"""
+    memory: Count | None = None
+    """of refilter: steps that it can go back; later measurements are dropped. Default: to the start"""
+
+    def __post_init__(self) -> None:
+        if self.memory is not None and self.kind != "refilter":
+            raise InvalidKeyError(f"`{self.kind}` goes back no step; leave it out", "memory")
+
+
+LATE_COUNTS = frozenset({"arrived_late", "late_dropped"})
+"""Series that count a run's measurements: those that arrive late, and those of them that are dropped."""

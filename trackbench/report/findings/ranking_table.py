@@ -1,0 +1,275 @@
+"""The ranking as a table, a row a filter, the best first: what a user reads before anything else.
+
+Error, ratio to the best with its 95 % interval, lost runs, consistency in a word, CPU time of a run.
+"""
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from itertools import chain
+from math import inf, isfinite, isinf, isnan, nan
+
+import numpy as np
+
+from trackbench.errors import counted
+from trackbench.evaluation.metric_expression import Measure
+from trackbench.report.findings import phrases
+from trackbench.report.findings.phrases import head_of, named, statistic_words
+from trackbench.report.findings.ranking import Candidate, Ranking, best_settings, rankings
+from trackbench.report.results import Results
+from trackbench.report.table import Text, TextTable, rounded
+from trackbench.statistics import rules
+from trackbench.statistics.comparison import Comparison
+from trackbench.statistics.estimates import collapsed_in_words
+from trackbench.statistics.over_runs import interval, mean
+
+_SECONDS = ((1.0, "s"), (1e3, "ms"), (1e6, "µs"))
+_LOST, _ANEES, _TIME = "Lost runs", "ANEES", "CPU time per run"
+_MOST_SETTINGS = 20
+"""Longer tables of a filter's settings are cut to the best."""
+
+
+def ranking_tables(results: Results, numbers: bool = False) -> list[TextTable]:
+    """Return the ranking; of several scenarios one table over all of them.
+
+    With ``numbers``, those of each scenario, or of each filter's settings, follow.
+    """
+    standings = [s for s in rankings(results) if s.order or s.losing]
+    if len(standings) > 1:
+        tables = [_over_scenes(results, standings)]
+        return [*tables, _by_scene(results, standings)] if numbers else tables
+    settings = best_settings(results) if numbers else []
+    return [_table(results, s, s in settings) for s in (*standings, *settings)]
+
+
+def _table(results: Results, standing: Ranking, of_settings: bool) -> TextTable:
+    """Return one ranking, of filters or of one filter's settings."""
+    order, metric = standing.order, standing.metric
+    shown = [*order, *standing.losing][: _MOST_SETTINGS if of_settings else None]
+    is_score = metric.family[0].is_score
+    beside = "Below the best (nats)" if is_score else "Ratio to the best (95 %)"
+    statistic = shown[0].sample.statistic if standing.runs > 1 else "rms"
+    words = statistic_words(statistic, metric)
+    over = counted(standing.runs, "run") if standing.runs > 1 else "one run"
+    title = f"{results.citation}: ranking" if results.citation else f"Ranking over {over}"
+    title += f" by {words}"
+    title += ", each filter at its best of the grid" * standing.chosen
+    if of_settings:
+        at = f", {phrases.heading(standing.scene)}" * bool(standing.scene)
+        title = f"{named(shown[0].label)}{at}: {words} of its settings"
+    heads = ["Settings" if of_settings else "Filter", head_of(statistic, metric)]
+    table = TextTable(title, [*heads, beside, _LOST, _ANEES, _TIME])
+    matters = rules.share_that_matters(results.config.get("matters"))
+    for c in shown:
+        ratio = "unranked: loses more" if c in standing.losing else _ratio(standing, c, matters)
+        at = f" at {c.setting}" * bool(c.varied)
+        name = c.setting if of_settings else f"{c.label}{at}"
+        table.rows.append(_row(results, c, name, ratio))
+    if not of_settings:
+        table.rows += _unranked(results, standing, matters)
+    shown_words = " ".join(row[2].text for row in table.rows)
+    if "n.s." in shown_words:
+        table.notes.append(
+            f"n.s.: not significant at {100 * rules.LEVEL:g} % over all pairs of filters"
+            f"{_runs_needed(standing)}."
+        )
+    if "tiny" in shown_words:
+        table.notes.append(f"tiny: significant, but below {phrases.percent(matters)}.")
+    return _without_empty(results, table)
+
+
+def _row(results: Results, c: Candidate, name: str, ratio: str) -> list[Text]:
+    seconds = _cpu_s(results, c)
+    looped = " *" * (c.label in results.loops_over_runs)
+    return [
+        Text(name),
+        Text("–" if isnan(c.overall.value) else rounded(*c.overall, 4), c.overall.value),
+        Text(ratio),
+        Text(f"{c.losses} of {len(c.lost)}" if c.losses else "0", c.losses),
+        Text(consistency(results, c) or "–"),
+        Text(f"{_duration(seconds)}{looped}" if isfinite(seconds) else "–", seconds),
+    ]
+
+
+def _unranked(results: Results, standing: Ranking, matters: float) -> Iterator[list[Text]]:
+    """Yield the reference, the bound, exact errors, and filters without a number."""
+    metric, reference = standing.metric, standing.reference
+    if reference is not None:
+        ratio = _ratio(standing, reference, matters)
+        yield _row(results, reference, f"{reference.label} (reference)", ratio)
+    point = results.points()[0] | standing.scene
+    statistic = next((c.sample.statistic for c in standing.order), "")
+    rows = results.columns("summary", point).where(metric=f"rms({metric.metric})")
+    bound = results.config.get("bound")
+    for row in (row for row in rows.records() if row["filter"] in (bound, *results.exact)):
+        number = rounded(row["value"], row["stderr"], 4)
+        role = ["bound"] * (row["filter"] == bound) + ["rms"] * (statistic != "rms")
+        name = f"{row['filter']} ({', '.join(role)})".removesuffix(" ()")
+        yield [Text(name), Text(number, row["value"]), *[Text("–")] * 4]
+    ranked = {c.label for c in (*standing.order, *standing.losing, reference) if c is not None}
+    failed = {row["filter"] for row in results.failed}
+    for label in (label for label in results.filters if label not in ranked):
+        why = "failed" if label in failed else "has no such error"
+        yield [Text(label), Text("–", nan), Text(why), *[Text("–")] * 3]
+
+
+def _ratio(standing: Ranking, c: Candidate, matters: float) -> str:
+    """Return ``2.4 x (2.1 to 2.8)``, with a mark where it is not significant; of scores nats."""
+    comparison = standing.compared.get(c.name)
+    if comparison is None:
+        first = "0" if standing.metric.family[0].is_score else "1"
+        return first if c is standing.order[0] else "–"
+    if comparison.is_equal:
+        return "equal"
+    value, low, high = _beside(standing.metric, comparison)
+    if not isfinite(value):
+        return "–"
+    is_score, wide = standing.metric.family[0].is_score, high - low
+    texts = [f"{x:.2g}" if is_score else phrases.multiple(x, wide) for x in (value, low, high)]
+    text = texts[0] + " x" * (not is_score)
+    text += f" ({texts[1]} to {texts[2]})" if isfinite(wide) else ""
+    if not comparison.is_tested:
+        return text if standing.best is None else f"{text} {rules.UNTESTED}"
+    if not comparison.sign:
+        return f"{text} n.s."
+    is_tiny = comparison.sign and not is_score and abs(value - 1.0) < matters
+    return f"{text} tiny" if is_tiny else text
+
+
+def _beside(metric: Measure, comparison: Comparison) -> tuple[float, float, float]:
+    """Return the ratio to the best with its interval; of a score, how far it is below the best."""
+    if metric.family[0].is_score:
+        comparison = comparison.swapped
+        value, limits = comparison.difference.value, comparison.difference.interval()
+    else:
+        value, limits = comparison.ratio.value, comparison.ratio.interval()
+        limits = max(limits[0], 0.0), limits[1]
+    return (value, *limits) if comparison.is_tested else (value, nan, nan)
+
+
+def _runs_needed(standing: Ranking) -> str:
+    """Return how many runs would decide the ties if the differences are as large as measured."""
+    runs = []
+    for _, tie in standing.not_worse:
+        if isfinite(tie.z) and tie.z:
+            needed = rules.deviations_needed(tie.tests)
+            runs.append(rules.runs_that_decide(tie.difference.runs, tie.z, needed))
+    if not runs:
+        return ""
+    long = " to ".join(dict.fromkeys(map(phrases.run_count, (min(runs), max(runs)))))
+    amount = f"a recording {long} times as long" if standing.runs == 1 else f"{long} runs"
+    return f"; {amount} would decide differences of this size"
+
+
+def consistency(results: Results, candidate: Candidate) -> str:
+    """Return a word on NEES, or on NIS without a truth: calibrated or not; empty if unknown."""
+    runs = results.runs(candidate.point)
+    name = next((n for n in ("nees", "anis") if (candidate.label, n) in runs), None)
+    if name is None:
+        return ""
+    # NEES over the number of components, or ANIS: 1 if consistent.
+    n = results.facts(candidate.point).sizes[""] if name == "nees" else 1
+    values = runs[candidate.label, name]
+    values = values[~np.isnan(values)] / n
+    if words := collapsed_in_words(values):
+        whole = f"{len(values)} of {len(values)} runs"
+        return "collapsed in every run" if words.endswith(f" {whole}") else words
+    if isinf(mean(values).value):
+        return "overconfident"
+    # Judge by the 95 % interval of the mean over the runs.
+    low, high = interval("mean", values)
+    return rules.credibility(low, high) or ("" if isnan(low) else rules.UNDECIDED)
+
+
+def _cpu_s(results: Results, c: Candidate) -> float:
+    rows = results.columns("timing", c.point).where(filter=c.label)
+    return float(rows["cpu_s_per_run"][0]) if len(rows) else nan
+
+
+def _duration(seconds: float) -> str:
+    scale, unit = next(((s, u) for s, u in _SECONDS if seconds * s >= 1.0), _SECONDS[-1])
+    return f"{phrases.two_digits(seconds * scale)} {unit}"
+
+
+def _without_empty(results: Results, table: TextTable) -> TextTable:
+    """Leave out columns without a word, and the column of lost runs if there are none."""
+    columns = range(len(table.heads))
+    empty = [i for i in columns if all(row[i].text in ("–", "0") for row in table.rows)]
+    shown = [i for i in columns if i < 3 or i not in empty]
+    if _LOST in [table.heads[i] for i in empty]:
+        table.title += "; no lost runs"
+    if any(row[-1].text.endswith("*") for row in table.rows):
+        table.notes.append("*: filtered run by run, which is slower than the method.")
+    has_nees = any(name == "nees" for _, name in results.runs(results.points()[0]))
+    heads = [table.heads[i] for i in shown]
+    table.heads = ["ANIS" if head == _ANEES and not has_nees else head for head in heads]
+    table.rows = [[row[i] for i in shown] for row in table.rows]
+    return table
+
+
+def _over_scenes(results: Results, standings: Sequence[Ranking]) -> TextTable:
+    """Return a row a filter over all scenarios of the grid: at how many it is among the best."""
+    first = standings[0]
+    is_score = first.metric.family[0].is_score
+    paths = " and ".join(phrases.axis(path) for path in first.scene)
+    words = statistic_words([*first.order, *first.losing][0].sample.statistic, first.metric)
+    title = f"Ranking over {len(standings)} values of {paths} by {words}"
+    title += ", each filter at its best of the grid" * first.chosen
+    beside = "Below the best (nats)" if is_score else "Ratio to the best"
+    table = TextTable(title, ["Filter", "Among the best", beside, _LOST, _ANEES, _TIME])
+    # Each filter's candidates and ratios, scenario by scenario.
+    of: dict[str, list[Candidate]] = {}
+    ratios: dict[str, list[float]] = {}
+    for standing in standings:
+        for c in (*standing.order, *standing.losing):
+            of.setdefault(c.label, []).append(c)
+            comparison = standing.compared.get(c.name)
+            beside_best = [] if comparison is None else [_beside(first.metric, comparison)[0]]
+            one = [0.0 if is_score else 1.0] * (c in standing.order[:1])
+            ratios.setdefault(c.label, []).extend(beside_best or one)
+    best = Counter(c.label for c in chain.from_iterable(s.among_the_best for s in standings))
+    middle = {label: np.median(x) if x else inf for label, x in ratios.items()}
+    for label in sorted(of, key=lambda label: (-best[label], middle[label])):
+        lost, runs = sum(c.losses for c in of[label]), sum(len(c.lost) for c in of[label])
+        words_of = Counter(filter(None, (_word(results, c) for c in of[label])))
+        times = [t for t in (_cpu_s(results, c) for c in of[label]) if isfinite(t)]
+        ratio = _span([f"{x:.3g}" for x in sorted(filter(isfinite, ratios[label]))])
+        table.rows.append(
+            [
+                Text(label),
+                Text(f"at {best[label]} of {len(standings)}", best[label]),
+                Text(f"{ratio}{' x' * (not is_score)}" if ratio else "–"),
+                Text(f"{lost} of {runs}" if lost else "0", lost),
+                Text(", ".join(f"{word} at {n}" for word, n in words_of.most_common()) or "–"),
+                Text(_span([*map(_duration, sorted(times))]) or "–"),
+            ]
+        )
+    table.notes = ["Among the best: the lowest error, or no significant difference from it."]
+    return _without_empty(results, table)
+
+
+def _word(results: Results, c: Candidate) -> str:
+    """Return the consistency without numbers."""
+    return consistency(results, c).partition(" in ")[0]
+
+
+def _span(texts: Sequence[str]) -> str:
+    """Return the first and last text, or the only one."""
+    return " to ".join(dict.fromkeys((texts[0], texts[-1]))) if texts else ""
+
+
+def _by_scene(results: Results, standings: Sequence[Ranking]) -> TextTable:
+    """Return the numbers: a row for each scenario of the grid, a column for each filter."""
+    first = standings[0]
+    head = head_of([*first.order, *first.losing][0].sample.statistic, first.metric)
+    table = TextTable(head, [*map(phrases.axis, first.scene), *results.filters])
+    for standing in standings:
+        compared = (*standing.order, *standing.losing, standing.reference)
+        cells = {c.label: c for c in compared if c is not None}
+        good = [c.label for c in standing.among_the_best]
+        row = [Text(phrases.number(value)) for value in standing.scene.values()]
+        for label in results.filters:
+            number = cells[label].overall if label in cells else None
+            text = "–" if number is None else rounded(*number, 4)
+            row.append(Text(text, nan if number is None else number.value, best=label in good))
+        table.rows.append(row)
+    return table

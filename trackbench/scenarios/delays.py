@@ -1,0 +1,64 @@
+"""Steps at which measurements arrive: by the sensors' delays, or as a recording says."""
+
+import zlib
+from typing import cast
+
+import numpy as np
+
+from trackbench.core.arrays import Array, Index
+from trackbench.core.random_streams import RunStreams, Streams
+from trackbench.field_types import InvalidKeyError
+from trackbench.models.delays import Late, drawn_steps, longest_delay
+from trackbench.models.sensors.base import Assume, Sensors, sensors_of
+
+
+def arrivals(sensor: Sensors, recorded: Array | None, z: Array, rng: Streams) -> Index | None:
+    """Return the step (S, T, M), from 0, at which each measurement arrives; None without delays.
+
+    T stands for an arrival after the end.
+
+    Parameters
+    ----------
+    sensor : Sensors
+        S sensors, perhaps with delays.
+    recorded : array (S, T, M), optional
+        Arrivals of recorded measurements, NaN in a run that does not exist.
+    z : array (n_z, T, M)
+        Measurements.
+    rng : Streams
+        Random numbers of the runs; delays of each sensor have a stream of their own.
+    """
+    T, runs = z.shape[1:]
+    due = np.arange(T)[:, None]
+    if recorded is not None:
+        return np.where(np.isnan(recorded), due, np.minimum(recorded, T)).astype(np.int32)
+    delays = [one.delay for one in sensors_of(sensor)]
+    if not any(delays):
+        return None
+    out: Index = np.empty((len(delays), T, runs), dtype=np.int32)
+    for n, delay in enumerate(delays):
+        u = np.empty((T, runs))
+        if not isinstance(delay, int):
+            # No fault has a name with a line break.
+            number = zlib.crc32(f"\ndelay of sensor {n + 1}".encode())
+            u = cast(RunStreams, rng).beside(number).random((T, runs))
+        out[n] = np.minimum(due + drawn_steps(delay, u), T)
+    return out
+
+
+def treatment(assume: Assume) -> Late | None:
+    """Return what a filter does with late measurements; None if it gets them on time.
+
+    Raises InvalidKeyError if neither is set.
+    """
+    if assume.delay == "none":
+        return None
+    if assume.late is None:
+        what = "measurements arrive late here: add `late: drop`, `apply` or `refilter`; to get"
+        raise InvalidKeyError(f"{what} them on time, as a bound, `assume: {{delay: none}}`")
+    return Late(kind=assume.late) if isinstance(assume.late, str) else assume.late
+
+
+def longest_delay_of(sensor: Sensors) -> int:
+    """Return a number of steps that at most one measurement in a million exceeds."""
+    return max(longest_delay(one.delay) for one in sensors_of(sensor))

@@ -1,0 +1,300 @@
+"""Kinds of faults: what each makes of measurements, and of a filter's model that knows of it."""
+
+from abc import abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, Literal, NamedTuple, TypeAlias
+
+import numpy as np
+from pydantic import Field, StringConstraints
+
+from trackbench.core.arrays import Array, Index, Mask, with_trailing
+from trackbench.core.random_streams import RunStreams
+from trackbench.field_types import (
+    ONE_LINE,
+    ByComponent,
+    Count,
+    Finite,
+    InvalidKeyError,
+    Natural,
+    Positive,
+    Share,
+    freeze_mappings,
+)
+from trackbench.models.base import by_component
+
+_TICK = 1e-6  # s, by which times may differ from those of steps
+
+
+class Stretch(NamedTuple):
+    """A sensor's measurements of S steps with a fault, M runs."""
+
+    z: Array
+    """measurements (n_z, S, M), NaN where missing"""
+    elapsed: Array
+    """time since the fault's begin (S,), s"""
+    components: tuple[str, ...]
+    """names of the measurement's components"""
+    before: Array = np.empty(0)
+    """last measurement of each run before the fault (n_z, M)"""
+    noise: Array = np.empty(0)
+    """errors of the measurements without the sensor's bias; NaN where the truth is unknown"""
+    streams: Callable[[], RunStreams] | None = None
+    """random numbers of this fault alone"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fault:
+    """Base of the faults: when they are, and of which sensor."""
+
+    name: Annotated[str, StringConstraints(pattern=ONE_LINE, max_length=70)]
+    """window of metrics: rmse_position[burst], rmse_position[after burst]"""
+    from_: Finite | None = None
+    """time of the first wrong measurement, s; default: from the start"""
+    to: Finite | None = None
+    """time of the last wrong measurement, s; default: to the end"""
+    steps: tuple[Natural, Natural] | None = None
+    """first and last step, in place of times"""
+    sensor: Count | None = None
+    """number of the sensor in a scenario of several, from 1; default: all"""
+    recovered: Positive = 0.1
+    """excess error after the fault that counts as recovered, as a share of the twin's RMSE"""
+
+    def __post_init__(self) -> None:
+        freeze_mappings(self)
+        if self.steps is not None and not (self.from_ is self.to is None):
+            raise InvalidKeyError("give `steps`, or `from` and `to`", "steps")
+        if self.steps is not None and self.steps[0] > self.steps[1]:
+            raise InvalidKeyError(f"{[*self.steps]} ends before it begins", "steps")
+        if self.from_ is not None and self.to is not None and self.from_ >= self.to:
+            what = f"ends at {self.to:g} s, and begins at {self.from_:g} s; take a later end"
+            raise InvalidKeyError(what, "to")
+
+    @abstractmethod
+    def faulty(self, of: Stretch) -> Array:
+        """Return the measurements (n_z, S, M) with the fault."""
+
+    @property
+    def uses_noise(self) -> bool:
+        """True if the truth must be known."""
+        return False
+
+    @property
+    def variance(self) -> float:
+        """Factor on the variance of the noise."""
+        return 1.0
+
+    def corrected(self, of: Stretch) -> Array:
+        """Return the measurements (n_z, S, M) that a filter uses if it knows of the fault."""
+        return of.z
+
+    def check(self, components: tuple[str, ...]) -> None:
+        """Raise InvalidKeyError for keys that do not fit the measurement's components."""
+
+    def inside(self, steps: Index, times: Array) -> Mask:
+        """Return which steps (K,) have the fault."""
+        if self.steps is not None:
+            return np.asarray((steps >= self.steps[0]) & (steps <= self.steps[1]))
+        first = -np.inf if self.from_ is None else self.from_
+        last = np.inf if self.to is None else self.to
+        return np.asarray((times >= first - _TICK) & (times <= last + _TICK))
+
+
+@dataclass(frozen=True, kw_only=True)
+class LargerNoise(Fault):
+    """Larger or smaller errors of all measurements, or of a share."""
+
+    factor: Positive
+    """factor on the errors"""
+    share: Share = 1.0
+    """share of the measurements that have them"""
+
+    @property
+    def uses_noise(self) -> bool:
+        """True: the errors change."""
+        return True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.factor == 1.0 or self.share == 0.0:
+            key = "factor" if self.factor == 1.0 else "share"
+            raise InvalidKeyError(f"a {key} of {getattr(self, key):g} changes nothing", key)
+
+    @property
+    def variance(self) -> float:
+        """Factor on the variance of the noise: that of the mixture."""
+        return 1.0 + self.share * (self.factor * self.factor - 1.0)
+
+    def faulty(self, of: Stretch) -> Array:
+        """Return ``h(x) + factor e``; a measurement whose truth is unknown stays."""
+        changed = ~np.isnan(of.noise)
+        if self.share < 1.0 and of.streams is not None:
+            changed &= of.streams().random(of.z.shape[1:]) < self.share
+        return np.where(changed, of.z + (self.factor - 1.0) * of.noise, of.z)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudentErrors:
+    """Errors with Student's t: each measurement's normal error by a random factor."""
+
+    kind: Literal["student-t"] = "student-t"
+    """errors with Student's t"""
+    df: Positive
+    """degrees of freedom"""
+    scale: Positive = 1.0
+    """factor on the errors beside"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class UniformClutter:
+    """False measurements, uniform over a region, whatever the target does."""
+
+    kind: Literal["uniform"] = "uniform"
+    """false measurements"""
+    region: dict[str, tuple[Finite, Finite]]
+    """least and largest value of every component of the measurement, in SI units and radians"""
+
+    def __post_init__(self) -> None:
+        freeze_mappings(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outliers(LargerNoise):
+    """Larger errors, as a gate is to refuse."""
+
+    kind: Literal["outliers"] = "outliers"
+    """larger errors, or others"""
+    factor: Positive = 1.0
+    """factor on the errors; give this or `density`"""
+    density: Annotated[StudentErrors | UniformClutter, Field(discriminator="kind")] | None = None
+    """law of the outliers: {kind: student-t, df: 3, scale: 5}, {kind: uniform, region: {x: [0, 9]}}"""
+
+    def __post_init__(self) -> None:
+        if (self.density is None) == (self.factor == 1.0):
+            raise InvalidKeyError("give a `factor` other than 1, or a `density`")
+        if self.density is not None and self.share == 0.0:
+            raise InvalidKeyError("a share of 0 changes nothing", "share")
+        if self.density is None:
+            super().__post_init__()
+        else:
+            Fault.__post_init__(self)
+
+    @property
+    def uses_noise(self) -> bool:
+        """True if the truth must be known."""
+        return not isinstance(self.density, UniformClutter)
+
+    @property
+    def variance(self) -> float:
+        """Factor on the variance of the noise; infinite where the density has none."""
+        if self.density is None:
+            return super().variance
+        if isinstance(self.density, UniformClutter) or self.density.df <= 2.0:
+            return np.inf
+        of = self.density
+        return 1.0 + self.share * (of.scale * of.scale * of.df / (of.df - 2.0) - 1.0)
+
+    def check(self, components: tuple[str, ...]) -> None:
+        """Check the region's components."""
+        if not isinstance(self.density, UniformClutter):
+            return
+        region, where = self.density.region, ("density", "region")
+        if {*region} != {*components}:
+            raise InvalidKeyError(f"needs bounds of {', '.join(components)}, and no others", *where)
+        for name, (least, largest) in region.items():
+            if least >= largest:
+                raise InvalidKeyError("ends before it begins", *where, name)
+
+    def faulty(self, of: Stretch) -> Array:
+        """Return measurements with the density's errors, or the density's measurements."""
+        if self.density is None or of.streams is None:
+            return super().faulty(of)
+        streams, changed = of.streams(), ~np.isnan(of.z if of.noise.size == 0 else of.noise)
+        if self.share < 1.0:
+            changed &= streams.random(of.z.shape[1:]) < self.share
+        if isinstance(self.density, UniformClutter):
+            least, largest = (
+                with_trailing(np.array(ends), 2)
+                for ends in zip(*(self.density.region[c] for c in of.components), strict=True)
+            )
+            drawn = least + (largest - least) * streams.random(of.z.shape)
+        else:
+            # Student's t is a normal over the root of a gamma variate of mean one.
+            half = 0.5 * self.density.df
+            gamma = streams.standard_gamma(half, of.z.shape[1:]) / half
+            drawn = of.z + (self.density.scale / np.sqrt(gamma) - 1.0) * of.noise
+        return np.where(changed, drawn, of.z)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Noise(LargerNoise):
+    """Larger or smaller noise."""
+
+    kind: Literal["noise"] = "noise"
+    """larger or smaller noise"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Blackout(Fault):
+    """No measurement."""
+
+    kind: Literal["blackout"] = "blackout"
+    """no measurements"""
+
+    def faulty(self, of: Stretch) -> Array:
+        """Return NaN."""
+        return np.full_like(of.z, np.nan)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bias(Fault):
+    """An error that is constant, or grows with time."""
+
+    kind: Literal["bias"] = "bias"
+    """constant or growing error"""
+    value: ByComponent = ()
+    """error by component of the measurement, in SI units and radians"""
+    ramp: ByComponent = ()
+    """growth of the error per s, from zero or `value` at the fault's begin"""
+
+    def check(self, components: tuple[str, ...]) -> None:
+        """Check the components' names."""
+        for key, given in (("value", self.value), ("ramp", self.ramp)):
+            _ = by_component(given or {}, components, key)
+        if not (self.value or self.ramp):
+            raise InvalidKeyError("give `value`, or `ramp`")
+
+    def bias(self, of: Stretch) -> Array:
+        """Return the error (n_z, S)."""
+        value, ramp = (by_component(x or {}, of.components) for x in (self.value, self.ramp))
+        return np.asarray(value[:, None] + ramp[:, None] * of.elapsed)
+
+    def faulty(self, of: Stretch) -> Array:
+        """Add the error."""
+        return np.asarray(of.z + self.bias(of)[..., None])
+
+    def corrected(self, of: Stretch) -> Array:
+        """Subtract the error."""
+        return np.asarray(of.z - self.bias(of)[..., None])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Freeze(Fault):
+    """The last measurement before the fault again and again."""
+
+    kind: Literal["freeze"] = "freeze"
+    """the last measurement again"""
+
+    def faulty(self, of: Stretch) -> Array:
+        """Repeat the last measurement wherever there is one."""
+        return np.where(np.isnan(of.z), np.nan, of.before[:, None])
+
+    def corrected(self, of: Stretch) -> Array:
+        """Return NaN: the value has been used before."""
+        return np.full_like(of.z, np.nan)
+
+
+AnyFault: TypeAlias = Annotated[
+    Outliers | Blackout | Bias | Freeze | Noise, Field(discriminator="kind")
+]
+"""A fault of any kind."""

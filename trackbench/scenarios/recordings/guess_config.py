@@ -1,0 +1,129 @@
+"""A config that runs, from the guess at a recording."""
+
+import json
+import re
+from collections.abc import Iterator
+from dataclasses import fields
+
+from trackbench.scenarios.recordings.csv_lines import TextFormat
+from trackbench.scenarios.recordings.guess_format import Guess
+
+_MOST_NAMES = 7  # of further runs
+
+
+def config_parts(guess: Guess) -> dict[str, str]:
+    """Return the parts of a config that are guessed, as lines of YAML."""
+    kinds, speed = {sensor.kind for sensor in guess.sensors}, guess.speed
+    each = ["kf"] if kinds == {"position"} else ["ekf", "ukf"]
+    lines = [f"  {kind.upper()}: {{kind: {kind}}}" for kind in each]
+    # Process noise from the usual speed; the IMM's motions have a tenth of it and ten times it.
+    q = float(f"{max(0.0025 * speed * speed, 1e-3):.1g}")
+    motions = f"[{{kind: cwna, q: {q / 10:g}}}, {{kind: cwna, q: {q * 10:g}}}]"
+    chances = "[[0.95, 0.05], [0.05, 0.95]]"
+    lines.append(f"  IMM: {{kind: imm, motions: {motions}, transition: {chances}}}")
+    lines.append("  RPF: {kind: rpf, N: 1000}")
+    start = f"{{kind: one-scan, sigma_velocity: {2 * speed:g}}}  # guess"
+    if not kinds & {"position", "range-azimuth"}:
+        start = (
+            f"{{kind: given, mean: [X, 0, Y, 0], sigma: [100, {2 * speed:g}, 100, {2 * speed:g}]}}"
+        )
+        start += "  # write x and y of the first position, m, and how well they are known"
+    return {
+        "@TARGET@": "\n".join(f"    {line}" for line in _target_lines(guess)),
+        "@SENSOR@": "\n".join(f"    {line}" for line in _sensor_lines(guess)),
+        "@START@": f"  start: {start}",
+        "@Q@": f"{q:g}",
+        "@LATE@": ", late: refilter" if "received" in guess.naming.columns else "",
+        "@HOLD@": f"{max(2, min(5, guess.runs[0][1] // 2))}",
+        "@FILTERS@": "\n".join(lines),
+        "@SHOWN@": f"{each[0].upper()}, IMM",
+    }
+
+
+def unknown_places(guess: Guess) -> list[str]:
+    """Return the names of sensors whose place must be written into the config."""
+    return [s.name or "the sensor" for s in guess.sensors if s.kind in ("range", "bearing")]
+
+
+def _target_lines(guess: Guess) -> Iterator[str]:
+    naming, why = guess.naming, guess.why
+    yield "columns:  # guess, from their names"
+    # Only what the sensors below measure: a file of several sensors has further columns.
+    read = {"time", "date", "step", "received", "run", "sensor", "latitude", "longitude"}
+    read |= {"vx", "vy", "speed", "course"} if guess.moves else set()
+    read = read.union(*(sensor.quantities for sensor in guess.sensors))
+    if {"x", "y"} <= naming.columns.keys():
+        read -= {"latitude", "longitude"}
+    if not read & {"x", "y"}:
+        read -= {"latitude", "longitude"}
+    columns = {name: column for name, column in naming.columns.items() if name in read}
+    yield from (f"  {name}: {quoted(column)}" for name, column in columns.items())
+    units = {name: unit for name, unit in naming.units.items() if name in read}
+    if units:
+        yield "units:"
+        yield from (f"  {name}: {unit}{_comment(why, name)}" for name, unit in units.items())
+    if naming.format is not None:
+        yield f"format: {_flow(naming.format)}{_comment(why, 'format')}"
+    if naming.time_format:
+        yield f"time_format: {json.dumps(naming.time_format)}{_comment(why, 'time_format')}"
+    if naming.missing:
+        numbers = ", ".join(f"{value:.9g}" for value in naming.missing)
+        yield f"missing: [{numbers}]{_comment(why, 'missing')}"
+    if naming.same_time is not None:
+        yield f"same_time: {naming.same_time}{_comment(why, 'same_time')}"
+    if columns.get("sensor"):
+        yield f"sensors: [{', '.join(quoted(sensor.name) for sensor in guess.sensors)}]"
+    if naming.origin:
+        yield f"origin: [{', '.join(map(repr, naming.origin))}]"
+    elif "latitude" in columns:
+        yield "# x and y are meters east and north of the first position, or of `origin: [lat, lon]`"
+    if "velocity" in why:
+        yield f"# {why['velocity']}"
+    if len(guess.runs) > 1:
+        (longest, _), *others = guess.runs
+        more = ["..."] if others[_MOST_NAMES:] else []
+        names = ", ".join([*(name for name, _ in others[:_MOST_NAMES]), *more])
+        yield f"runs: [{quoted(longest)}]  # the longest of {len(guess.runs)}; there are {names}"
+
+
+def _sensor_lines(guess: Guess) -> Iterator[str]:
+    source = "guess: how far measurements are from the line between their neighbors"
+    for name, kind, _, sigmas in guess.sensors:
+        after = f"  # {name}: {source}" if name else f"  # {source}"
+        place = re.sub(r"\W", "_", name) or "SENSOR"
+        at = f"at: [X_{place}, Y_{place}]"
+        if kind == "position":
+            yield f"- {{kind: position, sigma: {max(sigmas):g}}}{after}"
+        elif kind == "range":
+            yield f"- {{kind: range, {at}, sigma: {sigmas[0]:g}}}  # write where {name or 'it'} is, m"
+        else:
+            *sigma_range, angle = sigmas
+            keys = [f"sigma_range: {value:g}" for value in sigma_range]
+            angle_key = "sigma_azimuth_mrad" if sigma_range else "sigma_mrad"
+            keys.append(f"{angle_key}: {float(f'{1000.0 * angle:.3g}'):g}")
+            if kind == "bearing":
+                keys.insert(0, at)
+                after = f"  # write where {name or 'it'} is, m"
+            yield f"- {{kind: {kind}, {', '.join(keys)}}}{after}"
+            yield "# azimuth counts from x to y; of angles clockwise from north x is north and y east"
+    if guess.moves:
+        velocity = float(f"{max(0.05 * guess.speed, 0.05):.1g}")
+        yield f"- {{kind: velocity, sigma: {velocity:g}}}  # guess: 5 % of the usual speed"
+
+
+def _comment(why: dict[str, str], key: str) -> str:
+    return f"  # {why[key]}" if key in why else ""
+
+
+def _flow(form: TextFormat) -> str:
+    """Return the keys of a format that are set, in braces."""
+    values = {f.name: getattr(form, f.name) for f in fields(form) if getattr(form, f.name)}
+    keys = (f"{key}: {json.dumps(value, ensure_ascii=False)}" for key, value in values.items())
+    return f"{{{', '.join(keys)}}}"
+
+
+def quoted(word: str) -> str:
+    """Return a word of YAML; in quotes if it is more than letters, digits and lines."""
+    if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*|[1-9][0-9]*", word):
+        return word
+    return json.dumps(word, ensure_ascii=False)
