@@ -62,6 +62,15 @@ def test_docs_say_what_is() -> None:
     )
 
 
+def test_docs_are_short() -> None:
+    """Words of the pages without code, numbers and the targets of links."""
+    text = "".join(path.read_text(encoding="utf-8") for path in DOCS)
+    text = re.sub(
+        r"```.*?```|(?<=\])\((?:[^()]|\([^()]*\))*\)|`[^`\n]*`", " ", text, flags=re.DOTALL
+    )
+    assert len(re.findall(r"[^\W\d_][^\W\d_'’-]*", text)) <= 25_000
+
+
 def test_modules_and_functions_have_a_readable_size() -> None:
     long = []
     for path in PACKAGE:
