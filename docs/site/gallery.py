@@ -42,6 +42,7 @@ TOPICS = {
         "stochastic",
     ),
     "Data assimilation": ("lorenz", "double-pendulum"),
+    "Bad and late measurements": ("fault", "late"),
     "Calibration and wrong models": ("calibration", "kalmannet"),
 }
 """Headings of the gallery, each with the beginnings of its experiments' names."""
