@@ -79,6 +79,8 @@ def date_form(path: str, times: Sequence[str], dates: Sequence[str], line: int) 
         return DateForm("", True)
     found = {}
     for form in _FORMS:
+        if form.endswith("%f") and form[:-3] in found:
+            continue  # no cell has digits behind its seconds
         values, mistakes = parsed(partial(instant, form=form), cells[:1])
         if not mistakes:
             values, mistakes = parsed(partial(instant, form=form), cells)
