@@ -221,7 +221,7 @@ def known(words: list[str]) -> None:
         assert re.search(rf"^{words[1]}:", (ROOT / "Makefile").read_text(), re.MULTILINE), words
     elif words[0] == "pip":
         extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-        for extra in re.findall(r"trackbench\[(\w+)\]", " ".join(words)):
+        for extra in re.findall(r"\.\[(\w+)\]", " ".join(words)):
             assert extra in extras["optional-dependencies"], words
         for after, file in pairwise(words):
             assert after != "-r" or (ROOT / file).is_file(), words

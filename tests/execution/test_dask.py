@@ -76,5 +76,5 @@ def test_without_the_extra_one_sentence_says_what_to_do(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(UserError, match=r"pip install 'trackbench\[dask\]'"):
+    with pytest.raises(UserError, match=r"pip install '\.\[dask\]'"):
         run(tmp_path, small(tmp_path), engine="dask")

@@ -235,7 +235,7 @@ def _dask(workers: int, scheduler: str | None) -> Iterator[Executor]:
         from distributed import Client
     except ImportError:
         raise UserError(
-            "--engine dask needs an extra package: pip install 'trackbench[dask]'"
+            "--engine dask needs an extra package: in a clone pip install '.[dask]'"
         ) from None
     if scheduler is not None and not _ADDRESS.fullmatch(scheduler):
         raise UserError(f"--scheduler {scheduler}: write tcp://host:port")

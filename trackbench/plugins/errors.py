@@ -70,7 +70,7 @@ def message_of(error: BaseException) -> str:
     if isinstance(error, ModuleNotFoundError) and error.name:
         name = error.name.partition(".")[0]
         if name in _EXTRAS and find_spec(name) is None:
-            return f"needs {name}, which is not installed: pip install 'trackbench[{name}]'"
+            return f"needs {name}, which is not installed: in a clone pip install '.[{name}]'"
         return f"needs the module {error.name}, which is not installed"
     text = " ".join(str(error).split())
     if isinstance(error, RunError | WrongReturnError):
