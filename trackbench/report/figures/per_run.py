@@ -9,7 +9,6 @@ from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import OfRun, measure
 from trackbench.registry import register
 from trackbench.report.figures.over_time import Curves
-from trackbench.report.findings.phrases import ranking
 from trackbench.report.plotting import style
 from trackbench.report.plotting.style import Figure
 from trackbench.report.results import Results
@@ -36,17 +35,6 @@ class RmsePerRun(Curves):
     def x_name(self) -> str:
         """Label of the horizontal axis."""
         return self.x_label or {"sorted": "Share of runs (%)", "runs": "Run m"}[self.form]
-
-    def default_caption(self, results: Results) -> str:
-        """Return which filter's median is best."""
-        runs = results.runs(results.points()[0])
-        errors = {b: runs.get((b, str(self.metric))) for b, _ in self.labels(results)}
-        medians = {
-            b: float(np.median(np.where(np.isnan(values), np.inf, values)))
-            for b, values in errors.items()
-            if values is not None and len(values) and b not in (self.floor, self.baseline)
-        }
-        return ranking(medians, self.metric.family[0].better, "By the median run")
 
     def draw(self, results: Results) -> Figure:
         """Return one line per filter."""
