@@ -195,7 +195,7 @@ class OverTime(Curves):
 @register("figures", "rmse-vs-time")
 @dataclass(frozen=True, kw_only=True)
 class RmseVsTime(OverTime):
-    """A metric of per_step.csv over steps or time, with two standard errors on either side.
+    """A metric over steps or time, a line a filter, with two standard errors on either side.
 
     Faults of sensors are shaded.
 

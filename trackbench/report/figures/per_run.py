@@ -19,7 +19,7 @@ _MOST = 200  # points of a line over the share of runs
 @register("figures", "rmse-per-run")
 @dataclass(frozen=True, kw_only=True)
 class RmsePerRun(Curves):
-    """A metric of per_run.csv in every run: each filter's runs in order, which is its distribution.
+    """A metric in every run: each filter's runs in order, which is its distribution.
 
     At a share of 90 % is what 90 % of a filter's runs do not exceed; lost runs have no number and stand
     last, so that the line ends before 100 %.
