@@ -37,8 +37,9 @@ def test_a_copy_gives_the_same_numbers(kind: str, tmp_path: Path) -> None:
 def test_a_change_of_the_copy_shows(tmp_path: Path) -> None:
     path, config, _ = write_new("filter", "changed", tmp_path, "copy", "kf")
     text = path.read_text().replace("self.prepared(state.posterior)", "state.posterior")
-    path.write_text(text.replace("posterior, innovation = self.update(model, before, z, k)",
-        "posterior, innovation = self.update(model, before, 0.9 * z, k)"))  # fmt: skip
+    step = "posterior, innovation, weight = self.robust_update(model, before, z, k)"
+    assert step in text
+    path.write_text(text.replace(step, step.replace("z, k", "0.9 * z, k")))
     (point,) = load(config, allow_plugins=True).points
     a, b = (track(point.scenario, one, 2) for one in point.filters.values())
     assert not np.array_equal(a.mean, b.mean)

@@ -238,8 +238,7 @@ def parse(text: str, name: str) -> Source:
         mark = Mark(name, at.line + 1, at.column + 1) if at else Mark(name)
         what = f"not valid YAML: {error.problem}"
         what += "; indent with spaces" if "'\\t'" in what else ""
-        what += "; check the indentation" if "<block mapping" in what else ""
-        what += "; check the indentation, or quote a text with ': '" if "mapping v" in what else ""
+        what += "; check the indentation, or quote a text with ': '" if "mapping" in what else ""
         what = _TOO_MANY if isinstance(error, _TooManyError) else what
     except yaml.YAMLError as error:
         what = f"not valid YAML: {str(error).splitlines()[0]}"

@@ -15,7 +15,6 @@ from trackbench.report.figures.critical_difference import cliques, critical_diff
 from trackbench.report.figures.over_time import EstimatesOfOneRun, RmseVsTime
 from trackbench.report.figures.per_run import RmsePerRun, _in_order
 from trackbench.report.findings import phrases
-from trackbench.report.findings.phrases import ranking
 from trackbench.report.plotting import style
 from trackbench.report.results import Results
 from trackbench.statistics.estimates import RunEstimate
@@ -162,39 +161,11 @@ def test_a_run_stands_at_the_share_of_runs_that_do_no_worse(made):
     assert np.isnan(_in_order(np.array([3.0, np.nan, 1.0]))[1][2])
 
 
-def test_what_a_figure_tells_is_in_its_numbers(made):
+def test_a_caption_names_the_diamonds_where_there_are_any(made):
     results = Results(made)
-    time = RmseVsTime(filters=("PF", "PF (N=50)", "No data"), baseline="No data").default_caption(
-        results
-    )
-    # The table of these results has mean(rmse); a table of another metric leaves the rms.
-    frame = results.summary.query("metric == 'mean(rmse)'").set_index("filter")["value"]
-    better, worse = frame[["PF", "PF (N=50)"]].sort_values().items()
-    words = [f"{label} ({value:.3g})" for label, value in (better, worse)]
-    assert time == f"By mean RMSE per run, lowest: {', '.join(words)}."
-    results.config["tables"].clear()
-    results.config["figures"].clear()
-    rms = results.summary.query("metric == 'rms(rmse)'").set_index("filter")["value"]
-    time = RmseVsTime(filters=("PF", "PF (N=50)")).default_caption(results)
-    words = [f"{label} ({rms[label]:.3g})" for label in ("PF (N=50)", "PF")]
-    assert time == f"By RMSE, lowest: {', '.join(words)}."
-    assert RmseVsTime(filters=("PF",)).default_caption(results) == ""  # of one there is no order
-    bars = Bars(filters=("PF", "PF (N=50)")).default_caption(results)
-    assert bars.startswith("Of what is measured, lowest: PF (N=50) (")
-    assert bars.endswith("Diamonds are the numbers that were published.")
-
-
-def test_a_ranking_knows_which_way_is_better():
-    values = {"a": -2.0, "b, c": 0.5, "d": float("nan"), "e": 30.0, "f": 1234.0}
-    assert (
-        ranking(values, "lower", "X")
-        == "X, lowest: a (-2), “b, c” (0.5), e (30); highest: f (1230)."
-    )
-    assert ranking(values, "higher", "X").startswith("X, highest: f (1230), e (30)")
-    assert ranking(values, "zero", "X").startswith("X, nearest zero: “b, c” (0.5), a (-2)")
-    assert ranking(values, "one", "X").startswith("X, nearest one: “b, c” (0.5), e (30)")
-    assert ranking(values, "", "X") == ""
-    assert ranking({"a": 111.1, "b": 111.2}, "lower", "X") == "X, all have 111."
+    diamonds = "Diamonds are the numbers that were published."
+    assert Bars().default_caption(results) == diamonds
+    assert Bars(metric=measure("mean(rmse)@3")).default_caption(results) == ""
 
 
 def test_the_report_begins_with_the_key_figure(folder):

@@ -487,6 +487,16 @@ def test_a_twin_without_the_fault_has_the_same_delays(tmp_path: Path) -> None:
     np.testing.assert_array_equal(task.data.arrival, twin.data.arrival)
 
 
+@pytest.mark.parametrize("late", WAYS.values(), ids=WAYS)
+def test_a_bias_that_is_known_changes_nothing(tmp_path: Path, late: Any) -> None:
+    fault = {"name": "b", "kind": "bias", "value": [50], "steps": [20, 25]}
+    filters = {"K": {"kind": "kf", "late": late, "assume": {"faults": "known"}}}
+    known = experiment(tmp_path, SCALAR | {"faults": [fault]}, filters=filters).points[0]
+    clean = experiment(tmp_path, SCALAR, filters={"K": {"kind": "kf", "late": late}}).points[0]
+    expected = output_of(clean, "K")[1].mean
+    np.testing.assert_allclose(output_of(known, "K")[1].mean, expected, atol=1e-9)
+
+
 def test_a_held_out_measurement_never_arrives(tmp_path: Path) -> None:
     point = experiment(tmp_path, SCALAR).points[0]
     for label in ("drop", "apply", "refilter"):

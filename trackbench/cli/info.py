@@ -168,7 +168,7 @@ def _echo_next(paths: list[Path], build: str, unknown: list[str], plugins: str) 
     if build:
         typer.echo(f"build it: {build.replace('@MODULE@', config.stem)}")
     if unknown:
-        typer.echo(f"write where {', '.join(unknown)} are: `at` of each sensor, and `start`")
+        typer.echo(f"write into it where these are: {', '.join(unknown)}")
     typer.echo(f"run it: trackbench run {config}{plugins}")
 
 

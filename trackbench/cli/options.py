@@ -186,7 +186,7 @@ Format = Annotated[
     str,
     typer.Option(
         "--format",
-        help="png, svg, pdf, tex (tables, and figures as pdf), with commas; markdown prints tables so",
+        help="png, svg, pdf, tex (tables, and figures as pdf), with commas; markdown prints Markdown",
     ),
 ]
 AllowPlugins = Annotated[

@@ -1,6 +1,5 @@
 """Commands on a results folder; only `verify` computes runs."""
 
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
@@ -20,7 +19,7 @@ def compare(
         Path | None, typer.Option(metavar="FILE", help="figure of two folders: .png, .svg or .pdf")
     ] = None,
     format_: Annotated[
-        str, typer.Option("--format", metavar=MARKDOWN, help="print tables as into a pipe")
+        str, typer.Option("--format", metavar=MARKDOWN, help="print tables as Markdown")
     ] = "",
     json: Json = False,
 ) -> None:
@@ -55,7 +54,7 @@ def compare(
         text = "this experiment names no published numbers; compare two folders: trackbench compare"
         typer.echo(f"{folder}: {text} {folder} DIR2", err=True)
         return
-    if format_ or not sys.stdout.isatty():
+    if format_:
         typer.echo("\n".join([markdown(results, verdicts), *(table.markdown() for table in times)]))
         return
     from trackbench.cli.screen import print_lines, print_tables

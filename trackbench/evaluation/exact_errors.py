@@ -68,7 +68,10 @@ def why_not_exact(task: BlockTask) -> str | None:
     try:
         data, output = _run(task, _FixedNormals(_dense), 4)
     except NotImplementedError:
-        return "its scenario draws more than normal noise: `detection`, `outliers`, a random path"
+        what = (
+            "its scenario draws more than normal noise: `detection`, `outliers`, a random `delay`"
+        )
+        return f"{what}, a random path"
     numbers = {"states": data.truth, "measurements": data.measurements, "estimates": output.mean}
     bent = (name for name, x in numbers.items() if not _is_affine(x))
     return next((f"{name} are not linear in the noise of motion and sensor" for name in bent), None)

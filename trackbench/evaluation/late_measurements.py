@@ -126,21 +126,8 @@ class Refilter:
     ) -> None:
         """Begin with no state.
 
-        Parameters
-        ----------
-        z : array (n_z, T, M)
-            Measurements as they were made.
-        of : Deliveries
-            When they arrive.
-        repeat : callable
-            Yields the states after each of the measurements (n_z, L, M) from a state and a step on,
-            with the random numbers of ``rng``.
-        copy : callable
-            Returns a state that stays as it is when the filter goes on from the original.
-        rng : Generator
-            Random numbers of the filter.
-        clock : context manager
-            Times what it does.
+        ``repeat`` yields the states after measurements (n_z, L, M) from a state and a step on; ``copy``
+        protects a state from the filter's next step; ``clock`` times what is repeated.
         """
         self._z, self._of, self._repeat, self._copy, self._rng = z, of, repeat, copy, rng
         self._clock = clock

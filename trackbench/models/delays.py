@@ -13,7 +13,7 @@ from trackbench.core.arrays import Array, Index
 from trackbench.field_types import MOST_STEPS, ByKind, Count, InvalidKeyError, Natural, Share, Steps
 
 _ONE = 1e-9  # by which shares may differ from one in sum
-_RARE = 1e-6  # share of the measurements that may be later than `longest`
+_RARE = 1e-3  # share of the measurements that may be later than `longest`
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,7 +27,7 @@ class Delay:
     @property
     @abstractmethod
     def longest(self) -> int:
-        """Number of steps that at most one measurement in a million exceeds."""
+        """Number of steps that at most one measurement in a thousand exceeds."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,7 +71,7 @@ class GeometricDelay(Delay):
 
     @property
     def longest(self) -> int:
-        """The quantile of 1 - 1e-6."""
+        """The quantile of 0.999."""
         return ceil(log(_RARE) / log(self.mean / (1.0 + self.mean)))
 
 
@@ -108,7 +108,7 @@ AnyDelay: TypeAlias = (
 
 
 def longest_delay(delay: AnyDelay) -> int:
-    """Return a number of steps that at most one measurement in a million exceeds."""
+    """Return a number of steps that at most one measurement in a thousand exceeds."""
     return delay if isinstance(delay, int) else delay.longest
 
 

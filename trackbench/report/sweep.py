@@ -18,8 +18,6 @@ from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import (
     listed,
     metric_words,
-    percent_of,
-    two_digits,
     with_unit,
 )
 from trackbench.report.findings.ranking import Candidate, Ranking, best_settings
@@ -110,18 +108,7 @@ def _best(standing: Ranking, best: Candidate) -> Best:
     metric, where = standing.metric, phrases.heading(standing.scene)
     text = f"{best.name}{', ' if where else ''}{where}: "
     text += f"mean {metric_words(metric)} {with_unit(rounded(*best.overall, 4), metric)}"
-    # The settings without a significant difference, and how far off the nearest other one is.
-    if standing.not_worse:
-        settings = listed([rival.filter.setting for rival in standing.not_worse])
-        text += f"; no significant difference: {settings}"
-    nearest, apart = None, nan
-    if standing.nearest is not None:
-        nearest, apart = standing.nearest.filter, standing.nearest.difference.value
-        off, side = abs(apart), "smaller" if standing.more_is_better else "larger"
-        score = metric.family[0].is_score
-        share = "" if score else percent_of(off, best.overall.value)
-        by = share or with_unit(two_digits(off), metric)
-        text += f"; {by} {side} at {nearest.setting}"
+    nearest = standing.nearest
     return Best(
         filter=best.label,
         point=best.varied | standing.scene,
@@ -129,9 +116,9 @@ def _best(standing: Ranking, best: Candidate) -> Best:
         value=best.overall.value,
         stderr=best.overall.stderr,
         ties=[rival.filter.varied for rival in standing.not_worse],
-        next={} if nearest is None else nearest.varied,
-        difference=apart,
-        difference_stderr=nan if standing.nearest is None else standing.nearest.difference.stderr,
+        next={} if nearest is None else nearest.filter.varied,
+        difference=nan if nearest is None else nearest.difference.value,
+        difference_stderr=nan if nearest is None else nearest.difference.stderr,
         text=text,
     )
 

@@ -86,7 +86,7 @@ class Scenario(Scene):
 
     @property
     def longest_delay(self) -> int:
-        """Number of steps that almost no measurement exceeds; 0 if all arrive on time."""
+        """Number of steps that few measurements exceed; 0 if all arrive on time."""
         return 0
 
     @property

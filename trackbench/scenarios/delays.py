@@ -15,18 +15,7 @@ from trackbench.models.sensors.base import Assume, Sensors, sensors_of
 def arrivals(sensor: Sensors, recorded: Array | None, z: Array, rng: Streams) -> Index | None:
     """Return the step (S, T, M), from 0, at which each measurement arrives; None without delays.
 
-    T stands for an arrival after the end.
-
-    Parameters
-    ----------
-    sensor : Sensors
-        S sensors, perhaps with delays.
-    recorded : array (S, T, M), optional
-        Arrivals of recorded measurements, NaN in a run that does not exist.
-    z : array (n_z, T, M)
-        Measurements.
-    rng : Streams
-        Random numbers of the runs; delays of each sensor have a stream of their own.
+    T stands for an arrival after the end. ``recorded`` ones (S, T, M) are NaN in a run beyond the last.
     """
     T, runs = z.shape[1:]
     due = np.arange(T)[:, None]
@@ -60,5 +49,5 @@ def treatment(assume: Assume) -> Late | None:
 
 
 def longest_delay_of(sensor: Sensors) -> int:
-    """Return a number of steps that at most one measurement in a million exceeds."""
+    """Return a number of steps that at most one measurement in a thousand exceeds."""
     return max(longest_delay(one.delay) for one in sensors_of(sensor))

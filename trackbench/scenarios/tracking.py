@@ -104,7 +104,7 @@ class Tracking(Scenario):
 
     @property
     def longest_delay(self) -> int:
-        """Number of steps that almost no measurement exceeds; 0 if all arrive on time."""
+        """Number of steps that few measurements exceed; 0 if all arrive on time."""
         return max(self.target.longest_delay, longest_delay_of(self.true_sensor))
 
     @property

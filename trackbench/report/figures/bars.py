@@ -11,7 +11,6 @@ from trackbench.field_types import OpenShare
 from trackbench.registry import register
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
-from trackbench.report.findings.phrases import ranking, sentences
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import scales, style
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
@@ -44,15 +43,9 @@ class Bars(FigureKind):
     """label of the filter that every other should beat: a gray dotted line"""
 
     def default_caption(self, results: Results) -> str:
-        """Return the who is best, and what the diamonds are."""
-        point = results.points()[0]
-        expressions = Evaluator(results, point)
-        rivals = [b for b in results.chosen(self.filters) if b not in (self.floor, self.baseline)]
-        values = {b: expressions.term(self.metric.of(b)).value for b in rivals}
-        where = f"At {phrases.heading(point)}" if point else "Of what is measured"
+        """Return what the diamonds are, if there are any."""
         is_published = any(n.expression == self.metric for n in results.published.numbers)
-        published = "Diamonds are the numbers that were published." if is_published else ""
-        return sentences(ranking(values, self.metric.family[0].better, where), published)
+        return "Diamonds are the numbers that were published." if is_published else ""
 
     def draw(self, results: Results) -> Figure:
         """Return a row per filter, a panel per point of the grid."""

@@ -7,14 +7,11 @@ from typing import Any, ClassVar, Literal, Self
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.metric_expression import Measure, OfStep, measure, measured
+from trackbench.evaluation.metric_expression import Measure, OfStep, measure
 from trackbench.field_types import Count
 from trackbench.registry import register
-from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
-from trackbench.report.findings.phrases import ranking
 from trackbench.report.kinds import FigureKind
-from trackbench.report.paired import compared_statistic
 from trackbench.report.plotting import scales, style
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.results import Results
@@ -204,7 +201,7 @@ class OverTime(Curves):
 @register("figures", "rmse-vs-time")
 @dataclass(frozen=True, kw_only=True)
 class RmseVsTime(OverTime):
-    """A metric of per_step.csv over steps or time, with two standard errors on either side.
+    """A metric over steps or time, a line a filter, with two standard errors on either side.
 
     Faults of sensors are shaded.
 
@@ -213,20 +210,6 @@ class RmseVsTime(OverTime):
 
     metric: OfStep = measure("rmse")
     """metric of per_step.csv"""
-
-    def default_caption(self, results: Results) -> str:
-        """Return which filter is best over the whole run, by the number that the tables show."""
-        point = results.points()[0]
-        statistic = compared_statistic(results.config, str(self.metric))
-        over_runs, numbers = Evaluator(results, point), dict[str, float]()
-        for label in results.chosen(self.filters):
-            for m in (measured(f"{statistic}({self.metric})"), self.metric):
-                value = over_runs.term(m.of(label)).value
-                if label not in (self.floor, self.baseline) and np.isfinite(value):
-                    numbers.setdefault(label, value)
-        where = f" at {phrases.heading(point)}" if point else ""
-        words = f"By {phrases.statistic_words(statistic, self.metric)}{where}"
-        return ranking(numbers, self.metric.family[0].better, words)
 
     def draw(self, results: Results) -> Figure:
         """Return one line per filter."""

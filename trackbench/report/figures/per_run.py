@@ -9,7 +9,6 @@ from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import OfRun, measure
 from trackbench.registry import register
 from trackbench.report.figures.over_time import Curves
-from trackbench.report.findings.phrases import ranking
 from trackbench.report.plotting import style
 from trackbench.report.plotting.style import Figure
 from trackbench.report.results import Results
@@ -20,7 +19,7 @@ _MOST = 200  # points of a line over the share of runs
 @register("figures", "rmse-per-run")
 @dataclass(frozen=True, kw_only=True)
 class RmsePerRun(Curves):
-    """A metric of per_run.csv in every run: each filter's runs in order, which is its distribution.
+    """A metric in every run: each filter's runs in order, which is its distribution.
 
     At a share of 90 % is what 90 % of a filter's runs do not exceed; lost runs have no number and stand
     last, so that the line ends before 100 %.
@@ -36,17 +35,6 @@ class RmsePerRun(Curves):
     def x_name(self) -> str:
         """Label of the horizontal axis."""
         return self.x_label or {"sorted": "Share of runs (%)", "runs": "Run m"}[self.form]
-
-    def default_caption(self, results: Results) -> str:
-        """Return which filter's median is best."""
-        runs = results.runs(results.points()[0])
-        errors = {b: runs.get((b, str(self.metric))) for b, _ in self.labels(results)}
-        medians = {
-            b: float(np.median(np.where(np.isnan(values), np.inf, values)))
-            for b, values in errors.items()
-            if values is not None and len(values) and b not in (self.floor, self.baseline)
-        }
-        return ranking(medians, self.metric.family[0].better, "By the median run")
 
     def draw(self, results: Results) -> Figure:
         """Return one line per filter."""

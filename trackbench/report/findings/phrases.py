@@ -1,52 +1,14 @@
 """Numbers and names as they stand in a sentence."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from math import ceil, inf, isfinite, log, log10
+from collections.abc import Iterable, Sequence
+from math import ceil, inf, log10
 from typing import Any
 
 from trackbench.config.grid import single_paths
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.field_types import is_number
-from trackbench.metrics import Better, unit_of, without_unit
+from trackbench.metrics import unit_of, without_unit
 from trackbench.results.point_facts import GridPoint
-
-_FIRST = 3
-_BEST = {
-    "lower": ("lowest", "highest"),
-    "higher": ("highest", "lowest"),
-    "zero": ("nearest zero", "farthest"),
-    "one": ("nearest one", "farthest"),
-}
-
-
-def ranking(values: Mapping[str, float], better: Better, what: str) -> str:
-    """Return ``Averaged over the steps, lowest: A (0.0042), B (0.010), C (0.2); highest: D (0.3).``
-
-    Empty of a metric that only describes, and of fewer than two numbers.
-    """
-    finite = {label: value for label, value in values.items() if isfinite(value)}
-    if not better or len(finite) < 2:
-        return ""
-    if len(alike := {three_digits(value) for value in finite.values()}) == 1:
-        return f"{what}, all have {alike.pop()}."
-    # Best first: the first three and the last are named.
-    order = sorted(finite, key=lambda label: _far(finite[label], better))
-    first, last = _BEST[better]
-    texts = [f"{named(label)} ({three_digits(finite[label])})" for label in order]
-    rest = f"; {last}: {texts[-1]}" if len(texts) > _FIRST else ""
-    return f"{what}, {first}: {', '.join(texts[:_FIRST])}{rest}."
-
-
-def _far(value: float, better: Better) -> float:
-    if better == "one":
-        return abs(log(value)) if value > 0.0 else float("inf")
-    return {"lower": value, "higher": -value}.get(better, abs(value))
-
-
-def sentences(*parts: str) -> str:
-    """Join the nonempty sentences."""
-    return " ".join(filter(None, parts))
-
 
 MOST_NAMES = 4
 _SCORES = {"log_score": "log score", "held_log_score": "held-out log score"}
@@ -73,7 +35,7 @@ def with_unit(text: str, metric: Measure) -> str:
 
 def mean_of(metric: Measure) -> str:
     """Return a heading for the mean per run: ``Mean position RMSE (m)``."""
-    return f"Mean {_words_and_unit(metric)}"
+    return head_of("mean", metric)
 
 
 def head_of(statistic: str, metric: Measure) -> str:
@@ -107,11 +69,6 @@ def _unit(metric: Measure) -> str:
 def percent(share: float) -> str:
     """Return ``2.3 %``, ``350 %``."""
     return f"{two_digits(100 * share)} %"
-
-
-def percent_of(part: float, whole: float) -> str:
-    """Return ``2.3 %``; an empty text if the whole is zero."""
-    return percent(part / whole) if whole else ""
 
 
 def two_digits(x: float) -> str:

@@ -146,6 +146,14 @@ def _beside(metric: Measure, comparison: Comparison) -> tuple[float, float, floa
     return (value, *limits) if comparison.is_tested else (value, nan, nan)
 
 
+def _times_best(standing: Ranking, c: Candidate) -> float:
+    """Return the ratio to the best, of scores the difference; NaN of a filter that loses more."""
+    if c in standing.order[:1]:
+        return 0.0 if standing.metric.family[0].is_score else 1.0
+    comparison = standing.compared.get(c.name)
+    return nan if comparison is None else _beside(standing.metric, comparison)[0]
+
+
 def _runs_needed(standing: Ranking) -> str:
     """Return how many runs would decide the ties if the differences are as large as measured."""
     runs = []
@@ -216,40 +224,30 @@ def _over_scenes(results: Results, standings: Sequence[Ranking]) -> TextTable:
     title += ", each filter at its best of the grid" * first.chosen
     beside = "Below the best (nats)" if is_score else "Ratio to the best"
     table = TextTable(title, ["Filter", "Among the best", beside, _LOST, _ANEES, _TIME])
-    # Each filter's candidates and ratios, scenario by scenario.
-    of: dict[str, list[Candidate]] = {}
-    ratios: dict[str, list[float]] = {}
+    of: dict[str, list[tuple[Candidate, float]]] = {}
     for standing in standings:
         for c in (*standing.order, *standing.losing):
-            of.setdefault(c.label, []).append(c)
-            comparison = standing.compared.get(c.name)
-            beside_best = [] if comparison is None else [_beside(first.metric, comparison)[0]]
-            one = [0.0 if is_score else 1.0] * (c in standing.order[:1])
-            ratios.setdefault(c.label, []).extend(beside_best or one)
+            of.setdefault(c.label, []).append((c, _times_best(standing, c)))
     best = Counter(c.label for c in chain.from_iterable(s.among_the_best for s in standings))
-    middle = {label: np.median(x) if x else inf for label, x in ratios.items()}
-    for label in sorted(of, key=lambda label: (-best[label], middle[label])):
-        lost, runs = sum(c.losses for c in of[label]), sum(len(c.lost) for c in of[label])
-        words_of = Counter(filter(None, (_word(results, c) for c in of[label])))
-        times = [t for t in (_cpu_s(results, c) for c in of[label]) if isfinite(t)]
-        ratio = _span([f"{x:.3g}" for x in sorted(filter(isfinite, ratios[label]))])
+    ratios = {label: sorted(x for _, x in pairs if isfinite(x)) for label, pairs in of.items()}
+    for label in sorted(of, key=lambda label: (-best[label], np.median(ratios[label] or [inf]))):
+        candidates = [c for c, _ in of[label]]
+        words_of = Counter(consistency(results, c).partition(" in ")[0] for c in candidates)
+        times = sorted(t for t in (_cpu_s(results, c) for c in candidates) if isfinite(t))
+        lost, runs = sum(c.losses for c in candidates), sum(len(c.lost) for c in candidates)
+        ratio = _span([f"{x:.3g}" for x in ratios[label]])
         table.rows.append(
             [
                 Text(label),
                 Text(f"at {best[label]} of {len(standings)}", best[label]),
                 Text(f"{ratio}{' x' * (not is_score)}" if ratio else "–"),
                 Text(f"{lost} of {runs}" if lost else "0", lost),
-                Text(", ".join(f"{word} at {n}" for word, n in words_of.most_common()) or "–"),
-                Text(_span([*map(_duration, sorted(times))]) or "–"),
+                Text(", ".join(f"{w} at {n}" for w, n in words_of.most_common() if w) or "–"),
+                Text(_span([*map(_duration, times)]) or "–"),
             ]
         )
     table.notes = ["Among the best: the lowest error, or no significant difference from it."]
     return _without_empty(results, table)
-
-
-def _word(results: Results, c: Candidate) -> str:
-    """Return the consistency without numbers."""
-    return consistency(results, c).partition(" in ")[0]
 
 
 def _span(texts: Sequence[str]) -> str:

@@ -1,7 +1,5 @@
 """Sentences on what a ranking's table cannot say: why no filter is best, tuning, other metrics."""
 
-from collections.abc import Sequence
-
 from trackbench.config.tuning import tuned_label
 from trackbench.errors import counted
 from trackbench.report.findings.phrases import listed, metric_words, verb
@@ -73,11 +71,8 @@ def _other_metrics(results: Results, standing: Ranking) -> str:
     for metric in names:
         for other in rankings(results, metric):
             # Another filter leads by this metric, and the best by the first metric is worse.
-            if other.best and _is_among(standing, [rival.filter.name for rival in other.worse]):
+            worse = [rival.filter.name for rival in other.worse]
+            if other.best and standing.best and standing.best.name in worse:
                 better.setdefault(other.best.name, []).append(metric_words(other.metric))
     parts = [f"by {listed(words)} {name} is better" for name, words in better.items()]
     return f"But {', and '.join(parts[:2])}." if parts else ""
-
-
-def _is_among(standing: Ranking, names: Sequence[str]) -> bool:
-    return standing.best is not None and standing.best.name in names

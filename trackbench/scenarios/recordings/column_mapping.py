@@ -14,7 +14,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.conversions import Geodetic, east_north_up
 from trackbench.core.elementary import cos_sin
 from trackbench.field_types import DataError, Finite, InvalidKeyError, Place
-from trackbench.scenarios.recordings.csv_lines import AUTOMATIC, TextFormat
+from trackbench.scenarios.recordings.csv_lines import TextFormat
 from trackbench.scenarios.recordings.csv_tables import Content, Table, header, read_table
 
 _DEGREES = 180.0 / pi
@@ -117,8 +117,14 @@ def impossible(quantity: str, values: Array, scale: float) -> Impossible | None:
 
 
 _DIMENSIONS = {
-    "length": {"m": 1.0, "km": 1000.0, "ft": 0.3048, "mi": 1609.344, "nmi": 1852.0},
-    "speed": {"m/s": 1.0, "km/h": 1 / 3.6, "kn": 1852.0 / 3600.0, "ft/s": 0.3048, "mph": 0.44704},
+    "length": {
+        **{"m": 1.0, "km": 1000.0, "ft": 0.3048, "mi": 1609.344, "nmi": 1852.0, "cm": 1e-2},
+        "mm": 1e-3,
+    },
+    "speed": {
+        **{"m/s": 1.0, "km/h": 1 / 3.6, "kn": 1852.0 / 3600.0, "ft/s": 0.3048, "mph": 0.44704},
+        "cm/s": 1e-2,
+    },
     "angle": {"rad": 1.0, "mrad": 1e-3, "deg": pi / 180.0, "degE7": pi / 180.0e7},
     "turn rate": {"rad/s": 1.0, "deg/s": pi / 180.0},
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0},
@@ -227,8 +233,7 @@ class Columns:
 
     def __init__(self, path: str, naming: Naming, wanted: Sequence[str], least: int = 1) -> None:
         """Find a file's columns for these quantities; raises DataError if fewer than ``least`` exist."""
-        self.path, self.naming = path, naming
-        self.names = header(path, naming.format or AUTOMATIC)
+        self.path, self.naming, self.names = path, naming, header(path, naming.format)
         self.contents: dict[str, Content] = {}
         self.unavailable: Counter[str] = Counter()
         self.far: list[str] = []
@@ -276,8 +281,7 @@ class Columns:
 
     def read(self) -> Table:
         """Read the table, codes of "not available" as NaN. Raises DataError for impossible values."""
-        naming = self.naming
-        table = read_table(self.path, self.contents, naming.time_format, naming.format or AUTOMATIC)
+        table = read_table(self.path, self.contents, self.naming.time_format, self.naming.format)
         of_ais = is_ais(self.names)
         mistakes = []
         for column, quantity in self._used.items():

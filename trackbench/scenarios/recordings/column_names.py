@@ -9,7 +9,7 @@ from trackbench.scenarios.recordings.column_mapping import UNITS, is_unit_of
 
 _WORDS: dict[str, str] = {
     "time": "stamp time timestamp t timesec datetime datetimeutc basedatetime utctime timeutc utc "
-    "seconds secs sec elapsed secondselapsed elapsedseconds elapsedtime millis ms "
+    "tst czas seconds secs sec elapsed secondselapsed elapsedseconds elapsedtime millis ms "
     "epoch unixtime gpstime systime timeofday tod tow gpstow itow gpst measurementtime "
     "zeit zeitstempel uhrzeit temps heure hora tiempo tempo ora tid tijd klokkeslett",
     "date": "date dateutc utcdate datum fecha data dato jour",
@@ -23,8 +23,8 @@ _WORDS: dict[str, str] = {
     "breedtegraad",
     "longitude": "longitude lon lone longitudee lng long lange langengrad laenge laengengrad "
     "lengdegrad longitud longitudine lengtegraad",
-    "x": "x px posx xpos tx zx mx east easting e xm rechtswert xeast",
-    "y": "y py posy ypos ty zy my north northing n ym hochwert ynorth",
+    "x": "x px posx xpos tx zx mx east easting e xm rechtswert xeast ostlig",
+    "y": "y py posy ypos ty zy my north northing n ym hochwert ynorth nordlig",
     "vx": "vx velx vxm xvelocity velocityx speedx eastspeed veast ve vele",
     "vy": "vy vely vym yvelocity velocityy speedy northspeed vnorth vn veln",
     "range": "range rmsd rho distance dist slantrange entfernung abstand",
@@ -53,7 +53,9 @@ _UNITS = {
     **{"usec": "us", "micros": "us", "microseconds": "us", "nsec": "ns", "nanos": "ns"},
     **{"nanoseconds": "ns", "nanosecond": "ns", "hours": "h", "minutes": "min"},
 }
-_RANGE_TO = re.compile(r"(?:range|dist|distance|rng|d|r|toa|tof|uwb)(?:to|from)?([a-z]{0,2}\d+)")
+_RANGE_TO = re.compile(
+    r"(?:range|dist|distance|rng|d|r|toa|tof|uwb)(?:to|from)?([a-z]{0,2}\d+)|((?:a|anchor|beacon)\d+)"
+)
 _LETTERS = str.maketrans({"µ": "u", "μ": "u", "ø": "o", "ß": "s", "æ": "e"})
 
 
@@ -95,7 +97,7 @@ def ranges_of(names: Iterable[str]) -> dict[str, NamedColumn]:
         words = words_of(name)
         match = _RANGE_TO.fullmatch("".join(_without_units(words)))
         if match:
-            out[match[1]] = NamedColumn(name, unit_in(words, "range"))
+            out[match[1] or match[2]] = NamedColumn(name, unit_in(words, "range"))
     return out if len(out) > 1 else {}
 
 
@@ -110,7 +112,7 @@ def words_of(name: str) -> list[str]:
     name = re.sub(r"\\dot\s*\{?\s*(\w)\s*\}?", r"v\1", name).translate(_LETTERS)
     name = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
     name = re.sub(r"([a-z])([A-Z])", r"\1 \2", name.replace("°", " deg")).lower()
-    return re.findall(r"km/h|m/s|ft/s|[a-z0-9]+", name)
+    return re.findall(r"km/h|cm/s|m/s|ft/s|[a-z0-9]+", name)
 
 
 def _without_units(words: list[str]) -> list[str]:

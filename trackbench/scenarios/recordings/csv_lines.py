@@ -4,7 +4,7 @@ import codecs
 import csv
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from typing import Literal, NamedTuple, TextIO
@@ -18,6 +18,7 @@ _COMMENTS = ("#", "%", "//")
 _SEPARATORS = (";", "\t", "|", ",", " ")
 _WORDS = {"tab": "\t", "space": " "}
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f]")
+_BEFORE_NAMES = r"\s+(?=[^\s\[(])"  # white space, but before a unit
 _DATE = re.compile(r"\d{1,4}([-/.])\d{1,2}\1\d{1,4}")
 _VALUE = re.compile(r"[-+]?[0-9.,]+([eE][-+]?[0-9]+)?|\d{1,4}([-/.:])\d{1,2}\2[0-9TZ:. +-]*")
 _OTHERS = {
@@ -73,9 +74,6 @@ class TextFormat:
                 raise InvalidKeyError("is no encoding that Python knows", "encoding") from None
 
 
-AUTOMATIC = TextFormat()
-
-
 class Layout(NamedTuple):
     """Format of a file: lines before the data, names, and the column of a date apart from its time.
 
@@ -91,8 +89,9 @@ class Layout(NamedTuple):
     is_comment: bool = False
 
 
-def layout_of(path: str, form: TextFormat = AUTOMATIC) -> Layout:
+def layout_of(path: str, form: TextFormat | None = None) -> Layout:
     """Return the format of a file, as its first lines and the keys say. Raises DataError."""
+    form = form or TextFormat()
     try:
         encoding = form.encoding or _encoding(path)
         with _opened(path, encoding) as text:
@@ -155,27 +154,56 @@ def _layout(path: str, encoding: str, text: TextIO, form: TextFormat) -> Layout:
     joined = next(
         (i for i, cell in enumerate(rows[-1][:-1]) if _is_apart(cell, rows[-1][i + 1])), None
     )
-    # Step 3: find the header: the last comment above numbers, or the first line of as many cells.
+    # Step 3: find the header: the last comment above numbers, or the fullest line of words.
+    start = next(number for number, row in cells.items() if len(row) == width)
     if form.names:
-        return Layout(encoding, separator, [*form.names], 0, first - 1 + form.skip, None)
-    header = first
-    if not form.header:
-        above = max((number for number in comments if number < first), default=0)
-        if above and any(map(is_value, cells[first])):
-            by_separator = _parsed(comments[above], separator)
-            for row in (by_separator, re.split(r"\s*[,;\t|]\s*|\s+", comments[above].strip())):
-                if width - len(row) in ((0, 1) if joined is not None else (0,)):
-                    header, cells[above] = above, row
-                    break
-        elif len(cells[first]) != width:
-            usual = next(n for n, row in cells.items() if len(row) == width)
-            header = first if any(map(is_value, cells[usual])) else usual
+        return Layout(encoding, separator, [*form.names], 0, start - 1 + form.skip, None)
+    widths = (width, width - 1) if joined is not None else (width,)
+    header = first if form.header else _header(cells, comments, separator, widths)
+    if separator == " " and header not in comments:
+        cells[header] = _split(lines[header], (separator, _BEFORE_NAMES), widths)
     names = [name.strip() for name in cells[header]]
     names[0] = names[0].lstrip("#% ")
     if not (separator == " " and len(names) == width - 1):
         joined = None
     before = header + form.skip
     return Layout(encoding, separator, names, header, before, joined, header in comments)
+
+
+def _header(
+    cells: dict[int, list[str]], comments: dict[int, str], separator: str, widths: Sequence[int]
+) -> int:
+    """Return the line of the names; the cells of a comment are added."""
+    first, *below = cells
+    start = next(number for number, row in cells.items() if len(row) == widths[0])
+    above = max((number for number in comments if number < first), default=0)
+    if above and any(map(is_value, cells[first])):
+        ways = (separator, r"\s*[,;\t|]\s*|\s+", _BEFORE_NAMES)
+        names = _split(comments[above], ways, widths)
+        if len(names) not in widths:
+            return first
+        cells[above] = names
+        return above
+    # One line of names above values may have too few or too many cells, which is a mistake.
+    is_below = start == next(iter(below), 0) and any(map(is_value, cells[start]))
+    return first if is_below and len(cells[first]) > 1 else _fullest(cells, start)
+
+
+def _split(line: str, ways: Sequence[str], widths: Sequence[int]) -> list[str]:
+    """Return a line's names, split by the first separator, or else pattern, that gives so many."""
+    rows = [_parsed(line, ways[0]), *(re.split(way, line.strip()) for way in ways[1:])]
+    return next((row for row in rows if len(row) in widths), rows[0])
+
+
+def _fullest(cells: Mapping[int, list[str]], start: int) -> int:
+    """Return the line with most different words, above the first values and as wide as it."""
+    words = {}
+    for number, row in cells.items():
+        if len(row) == len(cells[start]) and any(map(is_value, row)):
+            break
+        if len(row) == len(cells[start]):
+            words[number] = len({*map(str.strip, row)} - {""})
+    return max(words, key=lambda number: words[number]) if words else start
 
 
 def is_value(cell: str) -> bool:

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from trackbench.core.arrays import Array, Index
 from trackbench.field_types import DataError, Place, require_regular_file
 from trackbench.scenarios.recordings.csv_lines import (
-    AUTOMATIC,
     Layout,
     TextFormat,
     is_value,
@@ -26,7 +25,8 @@ from trackbench.scenarios.recordings.csv_lines import (
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _UTC = re.compile(r" ?(UTC|GMT)$")
-_TIME_OF_DAY = re.compile(r" *[0-9]{1,2}(:[0-9]{2}|[0-9]{3,4}(\.|$))")
+_TIME_OF_DAY = re.compile(r" *[0-9]{1,2}:[0-9]{2}")
+_DIGITS_OF_DAY = re.compile(r" *[0-9]{1,2}(\.?[0-9]{2}){2}(\.|$)")
 _MISSING = frozenset(("", "nan", "na", "n/a", "#n/a", "null", "none", "nil", "-", "--"))
 _MICROSECOND = timedelta(microseconds=1)
 _MANY = 1000  # rows, from which on pandas is faster than strptime
@@ -174,7 +174,7 @@ class Table(NamedTuple):
     dated: str
 
 
-def header(path: str, form: TextFormat = AUTOMATIC) -> list[str]:
+def header(path: str, form: TextFormat | None = None) -> list[str]:
     """Return names of a table's columns. Raises DataError if the first line has numbers instead."""
     if is_parquet(path):
         return [str(name) for name in _parquet(path, None)]
@@ -190,7 +190,7 @@ def read_table(
     path: str,
     contents: Mapping[str, Content],
     time_format: str = "",
-    form: TextFormat = AUTOMATIC,
+    form: TextFormat | None = None,
 ) -> Table:
     """Read columns of a table; raises DataError with up to twenty mistakes and their lines.
 
@@ -205,8 +205,9 @@ def read_table(
         return reading.table()
     layout = layout_of(path, form)
     # Commas in cells that commas do not separate are decimal signs.
-    reading.may_have_commas = form.decimal is None and layout.separator != ","
-    reading.comma = form.decimal == ","
+    decimal = form.decimal if form else None
+    reading.may_have_commas = decimal is None and layout.separator != ","
+    reading.comma = decimal == ","
     for name in contents:
         if layout.names.count(name) > 1:
             raise DataError(Place(path, max(layout.header, 1), 1, f"two columns {name}"))
@@ -223,7 +224,7 @@ def read_table(
     return reading.table()
 
 
-def first_rows(path: str, form: TextFormat, number: int) -> list[list[str]]:
+def first_rows(path: str, form: TextFormat | None, number: int) -> list[list[str]]:
     """Return the cells of the first rows, as text, of those with a cell for each column."""
     if is_parquet(path):
         frame = _parquet(path, header(path)).head(number)
@@ -282,7 +283,11 @@ class _Reading:
         for name, content in self.contents.items():
             values: Column
             column = cells[name]
-            if content == "time" and self._date is not None and _TIME_OF_DAY.match(column[0]):
+            clock = _DIGITS_OF_DAY if " " in self.form else _TIME_OF_DAY
+            is_clock = content == "time" and (
+                _TIME_OF_DAY.match(column[0]) or clock.match(column[0])
+            )
+            if is_clock and self._date is not None:
                 column = [
                     f"{d.strip()} {t.strip()}"
                     for d, t in zip(cells[self._date], column, strict=True)

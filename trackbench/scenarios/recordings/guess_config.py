@@ -42,7 +42,15 @@ def config_parts(guess: Guess) -> dict[str, str]:
 
 def unknown_places(guess: Guess) -> list[str]:
     """Return the names of sensors whose place must be written into the config."""
-    return [s.name or "the sensor" for s in guess.sensors if s.kind in ("range", "bearing")]
+    names = [s.name or "the sensor" for s in guess.sensors if s.kind in ("range", "bearing")]
+    return [*names, *(["the origin"] if _lacks_origin(guess) else [])]
+
+
+def _lacks_origin(guess: Guess) -> bool:
+    """Return whether a sensor counts from a point that latitudes and longitudes do not give."""
+    columns, kinds = guess.naming.columns, {sensor.kind for sensor in guess.sensors}
+    is_geodetic = "latitude" in columns and not {"x", "y"} <= columns.keys()
+    return is_geodetic and len(kinds) > 1 and "position" in kinds and not guess.naming.origin
 
 
 def _target_lines(guess: Guess) -> Iterator[str]:
@@ -75,6 +83,8 @@ def _target_lines(guess: Guess) -> Iterator[str]:
         yield f"sensors: [{', '.join(quoted(sensor.name) for sensor in guess.sensors)}]"
     if naming.origin:
         yield f"origin: [{', '.join(map(repr, naming.origin))}]"
+    elif _lacks_origin(guess):
+        yield "origin: [LATITUDE, LONGITUDE]  # write where x = y = 0 of the sensors is, deg"
     elif "latitude" in columns:
         yield "# x and y are meters east and north of the first position, or of `origin: [lat, lon]`"
     if "velocity" in why:

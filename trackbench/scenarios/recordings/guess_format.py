@@ -192,7 +192,8 @@ def _text_format(path: str, given: TextFormat, why: dict[str, str]) -> TextForma
             what = f"no line names the columns: name all {width},"
             way = "`--set 'format.names=[time, x, y, ...]'` (or latitude, longitude, range, ...)"
             raise DataError(Place(path, layout.header, 1, f"{what} {way}"))
-        keys["names"], why["format"] = names, "guess: no line names the columns"
+        keys |= {"names": names, "header": 0}
+        why["format"] = "guess: no line names the columns"
     elif not given.skip and _are_units(rows):
         keys["skip"], why["format"] = 1, "guess: below the names is a line of units"
     chosen = {field.name for field in fields(given) if getattr(given, field.name)}

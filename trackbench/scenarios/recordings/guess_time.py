@@ -37,7 +37,7 @@ _TIMES = (
         "%H:%M",
         "%I:%M %p",
     ),
-    *("%H%M%S", "%H%M%S.%f"),
+    *("%H%M%S", "%H%M%S.%f", "%H:%M:%S:%f", "%H.%M.%S"),
 )
 _FORMS = [
     *_TIMES,
