@@ -38,7 +38,20 @@ def test_columns_without_room_follow_below(width: int) -> None:
     assert (parts == 1) == (width == 200)
     assert "* best, or not significantly worse" in lines
     assert lines[0] == "Title"
-    assert lines[-1] == "a note"
+    assert lines[-2:] == ["a note", ""]
+
+
+@pytest.mark.parametrize(("width", "whole"), [(90, True), (60, True), (45, False), (20, False)])
+def test_words_are_wrapped_before_ratios_and_both_before_columns_move(
+    width: int, whole: bool
+) -> None:
+    ratio, words = "2.4 x (2.1 to 2.8) n.s.", "collapsed in 3 of 40 runs"
+    row = [Text("A filter"), Text("0.5", 0.5), Text(ratio), Text(words)]
+    lines = _shown(TextTable("", ["Filter", "RMSE", "Ratio to the best", "ANEES"], [row]), width)
+    assert max(map(len, lines)) <= width
+    assert any(ratio in line for line in lines) == whole
+    assert any(words in line for line in lines) == (width == 90)
+    assert sum("Filter" in line for line in lines) == (1 if width > 20 else 3)
 
 
 def test_signs_of_a_column_stand_below_each_other() -> None:

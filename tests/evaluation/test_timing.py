@@ -121,7 +121,10 @@ def test_what_fails_costs_only_its_own_times(monkeypatch: pytest.MonkeyPatch) ->
             raise RuntimeError("left") from error
 
     always, later = Busy(1e-5, fails_at=3), Busy(1e-5, fails_at=T + 300)
-    good, first, second = measure([task(Busy(2e-5)), task(always), task(later)], guard)
+    ticks: list[None] = []
+    tasks = [task(Busy(2e-5)), task(always), task(later)]
+    good, first, second = measure(tasks, guard, lambda: ticks.append(None))
+    assert len(ticks) == len(tasks) + timing.REPEATS  # failures count as done
     assert isinstance(good, Measured)
     assert len(good.seconds) == 3
     assert [str(first), str(second)] == ["left", "left"]

@@ -52,6 +52,8 @@ def scenario_of(kind: str) -> Tracking:
 @pytest.mark.parametrize("limit", [Huber(k=1e6), StudentT(df=1e12)], ids=["huber", "student-t"])
 def test_the_limit_is_the_plain_filter(limit: Any, kind: str, form: str) -> None:
     keys: list[dict[str, Any]] = [{"form": form}, {"form": form, "robust": limit}]
+    if kind == "ukf":
+        keys = [one | {"smooth": True} for one in keys]
     if kind == "imm":
         banks = [make_filter("ekf", **one) for one in keys]
         matrix = ((0.9, 0.1), (0.2, 0.8))

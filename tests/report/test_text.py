@@ -33,6 +33,11 @@ def test_latex_has_booktabs_rules_and_no_live_character():
     assert TextTable("σ ≤ λ²", ["µ"]).tex().count("$") == 8  # pdflatex has none of them in text
 
 
+def test_formulas_in_heads_stay_latex():
+    text = TextTable("t", [r"RMSE of $\hat{x}_k$, m & $5", "$ 5 and 6 $"]).tex()
+    assert r"RMSE of $\hat{x}_k$, m \& \$5 & \$ 5 and 6 \$ \\" in text
+
+
 def test_what_is_no_number_is_said_in_words():
     assert rounded(float("nan"), float("nan"), 4) == "–"
     assert rounded(float("-inf"), 1.0, 4) == "infinite"

@@ -61,6 +61,12 @@ def test_its_numbers_are_near(tmp_path: Path) -> None:
     assert guess.speed == 20.0  # 22.4 to one digit
     guess = recognized(str(table(tmp_path / "m.csv", *TABLES["a radar"])))
     assert (guess.naming.units["time"], guess.naming.units["azimuth"]) == ("ms", "deg")
+    names, *columns = TABLES["a radar"]
+    named = recognized(str(table(tmp_path / "m.csv", f"{names}_deg", *columns)))
+    # An error of 3 m across a range of 9.5 km is 0.3 mrad.
+    for sigma_range, sigma_azimuth in (guess.sensors[0].sigmas, named.sensors[0].sigmas):
+        assert 2.0 <= sigma_range <= 4.0
+        assert 2e-4 <= sigma_azimuth <= 4e-4
 
 
 def test_the_ferries(tmp_path: Path) -> None:

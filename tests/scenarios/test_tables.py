@@ -72,6 +72,19 @@ def test_what_it_asks_is_answered(tmp_path: Path, name: str, option: str, every:
     np.testing.assert_allclose(np.diff(times).mean(), every)
 
 
+def test_a_truth_has_a_format_of_its_own(tmp_path: Path) -> None:
+    assert new(tmp_path, "french_xy.csv").returncode == 0
+    rows = [f"{k},{20 * k},{0.1 * k * k - 10 * k}" for k in range(14)]
+    (tmp_path / "truth.csv").write_text("\n".join(["Temps (s),X (m),Y (m)", *rows]) + "\n")
+    text = (tmp_path / "m.yaml").read_text()
+    (tmp_path / "m.yaml").write_text(
+        text.replace("    format:", "    truth: truth.csv\n    format:")
+    )
+    scenario: Any = load(tmp_path / "m.yaml").points[0].scenario
+    recording = scenario.target._recording
+    np.testing.assert_allclose(recording.truth[[0, 2], 1:], recording.measurements, atol=1e-3)
+
+
 @pytest.mark.parametrize(
     ("option", "expected"),
     [

@@ -204,7 +204,8 @@ def _verdict_lines(report: "Report", config: Path) -> Iterator[str]:
         return
     needed = None
     with suppress(UserError):
-        needed = read(located(config, lambda line: None)).data.get("runs")
+        if str(config) != "-":  # stdin is read once
+            needed = read(located(config, lambda line: None)).data.get("runs")
     if isinstance(needed, int) and needed > report.config["runs"]:
         titles = " and ".join(bar.title for bar in counts)
         yield f"Verdicts on {titles} need all {needed} runs of the config."

@@ -21,11 +21,11 @@ _PAGE = 100
 """Columns where stdout is no terminal."""
 _BEST = "bold green"
 _COLORS = {
-    **dict.fromkeys(("equal", "agrees", "holds"), "green"),
-    **dict.fromkeys(("differs", "fails"), "red"),
-    "inconclusive": "yellow",
+    **dict.fromkeys(("equal", "agrees", "holds", "calibrated"), "green"),
+    **dict.fromkeys(("differs", "fails", "collapsed", "unranked"), "red"),
+    **dict.fromkeys(("inconclusive", "overconfident", "underconfident"), "yellow"),
 }
-"""Colors of verdicts by their first word."""
+"""Colors of verdicts, and of words on consistency, by their first word."""
 
 
 def print_tables(tables: Iterable[TextTable], markdown: bool = False) -> None:
@@ -73,7 +73,7 @@ def _show(table: TextTable, console: Console) -> None:
 
 
 def _styled(cell: Text) -> Styled:
-    color = _BEST if cell.best else _COLORS.get(cell.text.partition(",")[0], "")
+    color = _BEST if cell.best else _COLORS.get(re.split(r"\W", cell.text, maxsplit=1)[0], "")
     return Styled("*" * cell.best + cell.text, color)
 
 

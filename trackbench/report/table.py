@@ -76,7 +76,7 @@ class TextTable:
                 _AS_WIDE_AS_THERE_IS_ROOM,
                 rf"\begin{{tabular}}{{{columns}}}",
                 r"\toprule",
-                " & ".join(map(_tex, self.heads)) + r" \\",
+                " & ".join(map(_head_tex, self.heads)) + r" \\",
                 r"\midrule",
                 *rows,
                 r"\bottomrule",
@@ -115,8 +115,17 @@ _TEX = {
 }
 
 
+_FORMULA = re.compile(r"(\$[^$\s](?:[^$]*[^$\s])?\$)")
+
+
 def _tex(text: str) -> str:
     return "".join(_TEX.get(c) or _greek(c) for c in text)
+
+
+def _head_tex(text: str) -> str:
+    """Return a column's head for LaTeX, formulas between $ as they are."""
+    parts = enumerate(_FORMULA.split(text))
+    return "".join(part if i % 2 else _tex(part) for i, part in parts)
 
 
 def _greek(c: str) -> str:

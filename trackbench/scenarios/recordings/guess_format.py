@@ -126,7 +126,9 @@ def _measured(path: str, naming: Naming, why: dict[str, str], sensors: list[Sens
     every = read_rows(gathered, [path], [(*names, *velocity) for names in wanted], names=by_name)
     every = chosen_runs(gathered, every, ())
     angles = [r.values[-1] for names, r in zip(wanted, every, strict=True) if "azimuth" in names]
-    if "azimuth" not in units and any((np.abs(a[np.isfinite(a)]) > _TURN).any() for a in angles):
+    is_wide = any((np.abs(a[np.isfinite(a)]) > _TURN).any() for a in angles)
+    in_degrees = "azimuth" not in units and is_wide
+    if in_degrees:
         units["azimuth"], why["azimuth"] = "deg", "guess: there are angles beyond 2 pi"
     # Sort the runs by length; noise and speed are those of the longest.
     sizes = np.sum([np.bincount(rows.run, minlength=len(gathered.runs)) for rows in every], axis=0)
@@ -140,7 +142,7 @@ def _measured(path: str, naming: Naming, why: dict[str, str], sensors: list[Sens
             why["same_time"] = "guess: several rows of a whole second; or mean, or last"
         longest.append(in_order(gathered, rows))
     levels = [
-        levels_of(rows, sensor.kind, "azimuth" in why)
+        levels_of(rows, sensor.kind, in_degrees)
         for sensor, rows in zip(sensors, longest, strict=True)
     ]
     speed = next((speed for _, speed in levels if speed), 0.0)

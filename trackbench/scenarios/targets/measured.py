@@ -79,7 +79,7 @@ class Measured(FromFiles, Naming, Target):
     """longest time between two rows of the truth, s (or steps), within which it is interpolated on a
     straight line; default: it counts at its own times only"""
     truth_naming: Naming | None = None
-    """columns and units of the truth; default: as of the measurements"""
+    """columns and units of the truth; default: as of the measurements, but for their `format`"""
     runs: tuple[str | int, ...] = ()
     """names of the runs that are taken, in this order; default: all"""
     sensors: tuple[str | int, ...] = ()
@@ -259,7 +259,7 @@ class Measured(FromFiles, Naming, Target):
     def _truth(self, gathered: Gathered, clock: Clock) -> Array:
         """Return the truth (n_x, K + 1, M) at the clock's steps."""
         assert self.truth is not None
-        naming = self.truth_naming or self
+        naming = self.truth_naming or replace(self, format=None)
         of_truth = replace(
             gathered, naming=naming, runs=[], files=[], notices=[], unavailable=Counter()
         )
