@@ -214,3 +214,39 @@ def test_variance_of_the_jitter_of_few_particles(
     steps = [resampled(seed, 1.0) - resampled(seed, 0.0) for seed in range(1000)]
     expected = variance * (4 / 3 / 6) ** 0.4
     np.testing.assert_allclose(np.var(steps), expected, rtol=6 * np.sqrt(2 / 6000))
+
+
+def linear(q: float) -> tuple[Any, Any]:
+    """Return F and Q of white acceleration for 1 s, of (px, vx, py, vy)."""
+    F = np.kron(np.eye(2), np.array([[1.0, 1.0], [0.0, 1.0]]))
+    return F, q * np.kron(np.eye(2), np.array([[1 / 3, 1 / 2], [1 / 2, 1.0]]))
+
+
+def test_gate_after_the_blackout() -> None:
+    """GPS at even steps, odometry at odd ones; chi-square of two degrees exceeds -2 log p with p."""
+    z, mean, _, m, P = filtered("fault-blackout", "Gate 0.999")
+    (F, Q), m, P, refused = linear(0.1), m[:4], P[:4, :4], 0
+    for k in range(1, 301):
+        m, P = F @ m, F @ P @ F.T + Q
+        odometry = k % 2
+        H, R = np.eye(4)[odometry::2], (25.0, 0.04)[odometry] * np.eye(2)
+        nu, S = z[2 * odometry : 2 * odometry + 2, k - 1] - H @ m, H @ P @ H.T + R
+        good = nu @ np.linalg.solve(S, nu) <= -2 * np.log(0.001)  # not without a measurement
+        refused += bool(not good and k > 160)
+        if good:
+            K = P @ H.T @ np.linalg.inv(S)
+            m, P = m + K @ nu, P - K @ H @ P
+        np.testing.assert_allclose(mean[:4, k - 1], m, rtol=1e-6, atol=1e-6)
+    assert refused > 20
+
+
+def test_filter_that_knows_the_ramp() -> None:
+    z, mean, _, m, P = filtered("fault-ramp", "Known")
+    (F, Q), m, P, H = linear(0.1), m[:4], P[:4, :4], np.eye(4)[::2]
+    for k in range(1, 301):
+        m, P = F @ m, F @ P @ F.T + Q
+        second = k % 2
+        bias = second * (100 <= k <= 200) * (k - 100) * np.array([0.5, 0.25])
+        K = P @ H.T @ np.linalg.inv(H @ P @ H.T + (100.0, 25.0)[second] * np.eye(2))
+        m, P = m + K @ (z[2 * second : 2 * second + 2, k - 1] - bias - H @ m), P - K @ H @ P
+        np.testing.assert_allclose(mean[:4, k - 1], m, rtol=1e-6, atol=1e-6)
