@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import trackbench
+from tests.commands import trackbench as run_trackbench
 from trackbench import api
 from trackbench.commands.prepare import jobs_of, with_tuned
 from trackbench.errors import UserError
@@ -261,3 +262,17 @@ def test_a_mistake_is_a_line(config: Path, change: str, what: str) -> None:
     lines = str(error.value).splitlines()
     assert any(what in line for line in lines), lines
     assert all(line.startswith((f"--set {change}: ", f"{config}:")) for line in lines), lines
+
+
+def test_fit_finds_q_and_r_by_the_likelihood(config: Path, tmp_path: Path) -> None:
+    """The maximum of the log score is near the true q and sigma."""
+    keys = "{assume.motion.q: log:1e-3..100, assume.sensor.sigma: 0.5..8}"
+    assume = "{motion: {kind: cwna, q: 0.01}, sensor: {kind: position, sigma: 5}}"
+    given = [f"tune={{KF: {keys}}}", f"filters.KF.assume={assume}", "tables={}", "metrics=null"]
+    words = [word for text in given for word in ("--set", text)]
+    options = [*words, "--runs", "20", "--only", "KF", "--engine", "serial", "--format", "svg"]
+    done = run_trackbench("fit", config, *options, "--out", "fitted", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    best = Results(tmp_path / "fitted").tuning["KF"].best.values
+    assert 0.25 < best["assume.motion.q"] < 1.0
+    assert best["assume.sensor.sigma"] == pytest.approx(2.0, abs=0.2)

@@ -122,7 +122,7 @@ def print_error(error: "UserError | RunError") -> int:
         typer.echo(str(error), err=True)
         return 2
     typer.echo(f"error: {error}", err=True)
-    if sys.argv[1:2] and sys.argv[1] in ("run", "sweep", "tune"):
+    if sys.argv[1:2] and sys.argv[1] in ("run", "sweep", "tune", "fit"):
         typer.echo(f"finished blocks are kept; to go on: {resume_command()}", err=True)
     return 1
 

@@ -35,6 +35,12 @@ _Print: TypeAlias = "partial[None]"
 """Prints a report, as objects, Markdown or tables of a terminal."""
 
 
+Evaluations: TypeAlias = Annotated[int | None, typer.Option(min=2, help="trials of each filter")]
+Fresh: TypeAlias = Annotated[
+    bool, typer.Option("--fresh/--resume", help="compute again what is kept, or go on with it")
+]
+
+
 @runs_experiments
 def run(
     configs: Configs,
@@ -82,16 +88,29 @@ def tune(
         str | None,
         typer.Option(help="what is made small: rms(rmse_position), anees, {log_score: 1, ...}"),
     ] = None,
-    evaluations: Annotated[int | None, typer.Option(min=2, help="trials of each filter")] = None,
-    fresh: Annotated[
-        bool, typer.Option("--fresh/--resume", help="compute again what is kept, or go on with it")
-    ] = False,
+    evaluations: Evaluations = None,
+    fresh: Fresh = False,
     **given: Any,
 ) -> None:
     """Tune the filters that the config's `tune` names, and run them beside the originals."""
+    _tune(config, metric, evaluations, given | {"fresh": fresh})
+
+
+@runs_experiments
+def fit(
+    config: Config, evaluations: Evaluations = None, fresh: Fresh = False, **given: Any
+) -> None:
+    """Estimate what `tune` names, such as Q and R, from data: the maximum of the likelihood.
+
+    It is `tune --metric log_score`: of the predictions of each measurement by those before it.
+    """
+    _tune(config, "log_score", evaluations, given | {"fresh": fresh})
+
+
+def _tune(config: Path, metric: str | None, evaluations: int | None, given: dict[str, Any]) -> None:
     also = {"tuning.metric": metric, "tuning.evaluations": evaluations}
     words = [f"{key}={value}" for key, value in also.items() if value is not None]
-    execute("tune", [config], given | {"fresh": fresh, "set_": [*(given["set_"] or ()), *words]})
+    execute("tune", [config], given | {"set_": [*(given["set_"] or ()), *words]})
 
 
 def _begin(given: dict[str, Any]) -> None:
