@@ -150,6 +150,11 @@ def test_what_is_no_arithmetic_is_refused_in_a_line(text: str) -> None:
     ("text", "what"),
     [
         ("x + u", "column 5: unknown name 'u'; known: k, pi, r, x, y, z"),
+        (
+            "x * t",
+            "column 5: unknown name 't'; known: k, pi, r, x, y, z; at equal intervals the time is k * T "
+            "with `parameters: {T: 2}`",
+        ),
         ("1 + sinh(x)", "column 5: unknown function 'sinh'"),
         ("2*(x", "column 3: this is not an arithmetic expression"),
         ("y*x^2", "column 5: write a power as x**2"),

@@ -173,7 +173,11 @@ class _Parser:
         if name in FUNCTIONS:
             raise _mistake(tree, f"{name} is a function: write {name}(...)")
         known = ", ".join(sorted(self.names))
-        raise _mistake(tree, f"unknown name {name!r}; known: {known}")
+        what = f"unknown name {name!r}; known: {known}"
+        if name in ("T", "t", "dt", "time") and "k" in self.names:
+            given = "" if "T" in self.names else " with `parameters: {T: 2}`"
+            what += f"; at equal intervals the time is k * T{given}"
+        raise _mistake(tree, what)
 
     def _call(self, tree: ast.expr, name: str, arguments: Sequence[ast.expr]) -> Node:
         if name not in FUNCTIONS:
