@@ -299,7 +299,7 @@ def _exhibits(group: Group, source: Source, points: list[Point]) -> dict[str, An
         base = default.metric if isinstance(default, Measure) else ""
         if base.startswith("rmse") and base not in errors:
             metric = str(default).replace(base, errors[0])
-            override(source, (group, name, "metric"), metric, Mark("default"))
+            override(source, (group, name, "metric"), metric, source.mark((group, name)))
     built = {name: build_kind(group, source, (group, name)) for name in names}
     return {name: part for name, part in built.items() if part is not None}
 

@@ -62,6 +62,8 @@ class Names:
     efficiencies: set[str] = field(default_factory=set)
     """metrics of a filter's runs together with those of the reference"""
     windows: set[str] = field(default_factory=set)
+    components: tuple[str, ...] = ()
+    """names of the state's components"""
     has_delays: bool = False
     """whether measurements may arrive late"""
     has_truth: bool = True
@@ -150,6 +152,7 @@ def names_of(
     ``with_diagnostics`` adds the filters' diagnostics, at the first point of each scenario and the last.
     """
     names = Names(has_truth=all(p.scenario.has_truth for p in points))
+    names.components = points[0].scenario.components
     names.has_delays = any(p.scenario.longest_delay for p in points)
     # Step 1: the series of every filter, at the first point of each scenario and at the last.
     first = {point.scenario: point for point in reversed(points)}

@@ -157,6 +157,8 @@ def _unknown(request: MetricRequest, names: Names, settings: Settings) -> str | 
     near = get_close_matches(word, sorted(known), 1, 0.5)
     short = sorted({measured(name).base for name in known})
     hint = f"did you mean {near[0]}?" if near else unknown("", short)
+    if is_of_truth and quantity in names.components:
+        hint = f"`score: {{errors: {{{quantity}: [{quantity}]}}}}` of the scenario adds it"
     return f"{word!r} is no metric here; {hint}"
 
 
