@@ -72,6 +72,7 @@ def make_plan(experiment: Experiment, save_tracks: bool = False, looks: Sequence
     settings = experiment.settings
     shown = settings.runs if save_tracks else min(experiment.shown_runs, settings.runs)
     series, predictions = _kept_series(experiment), requested_predictions(experiment)
+    particles, covariances = experiment.shown_particles, experiment.shown_covariances or save_tracks
     tasks = {}
     for i, point in enumerate(experiment.points):
         reference = point.filters.get(settings.reference) if settings.reference else None
@@ -90,8 +91,8 @@ def make_plan(experiment: Experiment, save_tracks: bool = False, looks: Sequence
                     reference=None if label == settings.reference else reference,
                     reference_assume=point.assumed.get(settings.reference or ""),
                     runs_with_tracks=shown,
-                    keep_covariance=save_tracks or experiment.shown_covariances,
-                    particle_steps=experiment.shown_particles,
+                    keep_covariance=covariances,
+                    particle_steps=particles,
                     keep_steps=series,
                     extra_run_counts=tuple(
                         n - block * width for n in looks if 0 < n - block * width < width
