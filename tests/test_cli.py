@@ -98,7 +98,9 @@ def test_dry_run_writes_nothing(tmp_path: Path) -> None:
 
 def test_dry_run_expects_the_time_of_stored_runs(tmp_path: Path) -> None:
     """It grows with the runs that are missing; other filters are not those that are stored."""
-    (tmp_path / "s.yaml").write_text(f"name: s\nruns: 9\n{PLANE}filters: {{KF: {{kind: kf}}}}\n")
+    (tmp_path / "s.yaml").write_text(
+        f"name: s\nruns: 9\n{PLANE}filters: {{PF: {{kind: pf, N: 4000}}}}\n"
+    )
     words = ("--engine", "serial", "--set", "block=3", "--out", "o", "--format", "svg")
 
     def expected(*more: str) -> str:
@@ -109,7 +111,7 @@ def test_dry_run_expects_the_time_of_stored_runs(tmp_path: Path) -> None:
     assert expected() == unknown
     assert trackbench("run", "s.yaml", *words, cwd=tmp_path).returncode == 0
     assert expected() == "every block is in the cache"
-    assert expected("--set", "filters.KF.fading=1.1") == unknown
+    assert expected("--set", "filters.PF.N=3000") == unknown
     cpu_s = json.loads((tmp_path / "o" / "run" / "machine.json").read_text())["cpu_s"]
     seconds = cpu_s / 9 * (90_000 - 9)
     value, unit = re.fullmatch(r"about (\S+) (h|min|s)", expected("--runs", "90000")).groups()
