@@ -259,7 +259,7 @@ def with_tuned(job: Job, options: Options) -> Job:
 
 def most_workers(options: Options) -> int:
     """Limit the number of workers."""
-    return options.workers or cpu_count()
+    return 1 if options.engine == "serial" else options.workers or cpu_count()
 
 
 def most_drawers(options: Options) -> int:
