@@ -33,7 +33,7 @@ WIDTH, BLOCKS, STEPS = 4, 3, 25
 def shortened(scenario: Any) -> Any:
     """Return the first steps of a scenario, all of them scored; a path of legs stays whole."""
     start, *_, end = scenario.steps
-    if not isinstance(scenario.target, Driven) or end - start <= STEPS:
+    if not isinstance(scenario.target, Driven) or end - start <= STEPS or scenario.faults:
         return scenario
     return replace(scenario.without_scoring, last=int(start) + STEPS)
 

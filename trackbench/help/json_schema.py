@@ -26,7 +26,8 @@ def schema() -> JsonSchema:
             names.append(f"{group}.{kind}")
             definitions |= _definitions(group, kind, cls)
         definitions[group] = {"anyOf": [*_ELSEWHERE, *({"$ref": _ref(name)} for name in names)]}
-    assume = adapter(Assume, documented=True).json_schema()
+    assume = adapter(Assume, documented=True).json_schema(ref_template="#/$defs/assume.{model}")
+    definitions |= {f"assume.{model}": part for model, part in assume.pop("$defs", {}).items()}
     _refer_to_parts(Assume, assume["properties"])
     definitions["assume"] = assume
     # Step 2: in place of mappings of any keys, refer to the kinds.
