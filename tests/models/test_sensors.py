@@ -9,7 +9,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.random_streams import RunStreams
 from trackbench.field_types import InvalidKeyError
 from trackbench.models.base import log_likelihood
-from trackbench.models.sensors.angular import Bearing, Platform
+from trackbench.models.sensors.angular import Bearing, Platform, Range
 from trackbench.models.sensors.base import Outliers, SensorBase, StackedSensor
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.models.sensors.position import (
@@ -37,6 +37,7 @@ SENSORS: list[Any] = [
     RangeAzimuth(sigma_range=5.0, sigma_azimuth_mrad=4.0, platform=PATH),
     RangeAzimuthDoppler(sigma_range=5.0, sigma_azimuth_mrad=4.0, sigma_range_rate=0.3),
     Bearing(sigma_mrad=10.0, platform=PATH),
+    Range(sigma=5.0, at=(100.0, -300.0)),
     RangeAzimuthElevation(
         sigma_range=5.0, sigma_azimuth_mrad=4.0, sigma_elevation_mrad=6.0, at=(10.0, 20.0, -30.0)
     ),
