@@ -255,7 +255,6 @@ def test_gaussian_filters_take_the_moments(kind: str, tmp_path: Path) -> None:
             "take one of the two",
         ),
         ("detection: 0.9", PF, "`R`, the variance of the noise, or `noise` is required"),
-        ("R: 1, delay: 2", PF, "measurements arrive late here"),
         ("R: 1, correlation: 0.5", PF, "not supported: process noise and measurement noise"),
         ("R: 1, control: u.csv", PF, "not supported: write known inputs"),
     ],
