@@ -42,7 +42,7 @@ def test_it_runs_at_once(tmp_path: Path, what: str, name: str) -> None:
         per_run = "--per-run" in options
         kalman = "left out  equals the Kalman" if per_run else "good  equals the Kalman filter"
         assert kalman in good.stdout
-    assert ("Time of my-own" in done.stdout) == ("--per-run" in options)
+    assert ("filtered run by run" in done.stdout) == ("--per-run" in options)
     again = trackbench("new", what, name, *options, cwd=tmp_path)
     assert again.returncode == 2
     assert "there is a file" in again.stderr
