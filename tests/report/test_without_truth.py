@@ -194,7 +194,7 @@ def test_a_sweep_finds_the_highest_score(folder: Path) -> None:
             "figures: {f: {kind: rmse-vs-time, metric: rmse_position}}\n",
             "figures.f.metric: 'rmse_position' needs ground truth",
         ),
-        ("figures: {f: {kind: track}}\n", "figures.f.filters: there is no truth to draw"),
+        ("figures: {f: {kind: track, best: 0}}\n", "figures.f.filters: there is no truth to draw"),
         (
             'tables: {t: {kind: metrics, columns: {E: "gain(mean(log_score), RPF)"}}}\n',
             "a log score is a logarithm, and ratios of it mean nothing; take minus(...)",
