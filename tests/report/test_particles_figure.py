@@ -10,6 +10,7 @@ import trackbench
 from tests.conftest import PLANE, make_filter, track
 from trackbench.config.load import load
 from trackbench.core.arrays import Array
+from trackbench.filters.base import Trajectories
 from trackbench.scenarios.base import Scenario
 
 CONFIG = f"""name: cloud
@@ -66,12 +67,28 @@ def test_a_particle_is_where_its_parent_leads(
 
 
 @pytest.mark.parametrize(
-    ("kind", "keys"), [("apf", {}), ("apf", {"stages": 2}), ("pf", {"estimate_from": "resampled"})]
+    ("kind", "keys"),
+    [
+        ("apf", {}),
+        ("apf", {"stages": 2}),
+        ("pf", {"estimate_from": "resampled"}),
+    ],
 )
 def test_an_unknown_parent_is_none(
     without_noise: Scenario, kind: str, keys: dict[str, Any]
 ) -> None:
     assert np.isnan(clouds(without_noise, kind, **keys)[5]).all()
+
+
+@pytest.mark.parametrize("lag", [None, 2])
+def test_a_trajectory_goes_on_unless_each_step_has_its_own(tmp_path: Path, lag: int | None) -> None:
+    (tmp_path / "cloud.yaml").write_text(CONFIG.replace("kind: cv, q: 1", "kind: cwna, q: 1"))
+    scenario = load(tmp_path / "cloud.yaml").points[0].scenario
+    every = clouds(scenario, "pf", smooth=Trajectories(trajectories=20, lag=lag))
+    if lag is None:
+        np.testing.assert_array_equal(every[5, 1:, :, 0], np.tile(np.arange(20.0), (3, 1)))
+    else:
+        assert np.isnan(every[5]).all()
 
 
 def test_it_draws_the_filters_that_have_particles(tmp_path: Path) -> None:

@@ -170,7 +170,10 @@ def table_rows(table: "Table") -> dict[str, Any]:
 
 def _text_rows(table: "TextTable") -> dict[str, Any]:
     """Return a table's title, its rows as on the screen, and notes as data."""
-    rows = [dict(zip(table.heads, (c.text for c in row), strict=True)) for row in table.rows]
+    rows = []
+    for row in table.rows:
+        texts = [cell.text for cell in row]
+        rows.append(dict(zip(table.heads, texts, strict=True)))
     return {"title": table.title, "rows": rows, "notes": table.notes}
 
 

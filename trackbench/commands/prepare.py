@@ -4,7 +4,7 @@ import json
 import os
 import stat
 import sys
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from itertools import chain
@@ -21,6 +21,7 @@ from trackbench.config.shipped_experiments import folder as shipped_folder
 from trackbench.config.shipped_experiments import listed, located
 from trackbench.config.tuned_entries import Chosen
 from trackbench.errors import Mark, Problem, UserError, reason
+from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.precision_check import checkpoints
 from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.engines import Engine, cpu_count, engine
@@ -206,10 +207,14 @@ def expected_time(job: Job, options: Options) -> str:
     cpu_s = _cpu_s_of_run(job, options)
     if cpu_s is None:
         return "time unknown: no results of the same scenario and filters are stored"
-    runs = [sum(task.runs_used for task in tasks) for tasks in (missing, job.plan.unique)]
-    seconds = cpu_s * job.most * runs[0] / runs[1] / workers
+    share = _runs(missing) / _runs(job.plan.unique)
+    seconds = cpu_s * job.most * share / workers
     size, unit = next(((s, u) for s, u in _LONG if seconds >= 2 * s), (1, "s"))
     return f"about {max(seconds / size, 1):.2g} {unit}"
+
+
+def _runs(tasks: Iterable[BlockTask]) -> int:
+    return sum(task.runs_used for task in tasks)
 
 
 _LONG = ((3600, "h"), (60, "min"))

@@ -152,24 +152,25 @@ def as_config(part: Part | Assume, shown: Callable[[str], str] = str) -> PlainDa
         if key.name in files and value is not None:
             value = shown(value) if isinstance(value, str) else [shown(path) for path in value]
         out[key.name] = _plain(value, shown)
-    defaults = {key.name: key.default for key in fields(part)}
-    return {key: x for key, x in out.items() if x or key not in _LATER or defaults[key]}
+    return _without_unset(part, out)
 
 
 _LATER = ("faults", "robust", "delay", "late", "format", "density")
 """Keys that older results folders lack: left out if unset, so that their configs stay as they are."""
 
 
-def _without_unset(keys: PlainData) -> PlainData:
-    """Leave out keys that older results folders lack."""
-    return {key: value for key, value in keys.items() if value or key not in _LATER}
+def _without_unset(part: Any, keys: PlainData) -> PlainData:
+    """Leave out keys that older results folders lack and whose default is nothing."""
+    defaults = {key_of(key.name): key.default for key in fields(part)}
+    return {key: x for key, x in keys.items() if x or key not in _LATER or defaults[key]}
 
 
 def _plain(value: object, shown: Callable[[str], str]) -> object:
     if is_dataclass(value) and not isinstance(value, type):
         if isinstance(value, Part):
             return as_config(value, shown)
-        value = _without_unset({key_of(name): x for name, x in field_values(value).items()})
+        keys = {key_of(name): x for name, x in field_values(value).items()}
+        value = _without_unset(value, keys)
     if isinstance(value, Measure):
         return str(value)
     if isinstance(value, dict):

@@ -194,9 +194,12 @@ class SimulatingSmoother(SmoothingFilter[PFState], ParticleFilter):
         # Step 2: draw the states before them, step by step.
         paths = backwards(ends, one_back, self.lag)
         clouds = [Particles(x, particles.equal_weights(*x.shape[1:])) for x in paths]
-        itself = np.arange(clouds[0].w.size).reshape(clouds[0].w.shape)
+        # A trajectory goes on from step to step; with a lag each step has trajectories of its own.
+        origin = None
+        if self.lag is None:
+            origin = np.arange(clouds[0].w.size).reshape(clouds[0].w.shape)
         return [
-            state._replace(particles=cloud, weighted=cloud, estimate=cloud.moments(), origin=itself)
+            state._replace(particles=cloud, weighted=cloud, estimate=cloud.moments(), origin=origin)
             for state, cloud in zip(states, clouds, strict=True)
         ]
 

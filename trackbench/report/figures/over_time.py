@@ -214,9 +214,10 @@ class RmseVsTime(OverTime):
     def draw(self, results: Results) -> Figure:
         """Return one line per filter."""
         if not self.y_label:
-            points = results.points()[: style.MOST_PANELS]
-            series = [row for point in points for row, _ in self.lines(results, point, self.metric)]
-            return self.with_axis(self.metric, [row["value"] for row in series]).draw(results)
+            curves: list[Array] = []
+            for point in results.points()[: style.MOST_PANELS]:
+                curves += [rows["value"] for rows, _ in self.lines(results, point, self.metric)]
+            return self.with_axis(self.metric, curves).draw(results)
         titles = self.panel_titles(results, self.steps_of(results, self.metric))
         figure, panels = self.panels_over_time(results, titles)
         for (ax,), point, title in panels:

@@ -26,7 +26,8 @@ _AREA = 8.0
 class ParticlesOfOneRun(FigureKind):
     """The particles of one run over a few steps: a dot's area is its weight, a line leads to its parent.
 
-    One panel per filter. Of filters that mix or move their particles there are no lines.
+    One panel per filter. A parent is the particle of the step before that a particle was resampled from;
+    filters that do not tell it have no lines.
     """
 
     filters: tuple[str, ...] | None = None

@@ -39,9 +39,11 @@ class RmsePerRun(Curves):
     def draw(self, results: Results) -> Figure:
         """Return one line per filter."""
         if not self.y_label:
-            every = [results.runs(p) for p in results.points()[: style.MOST_PANELS]]
+            curves: list[Array] = []
             keys = [(label, str(self.metric)) for label, _ in self.labels(results)]
-            curves = [runs[key] for runs in every for key in keys if key in runs]
+            for point in results.points()[: style.MOST_PANELS]:
+                runs = results.runs(point)
+                curves += [runs[key] for key in keys if key in runs]
             return self.with_axis(self.metric, curves).draw(results)
         figure, panels = self.panels(results)
         for (ax,), point in panels:

@@ -53,8 +53,8 @@ def error_of(metric: Measure) -> str:
 
 def axis_of(metric: Measure) -> str:
     """Label an axis of a metric over time or runs: ``Position RMSE (m)``, else the expression."""
-    words = error_of(metric._replace(statistic="mean"))
-    return str(metric) if words.startswith("mean(") else words
+    is_plain = metric == Measure(metric.metric) and metric.is_error
+    return head_of("rms", metric) if is_plain else str(metric)
 
 
 def _words_and_unit(metric: Measure) -> str:

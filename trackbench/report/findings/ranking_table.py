@@ -5,7 +5,6 @@ Error, ratio to the best with its 95 % interval, lost runs, consistency in a wor
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from itertools import chain
 from math import inf, isfinite, isinf, isnan, nan
 
 import numpy as np
@@ -100,16 +99,19 @@ def _unranked(results: Results, standing: Ranking, matters: float) -> Iterator[l
     statistic = next((c.sample.statistic for c in standing.order), "")
     rows = results.columns("summary", point).where(metric=f"rms({metric.metric})")
     bound = results.config.get("bound")
-    for row in (row for row in rows.records() if row["filter"] in (bound, *results.exact)):
+    for row in rows.records():
+        if row["filter"] not in (bound, *results.exact):
+            continue
         number = rounded(row["value"], row["stderr"], 4)
         role = ["bound"] * (row["filter"] == bound) + ["rms"] * (statistic != "rms")
         name = f"{row['filter']} ({', '.join(role)})".removesuffix(" ()")
         yield [Text(name), Text(number, row["value"]), *[Text("–")] * 4]
     ranked = {c.label for c in (*standing.order, *standing.losing, reference) if c is not None}
     failed = {row["filter"] for row in results.failed}
-    for label in (label for label in results.filters if label not in ranked):
-        why = "failed" if label in failed else "has no such error"
-        yield [Text(label), Text("–", nan), Text(why), *[Text("–")] * 3]
+    for label in results.filters:
+        if label not in ranked:
+            why = "failed" if label in failed else "has no such error"
+            yield [Text(label), Text("–", nan), Text(why), *[Text("–")] * 3]
 
 
 def _ratio(standing: Ranking, c: Candidate, matters: float) -> str:
@@ -224,30 +226,37 @@ def _over_scenes(results: Results, standings: Sequence[Ranking]) -> TextTable:
     title += ", each filter at its best of the grid" * first.chosen
     beside = "Below the best (nats)" if is_score else "Ratio to the best"
     table = TextTable(title, ["Filter", "Among the best", beside, _LOST, _ANEES, _TIME])
-    of: dict[str, list[tuple[Candidate, float]]] = {}
+    of: dict[str, list[Candidate]] = {}
+    ratios: dict[str, list[float]] = {}
+    best = Counter[str]()
     for standing in standings:
+        best.update(c.label for c in standing.among_the_best)
         for c in (*standing.order, *standing.losing):
-            of.setdefault(c.label, []).append((c, _times_best(standing, c)))
-    best = Counter(c.label for c in chain.from_iterable(s.among_the_best for s in standings))
-    ratios = {label: sorted(x for _, x in pairs if isfinite(x)) for label, pairs in of.items()}
+            of.setdefault(c.label, []).append(c)
+            ratios.setdefault(c.label, []).append(_times_best(standing, c))
+    ratios = {label: sorted(filter(isfinite, values)) for label, values in ratios.items()}
     for label in sorted(of, key=lambda label: (-best[label], np.median(ratios[label] or [inf]))):
-        candidates = [c for c, _ in of[label]]
-        words_of = Counter(consistency(results, c).partition(" in ")[0] for c in candidates)
-        times = sorted(t for t in (_cpu_s(results, c) for c in candidates) if isfinite(t))
-        lost, runs = sum(c.losses for c in candidates), sum(len(c.lost) for c in candidates)
         ratio = _span([f"{x:.3g}" for x in ratios[label]])
         table.rows.append(
             [
                 Text(label),
                 Text(f"at {best[label]} of {len(standings)}", best[label]),
                 Text(f"{ratio}{' x' * (not is_score)}" if ratio else "–"),
-                Text(f"{lost} of {runs}" if lost else "0", lost),
-                Text(", ".join(f"{w} at {n}" for w, n in words_of.most_common() if w) or "–"),
-                Text(_span([*map(_duration, times)]) or "–"),
+                *_over_candidates(results, of[label]),
             ]
         )
     table.notes = ["Among the best: the lowest error, or no significant difference from it."]
     return _without_empty(results, table)
+
+
+def _over_candidates(results: Results, candidates: Sequence[Candidate]) -> Iterator[Text]:
+    """Yield a filter's lost runs, words on its consistency and CPU times over several scenarios."""
+    lost, runs = sum(c.losses for c in candidates), sum(len(c.lost) for c in candidates)
+    yield Text(f"{lost} of {runs}" if lost else "0", lost)
+    words = Counter(consistency(results, c).partition(" in ")[0] for c in candidates)
+    yield Text(", ".join(f"{word} at {n}" for word, n in words.most_common() if word) or "–")
+    times = [_cpu_s(results, c) for c in candidates]
+    yield Text(_span([*map(_duration, sorted(filter(isfinite, times)))]) or "–")
 
 
 def _span(texts: Sequence[str]) -> str:
