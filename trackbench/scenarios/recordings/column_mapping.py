@@ -26,7 +26,7 @@ _LIMITS = {
     "speed": (0.0, inf, 1.0, "m/s"),
 }
 """Least and largest value, in a unit of which SI has so many."""
-_SMALLEST_E7 = 1e6  # deg; angles beyond are whole numbers of 1e-7 deg
+SMALLEST_E7 = 1e6  # deg; angles beyond are whole numbers of 1e-7 deg
 _LEAST_CELLS = 5
 _NINES = re.compile(r"9{3,}(\.9+)?")
 _ENDS = (32767.0, 32768.0, 2147483647.0, 2147483648.0)
@@ -109,7 +109,7 @@ def impossible(quantity: str, values: Array, scale: float) -> Impossible | None:
     what = f"{shown[rows[0]]:.9g} {unit} is impossible{more}; a {quantity} is {limits} {unit}"
     first = float(values[rows[0]])
     says = f"`missing: [{first:.9g}]` for a missing cell"
-    if abs(shown[rows[0]]) > _SMALLEST_E7 and unit == "deg":
+    if abs(shown[rows[0]]) > SMALLEST_E7 and unit == "deg":
         says += f", or `units: {{{quantity}: degE7}}` for whole numbers of 1e-7 deg"
     return Impossible(
         int(rows[0]), f"{what}: correct or empty the cells, or name their unit; say {says}"

@@ -42,7 +42,7 @@ _FILLERS = (
 )
 """Words that may stand beside a quantity in a name: field.pose.pose.position.x, p_RS_R_x."""
 _UNITS = {
-    **dict(zip(UNITS, UNITS, strict=True)),
+    **{unit: unit for unit in UNITS},
     **{"feet": "ft", "foot": "ft", "miles": "mi", "nm": "nmi", "metre": "m", "meter": "m"},
     **{"meters": "m", "metres": "m", "kilometers": "km", "kilometres": "km"},
     **{"degree": "deg", "degrees": "deg", "grad": "deg", "radians": "rad", "radian": "rad"},
@@ -67,31 +67,35 @@ class NamedColumn(NamedTuple):
 
 
 def columns_of(names: Iterable[str]) -> dict[str, NamedColumn]:
-    """Return each quantity's column: the surest name, and of equal ones the first."""
-    parts = {name: words_of(name) for name in names}
+    """Find each quantity's column: the surest name, and of equally sure ones the first."""
+    words_by_name = {name: words_of(name) for name in names}
+    # A name that is the quantity's own word comes before one with a unit, or with further words.
+    spellings, fillers = {}, _FILLERS.split()
+    for name, words in words_by_name.items():
+        plain = _without_units(words)
+        bare = (word for word in plain if word not in fillers)
+        spellings[name] = [*map("".join, (words, plain, bare))]
     out = {}
     for quantity, text in _WORDS.items():
         known = {word: rank for rank, word in enumerate(text.split())}
         ranks = []
-        for place, (name, words) in enumerate(parts.items()):
-            plain, bare = _without_units(words), "".join(_without_fillers(words))
-            # A name that is the quantity's own word comes before one with further words.
-            for fillers, joined in enumerate(("".join(words), "".join(plain), bare)):
-                if joined in known:
-                    # A message's stamp is nearer to the measurement than the time it was logged.
-                    is_late = quantity == "time" and words[-1] != "stamp"
-                    ranks.append((is_late, fillers > 1, known[joined], place, name))
-                    break
+        for place, (name, words) in enumerate(words_by_name.items()):
+            joined = next(filter(known.__contains__, spellings[name]), None)
+            if joined is not None:
+                # A message's stamp is nearer to the measurement than the time it was logged.
+                is_late = quantity == "time" and words[-1] != "stamp"
+                has_fillers = joined not in spellings[name][:2]
+                ranks.append((is_late, has_fillers, known[joined], place, name))
         if ranks:
             name = min(ranks)[-1]
-            words = parts[name]
-            is_whole = len(words) > 1 and "".join(words) in known  # a D of ToD is no day
+            words = words_by_name[name]
+            is_whole = len(words) > 1 and spellings[name][0] in known  # a D of ToD is no day
             out[quantity] = NamedColumn(name, None if is_whole else unit_in(words, quantity))
     return out
 
 
 def ranges_of(names: Iterable[str]) -> dict[str, NamedColumn]:
-    """Return columns of ranges to numbered places (d1, range_A2 [m]), by the place."""
+    """Find columns of ranges to numbered places (d1, range_A2 [m]), by the place."""
     out = {}
     for name in names:
         words = words_of(name)
@@ -102,13 +106,13 @@ def ranges_of(names: Iterable[str]) -> dict[str, NamedColumn]:
 
 
 def unit_in(words: Collection[str], quantity: str) -> str | None:
-    """Return the last word that is a unit of the quantity."""
+    """Find the last word that is a unit of the quantity."""
     units = [_UNITS[word] for word in words if word in _UNITS]
     return next((unit for unit in reversed(units) if is_unit_of(quantity, unit)), None)
 
 
 def words_of(name: str) -> list[str]:
-    r"""Return the words of a name in small letters: pos, x and km of posX_km, and vx of $\dot{x}$."""
+    r"""Split a name into words in small letters: pos, x and km of posX_km, and vx of $\dot{x}$."""
     name = re.sub(r"\\dot\s*\{?\s*(\w)\s*\}?", r"v\1", name).translate(_LETTERS)
     name = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
     name = re.sub(r"([a-z])([A-Z])", r"\1 \2", name.replace("°", " deg")).lower()
@@ -117,7 +121,3 @@ def words_of(name: str) -> list[str]:
 
 def _without_units(words: list[str]) -> list[str]:
     return [word for i, word in enumerate(words) if i == 0 or word not in _UNITS]
-
-
-def _without_fillers(words: list[str]) -> list[str]:
-    return [word for word in _without_units(words) if word not in _FILLERS.split()]

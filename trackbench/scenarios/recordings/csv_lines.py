@@ -5,10 +5,12 @@ import csv
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import islice
 from typing import Literal, NamedTuple, TextIO
 
+from trackbench.errors import reason
 from trackbench.field_types import DataError, InvalidKeyError, Natural, Place, require_regular_file
 
 _LONGEST_LINE = 1_000_000  # characters: a file without line breaks is not read into memory
@@ -90,18 +92,13 @@ class Layout(NamedTuple):
 
 
 def layout_of(path: str, form: TextFormat | None = None) -> Layout:
-    """Return the format of a file, as its first lines and the keys say. Raises DataError."""
+    """Detect the format that ``form`` leaves open from a file's first lines. Raises DataError."""
     form = form or TextFormat()
-    try:
-        encoding = form.encoding or _encoding(path)
-        with _opened(path, encoding) as text:
-            return _layout(path, encoding, text, form)
-    except OSError as error:
-        raise DataError(Place(path, 1, 1, (error.strerror or str(error)).lower())) from None
-    except UnicodeError:
-        raise DataError(Place(path, 1, 1, "is not a text file")) from None
-    except csv.Error as error:
-        raise DataError(Place(path, 1, 1, f"not a CSV: {error}")) from None
+    with _opened(path, form.encoding) as text:
+        try:
+            return _layout(path, text, form)
+        except csv.Error as error:
+            raise DataError(Place(path, 1, 1, f"not a CSV: {error}")) from None
 
 
 def _encoding(path: str) -> str:
@@ -116,13 +113,21 @@ def _encoding(path: str) -> str:
     return "utf-8-sig"
 
 
-def _opened(path: str, encoding: str) -> TextIO:
-    return require_regular_file(path).open(
-        newline="", encoding=encoding, errors="trackbench.windows"
-    )
+@contextmanager
+def _opened(path: str, encoding: str) -> Iterator[TextIO]:
+    """Open a text file within the block. Raises DataError where the block cannot read it."""
+    try:
+        encoding = encoding or _encoding(path)
+        file = require_regular_file(path)
+        with file.open(newline="", encoding=encoding, errors="trackbench.windows") as text:
+            yield text
+    except OSError as error:
+        raise DataError(Place(path, 1, 1, reason(error))) from None
+    except UnicodeError:
+        raise DataError(Place(path, 1, 1, "is not a text file")) from None
 
 
-def _layout(path: str, encoding: str, text: TextIO, form: TextFormat) -> Layout:
+def _layout(path: str, text: TextIO, form: TextFormat) -> Layout:
     # Step 1: take the first lines, comments and others.
     separator = _WORDS.get(form.separator, form.separator)
     comments: dict[int, str] = {}
@@ -157,7 +162,7 @@ def _layout(path: str, encoding: str, text: TextIO, form: TextFormat) -> Layout:
     # Step 3: find the header: the last comment above numbers, or the fullest line of words.
     start = next(number for number, row in cells.items() if len(row) == width)
     if form.names:
-        return Layout(encoding, separator, [*form.names], 0, start - 1 + form.skip, None)
+        return Layout(text.encoding, separator, [*form.names], 0, start - 1 + form.skip, None)
     widths = (width, width - 1) if joined is not None else (width,)
     header = first if form.header else _header(cells, comments, separator, widths)
     if separator == " " and header not in comments:
@@ -167,13 +172,13 @@ def _layout(path: str, encoding: str, text: TextIO, form: TextFormat) -> Layout:
     if not (separator == " " and len(names) == width - 1):
         joined = None
     before = header + form.skip
-    return Layout(encoding, separator, names, header, before, joined, header in comments)
+    return Layout(text.encoding, separator, names, header, before, joined, header in comments)
 
 
 def _header(
     cells: dict[int, list[str]], comments: dict[int, str], separator: str, widths: Sequence[int]
 ) -> int:
-    """Return the line of the names; the cells of a comment are added."""
+    """Find the line of the names; add the cells of a comment that has them to ``cells``."""
     first, *below = cells
     start = next(number for number, row in cells.items() if len(row) == widths[0])
     above = max((number for number in comments if number < first), default=0)
@@ -190,39 +195,39 @@ def _header(
 
 
 def _split(line: str, ways: Sequence[str], widths: Sequence[int]) -> list[str]:
-    """Return a line's names, split by the first separator, or else pattern, that gives so many."""
+    """Split a line by the first of the ways, a separator and patterns, that gives a usual width."""
     rows = [_parsed(line, ways[0]), *(re.split(way, line.strip()) for way in ways[1:])]
     return next((row for row in rows if len(row) in widths), rows[0])
 
 
 def _fullest(cells: Mapping[int, list[str]], start: int) -> int:
-    """Return the line with most different words, above the first values and as wide as it."""
+    """Find the line with most different words, among those above the first values and as wide."""
     words = {}
     for number, row in cells.items():
-        if len(row) == len(cells[start]) and any(map(is_value, row)):
-            break
         if len(row) == len(cells[start]):
+            if any(map(is_value, row)):
+                break
             words[number] = len({*map(str.strip, row)} - {""})
     return max(words, key=lambda number: words[number]) if words else start
 
 
 def is_value(cell: str) -> bool:
-    """Return whether a cell is a number or a date, not a name."""
+    """Recognize a cell with a number or a date, in place of a name."""
     return _VALUE.fullmatch(cell.strip()) is not None
 
 
 def _is_apart(cell: str, after: str) -> bool:
-    """Return whether these are a date and a time of day."""
+    """Recognize a date and a time of day in two cells."""
     return _DATE.fullmatch(cell) is not None and re.match(r"\d{1,2}:\d\d", after) is not None
 
 
 def _usual(rows: Iterable[list[str]]) -> tuple[int, int]:
-    """Return the most frequent number of cells, and how many rows have it."""
+    """Count cells: their most frequent number in a row, and how many rows have it."""
     return Counter(map(len, rows)).most_common(1)[0]
 
 
 def _separator(lines: Sequence[str]) -> str:
-    """Return the separator that gives lines as many cells as each other, at best the first, too."""
+    """Find the separator that gives all lines as many cells, at best the first line, too."""
     alike, below = [], lines[len(lines) // 2 :]  # where no title stands
     for separator in _SEPARATORS:
         width, number = _usual(_parsed(line, separator) for line in below)
@@ -236,24 +241,19 @@ def _separator(lines: Sequence[str]) -> str:
 
 
 def _parsed(line: str, separator: str) -> list[str]:
-    """Return the cells of one line."""
+    """Split one line into cells."""
     if separator == " ":
         return line.split()
     return next(csv.reader([line.rstrip("\r\n")], delimiter=separator), [])
 
 
 def table_rows(path: str, layout: Layout) -> Iterator[tuple[int, list[str]]]:
-    """Yield the line number and cells of every row below the header; blank lines and comments are none.
+    """Yield the line number and cells of every row below the header; skip blank lines and comments.
 
     Raises DataError for a file that is no table.
     """
-    try:
-        with _opened(path, layout.encoding) as text:
-            yield from _rows(path, text, layout)
-    except OSError as error:
-        raise DataError(Place(path, 1, 1, (error.strerror or str(error)).lower())) from None
-    except UnicodeError:
-        raise DataError(Place(path, 1, 1, "is not a text file")) from None
+    with _opened(path, layout.encoding) as text:
+        yield from _rows(path, text, layout)
 
 
 def _rows(path: str, text: TextIO, layout: Layout) -> Iterator[tuple[int, list[str]]]:
@@ -281,7 +281,7 @@ def _rows(path: str, text: TextIO, layout: Layout) -> Iterator[tuple[int, list[s
 
 
 def _by_tabs(line: str, joined: int | None) -> str:
-    """Return a line with tabs for white space; a date and its time of day stay one cell."""
+    """Replace white space by tabs; a date and its time of day stay one cell."""
     cells = line.split()
     if joined is not None:
         cells[joined : joined + 2] = [" ".join(cells[joined : joined + 2])]
@@ -289,6 +289,6 @@ def _by_tabs(line: str, joined: int | None) -> str:
 
 
 def _holds_rows(cells: list[str], separator: str, width: int) -> bool:
-    """Return whether a line inside a cell of several lines has as many cells as a row."""
+    """Recognize an unclosed quote: a line inside its cell has as many cells as a row."""
     inner = separator.join(cells).splitlines()[1:]
     return any(line.count(separator) >= width - 1 for line in inner)

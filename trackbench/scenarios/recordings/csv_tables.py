@@ -232,7 +232,7 @@ def first_rows(path: str, form: TextFormat | None, number: int) -> list[list[str
         return list(map(list, zip(*columns, strict=True)))
     layout = layout_of(path, form)
     rows = (cells for _, cells in islice(table_rows(path, layout), number))
-    return [[cell.strip() for cell in cells] for cells in rows if len(cells) == len(layout.names)]
+    return [[*map(str.strip, cells)] for cells in rows if len(cells) == len(layout.names)]
 
 
 class _Reading:
@@ -283,15 +283,9 @@ class _Reading:
         for name, content in self.contents.items():
             values: Column
             column = cells[name]
-            clock = _DIGITS_OF_DAY if " " in self.form else _TIME_OF_DAY
-            is_clock = content == "time" and (
-                _TIME_OF_DAY.match(column[0]) or clock.match(column[0])
-            )
-            if is_clock and self._date is not None:
-                column = [
-                    f"{d.strip()} {t.strip()}"
-                    for d, t in zip(cells[self._date], column, strict=True)
-                ]
+            if content == "time" and self._date is not None and self._is_time_of_day(column[0]):
+                parts = (map(str.strip, cells[self._date]), map(str.strip, column))
+                column = [*map(" ".join, zip(*parts, strict=True))]
             if content == "label":
                 values, wrong = self._labeled(name, column)
             else:
@@ -301,6 +295,10 @@ class _Reading:
             at = [(int(lines[i]), f"{name}: {what}") for i, what in wrong]
             self._add_mistakes(at, len(column))
         self._lines.append(lines.astype(np.int32))
+
+    def _is_time_of_day(self, cell: str) -> bool:
+        has_digits = " " in self.form and _DIGITS_OF_DAY.match(cell) is not None
+        return has_digits or _TIME_OF_DAY.match(cell) is not None
 
     def table(self) -> Table:
         """Return all rows that were added. Raises DataError if any was mistaken, or there is none."""

@@ -60,9 +60,7 @@ def _target_lines(guess: Guess) -> Iterator[str]:
     read = {"time", "date", "step", "received", "run", "sensor", "latitude", "longitude"}
     read |= {"vx", "vy", "speed", "course"} if guess.moves else set()
     read = read.union(*(sensor.quantities for sensor in guess.sensors))
-    if {"x", "y"} <= naming.columns.keys():
-        read -= {"latitude", "longitude"}
-    if not read & {"x", "y"}:
+    if {"x", "y"} <= naming.columns.keys() or not read & {"x", "y"}:
         read -= {"latitude", "longitude"}
     columns = {name: column for name, column in naming.columns.items() if name in read}
     yield from (f"  {name}: {quoted(column)}" for name, column in columns.items())

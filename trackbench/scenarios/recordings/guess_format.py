@@ -9,7 +9,14 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_mapping import COURSE, GEODETIC, UNITS, Naming, outlying
+from trackbench.scenarios.recordings.column_mapping import (
+    COURSE,
+    GEODETIC,
+    SMALLEST_E7,
+    UNITS,
+    Naming,
+    outlying,
+)
 from trackbench.scenarios.recordings.column_names import columns_of, ranges_of, unit_in, words_of
 from trackbench.scenarios.recordings.csv_lines import (
     TextFormat,
@@ -36,7 +43,6 @@ from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows import Gathered, Rows, chosen_runs, read_rows
 
 _TURN = 2.0 * np.pi
-_SMALLEST_E7 = 1e6  # deg: angles beyond are whole numbers of 1e-7 deg
 _SAMPLE = 10_000  # rows
 _MOST_SENSORS = 50
 _FIRST = 200  # rows that show the format
@@ -87,10 +93,10 @@ def recognized(path: str, given: Naming | None = None) -> Guess:
         read_table(path, {names[0]: "label"}, form=form)  # which reports why no row can be read
     # Step 2: find the sensors, and units that other units would make impossible.
     sensors = _sensors(path, sample, columns, names, units)
-    measured = {name for sensor in sensors for name in sensor.quantities}
+    measured = set(chain.from_iterable(sensor.quantities for sensor in sensors))
     for name in GEODETIC[:2]:
         values = sample.numbers(columns.get(name, ""))
-        if name not in units and (np.abs(values) > _SMALLEST_E7).any():
+        if name not in units and (np.abs(values) > SMALLEST_E7).any():
             units[name], why[name] = "degE7", "guess: degrees would be impossible"
     clock = DateForm(given.time_format, bool(given.time_format))
     if "time" in columns and not clock.form:

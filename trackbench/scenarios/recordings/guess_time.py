@@ -12,6 +12,7 @@ from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_mapping import UNITS
 from trackbench.scenarios.recordings.csv_tables import instant, is_instant, number, parsed
+from trackbench.scenarios.recordings.rows import usual_interval
 
 _DAYS = (
     *("%d/%m/%Y", "%m/%d/%Y", "%d.%m.%Y", "%d-%m-%Y", "%m-%d-%Y", "%Y/%m/%d", "%Y.%m.%d", "%Y%m%d"),
@@ -107,7 +108,7 @@ def date_form(path: str, times: Sequence[str], dates: Sequence[str], line: int) 
 def _unsteady(times: Array) -> tuple[bool, float]:
     """Return whether times fall, and the largest interval in usual ones."""
     apart = np.diff(np.unique(times))
-    largest = float(apart.max() / np.sort(apart)[len(apart) // 2]) if len(apart) else 1.0
+    largest = float(apart.max(initial=0.0)) / usual_interval(times) if len(apart) else 1.0
     return bool((np.diff(times) < 0.0).any()), largest
 
 
@@ -119,13 +120,8 @@ def unit_by_size(times: Array) -> str | None:
 
 def unit_by_speed(times: Array, speed: float) -> str | None:
     """Return the unit of times that would give a usual speed, where seconds would not."""
-    apart = np.diff(np.unique(times))
-    if not len(apart) or speed <= 0.0:
-        return None
-    usual = float(np.sort(apart)[len(apart) // 2])
     if speed > _FAST and times.min() > 2e4 and times.max() < 8e5:
         return "d"  # as spreadsheets count them
-    if speed >= _SLOW or usual < _LONG or (times % 1.0).any():
+    if speed >= _SLOW or usual_interval(times) < _LONG or (times % 1.0).any():
         return None
-    units = ("ms", "us", "ns")
-    return next((unit for unit in units if speed / UNITS[unit] >= _SLOW), None)
+    return next((unit for unit in ("ms", "us", "ns") if speed / UNITS[unit] >= _SLOW), None)

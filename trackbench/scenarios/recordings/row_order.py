@@ -6,7 +6,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError
-from trackbench.scenarios.recordings.rows import Gathered, Numbers, Rows
+from trackbench.scenarios.recordings.rows import Gathered, Numbers, Rows, usual_interval
 
 _MOST_INTERVALS = 10.0
 """Largest fall of a clock, in usual intervals between rows, that late rows may explain."""
@@ -45,8 +45,7 @@ def _check_falls(gathered: Gathered, rows: Rows) -> None:
         late += int((falls > 0.0).sum())
         if falls.max() > largest:
             largest, place = float(falls.max()), int(indices[falls.argmax()])
-            apart = np.diff(np.unique(time))
-            usual = float(np.sort(apart)[len(apart) // 2])
+            usual = usual_interval(time)
     if largest > _MOST_INTERVALS * usual:
         what = f"time falls by {largest:.9g}{unit}, where rows usually are {usual:.9g}{unit} apart"
         way = "write dates or go on counting if a clock began anew, or sort the rows by time"

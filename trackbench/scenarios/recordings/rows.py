@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trackbench.core.arrays import Array
+from trackbench.errors import reason
 from trackbench.field_types import DataError, InvalidKeyError, Place, require_regular_file
 from trackbench.scenarios.recordings.column_mapping import Columns, Naming
 from trackbench.scenarios.recordings.csv_tables import Table
@@ -139,6 +140,12 @@ def _clock(stepped: bool, dated: str) -> str:
     return "numbers of steps" if stepped else dated.replace("date", "dates") or "seconds"
 
 
+def usual_interval(times: Array) -> float:
+    """Compute the upper median of the intervals between different times; 1 without intervals."""
+    apart = np.sort(np.diff(np.unique(times)))
+    return float(apart[len(apart) // 2]) if len(apart) else 1.0
+
+
 def files_of(pattern: str) -> list[str]:
     """Return the file, or all that a pattern matches, in order. Raises DataError if it matches none."""
     if not any(c in pattern for c in "*?[") or os.path.lexists(pattern):
@@ -251,11 +258,8 @@ def _received(
     early = np.flatnonzero(received < time - TICK)[:_MOST_MISTAKES].tolist()
     if early:
         what = "{}: received {:.9g}" + (" steps" if gathered.stepped else " s") + " before its time"
-        places = (what.format(column, time[i] - received[i]) for i in early)
-        lines = table.lines[early].tolist()
-        raise DataError(
-            *(Place(columns.path, n, 1, text) for n, text in zip(lines, places, strict=True))
-        )
+        places = ((int(table.lines[i]), what.format(column, time[i] - received[i])) for i in early)
+        raise DataError(*(Place(columns.path, line, 1, text) for line, text in places))
     return received
 
 
@@ -365,7 +369,7 @@ class FromFiles:
             try:
                 status = require_regular_file(path).stat()
             except OSError as error:
-                raise DataError(Place(path, 1, 1, (error.strerror or str(error)).lower())) from None
+                raise DataError(Place(path, 1, 1, reason(error))) from None
             out[path] = status.st_size, status.st_mtime_ns
         return out
 

@@ -8,7 +8,7 @@ import numpy as np
 from trackbench.core.angles import near
 from trackbench.core.arrays import Array, Index, fixed
 from trackbench.field_types import MOST_STEPS, DataError, InvalidKeyError, Place
-from trackbench.scenarios.recordings.rows import TICK, Gathered, Numbers, Rows
+from trackbench.scenarios.recordings.rows import TICK, Gathered, Numbers, Rows, usual_interval
 
 _MOST_CELLS = 200_000_000
 _EQUAL = 1e-6  # of an interval: a clock that strays by less has equal steps
@@ -101,9 +101,7 @@ def _before(gathered: Gathered, sensors: Sequence[Rows], resample: float | None)
         return 1.0
     if resample is not None:
         return resample
-    # Median interval of the first run.
-    times = np.unique(sensors[0].time[sensors[0].run == sensors[0].run[0]])
-    return float(np.sort(np.diff(times))[(len(times) - 1) // 2]) if len(times) > 1 else 1.0
+    return usual_interval(sensors[0].time[sensors[0].run == sensors[0].run[0]])
 
 
 def _union(sensors: Sequence[Rows], shift: Array, begin: float) -> Array:
