@@ -15,7 +15,7 @@ _OF_REFERENCE = {"faults", "delay", "late"}
 
 
 def read_assumed(source: Source, label: str) -> Assume | None:
-    """Return the filter model that a filter's entry gives by `assume` and `late`, if it has one."""
+    """Read the filter model of a filter's entry, from `assume` and `late`; None without these keys."""
     entry = source.data["filters"][label]
     if not isinstance(entry, dict):
         return None
@@ -42,7 +42,7 @@ def read_assumed(source: Source, label: str) -> Assume | None:
 
 
 def check_late(source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenario) -> None:
-    """Check that a filter says what it does with late measurements, and can do it."""
+    """Check that a filter has a treatment of late measurements, and that it can apply it."""
     mistaken = tuple(dotted((*keys, key)) for key in ENTRY_KEYS)
     if any(problem.path.startswith(mistaken) for problem in source.problems):
         return
@@ -57,12 +57,13 @@ def check_late(source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenari
 
 
 def check_idle_late(source: Source, points: list[Point]) -> None:
-    """Reject what filters do with late measurements where all arrive on time."""
+    """Reject delays and treatments of late measurements that filters assume where all arrive on time."""
     if not points or any(point.scenario.longest_delay for point in points):
         return
-    places: list[Keys] = [("filters", label, "late") for label in points[0].filters]
-    owners = [("scenario",), *(("filters", label) for label in points[0].filters)]
-    places += [(*owner, "assume", key) for owner in owners for key in ("delay", "late")]
+    owners: list[Keys] = [("scenario",), *(("filters", label) for label in points[0].filters)]
+    places = [(*owner, "late") for owner in owners[1:]]
+    for owner in owners:
+        places += [(*owner, "assume", "delay"), (*owner, "assume", "late")]
     for keys in places:
         if source.has(keys) and source.at(keys) is not None:
             what = "has no effect: all measurements arrive on time; add a `delay` to a sensor"

@@ -1,4 +1,4 @@
-"""Kinds of faults: what each makes of measurements, and of a filter's model that knows of it."""
+"""Types of faults: how each changes measurements, and the model of a filter that knows of it."""
 
 from abc import abstractmethod
 from collections.abc import Callable
@@ -8,7 +8,7 @@ from typing import Annotated, Literal, NamedTuple, TypeAlias
 import numpy as np
 from pydantic import Field, StringConstraints
 
-from trackbench.core.arrays import Array, Index, Mask, with_trailing
+from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.random_streams import RunStreams
 from trackbench.field_types import (
     ONE_LINE,
@@ -40,7 +40,7 @@ class Stretch(NamedTuple):
     noise: Array = np.empty(0)
     """errors of the measurements without the sensor's bias; NaN where the truth is unknown"""
     streams: Callable[[], RunStreams] | None = None
-    """random numbers of this fault alone"""
+    """returns the random numbers of this fault alone, opened at the first call"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,28 +109,37 @@ class LargerNoise(Fault):
     share: Share = 1.0
     """share of the measurements that have them"""
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.share == 0.0:
+            raise InvalidKeyError("a share of 0 changes nothing", "share")
+
     @property
     def uses_noise(self) -> bool:
         """True: the errors change."""
         return True
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.factor == 1.0 or self.share == 0.0:
-            key = "factor" if self.factor == 1.0 else "share"
-            raise InvalidKeyError(f"a {key} of {getattr(self, key):g} changes nothing", key)
+    @property
+    def changed_variance(self) -> float:
+        """Factor on the variance of the noise of the measurements that the fault changes."""
+        return self.factor * self.factor
 
     @property
     def variance(self) -> float:
         """Factor on the variance of the noise: that of the mixture."""
-        return 1.0 + self.share * (self.factor * self.factor - 1.0)
+        return 1.0 + self.share * (self.changed_variance - 1.0)
 
     def faulty(self, of: Stretch) -> Array:
-        """Return ``h(x) + factor e``; a measurement whose truth is unknown stays."""
-        changed = ~np.isnan(of.noise)
-        if self.share < 1.0 and of.streams is not None:
+        """Change the share of the measurements; one whose truth is unknown stays."""
+        changed = ~np.isnan(of.noise if self.uses_noise else of.z)
+        if self.share < 1.0:
+            assert of.streams is not None
             changed &= of.streams().random(of.z.shape[1:]) < self.share
-        return np.where(changed, of.z + (self.factor - 1.0) * of.noise, of.z)
+        return np.where(changed, self.drawn(of), of.z)
+
+    def drawn(self, of: Stretch) -> Array:
+        """Return ``h(x) + factor e``."""
+        return np.asarray(of.z + (self.factor - 1.0) * of.noise)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,12 +181,7 @@ class Outliers(LargerNoise):
     def __post_init__(self) -> None:
         if (self.density is None) == (self.factor == 1.0):
             raise InvalidKeyError("give a `factor` other than 1, or a `density`")
-        if self.density is not None and self.share == 0.0:
-            raise InvalidKeyError("a share of 0 changes nothing", "share")
-        if self.density is None:
-            super().__post_init__()
-        else:
-            Fault.__post_init__(self)
+        super().__post_init__()
 
     @property
     def uses_noise(self) -> bool:
@@ -185,14 +189,14 @@ class Outliers(LargerNoise):
         return not isinstance(self.density, UniformClutter)
 
     @property
-    def variance(self) -> float:
-        """Factor on the variance of the noise; infinite where the density has none."""
-        if self.density is None:
-            return super().variance
-        if isinstance(self.density, UniformClutter) or self.density.df <= 2.0:
+    def changed_variance(self) -> float:
+        """Factor on the variance of the outliers' noise; infinite where the density has none."""
+        law = self.density
+        if law is None:
+            return super().changed_variance
+        if isinstance(law, UniformClutter) or law.df <= 2.0:
             return np.inf
-        of = self.density
-        return 1.0 + self.share * (of.scale * of.scale * of.df / (of.df - 2.0) - 1.0)
+        return law.scale * law.scale * law.df / (law.df - 2.0)
 
     def check(self, components: tuple[str, ...]) -> None:
         """Check the region's components."""
@@ -205,25 +209,19 @@ class Outliers(LargerNoise):
             if least >= largest:
                 raise InvalidKeyError("ends before it begins", *where, name)
 
-    def faulty(self, of: Stretch) -> Array:
+    def drawn(self, of: Stretch) -> Array:
         """Return measurements with the density's errors, or the density's measurements."""
-        if self.density is None or of.streams is None:
-            return super().faulty(of)
-        streams, changed = of.streams(), ~np.isnan(of.z if of.noise.size == 0 else of.noise)
-        if self.share < 1.0:
-            changed &= streams.random(of.z.shape[1:]) < self.share
+        if self.density is None:
+            return super().drawn(of)
+        assert of.streams is not None
         if isinstance(self.density, UniformClutter):
-            least, largest = (
-                with_trailing(np.array(ends), 2)
-                for ends in zip(*(self.density.region[c] for c in of.components), strict=True)
-            )
-            drawn = least + (largest - least) * streams.random(of.z.shape)
-        else:
-            # Student's t is a normal over the root of a gamma variate of mean one.
-            half = 0.5 * self.density.df
-            gamma = streams.standard_gamma(half, of.z.shape[1:]) / half
-            drawn = of.z + (self.density.scale / np.sqrt(gamma) - 1.0) * of.noise
-        return np.where(changed, drawn, of.z)
+            ends = np.array([self.density.region[component] for component in of.components])
+            least, largest = ends.T[..., None, None]
+            return np.asarray(least + (largest - least) * of.streams().random(of.z.shape))
+        # Student's t is a normal over the root of a gamma variate of mean one.
+        half = 0.5 * self.density.df
+        gamma = of.streams().standard_gamma(half, of.z.shape[1:]) / half
+        return np.asarray(of.z + (self.density.scale / np.sqrt(gamma) - 1.0) * of.noise)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -232,6 +230,11 @@ class Noise(LargerNoise):
 
     kind: Literal["noise"] = "noise"
     """larger or smaller noise"""
+
+    def __post_init__(self) -> None:
+        if self.factor == 1.0:
+            raise InvalidKeyError("a factor of 1 changes nothing", "factor")
+        super().__post_init__()
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,7 +6,7 @@ numbers stay, so that a run and its twin without faults are paired.
 
 import zlib
 from collections.abc import Mapping, Sequence
-from functools import partial
+from functools import cache, partial
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -107,8 +107,8 @@ class FaultContext(NamedTuple):
             earlier = np.concatenate([scans, z[:, : int(np.argmax(inside))]], axis=1)[rows]
             stretch = self._stretch(fault, z)._replace(before=_latest(earlier))
             # Draws depend on the name alone.
-            number = zlib.crc32(fault.name.encode())
-            stretch = stretch._replace(streams=partial(_beside, rng, number))
+            opened = cache(partial(_beside, rng, zlib.crc32(fault.name.encode())))
+            stretch = stretch._replace(streams=opened)
             if fault.uses_noise:
                 # The errors as earlier faults have made them.
                 noise = self._noise(truth, drawn, inside)[rows] + more_noise[rows, inside]
