@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from importlib.machinery import PathFinder
 from importlib.resources import files
 from pathlib import Path
-from types import MappingProxyType
 from typing import NamedTuple
 
 from trackbench.atomic_files import write_text
@@ -61,16 +60,15 @@ LANGUAGES = {
 }
 _FORM_OF |= dict.fromkeys(LANGUAGES, "filter")
 _TEMPLATES |= {name: (f"language.{x.ending}", "language.yaml") for name, x in LANGUAGES.items()}
-_NOTHING: Mapping[str, str] = MappingProxyType({})
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*(?:[-_ ][A-Za-z0-9]+)*")
 
 
 def write_new(what: str, name: str, folder: Path, form: str = "", source: str = "") -> list[Path]:
     """Write the files of a new filter, sensor, experiment, ...; existing files stay.
 
-    ``form`` is ``per_run``, a filter that handles one run at a time, a language, in which a filter
-    is a program of its own, ``nonlinear``, a motion in equations, or ``copy``, a filter that begins
-    as the shipped one of kind ``source``.
+    Forms of a filter are ``per_run``, which handles one run at a time, ``copy``, which begins as the
+    shipped filter of kind ``source``, and the languages, in which a filter is a program. Form of a motion
+    is ``nonlinear``: equations.
     """
     if form and _FORM_OF[form] != what:
         option = "--language" if form in LANGUAGES else f"--{form.replace('_', '-')}"
@@ -122,7 +120,7 @@ def write_config_for(
         problems = [Problem(Mark(p.file, p.line, p.column), "", p.what) for p in error.places]
         raise UserError(*problems) from None
     # The template's lines for the data's columns and units.
-    text = _filled("recording.yaml", words)
+    text = _filled("recording.yaml", words, {})
     file = {"measurements: @FILE@": f"measurements: {json.dumps(os.path.relpath(data, folder))}"}
     for part, lines in {**file, "@FILE@": data.name, **config_parts(guess)}.items():
         text = text.replace(part, lines)
@@ -142,7 +140,7 @@ def _words(what: str, name: str) -> list[str]:
     return words
 
 
-def _filled(template: str, words: list[str], more: Mapping[str, str] = _NOTHING) -> str:
+def _filled(template: str, words: list[str], more: Mapping[str, str]) -> str:
     text = (files("trackbench") / "templates" / f"{template}.tmpl").read_text(encoding="utf-8")
     values = {
         **more,  # whose values may have the marks below

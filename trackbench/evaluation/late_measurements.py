@@ -1,4 +1,4 @@
-"""Late measurements: what a filter is given at each step, and how it filters again with late ones."""
+"""Late measurements: delivery to a filter at each step, and repeated steps with late ones."""
 
 from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager
@@ -17,10 +17,10 @@ from trackbench.scenarios.base import Simulation
 
 
 class Deliveries:
-    """Which measurements a filter is given at each step, of S sensors, T steps and M runs.
+    """Delivery of measurements to a filter at each step, for S sensors, T steps and M runs.
 
-    A late measurement is dropped, applied at the step at which it arrives unless a newer one of its
-    sensor arrives there too, or left for `Refilter`. The rest is given on time.
+    A late measurement is dropped, applied at the step of its arrival, or left for `Refilter`. If several
+    measurements of a sensor arrive at one step, the newest is applied. All others are given on time.
     """
 
     def __init__(self, task: BlockTask, data: Simulation) -> None:
@@ -55,7 +55,7 @@ class Deliveries:
         self.learned[superseded] = T
 
     def given(self, z: Array) -> Array:
-        """Return measurements (n_z, T, M) as they are given at each step, of those as they were made."""
+        """Arrange measurements (n_z, T, M) by the step at which the filter gets them."""
         out = np.empty_like(z)
         for rows, number in zip(self._rows, self._given, strict=True):
             taken = np.take_along_axis(z[rows], np.maximum(number, 0)[None], axis=1)
@@ -63,7 +63,7 @@ class Deliveries:
         return freeze(out)
 
     def known(self, z: Array, first: int, last: int) -> Array:
-        """Return the measurements of steps ``first`` to ``last`` - 1 that have arrived by ``last``."""
+        """Blank the measurements of steps ``first`` to ``last`` - 1 that arrive after ``last``."""
         out = z[:, first:last].copy()
         for rows, learned in zip(self._rows, self.learned[:, first:last], strict=True):
             out[rows][:, learned > last] = np.nan
@@ -79,7 +79,7 @@ class Deliveries:
         return out
 
     def counts(self) -> dict[str, Array]:
-        """Return the series (T + 1, M) of measurements that arrive late, and of those dropped then."""
+        """Count measurements that arrive late, and the dropped ones of them, by step (T + 1, M)."""
         T, runs = self._late.shape[1:]
         arrived = self._late & (self._arrival < T)
         out = {}
@@ -95,12 +95,14 @@ class Deliveries:
     @property
     def steps_per_step(self) -> float:
         """Mean number of steps that a filter makes at a step of a run."""
-        repeated = np.arange(len(self.again_from))[:, None] - self.again_from
-        return 1.0 + float(repeated.mean()) if self.refilters else 1.0
+        if not self.refilters:
+            return 1.0
+        first = self.again_from
+        return 1.0 + float((np.arange(len(first))[:, None] - first).mean())
 
 
 def deliveries(task: BlockTask, data: Simulation) -> Deliveries | None:
-    """Return what a filter is given; None if it gets all measurements on time."""
+    """Plan the delivery to a filter; None if it gets all measurements on time."""
     if task.assumed_scenario.late is None:
         return None
     if data.arrival is None:
@@ -111,8 +113,8 @@ def deliveries(task: BlockTask, data: Simulation) -> Deliveries | None:
 class Refilter:
     """States before the last steps, from which a filter goes on when a measurement arrives late.
 
-    It draws the random numbers of a repeated step again, so that a run without late measurements does
-    not depend on those of other runs.
+    A repeated step draws equal random numbers, so that a run without late measurements does not depend
+    on the late measurements of other runs.
     """
 
     def __init__(
@@ -137,7 +139,7 @@ class Refilter:
         self._before: dict[int, tuple[Any, Any]] = {}
 
     def state_before(self, i: int, state: Any) -> Any:
-        """Return the state before step i, filtered again if a measurement has just arrived late."""
+        """Update the state before step i: filter again if a measurement has just arrived late."""
         first = int(self._again_from[i])
         with self._clock:
             self._store(i, state)
@@ -147,8 +149,7 @@ class Refilter:
                 z = self._of.known(self._z, first, i)
                 for j, state in enumerate(self._repeat(self._copy(begin), z, first), first + 1):
                     self._store(j, state)
-        for j in [j for j in self._before if j < self._needed[i]]:
-            del self._before[j]
+        self._before = {j: each for j, each in self._before.items() if j >= self._needed[i]}
         return state
 
     def _store(self, i: int, state: Any) -> None:

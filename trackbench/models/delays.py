@@ -1,4 +1,4 @@
-"""Delays: how late a sensor's measurements arrive, and what a filter does with late ones."""
+"""Delays of a sensor's measurements, and a filter's treatments of late measurements."""
 
 from abc import abstractmethod
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ class Delay:
 
     @abstractmethod
     def steps(self, u: Array) -> Array:
-        """Return whole numbers of steps of uniform variates u in [0, 1)."""
+        """Transform uniform variates u in [0, 1) to whole numbers of steps."""
 
     @property
     @abstractmethod
@@ -57,7 +57,7 @@ class UniformDelay(Delay):
 
 @dataclass(frozen=True, kw_only=True)
 class GeometricDelay(Delay):
-    """A number of steps with an exponential tail: P(n or more) = (mean / (1 + mean))^n."""
+    """A number of steps with a geometric law: P(n or more) = (mean / (1 + mean))^n."""
 
     kind: Literal["geometric"] = "geometric"
     """numbers of steps with an exponential tail"""
@@ -108,12 +108,12 @@ AnyDelay: TypeAlias = (
 
 
 def longest_delay(delay: AnyDelay) -> int:
-    """Return a number of steps that at most one measurement in a thousand exceeds."""
+    """Bound a delay: number of steps that at most one measurement in a thousand exceeds."""
     return delay if isinstance(delay, int) else delay.longest
 
 
 def drawn_steps(delay: AnyDelay, u: Array) -> Index:
-    """Return the delays of measurements in whole steps, by uniform variates u of their shape."""
+    """Draw delays in whole steps, one for each of the uniform variates u."""
     if isinstance(delay, int):
         return np.full(u.shape, delay, dtype=np.intp)
     return delay.steps(u).astype(np.intp)

@@ -1,4 +1,4 @@
-"""Steps at which measurements arrive: by the sensors' delays, or as a recording says."""
+"""Steps at which measurements arrive: from the sensors' delays or from a recording."""
 
 import zlib
 from typing import cast
@@ -13,9 +13,10 @@ from trackbench.models.sensors.base import Assume, Sensors, sensors_of
 
 
 def arrivals(sensor: Sensors, recorded: Array | None, z: Array, rng: Streams) -> Index | None:
-    """Return the step (S, T, M), from 0, at which each measurement arrives; None without delays.
+    """Draw or read the step (S, T, M), from 0, at which each measurement arrives; None without delays.
 
-    T stands for an arrival after the end. ``recorded`` ones (S, T, M) are NaN in a run beyond the last.
+    T stands for an arrival after the end. Arrivals that are ``recorded`` (S, T, M) come first; NaN is an
+    arrival on time.
     """
     T, runs = z.shape[1:]
     due = np.arange(T)[:, None]
@@ -36,9 +37,9 @@ def arrivals(sensor: Sensors, recorded: Array | None, z: Array, rng: Streams) ->
 
 
 def treatment(assume: Assume) -> Late | None:
-    """Return what a filter does with late measurements; None if it gets them on time.
+    """Choose a filter's treatment of late measurements; None if it gets them on time.
 
-    Raises InvalidKeyError if neither is set.
+    Raises InvalidKeyError if the filter has neither.
     """
     if assume.delay == "none":
         return None
@@ -49,5 +50,5 @@ def treatment(assume: Assume) -> Late | None:
 
 
 def longest_delay_of(sensor: Sensors) -> int:
-    """Return a number of steps that at most one measurement in a thousand exceeds."""
+    """Bound all sensors' delays: steps that at most one measurement in a thousand exceeds."""
     return max(longest_delay(one.delay) for one in sensors_of(sensor))

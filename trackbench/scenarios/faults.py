@@ -29,7 +29,7 @@ from trackbench.scenarios.fault_kinds import Bias, Fault, Stretch
 
 
 class FaultContext(NamedTuple):
-    """Sensors, and numbers and times of the steps from the first state, that faults are fitted to."""
+    """Sensors of a scenario with faults, and its steps from the first state: numbers and times, s."""
 
     sensor: Sensors
     steps: Index
@@ -45,7 +45,7 @@ class FaultContext(NamedTuple):
         return every if fault.sensor is None else (every[fault.sensor - 1],)
 
     def components(self, fault: Fault) -> tuple[str, ...]:
-        """Return names of those components: of one sensor its own."""
+        """Return the names of the components that a fault changes."""
         return (self.sensor if fault.sensor is None else self.sensors(fault)[0]).components
 
     def measured(self, fault: Fault) -> Mask:
@@ -56,31 +56,34 @@ class FaultContext(NamedTuple):
         """Raise InvalidKeyError for a fault outside the run, of no sensor, or whose name is taken."""
         names = [*taken]
         for i, fault in enumerate(faults):
-            sensors, (first, last) = len(sensors_of(self.sensor)), self.times[[1, -1]]
-            if fault.sensor is not None and fault.sensor > sensors:
-                what = f"{fault.sensor} is no sensor: this scenario has {sensors}"
-                raise InvalidKeyError(what, "faults", i, "sensor")
-            if not self.measured(fault).any():
-                what = f"no measurement is in it: they are at {first:g} to {last:g} s, "
-                what += f"steps {self.steps[1]} to {self.steps[-1]}"
-                key = "steps" if fault.steps else "to" if fault.from_ is None else "from"
-                raise InvalidKeyError(what, "faults", i, key)
-            for name in (fault.name, f"after {fault.name}"):
-                if name in names:
-                    what = f"there is a window {name!r} already: choose another name"
-                    raise InvalidKeyError(what, "faults", i, "name")
-                names.append(name)
-            if fault.uses_noise and not truth:
-                what = "multiplies errors, which are known with a truth only; take bias or blackout"
-                raise InvalidKeyError(what, "faults", i, "kind")
-            if any(getattr(s, "is_count", False) for s in self.sensors(fault)):
-                what = "a count (`noise: poisson`) has no such error; take blackout or freeze"
-                if fault.uses_noise or isinstance(fault, Bias):
-                    raise InvalidKeyError(what, "faults", i, "kind")
             try:
-                fault.check(self.components(fault))
+                self._check(fault, names, truth)
             except InvalidKeyError as error:
                 raise InvalidKeyError(str(error), "faults", i, *error.path) from None
+            names += [fault.name, f"after {fault.name}"]
+
+    def _check(self, fault: Fault, names: Sequence[str], truth: bool) -> None:
+        sensors, (first, last) = len(sensors_of(self.sensor)), self.times[[1, -1]]
+        if fault.sensor is not None and fault.sensor > sensors:
+            what = f"{fault.sensor} is no sensor: this scenario has {sensors}"
+            raise InvalidKeyError(what, "sensor")
+        if not self.measured(fault).any():
+            what = f"no measurement is in it: they are at {first:g} to {last:g} s, "
+            what += f"steps {self.steps[1]} to {self.steps[-1]}"
+            key = "steps" if fault.steps else "to" if fault.from_ is None else "from"
+            raise InvalidKeyError(what, key)
+        for name in (fault.name, f"after {fault.name}"):
+            if name in names:
+                what = f"there is a window {name!r} already: choose another name"
+                raise InvalidKeyError(what, "name")
+        if fault.uses_noise and not truth:
+            what = "multiplies errors, which are known with a truth only; take bias or blackout"
+            raise InvalidKeyError(what, "kind")
+        changes_errors = fault.uses_noise or isinstance(fault, Bias)
+        if changes_errors and any(getattr(s, "is_count", False) for s in self.sensors(fault)):
+            what = "a count (`noise: poisson`) has no such error; take blackout or freeze"
+            raise InvalidKeyError(what, "kind")
+        fault.check(self.components(fault))
 
     def windows(self, faults: Sequence[Fault], scored: Mask) -> dict[str, Mask]:
         """Return the steps (K,) of each fault, and those after it up to the next one."""
@@ -100,7 +103,7 @@ class FaultContext(NamedTuple):
     def with_faults(
         self, faults: Sequence[Fault], truth: Array, z: Array, scans: Array, rng: Streams
     ) -> Array:
-        """Return measurements (n_z, T, M) with the faults in order of time; scans came before."""
+        """Add the faults to measurements (n_z, T, M) in order of time; ``scans`` precede them."""
         drawn, z, more_noise = z, z.copy(), np.zeros_like(z)
         for fault in sorted(faults, key=lambda fault: int(np.argmax(self.measured(fault)))):
             rows, inside = self.rows(fault), self.measured(fault)
@@ -120,7 +123,7 @@ class FaultContext(NamedTuple):
         return z
 
     def corrected(self, faults: Sequence[Fault], z: Array) -> Array:
-        """Return the measurements (n_z, T, M) for a filter that knows of the faults."""
+        """Correct measurements (n_z, T, M) for a filter that knows of the faults."""
         z = z.copy()
         for fault in faults:
             z[self.rows(fault), self.measured(fault)] = fault.corrected(self._stretch(fault, z))
@@ -173,14 +176,15 @@ def recovery(
     A run has recovered at the first step from which on its excess error stays below the limit, up to the
     next fault. Its time counts from the last step with the fault.
     """
-    of_faults = [name for name in values if name.partition("_")[0] == "damage"]
     out: dict[str, Array] = {}
-    for fault in faults if of_faults else ():
+    series = next((name for name in values if name.partition("_")[0] == "damage"), None)
+    if series is None:
+        return out
+    damage, squared = values[series], values[series.replace("damage", "squared", 1)]
+    for fault in faults:
         after = windows.get(f"after {fault.name}")
         if after is None:
             continue
-        damage = values[of_faults[0]]
-        squared = values[of_faults[0].replace("damage", "squared", 1)]
         # Step 1: the limit is a share of the twin's RMSE after the fault.
         twin = np.square(np.sqrt(squared[after]) - damage[after])
         known = ~np.isnan(twin)
@@ -199,7 +203,7 @@ def recovery(
 
 
 def _latest(z: Array) -> Array:
-    """Return the last value (n_z, M) that exists of each run; NaN without any."""
+    """Take each run's last value that exists (n_z, M); NaN without any."""
     out = np.full((len(z), z.shape[-1]), np.nan)
     for column in np.moveaxis(z, 1, 0):
         out = np.where(np.isnan(column), out, column)
@@ -207,5 +211,5 @@ def _latest(z: Array) -> Array:
 
 
 def _beside(rng: Streams, number: int) -> RunStreams:
-    """Return further streams of the runs, other ones for each number."""
+    """Open further streams of the runs, others for each number."""
     return cast(RunStreams, rng).beside(number)
