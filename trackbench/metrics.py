@@ -197,6 +197,8 @@ diverged      | 1 | lower  | share of runs whose last ten estimates are outside 
 peak          | quantity | lower | largest error of a run
 beyond_10_sigma | 1 | lower  | share of runs off by more than ten sigmas of a measurement
 overshoot_m   | m | zero   | mean error along a turn's acceleration after its end
+settling_s    | s | lower  | time from a turn's end until the position error stays below the limit
+not_settled   | 1 | lower  | share of runs whose position error is above it before the next turn
 detection_delay_s       | s | lower  | time from an onset to the maneuvering mode
 missed_maneuvers | 1 | lower  | share of legs that went by without the maneuvering mode
 already_maneuvering    | 1 | lower  | share of legs before which the maneuvering mode was on
@@ -229,6 +231,7 @@ spread_ratio  | 1 |        | spread of the cloud after its evolution over that b
 _EVENTS = (
     "diverged",
     "not_recovered",
+    "not_settled",
     "beyond_10_sigma",
     "missed_maneuvers",
     "already_maneuvering",

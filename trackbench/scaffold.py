@@ -66,9 +66,8 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*(?:[-_ ][A-Za-z0-9]+)*")
 def write_new(what: str, name: str, folder: Path, form: str = "", source: str = "") -> list[Path]:
     """Write the files of a new filter, sensor, experiment, ...; existing files stay.
 
-    Forms of a filter are ``per_run``, which handles one run at a time, ``copy``, which begins as the
-    shipped filter of kind ``source``, and the languages, in which a filter is a program. Form of a motion
-    is ``nonlinear``: equations.
+    ``form`` of a filter is ``per_run``, which handles one run at a time, ``copy``, which begins as the
+    shipped filter of kind ``source``, or the language of a program; of a motion ``nonlinear``.
     """
     if form and _FORM_OF[form] != what:
         option = "--language" if form in LANGUAGES else f"--{form.replace('_', '-')}"

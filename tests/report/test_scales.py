@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from matplotlib.figure import Figure
 
 from tests.commands import trackbench
 from tests.conftest import PLANE
@@ -179,3 +180,22 @@ def test_as_many_digits_as_asked() -> None:
     assert rounded(1.2345678912e-9, np.nan, 8) == "1.2345679e-09"
     assert rounded(12345678.912, 0.0, 10).startswith("1.234567891e+07")
     assert rounded(1.2345e-9, np.nan, 4) == "1.23e-09"
+
+
+def test_a_diverged_line_is_cut_off_and_marked_where_it_leaves() -> None:
+    """Three filters over a truth; the errors of one are 25 times those of the next."""
+    k, figure = np.arange(5.0), Figure()
+    axes, below = figure.subplots(2)
+    errors = {"A": np.array([1, -1, 1, 1, -1.0]), "B": np.array([2, 2, -2, 2, 2.0])}
+    errors["C"] = np.array([1, 1, 40, -50, np.nan])
+    for label, error in errors.items():
+        axes.plot(k, 5.0 + error, label=label)
+        below.plot(k, error, label=label)
+    scales.cut([axes, below], errors)
+    assert axes.get_ylim() == pytest.approx((3 - 0.2, 7 + 0.2))
+    mark = below.lines[-1]
+    assert (mark.get_marker(), mark.get_xdata().tolist()) == ("^", [2.0])
+    assert 2.0 < mark.get_ydata()[0] < below.get_ylim()[1]
+    # Of two filters neither is cut until it is so many times as far off.
+    scales.cut([axes], {"A": errors["A"], "B": errors["B"]})
+    assert len(axes.lines) == 4

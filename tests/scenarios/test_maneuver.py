@@ -112,6 +112,22 @@ def test_overshoot_is_along_the_acceleration_until_the_next_turn() -> None:
     np.testing.assert_allclose(got["overshoot_m[leg 2]"], -0.6 * 0.25 * np.mean(t * t))
 
 
+def test_settling_by_hand() -> None:
+    """Five runs: at once, after the second excess, never, up to the next turn, without an error."""
+    legs = (Leg(start=10, end=20, ax=0.3, ay=0.0), Leg(start=30, end=40, ax=-0.3, ay=0.0))
+    scenario = maneuver(duration=50.0, legs=legs, settled_error=9.0)
+    error = np.ones((len(scenario.times), 5))
+    at = {time: row for row, time in enumerate(scenario.times.tolist())}
+    error[at[20] : at[23], 1] = error[at[25], 1] = 9.1
+    error[at[30], 2] = 10.0
+    error[at[31] : at[39], 3] = 99.0
+    error[at[22], 4] = np.nan
+    got = scenario.run_metrics({"squared_position": np.square(error)})
+    np.testing.assert_array_equal(got["settling_s[leg 1]"], [0.0, 6.0, np.nan, 0.0, np.nan])
+    np.testing.assert_array_equal(got["not_settled[leg 1]"], [0.0, 0.0, 1.0, 0.0, np.nan])
+    np.testing.assert_array_equal(got["settling_s[leg 2]"], np.zeros(5))
+
+
 def test_onsets_by_hand() -> None:
     """Two legs, four runs: met late, met at once, missed, and on from before."""
     times = np.arange(1.0, 11.0)

@@ -47,6 +47,12 @@ def as_slice(rows: Sequence[int]) -> slice | Sequence[int]:
     return slice(rows[0], rows[-1] + 1, step) if regular else [*rows]
 
 
+def settled_row(above: Mask) -> Index:
+    """Find the row of ``above`` (K, M) from which on no value is above a limit (M,); K if none is."""
+    rows = np.arange(1, len(above) + 1)[:, None]
+    return np.asarray(np.where(above, rows, 0).max(axis=0), dtype=np.intp)
+
+
 def any_nan(a: Array) -> bool:
     """Return whether any entry is NaN."""
     nan_or_none = compiled.kernels.any_nan(a) if compiled.kernels else None

@@ -15,6 +15,7 @@ from trackbench.config.dump import as_config, entry_keys
 from trackbench.config.experiment import Point
 from trackbench.config.python_tables import path_from
 from trackbench.evaluation.consistency_and_calibration import sizes
+from trackbench.metrics import unit_of, without_unit
 from trackbench.scenarios.base import Scenario
 from trackbench.yaml_source import unprintable_reason
 
@@ -68,6 +69,12 @@ class PointFacts:
     """components of the truth that are angles"""
     judged: list[int] | None = None
     """first and last step that count, of one recorded run"""
+
+    def component(self, c: int) -> tuple[str, str]:
+        """Name component c of the truth, and its unit; empty where none is known."""
+        name = self.components[c]
+        is_angle = name in (self.angles or ())
+        return without_unit(name)[0], unit_of(f"rmse_{name}") or "rad" * is_angle
 
 
 def facts_of_point(point: Point, shown: Callable[[str], str] = str) -> PointFacts:

@@ -11,7 +11,7 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
-from trackbench.core.arrays import Array, Index, Mask, fixed, with_trailing
+from trackbench.core.arrays import Array, Index, Mask, fixed, settled_row, with_trailing
 from trackbench.core.random_streams import RunStreams, Streams
 from trackbench.core.sums import total
 from trackbench.field_types import InvalidKeyError
@@ -192,8 +192,7 @@ def recovery(
         # Step 2: the last step, from that of the fault's end on, with a larger excess.
         last = int(np.flatnonzero(context.measured(fault))[-1]) + 1
         places = np.append(last, np.flatnonzero(after))
-        above = np.insert(damage[places] > limit, 0, True, axis=0)
-        recovered = len(places) - np.argmax(above[::-1], axis=0)
+        recovered = settled_row(damage[places] > limit)
         times = np.append(context.times[places] - context.times[last], np.nan)
         seconds = np.where(np.isnan(limit), np.nan, times[recovered])
         out[in_window("recovery_s", fault.name)] = seconds

@@ -33,7 +33,7 @@ class Curves(FigureKind):
     x_label: str = ""
     """label of the horizontal axis; default: what it is"""
     y_label: str = ""
-    """label of the vertical axis, with its unit; default: the metric"""
+    """label of the vertical axis, with its unit; default: the metric, or a component with a unit"""
     log: bool = False
     """logarithmic vertical axis; without `y_label` also where one filter's errors dwarf the others'"""
     floor: str | None = None
@@ -239,7 +239,8 @@ class RmseVsTime(OverTime):
 class EstimatesOfOneRun(OverTime):
     """Truth and every filter's estimate of one component in one run; below, the estimates' errors.
 
-    More than 5 filters over more than 150 steps have a panel each, which has the errors only.
+    More than 5 filters over more than 150 steps have a panel each, which has the errors only. In one
+    panel, estimates that dwarf the others' are cut off, with a mark where they leave it.
     """
 
     run: Count = 1
@@ -269,10 +270,15 @@ class EstimatesOfOneRun(OverTime):
                 is_angle = facts.components[c] in (facts.angles or ())
                 curves = _without_jumps(arrays, c, run) if is_angle else arrays
                 self._panel(axes, results, curves, c, run, title, titles)
+        name, unit = results.facts(panels[0][1]).component(c)
+        label = self.y_label or f"{name} ({unit})" * bool(unit)
+        error = f"Estimate - truth ({unit})".removesuffix(" ()")
         if known and titles:
-            figure.supylabel(f"{self.y_label}\nEstimate - truth".lstrip())
-        elif known:
-            panels[0][0][1].set_ylabel("Estimate - truth")
+            figure.supylabel(f"{self.y_label}\n{error}".lstrip())
+        else:
+            panels[0][0][0].set_ylabel(label)
+        if known and not titles:
+            panels[0][0][1].set_ylabel(error)
             figure.align_ylabels()
         self.keep_possible_scales(figure)
         style.legend_outside(figure, titles)
@@ -298,13 +304,17 @@ class EstimatesOfOneRun(OverTime):
         for ax in below:
             ax.set_yscale("linear")
             ax.axhline(0.0, **style.TRUTH | {"linewidth": 0.8})
+        largest: dict[str, Array] = {}
         for label, look in self.labels(results):
             if f"mean/{label}" in tracks:
                 mean = tracks[f"mean/{label}"][c, :, run]
                 errors = style.with_gaps(steps[scored], k[scored], (mean - truth)[scored])
+                largest[label] = errors[1]
                 for ax in axes:
                     line = errors if ax in below else (k, mean)
                     self.curve(ax, line, {"label": label, **look}, title, titles)
+        if not titles:
+            scales.cut(axes, largest)
 
 
 def _without_jumps(tracks: dict[str, Array], c: int, run: int) -> dict[str, Array]:

@@ -1,7 +1,8 @@
 """Logarithmic axes: when an axis is one, which numbers it can show, and how it is labeled."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
+from statistics import median_low
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,8 +12,9 @@ from trackbench.core.arrays import Array
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
+    from matplotlib.lines import Line2D
 else:
-    Axes = Axis = Any
+    Axes = Axis = Line2D = Any
 
 
 _ZERO = 0.2
@@ -36,7 +38,44 @@ def spans(values: Sequence[float], factor: float) -> bool:
 def one_dwarfs(curves: Sequence[Array]) -> bool:
     """Return whether positive curves would be flat on a linear axis beside the largest."""
     largest = [float(np.nanmax(y)) for y in curves if np.isfinite(y).any()]
-    return len(largest) > 1 and max(largest) > _DWARFED * float(np.median(largest))
+    return len(largest) > 1 and max(largest) > _DWARFED * median_low(largest)
+
+
+def cut(axes: Sequence[Axes], errors: Mapping[str, Array]) -> None:
+    """Leave lines that would flatten the others beyond the vertical axes; marks show where they go.
+
+    A line is that of the label in ``errors`` whose largest one dwarfs those of the others.
+    """
+    largest = {
+        label: float(np.nanmax(np.abs(e))) for label, e in errors.items() if np.isfinite(e).any()
+    }
+    most = _DWARFED * median_low(largest.values() or [np.inf])
+    for ax in axes:
+        leaving = [line for line in ax.lines if largest.get(str(line.get_label()), 0.0) > most]
+        if not leaving:
+            continue
+        stay = np.concatenate([_data(line)[1] for line in ax.lines if line not in leaving])
+        low, high = np.nanmin(stay), np.nanmax(stay)
+        margin = 0.05 * (high - low)
+        low, high = low - margin, high + margin
+        ax.set_ylim(low, high)
+        for line in leaving:
+            x, y = _data(line)
+            outside = np.flatnonzero((y < low) | (y > high))[:1]
+            inside = 0.03 * (high - low)
+            is_above = (y[outside] > high).any()
+            marker, edge = ("^", high - inside) if is_above else ("v", low + inside)
+            look: dict[str, Any] = {
+                "marker": marker,
+                "color": line.get_color(),
+                "linestyle": "none",
+            }
+            ax.plot(x[outside], np.full(len(outside), edge), label="_cut", **look)
+
+
+def _data(line: Line2D) -> tuple[Array, Array]:
+    """Coordinates of a line."""
+    return np.asarray(line.get_xdata(), dtype=float), np.asarray(line.get_ydata(), dtype=float)
 
 
 def without_rounding(values: Array) -> Array:
@@ -90,8 +129,7 @@ def _coordinates(ax: Axes, name: str) -> Iterator[Array]:
     for line in ax.lines:
         in_data = line.get_transform().contains_branch_seperately(ax.transData)
         if line not in caps and in_data[name == "y"]:
-            values = line.get_xdata() if name == "x" else line.get_ydata()
-            yield np.asarray(values, dtype=float)
+            yield _data(line)[name == "y"]
 
 
 def log_scale(axis: Any) -> bool:

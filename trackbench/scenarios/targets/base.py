@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trackbench.core.arrays import Array, Index, Mask, fixed
+from trackbench.core.arrays import Array, Index, Mask, fixed, settled_row
 from trackbench.core.random_streams import RunStreams, Streams
 from trackbench.extension_points import Part
 from trackbench.field_types import MOST_STEPS, Finite, InvalidKeyError
@@ -211,6 +211,28 @@ class Scored(NamedTuple):
         # 1 beyond the limit, 0 within; NaN if the peak is NaN.
         strayed = (peaks[""] > STRAY * self.sigma).astype(float)
         return out | {"beyond_10_sigma": np.where(np.isnan(peaks[""]), np.nan, strayed)}
+
+    def settling(
+        self, error: Array, limit: float, stretches: Mapping[str, tuple[float, float]]
+    ) -> dict[str, Array]:
+        """Measure ``settling_s`` and ``not_settled`` (M,) by errors (K, M), in each stretch of time.
+
+        A run has settled at the first scored step from which on the error is at most ``limit`` up to the
+        stretch's end. Its time, s, counts from the stretch's beginning; NaN if it has not settled, or
+        without an error.
+        """
+        out: dict[str, Array] = {}
+        for name, (begin, end) in stretches.items():
+            after = self.windows[""] & (self.times >= begin) & (self.times <= end)
+            if not after.any():
+                continue  # shorter than the sampling time
+            number = settled_row(error[after] > limit)
+            seconds = np.append(self.times[after] - begin, np.nan)[number]
+            late = (number == after.sum()).astype(float)
+            unknown = np.isnan(error[after]).any(axis=0)
+            out[in_window("settling_s", name)] = np.where(unknown, np.nan, seconds)
+            out[in_window("not_settled", name)] = np.where(unknown, np.nan, late)
+        return out
 
 
 def measured_along(

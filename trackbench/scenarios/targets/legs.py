@@ -138,6 +138,8 @@ class Legs(Flown):
     """time after a turn that is neither turn nor quiet, s"""
     edge: Annotated[Positive, Unit("s")] = 50.0
     """length of a turn's start, and of the stretch after its end where an overshoot is looked for, s"""
+    settled_error: Annotated[Positive, Unit("m")] | None = None
+    """position error below which a filter has settled after a turn, m; default: not measured"""
 
     @property
     def axes(self) -> int:
@@ -209,11 +211,18 @@ class Legs(Flown):
     def run_metrics(self, values: Mapping[str, Array], scored: Scored) -> dict[str, Array]:
         """Return the base's metrics, overshoots, and the metrics of maneuver detection.
 
-        ``overshoot_m[leg n]`` mean error along the turn's acceleration after its end.
+        ``overshoot_m[leg n]`` mean error along the turn's acceleration after its end. With
+        ``settled_error`` also settling after each leg, up to the next one.
         """
         out, times, window = super().run_metrics(values, scored), scored.times, scored.windows[""]
         if "error_x" in values:
             out |= self._overshoots(values["error_x"], values["error_y"], times, window)
+        if self.settled_error is not None:
+            ends = [*(leg.start for leg in self.legs[1:]), np.inf]
+            straight = zip((leg.end for leg in self.legs), ends, strict=True)
+            after = {f"leg {n}": stretch for n, stretch in enumerate(straight, 1)}
+            error = np.sqrt(values["squared_position"])
+            out |= scored.settling(error, self.settled_error, after)
         if "mode" in values:
             starts = tuple(leg.start for leg in self.legs)
             onsets = Onsets(times, starts, self._inside(times), window & self._quiet(times))
