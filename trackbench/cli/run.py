@@ -207,7 +207,7 @@ def _print(
         typer.echo(f"note: {note}", err=True)
     for failure in report.failed:
         typer.echo(f"error: {failure}", err=True)
-    rest = ": report.html has tables, figures and verdicts; --all prints the tables"
+    rest = ": report.html has tables, figures and verdicts of these runs; --all prints the tables"
     typer.echo(f"results in {report.folder}/" + rest * (not everything), err=True)
 
 
@@ -227,12 +227,14 @@ def _verdict_lines(report: "Report", config: Path) -> Iterator[str]:
             needed = read(located(config, lambda line: None)).data.get("runs")
     if isinstance(needed, int) and needed > report.config["runs"]:
         titles = " and ".join(bar.title for bar in counts)
-        yield f"Verdicts on {titles} need all {needed} runs of the config."
+        yield f"Verdicts on {titles} need all {needed} runs: trackbench run {config}"
         return
     shown = []
     for bar in counts:
         shown.append(f"{bar.title}: {', '.join(f'{p.number} {p.verb}' for p in bar.parts)}")
     yield f"Verdicts on {'; on '.join(shown)}. Reasons: trackbench compare {report.folder}"
+    for first in report.comparison.claims[:1]:
+        yield f"The first claim: {first.claim.claim}: {first.verdict.word}."
 
 
 _EVERY_S = 0.2

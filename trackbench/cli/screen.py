@@ -23,7 +23,7 @@ _BEST = "bold green"
 _COLORS = {
     **dict.fromkeys(("equal", "agrees", "holds", "calibrated"), "green"),
     **dict.fromkeys(("differs", "fails", "collapsed", "unranked"), "red"),
-    **dict.fromkeys(("inconclusive", "overconfident", "underconfident"), "yellow"),
+    **dict.fromkeys(("inconclusive", "undecided", "overconfident", "underconfident"), "yellow"),
 }
 """Colors of verdicts, and of words on consistency, by their first word."""
 
@@ -100,16 +100,20 @@ def _is_numeric(table: TextTable, column: int) -> bool:
 
 
 def _widths(table: TextTable, room: int) -> dict[int, int]:
-    """Return the width of each column: of words narrower where all columns then fit side by side.
+    """Fit the width of each column so that all stand side by side, if they can.
 
-    Words that begin with a digit are wrapped last.
+    Headings are wrapped first, then words, and those that begin with a digit last.
     """
     columns = range(len(table.heads))
-    most = {i: max(map(cell_len, _texts(table, i))) for i in columns}
+    gaps = _GAP * (len(columns) - 1)
+    texts = {i: _texts(table, i) for i in columns}
+    most = {i: max(map(cell_len, texts[i])) for i in columns}
+    if sum(most.values()) + gaps > room:
+        most = {i: max(map(cell_len, [*texts[i][0].split(), *texts[i][1:], ""])) for i in columns}
     for wrapped in (r"(?!\d)", ""):
         least = {i: _least(table, i, wrapped) for i in columns}
-        if sum(least.values()) + _GAP * (len(columns) - 1) <= room:
-            while sum(most.values()) + _GAP * (len(columns) - 1) > room:
+        if sum(least.values()) + gaps <= room:
+            while sum(most.values()) + gaps > room:
                 widest = max((i for i in columns if most[i] > least[i]), key=most.__getitem__)
                 most[widest] -= 1
             return most

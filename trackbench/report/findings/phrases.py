@@ -77,10 +77,10 @@ def two_digits(x: float) -> str:
 
 
 def multiple(ratio: float, width: float) -> str:
-    """Return a ratio with the digits that its interval allows: ``1.018``, ``3.2``, ``250``."""
+    """Return a ratio with the digits that its interval allows, three decimals at most: ``3.2``."""
     if not 0.0 < width < inf:
         return three_digits(ratio)
-    return f"{ratio:.{max(0, ceil(log10(3.0 / width)))}f}"
+    return f"{ratio:.{min(3, max(0, ceil(log10(3.0 / width))))}f}"
 
 
 def run_count(runs: float) -> str:

@@ -18,11 +18,13 @@ from trackbench.report.results import Results
 from trackbench.report.table import Text, TextTable, rounded
 from trackbench.statistics import rules
 from trackbench.statistics.comparison import Comparison
-from trackbench.statistics.estimates import collapsed_in_words
+from trackbench.statistics.estimates import COLLAPSED_NOTE, collapsed_in_words
 from trackbench.statistics.over_runs import interval, mean
 
 _SECONDS = ((1.0, "s"), (1e3, "ms"), (1e6, "µs"))
-_LOST, _ANEES, _TIME = "Lost runs", "ANEES", "CPU time per run"
+_LOST, _ANEES, _TIME = "Lost runs", "ANEES", "CPU per run"
+_FULL_BLOCK = 100
+"""Runs that share the calls of a block so that a run's CPU time hardly depends on their number."""
 _MOST_SETTINGS = 20
 """Longer tables of a filter's settings are cut to the best."""
 
@@ -64,16 +66,29 @@ def _table(results: Results, standing: Ranking, of_settings: bool) -> TextTable:
         name = c.setting if of_settings else f"{c.label}{at}"
         table.rows.append(_row(results, c, name, ratio))
     if not of_settings:
-        table.rows += _unranked(results, standing, matters)
-    shown_words = " ".join(row[2].text for row in table.rows)
-    if "n.s." in shown_words:
+        for row in _unranked(results, standing, matters):
+            _insert(table.rows, row, is_score)
+    words = " ".join(row[2].text for row in table.rows)
+    if "n.s." in words:
         table.notes.append(
-            f"n.s.: not significant at {100 * rules.LEVEL:g} % over all pairs of filters"
-            f"{_runs_needed(standing)}."
+            f"n.s.: not significant at {100 * rules.LEVEL:g} % over all pairs of filters (an interval "
+            f"is of its pair alone){_runs_needed(standing)}."
         )
-    if "tiny" in shown_words:
+    if "tiny" in words:
         table.notes.append(f"tiny: significant, but below {phrases.percent(matters)}.")
+    if any("collapsed" in row[4].text for row in table.rows):
+        table.notes.append(COLLAPSED_NOTE)
+    if 1 < standing.runs < _FULL_BLOCK and any(row[-1].text != "–" for row in table.rows):
+        table.notes.append("CPU times: a run takes less in blocks of more runs.")
     return _without_empty(results, table)
+
+
+def _insert(rows: list[list[Text]], row: list[Text], is_score: bool) -> None:
+    """Insert a row without a rank at the place of its number, at the end without one."""
+    sign = -1.0 if is_score else 1.0
+    number, *others = (sign * (r[1].number or 0.0) for r in (row, *rows))
+    places = [i for i, other in enumerate(others) if other >= number]
+    rows.insert(places[0] if places else len(rows), row)
 
 
 def _row(results: Results, c: Candidate, name: str, ratio: str) -> list[Text]:
@@ -182,12 +197,12 @@ def consistency(results: Results, candidate: Candidate) -> str:
     values = values[~np.isnan(values)] / n
     if words := collapsed_in_words(values):
         whole = f"{len(values)} of {len(values)} runs"
-        return "collapsed in every run" if words.endswith(f" {whole}") else words
+        return "collapsed in all" if words.endswith(f" {whole}") else words.removesuffix(" runs")
     if isinf(mean(values).value):
         return "overconfident"
     # Judge by the 95 % interval of the mean over the runs.
     low, high = interval("mean", values)
-    return rules.credibility(low, high) or ("" if isnan(low) else rules.UNDECIDED)
+    return rules.credibility(low, high) or ("" if isnan(low) else "undecided")
 
 
 def _cpu_s(results: Results, c: Candidate) -> float:
