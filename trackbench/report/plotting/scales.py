@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
-from statistics import median_low
+from statistics import median, median_low
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -44,12 +44,12 @@ def one_dwarfs(curves: Sequence[Array]) -> bool:
 def cut(axes: Sequence[Axes], errors: Mapping[str, Array]) -> None:
     """Leave lines that would flatten the others beyond the vertical axes; marks show where they go.
 
-    A line is that of the label in ``errors`` whose largest one dwarfs those of the others.
+    A line is that of the label in ``errors`` whose largest one dwarfs those of most others.
     """
     largest = {
         label: float(np.nanmax(np.abs(e))) for label, e in errors.items() if np.isfinite(e).any()
     }
-    most = _DWARFED * median_low(largest.values() or [np.inf])
+    most = _DWARFED * median([*largest.values(), *[np.inf] * (not largest)])
     for ax in axes:
         leaving = [line for line in ax.lines if largest.get(str(line.get_label()), 0.0) > most]
         if not leaving:
