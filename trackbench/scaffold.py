@@ -67,8 +67,8 @@ def write_new(what: str, name: str, folder: Path, form: str = "", source: str = 
     """Write the files of a new filter, sensor, experiment, ...; existing files stay.
 
     Forms of a filter are ``per_run``, which handles one run at a time, ``copy``, which begins as the
-    shipped filter of kind ``source``, and the languages, in which a filter is a program. Form of a motion
-    is ``nonlinear``: equations.
+    shipped filter of kind ``source``, and the languages, in which a filter is a program. A form of a
+    motion is ``nonlinear``: equations.
     """
     if form and _FORM_OF[form] != what:
         option = "--language" if form in LANGUAGES else f"--{form.replace('_', '-')}"

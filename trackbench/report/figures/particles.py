@@ -55,11 +55,6 @@ class ParticlesOfOneRun(FigureKind):
         return {}
 
     @property
-    def shown_runs(self) -> int:
-        """Runs whose tracks must be kept."""
-        return self.run
-
-    @property
     def shown_particles(self) -> tuple[int, int]:
         """First and last step of which the particles must be kept."""
         return self.steps
@@ -77,9 +72,7 @@ class ParticlesOfOneRun(FigureKind):
         component = results.facts(point).components[self.component - 1]
         unit = unit_of(f"rmse_{component}")
         axes[0][0].set_ylabel(self.y_label or (f"{component} ({unit})" if unit else component))
-        style.title(figure, self.title)
-        style.legend_outside(figure)
-        return figure
+        return style.finished(figure, self.title)
 
     def _panel(self, ax: Axes, tracks: dict[str, Array], label: str, color: str) -> None:
         (first, last), c, run = self.steps, self.component - 1, self.run - 1

@@ -104,9 +104,7 @@ class RmseVsParameter(FigureKind):
             ax.set_xlim(places.min(), places.max())
         ax.set_xlabel(self.x_label or results.axis(path))
         ax.set_ylabel(self.y_label or phrases.error_of(self.metric))
-        style.title(figure, self.title)
-        style.legend_outside(figure)
-        return figure
+        return style.finished(figure, self.title)
 
 
 def _line(
@@ -270,13 +268,14 @@ def _lines(
                 estimates = np.array([places, y, stderr], dtype=float)
                 dotted = look | {"marker": "o", "markersize": 3}
                 _line(ax, estimates, label, dotted, marked, 6, capsize=2)
-        _scale(ax, values, numeric)
+        if not numeric:
+            ax.set_xticks(range(len(values)), [str(v) for v in values])
+        elif scales.spans(values, _WIDE_X):
+            ax.set_xscale("log")
         if scales.spans(heights, _WIDE):
             scales.plain_log_axis(ax.yaxis, most=np.inf)
         ax.set(xlabel=section.results.axis(path), ylabel=words)
-    style.title(figure, title)
-    style.legend_outside(figure)
-    return figure
+    return style.finished(figure, title)
 
 
 def _drawn(section: _Section, labels: list[str], varied: list[str], metric: Measure) -> list[str]:
@@ -292,13 +291,6 @@ def _drawn(section: _Section, labels: list[str], varied: list[str], metric: Meas
     return [b for b in labels if b in varied or b == best]
 
 
-def _scale(ax: Axes, values: list[Any], numeric: bool) -> None:
-    if not numeric:
-        ax.set_xticks(range(len(values)), [str(v) for v in values])
-    elif scales.spans(values, _WIDE_X):
-        ax.set_xscale("log")
-
-
 def _heat_maps(
     section: _Section, x: str, y: str, labels: list[str], metrics: dict[str, Measure], title: str
 ) -> Figure:
@@ -306,14 +298,17 @@ def _heat_maps(
     words, metric = next(iter(metrics.items()), ("", measured("mean(rmse)")))
     # Fields of the filters that have any number, and their common color scale.
     across, down = section.values[x], section.values[y]
-    fields = {label: _field(section, label, metric, across, down) for label in labels}
-    fields = {label: field for label, field in fields.items() if np.isfinite(field).any()}
+    fields: dict[str, Array] = {}
+    for label in labels:
+        values = np.full((len(down), len(across)), np.nan)
+        for a, b, value, _ in section.of(label, metric):
+            values[down.index(b), across.index(a)] = value
+        fields |= {label: values} if np.isfinite(values).any() else {}
     figure, axes = style.panel_grid(len(fields), _ROW_IN, 0.6)
     finite = np.concatenate([f[np.isfinite(f)] for f in fields.values()] or [np.zeros(1)])
     for ax, (label, values) in zip(axes, fields.items(), strict=False):
-        image = ax.imshow(
-            values, origin="lower", aspect="auto", vmin=finite.min(), vmax=finite.max()
-        )
+        ends = {"vmin": finite.min(), "vmax": finite.max()}
+        image = ax.imshow(values, origin="lower", aspect="auto", **ends)
         ax.set_xticks(range(len(across)), [phrases.number(v) for v in across])
         ax.set_yticks(range(len(down)), [phrases.number(v) for v in down])
         ax.set_title(style.wrap_label(label))
@@ -331,22 +326,11 @@ def _heat_maps(
     return figure
 
 
-def _field(
-    section: _Section, label: str, metric: Measure, across: list[Any], down: list[Any]
-) -> Array:
-    """Return the metric by grid values, an array (len(down), len(across)) with NaN in empty cells."""
-    values = np.full((len(down), len(across)), np.nan)
-    for a, b, value, _ in section.of(label, metric):
-        values[down.index(b), across.index(a)] = value
-    return values
-
-
 def _frame(ax: Axes, at: tuple[Any, ...]) -> None:
     from matplotlib.patches import Rectangle
 
-    i, j = at
-    frame = Rectangle(
-        (j - 0.5, i - 0.5), 1, 1, fill=False, edgecolor=style.COLORS[1], linewidth=2, zorder=5
-    )
+    corner = at[1] - 0.5, at[0] - 0.5
+    look: LineStyle = {"edgecolor": style.COLORS[1], "linewidth": 2, "zorder": 5}
+    frame = Rectangle(corner, 1, 1, fill=False, **look)
     frame.set_clip_on(False)
     ax.add_patch(frame)
