@@ -215,7 +215,9 @@ def rows_of(
         change = on_common_runs
         worse = _worse(metric, change, compare_estimates)
         if is_exact:  # a difference of numbers without randomness is real
-            change, worse = (c._replace(z=_infinite(c.difference.value)) for c in (change, worse))
+            offs = (c.difference.value for c in (change, worse))
+            zs = [off * inf if off else 0.0 for off in offs]
+            change, worse = change._replace(z=zs[0]), worse._replace(z=zs[1])
         elif is_event(metric):
             change = worse = change._replace(z=sign_test(b.values, a.values))
         yield Row(point, label, metric, "paired", change, worse)
@@ -225,10 +227,6 @@ def rows_of(
         change = compare_independent(second, first)
         worse = _worse(metric, change, compare_independent)
         yield Row(point, label, metric, "independent", change, worse)
-
-
-def _infinite(difference: float) -> float:
-    return difference * inf if difference else 0.0
 
 
 def _worse(metric: str, change: Comparison, compared: Callable[..., Comparison]) -> Comparison:
@@ -257,7 +255,7 @@ def table_of(title: str, rows: Sequence[Row], names: tuple[str, str]) -> TextTab
             cells = [rounded(number.value, nan, 4) for number in numbers]
             cells += [rounded(*row.difference.estimate, 2), _change(row)]
             cells += [f"{z:+.1f}" if isfinite(z) else "–"]
-            words = _series(row), _with_unit(row.metric)
+            words = _series(row), with_unit(row.metric)
             texts = [*map(Text, words), *(Text(cell, 0.0) for cell in cells), Text(row.verdict)]
             table.rows.append(texts)
     changed = {_series(row) for row in rows if row.how != EQUAL}
@@ -268,9 +266,10 @@ def table_of(title: str, rows: Sequence[Row], names: tuple[str, str]) -> TextTab
     return table
 
 
-def _with_unit(metric: str) -> str:
+def with_unit(metric: str) -> str:
+    """Add the unit of a metric that has one, which a share of runs has not."""
     unit = "" if metric.endswith(INFINITE) else unit_of(measured(metric).metric)
-    return f"{metric} ({unit})" if unit not in ("", "1") else metric
+    return phrases.in_unit(metric, unit if unit != "1" else "")
 
 
 def _series(row: Row) -> str:
@@ -302,10 +301,9 @@ def conclusion(rows: Sequence[Row], names: tuple[str, str]) -> str:
     if same == len(rows):
         return f"All {counted(same, 'number')} are equal, byte for byte."
     apart = sum(row.change.sign != 0 for row in rows)
+    level = f"at {100 * rules.LEVEL:g} % over the numbers of a metric"
     text = f"Of {counted(len(rows), 'number')} {same} are equal, byte for byte, and {apart} of the "
-    text += (
-        f"others differ significantly (at {100 * rules.LEVEL:g} % over the numbers of a metric)."
-    )
+    text += f"others differ significantly ({level})."
     primary = [row for row in rows if row.is_primary and row.how != EQUAL] or rows
     for verdict in (WORSE, BETTER):
         if lines := changes(primary, verdict):
@@ -332,7 +330,7 @@ def draw(rows: Sequence[Row], names: tuple[str, str]) -> "Figure":
             ax.axvline(0.0, color="black", linewidth=0.8)
             ax.set_yticks(range(len(of)), [style.wrap_label(_series(row)) for row in of])
             ax.set_ylim(len(of) - 0.5, -0.5)
-            ax.set_title(_with_unit(metric), fontsize="medium")
+            ax.set_title(with_unit(metric), fontsize="medium")
             ax.locator_params(axis="x", nbins=4)
             ax.ticklabel_format(axis="x", scilimits=(-3, 4))
         words = f"{names[1]} minus {names[0]}, ± 2 standard errors (orange worse, green better)"

@@ -6,7 +6,7 @@ A table or figure that fails becomes a line with its place; the others are made.
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
@@ -57,7 +57,10 @@ def default_keys(group: Group, metrics: Iterable[str], points: int, filters: int
         if points > 1 or not errors:
             return {}
         return {"kind": "rmse-vs-time", "x": "time", "metric": measure(errors[0][1])}
-    columns = {_head(error): error[0] for error in errors[:2]}
+    columns = {}
+    for error in errors[:2]:
+        words = f"RMSE of {error[2]}" if error[2] else "RMSE"
+        columns[phrases.in_unit(words, unit_of(error[1]))] = error[0]
     consistent = {"ANEES": "anees"} if errors else {"NIS": "mean(nis)"}
     columns |= {head: text for head, text in consistent.items() if text in metrics}
     if not columns or points * filters > _MOST_ROWS:
@@ -66,18 +69,21 @@ def default_keys(group: Group, metrics: Iterable[str], points: int, filters: int
     return {"kind": "metrics", "title": "Errors over the whole run", "columns": measured}
 
 
-def _head(error: re.Match[str]) -> str:
-    """Return ``RMSE of position (m)``."""
-    words, unit = f"RMSE of {error[2]}" if error[2] else "RMSE", unit_of(error[1])
-    return f"{words} ({unit})" if unit else words
-
-
 @dataclass(frozen=True, repr=False)
 class Results(ResultsFolder):
     """A results folder with the tables and figures that are made of it."""
 
     out: Path | None = None
     """where tables and verdicts are written, if not into the folder"""
+    unmade: dict[str, str] = field(default_factory=dict, init=False, compare=False)
+    """tables, figures and other outputs that failed, with the reasons"""
+    known_rankings: dict[tuple[str, Collection[str]], list[Any]] = field(
+        default_factory=dict, init=False, compare=False
+    )
+    """rankings computed so far, by metric and filters"""
+    _judged_steps: dict[tuple[Any, ...], dict[tuple[str, str], Array]] = field(
+        default_factory=dict, init=False, compare=False
+    )
 
     def __repr__(self) -> str:
         what = f"{counted(len(self.filters), 'filter')}, {counted(self.config['runs'], 'run')}"
@@ -161,11 +167,6 @@ class Results(ResultsFolder):
         table.units = {single_paths(path)[0]: unit for path, unit in self.grid_units.items()}
         return table
 
-    @cached_property
-    def unmade(self) -> dict[str, str]:
-        """Tables, figures and other outputs that failed, with the reasons."""
-        return {}
-
     @property
     def unmade_lines(self) -> list[str]:
         """Failures of tables, figures and other outputs, a line each."""
@@ -193,11 +194,6 @@ class Results(ResultsFolder):
             (p, pairs_at(self.runs(p), self.labels, self.judged_steps(p), self.config))
             for p in self.points()
         ]
-
-    @cached_property
-    def known_rankings(self) -> dict[tuple[str, Collection[str]], list[Any]]:
-        """Rankings computed so far, by metric and filters."""
-        return {}
 
     @property
     def batches(self) -> int:
@@ -230,10 +226,6 @@ class Results(ResultsFolder):
                 out[label, metric] = values
         return out
 
-    @cached_property
-    def _judged_steps(self) -> dict[tuple[Any, ...], dict[tuple[str, str], Array]]:
-        return {}
-
     def line_style(self, label: str) -> dict[str, Any]:
         """Return color and dash of a filter, the same in every figure of the experiment.
 
@@ -253,8 +245,7 @@ class Results(ResultsFolder):
     def axis(self, path: str) -> str:
         """Return a swept path as the label of an axis: ``q (m^2/s^3)``."""
         words, unit = phrases.quantity(path)
-        unit = unit or self.grid_units.get(path, "")
-        return f"{words} ({unit})" if unit else words
+        return phrases.in_unit(words, unit or self.grid_units.get(path, ""))
 
     @cached_property
     def grid_units(self) -> dict[str, str]:
@@ -356,14 +347,12 @@ def as_figure(figure: object) -> "Figure":
 
 def missing_paths(points: Sequence[Point], **wanted: str | None) -> dict[str, str]:
     """Return what is wrong with keys that name a path of the grid, by key."""
-    grid = list(points[0].values)
-    return {
-        key: f"{path!r} is no path of the grid; {unknown(path, grid)}"
-        if grid
-        else "there is no grid"
-        for key, path in wanted.items()
-        if path is not None and path not in grid
-    }
+    grid, wrong = list(points[0].values), {}
+    for key, path in wanted.items():
+        if path is not None and path not in grid:
+            what = f"{path!r} is no path of the grid; {unknown(path, grid)}"
+            wrong[key] = what if grid else "there is no grid"
+    return wrong
 
 
 def scenes(results: Results) -> list[GridPoint]:

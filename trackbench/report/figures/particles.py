@@ -11,6 +11,7 @@ from trackbench.core.arrays import Array
 from trackbench.field_types import Count, Natural
 from trackbench.metrics import unit_of
 from trackbench.registry import register
+from trackbench.report.findings import phrases
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
 from trackbench.report.plotting.style import Axes, Figure
@@ -70,8 +71,8 @@ class ParticlesOfOneRun(FigureKind):
             self._panel(ax, tracks, label, results.line_style(label)["color"])
             ax.set_xlabel("Step k")
         component = results.facts(point).components[self.component - 1]
-        unit = unit_of(f"rmse_{component}")
-        axes[0][0].set_ylabel(self.y_label or (f"{component} ({unit})" if unit else component))
+        label = phrases.in_unit(component, unit_of(f"rmse_{component}"))
+        axes[0][0].set_ylabel(self.y_label or label)
         return style.finished(figure, self.title)
 
     def _panel(self, ax: Axes, tracks: dict[str, Array], label: str, color: str) -> None:

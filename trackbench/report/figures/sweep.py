@@ -14,7 +14,7 @@ from trackbench.field_types import is_number
 from trackbench.registry import register
 from trackbench.report.figures.heat_map import write_cells
 from trackbench.report.findings import phrases
-from trackbench.report.findings.phrases import mean_of, named, three_digits
+from trackbench.report.findings.phrases import head_of, named, three_digits
 from trackbench.report.findings.ranking import ranking_metrics
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import scales, style
@@ -218,7 +218,7 @@ def shown_metrics(results: Results) -> dict[str, Measure]:
     ranked = [measured(f"mean({name})") for name in ranking_metrics(results)[:_MOST_ERRORS]]
     consistency = [measured(name) for name in ("anees", "mean(anis)") if name in stored]
     chosen = [m for m in (*ranked, *consistency[:1]) if str(m) in stored]
-    return {"ANEES" if str(m) == "anees" else mean_of(m): m for m in chosen}
+    return {"ANEES" if str(m) == "anees" else head_of("mean", m): m for m in chosen}
 
 
 def _vary(results: Results, paths: Sequence[str], label: str) -> bool:

@@ -33,14 +33,9 @@ def with_unit(text: str, metric: Measure) -> str:
     return f"{text} {_unit(metric)}".rstrip()
 
 
-def mean_of(metric: Measure) -> str:
-    """Return a heading for the mean per run: ``Mean position RMSE (m)``."""
-    return head_of("mean", metric)
-
-
 def head_of(statistic: str, metric: Measure) -> str:
     """Return a heading: ``Mean position RMSE (m)``, of the root mean square ``Position RMSE (m)``."""
-    words = _words_and_unit(metric)
+    words = in_unit(metric_words(metric), _unit(metric))
     return f"{words[0].upper()}{words[1:]}" if statistic == "rms" else f"Mean {words}"
 
 
@@ -57,8 +52,8 @@ def axis_of(metric: Measure) -> str:
     return head_of("rms", metric) if is_plain else str(metric)
 
 
-def _words_and_unit(metric: Measure) -> str:
-    words, unit = metric_words(metric), _unit(metric)
+def in_unit(words: str, unit: str) -> str:
+    """Add a unit, if there is one: ``position RMSE (m)``."""
     return f"{words} ({unit})" if unit else words
 
 
@@ -125,9 +120,8 @@ def heading(point: GridPoint) -> str:
 
 
 def axis(path: str) -> str:
-    """Return a grid's path as the label of an axis: ``sigma azimuth (mrad)``."""
-    key, unit = quantity(path)
-    return f"{key} ({unit})" if unit else key
+    """Label an axis with a grid's path: ``sigma azimuth (mrad)``."""
+    return in_unit(*quantity(path))
 
 
 def quantity(path: str) -> tuple[str, str]:

@@ -113,20 +113,14 @@ def _pairs(results: Results) -> TextTable:
         for pair in pairs:
             of = pair.comparison.difference
             difference, *ends = (rounded(x, of.stderr, 4) for x in (of.value, *of.interval()))
-            table.rows.append(
-                [
-                    *(_point_cell(v) for v in point.values()),
-                    *(Text(x) for x in (pair.filter_a, pair.filter_b, pair.metric)),
-                    Text(difference, of.value),
-                    Text(" to ".join(end.partition(" ")[0] for end in ends)),
-                    Text(pair.word),
-                ]
-            )
+            row = []
+            for value in point.values():
+                number = value if isinstance(value, int | float) else None
+                row.append(Text(phrases.number(value), number))
+            row += [*map(Text, (pair.filter_a, pair.filter_b, pair.metric))]
+            between = " to ".join(end.partition(" ")[0] for end in ends)
+            table.rows.append([*row, Text(difference, of.value), Text(between), Text(pair.word)])
     return table
-
-
-def _point_cell(value: Any) -> Text:
-    return Text(phrases.number(value), value if isinstance(value, int | float) else None)
 
 
 def _versions(results: Results) -> TextTable:
@@ -169,12 +163,8 @@ def _caption(results: Results, name: str, spec: FigureKind | None) -> str:
     """Return the figure's caption, if it has one."""
     if spec is None:
         return ""
-    return results.attempt(
-        f"caption of figure {name}",
-        lambda: spec.with_best(results).default_caption(results),
-        "",
-        spec,
-    )
+    what = f"caption of figure {name}"
+    return results.attempt(what, lambda: spec.with_best(results).default_caption(results), "", spec)
 
 
 def key_picture(results: Results) -> bytes | None:
@@ -201,15 +191,8 @@ def _pictures(results: Results) -> Iterator[tuple[str, FigureKind | None, bytes]
 
 
 _TEMPLATES = Path(__file__).parent / "templates"
-VERDICTS = {
-    "equal": "good",
-    "agrees": "good",
-    "holds": "good",
-    "compatible": "fair",
-    "differs": "bad",
-    "fails": "bad",
-    "inconclusive": "open",
-}
+VERDICTS = dict.fromkeys(("equal", "agrees", "holds"), "good")
+VERDICTS |= {"compatible": "fair", "differs": "bad", "fails": "bad", "inconclusive": "open"}
 """Verdicts and how they look."""
 
 

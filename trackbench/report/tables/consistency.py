@@ -43,12 +43,8 @@ class Consistency(TableKind):
 
     def table(self, results: Results) -> Table:
         """Count the steps at which each filter stays in its bands."""
-        sized = [
-            "ANEES, median step",
-            "steps in its band",
-            "ANIS, median step",
-            "steps in its band ",
-        ]
+        sized = ["ANEES, median step", "steps in its band"]
+        sized += ["ANIS, median step", "steps in its band "]
         evaluators = {tuple(point.items()): Evaluator(results, point) for point in results.points()}
         refused = _refused(evaluators.values())
         keys = [*results.grid_heads, "Filter"]
@@ -81,9 +77,8 @@ def degrees_of(rows: Columns, metric: str, n: int) -> Array:
     chosen, series = rows.where(metric=metric), metric.replace("anees", "nees", 1)
     unused = rows.where(metric=f"unused_{series}")
     less = dict(zip(unused["step"].tolist(), unused["value"].tolist(), strict=True))
-    return np.asarray(
-        chosen["runs"] * np.array([n - less.get(k, 0.0) for k in chosen["step"].tolist()])
-    )
+    each = np.array([n - less.get(k, 0.0) for k in chosen["step"].tolist()])
+    return np.asarray(chosen["runs"] * each)
 
 
 def _cells(value: Array, number: Array) -> list[Cell]:

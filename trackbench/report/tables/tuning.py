@@ -48,15 +48,13 @@ class TuningTable(TableKind):
         by = f"Tuned by {words_of(tuning['metric'])}, {_trained_on(results)}"
         table = Table(self.title or by, ["Filter", "Values found", "Trials"], _HEADS, self.digits)
         # Each tuned filter and the one as configured, on the runs of the results.
-        scores = {
-            label: tuple(_score(objective, runs, of) for of in (tuned_label(label), label))
-            for label in results.tuning
-        }
-        gains = {
-            label: compare_estimates(untuned, tuned)
-            for label, (tuned, untuned) in scores.items()
-            if tuned is not None and untuned is not None
-        }
+        scores, gains = {}, {}
+        for label in results.tuning:
+            tuned = _score(objective, runs, tuned_label(label))
+            untuned = _score(objective, runs, label)
+            scores[label] = tuned, untuned
+            if tuned is not None and untuned is not None:
+                gains[label] = compare_estimates(untuned, tuned)
         family = as_family(gains)
         for label, record in results.tuning.items():
             gain = family.get(label)

@@ -121,7 +121,11 @@ def _weakest(tests: list[_Test], terms: list[list[RunEstimate]], steps: int) -> 
 def _why(whole: Evaluator, test: _Test) -> str:
     """Return both sides of a test, in words."""
     claim, right = test.claim, test.right
-    why = [_in_words(side.filter, whole.term(side)) for side in claim.sides(right)]
+    why = []
+    for side in claim.sides(right):
+        term = whole.term(side)
+        losses = f" ({term.losses})" if term.lost else ""
+        why.append(f"{side.filter} {term.value:.4g}{losses}")
     why += [] if right else [f"{test.target:g}"]
     return noted(", ".join(why), test.term.why)
 
@@ -154,10 +158,6 @@ def _of_steps(weakest: _Test, zs: list[float]) -> str:
     surely = sum(rules.decided(z) > 0 for z in zs)
     where = f"at step {steps.first}; " if steps else ""
     return f"{where}{surely} of {len(zs)} comparisons hold by themselves"
-
-
-def _in_words(label: str, term: RunEstimate) -> str:
-    return f"{label} {term.value:.4g}" + (f" ({term.losses})" if term.lost else "")
 
 
 def _loses_more(expressions: Evaluator, claim: Claim, right: str) -> str:

@@ -75,15 +75,13 @@ def bars(comparison: Verdicts) -> list[Bar]:
     # Words on a bias are counted apart from numbers.
     words = [row for row in best if isinstance(row.published.value, str)]
     numbers = [row for row in best if not isinstance(row.published.value, str)]
-    groups = (
-        (counted(len(numbers), "published number"), parts(numbers)),
-        (
-            counted(len(words), "published word") + " on a bias, by a margin chosen here",
-            parts(words),
-        ),
-        (counted(len(claims), "claim"), parts(claims)),
-    )
-    return [Bar(title, tallies) for title, tallies in groups if tallies]
+    margin = " on a bias, by a margin chosen here"
+    every = [
+        Bar(counted(len(numbers), "published number"), parts(numbers)),
+        Bar(counted(len(words), "published word") + margin, parts(words)),
+        Bar(counted(len(claims), "claim"), parts(claims)),
+    ]
+    return [bar for bar in every if bar.parts]
 
 
 NUMBER_HEADER = [
@@ -158,9 +156,8 @@ def summary_lines(comparison: Verdicts) -> list[str]:
     tried = [number for number in comparison.numbers if number.readings > 1]
     if tried:
         agree = sum(number.best.verdict.word == "agrees" for number in tried)
-        lines[0] += (
-            f"; {len(tried)} were tried under several readings, of which {agree} agree in one"
-        )
+        what = f"{len(tried)} were tried under several readings, of which {agree} agree in one"
+        lines[0] += f"; {what}"
     if comparison.left_out:
         lines.append(f"{counted(len(comparison.left_out), 'printed number')} left out")
     return lines
@@ -182,9 +179,8 @@ def _explained(table: TextTable, verdicts: Sequence[Verdict]) -> TextTable:
     if words & {"differs", "holds", "fails"}:
         lines["significant"] = HOW_DECIDED
     if any(verdict.fragile for verdict in verdicts):
-        lines["fragile"] = (
-            "another seed, one run fewer or three far ones more could change the verdict"
-        )
+        what = "another seed, one run fewer or three far ones more could change the verdict"
+        lines["fragile"] = what
     table.notes += [f"{word}: {meaning}." for word, meaning in lines.items()]
     return table
 

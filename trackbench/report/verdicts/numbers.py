@@ -173,9 +173,8 @@ def _verdict(
     value = measured.value
     if label in results.deterministic and not isinstance(number.value, str) and isfinite(value):
         stored = 0.5 * abs(value) * 10.0 ** (1 - DIGITS["per_run.csv"])
-        return Verdict(
-            "equal" if abs(rules.difference(number, value)) <= stored else "differs", nan
-        )
+        is_equal = abs(rules.difference(number, value)) <= stored
+        return Verdict("equal" if is_equal else "differs", nan)
     return rules.number_verdict(number, measured, measured.parts(results.batches))
 
 
