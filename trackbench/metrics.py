@@ -137,15 +137,11 @@ def without_unit(name: str) -> tuple[str, str]:
 
 _ENDINGS = {"mrad": "mrad", "deg": "deg", "km": "km", "deg_s": "deg/s", "s": "s", "m": "m"}
 _UNITS = {
-    quantity: unit
-    for unit, quantities in {
-        "m": "position px py pz range mean_range radial cross",
-        "m/s": "velocity vx vy vz range_rate",
-        "m/s^2": "acceleration ax ay az",
-        "rad": "azimuth elevation",
-        "rad/s": "turn_rate",
-    }.items()
-    for quantity in quantities.split()
+    **dict.fromkeys(["position", "px", "py", "pz", "range", "mean_range", "radial", "cross"], "m"),
+    **dict.fromkeys(["velocity", "vx", "vy", "vz", "range_rate"], "m/s"),
+    **dict.fromkeys(["acceleration", "ax", "ay", "az"], "m/s^2"),
+    **dict.fromkeys(("azimuth", "elevation"), "rad"),
+    "turn_rate": "rad/s",
 }
 """Units of the quantities of the package: errors of scenarios, components of motions and sensors."""
 _ERROR_METRICS = [
@@ -226,13 +222,13 @@ spread_ratio  | 1 |        | spread of the cloud after its evolution over that b
 """
 
 
-_EVENTS = (
+_EVENTS = [
     "diverged",
     "not_recovered",
     "beyond_10_sigma",
     "missed_maneuvers",
     "already_maneuvering",
-)
+]
 
 
 def _noted() -> Iterator[Metric]:
@@ -243,9 +239,8 @@ def _noted() -> Iterator[Metric]:
 
 _FAMILIES = ("squared", "nees", "unused", "autocovariance", "rmsd", "pit", "coverage", "rank")
 METRICS.update({m.name: m for m in (*_ERROR_METRICS, *_noted())})
-_OF_SERIES = {
-    m.series: [other for other in _ERROR_METRICS if other.series == m.series]
-    for m in _ERROR_METRICS
-}
+_OF_SERIES: dict[str, list[Metric]] = {}
 """The metrics that a series of errors is made into."""
+for _metric in _ERROR_METRICS:
+    _OF_SERIES.setdefault(_metric.series, []).append(_metric)
 _PACKAGE = frozenset(METRICS)

@@ -9,7 +9,7 @@ from dataclasses import replace
 from math import isnan, nan
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from trackbench.commands.prepare import Options, file_of, prepare
 from trackbench.commands.run_experiment import run_all
@@ -171,11 +171,11 @@ def _costs(stored: Results, now: Results, most: float) -> list[Row]:
     if not most or not all((r.folder / TIMING).is_file() for r in both):
         return []
     same = len({(r.manifest.get("processor"), r.manifest.get("platform")) for r in both}) == 1
-    old, new = (
-        {(*map(row.get, r.grid), row["filter"]): row for row in r.columns("timing").records()}
-        for r in both
-    )
-    rows = []
+    costs: list[dict[tuple[Any, ...], dict[str, Any]]] = []
+    for r in both:
+        records = r.columns("timing").records()
+        costs.append({(*map(row.get, r.grid), row["filter"]): row for row in records})
+    (old, new), rows = costs, []
     for kind in ("likelihoods", "covariances", *(["cpu_s_per_run"] if same else [])):
         for key in (key for key in new if key in old):
             a, b = (nan if row[key][kind] == "-" else float(row[key][kind]) for row in (old, new))

@@ -4,7 +4,7 @@ import json
 import os
 import stat
 import sys
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from itertools import chain
@@ -21,7 +21,6 @@ from trackbench.config.shipped_experiments import folder as shipped_folder
 from trackbench.config.shipped_experiments import listed, located
 from trackbench.config.tuned_entries import Chosen
 from trackbench.errors import Mark, Problem, UserError, reason
-from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.precision_check import checkpoints
 from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.engines import Engine, cpu_count, engine
@@ -160,19 +159,15 @@ def jobs_of(configs: Sequence[Config], options: Options) -> list[Job]:
             what = f"another config of this command writes into {job.folder}/, too"
             problems[Problem(mark, "name", what)] = None
         jobs.append(job)
-    if not _may_write(cache_folder()) and _computes(jobs, options):
-        what = "may not be written in; finished blocks are kept where TRACKBENCH_CACHE says"
-        problems[Problem(Mark(f"{cache_folder()}/"), "", what)] = None
+    if not _may_write(cache_folder()):
+        store = BlockStore(cache_folder())
+        tasks = chain.from_iterable(job.plan.unique for job in jobs)
+        if options.fresh or any(store.get(task) is None for task in tasks):
+            what = "may not be written in; finished blocks are kept where TRACKBENCH_CACHE says"
+            problems[Problem(Mark(f"{cache_folder()}/"), "", what)] = None
     if problems:
         raise UserError(*problems)
     return jobs
-
-
-def _computes(jobs: Sequence[Job], options: Options) -> bool:
-    """Return whether any block of the jobs is still to be computed."""
-    store = BlockStore(cache_folder())
-    tasks = chain.from_iterable(job.plan.unique for job in jobs)
-    return options.fresh or any(store.get(task) is None for task in tasks)
 
 
 def _job(config: Config, options: Options, alone: bool) -> Job:
@@ -185,9 +180,8 @@ def _job(config: Config, options: Options, alone: bool) -> Job:
         added = ["with", *(Path(file).stem for file in options.filters)] if options.filters else []
         folder /= "-".join([experiment.settings.name, *added])
     if options.spare and (stored := _stored_runs(folder)) > experiment.settings.runs:
-        beside = folder.with_name(f"{folder.name}-quick")
         say(f"note: {folder}/ has {stored} runs and stays; --force replaces them", options)
-        folder = beside
+        folder = folder.with_name(f"{folder.name}-quick")
     _check_out(folder, data_from_python(experiment, folder))
     check_memory(experiment, options.save_tracks)
     most = experiment.settings.runs
@@ -207,14 +201,10 @@ def expected_time(job: Job, options: Options) -> str:
     cpu_s = _cpu_s_of_run(job, options)
     if cpu_s is None:
         return "time unknown: no results of the same scenario and filters are stored"
-    share = _runs(missing) / _runs(job.plan.unique)
-    seconds = cpu_s * job.most * share / workers
+    runs, of = (sum(task.runs_used for task in tasks) for tasks in (missing, job.plan.unique))
+    seconds = cpu_s * job.most * (runs / of) / workers
     size, unit = next(((s, u) for s, u in _LONG if seconds >= 2 * s), (1, "s"))
     return f"about {max(seconds / size, 1):.2g} {unit}"
-
-
-def _runs(tasks: Iterable[BlockTask]) -> int:
-    return sum(task.runs_used for task in tasks)
 
 
 _LONG = ((3600, "h"), (60, "min"))

@@ -15,6 +15,7 @@ from warnings import catch_warnings, simplefilter
 
 import numpy as np
 
+from trackbench.config.experiment import Point
 from trackbench.config.load import load
 from trackbench.config.plugin_checks import NO_FILTER, is_program, load_file
 from trackbench.contract.checks import CHECKS, Check, ContractError, LeftOutError, alike
@@ -110,11 +111,8 @@ def check_file(
     out: dict[str, list[Finding]] = {}
     for kind, cls in classes.items():
         labels = [label for label, f in point.filters.items() if f.kind == kind]
-        of_kind = {
-            n: [*check_filter(cls, point.filters[n], on=ModelDraws(base=point.assumed_scenario(n)))]
-            for n in labels
-        } or {kind: [*check_filter(cls, on=ModelDraws(base=point.scenario))]}
-        out |= _with_other_keys(of_kind)
+        alone = {} if labels else {kind: [*check_filter(cls, on=ModelDraws(base=point.scenario))]}
+        out |= alone or _check_entries(cls, point, labels)
     return out
 
 
@@ -144,24 +142,26 @@ def _check_program(
     if program is not None:
         problem = ModelDraws(base=point.scenario)
         return {path.stem: [*check_filter(External, program, on=problem)]}
+    return _check_entries(External, point, labels)
+
+
+def _check_entries(
+    cls: type[AnyFilter], point: Point, labels: Sequence[str]
+) -> dict[str, list[Finding]]:
+    """Check a filter with the keys of each entry of a config; if it fits with one, the code is right."""
     by_label = {}
     for label in labels:
         problem = ModelDraws(base=point.assumed_scenario(label))
-        by_label[label] = [*check_filter(External, point.filters[label], on=problem)]
-    return _with_other_keys(by_label)
-
-
-def _with_other_keys(by_kind: dict[str, list[Finding]]) -> dict[str, list[Finding]]:
-    """Return the findings; if the filter fits with the keys of one entry, the code is right."""
+        by_label[label] = [*check_filter(cls, point.filters[label], on=problem)]
     name = CHECKS["consistency"][0]
-    if Finding(name, "good") not in chain.from_iterable(by_kind.values()):
-        return by_kind
-    for findings in by_kind.values():
+    if Finding(name, "good") not in chain.from_iterable(by_label.values()):
+        return by_label
+    for findings in by_label.values():
         for i, f in enumerate(findings):
             if f.check == name and f.verdict == "bad":
                 why = f"fits with other keys; with these {f.why}"
                 findings[i] = f._replace(verdict="left out", why=why)
-    return by_kind
+    return by_label
 
 
 def check_filter(
@@ -222,11 +222,8 @@ def _exemptions(tracker: AnyFilter, scenario: Scenario, why_not_linear: str) -> 
         exempt.setdefault("consistency", exempt["kalman"])
     if tracker.loops_over_runs:
         exempt.setdefault("kalman", "a filter of one run is compared by its errors")
-    if (
-        tracker.runs_program
-        and runs_on(tracker, scenario)
-        and not has_covariance(tracker, scenario)
-    ):
+    program_runs = tracker.runs_program and runs_on(tracker, scenario)
+    if program_runs and not has_covariance(tracker, scenario):
         exempt |= dict.fromkeys(("covariance", "consistency"), "the program answers no covariance")
     of_contract = scenario in (PLANAR, RADAR)
     if not of_contract:

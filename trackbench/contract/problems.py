@@ -205,11 +205,12 @@ def runs_on(tracker: AnyFilter, scenario: Scenario) -> bool:
     """Return whether a filter runs on a scenario, also one that it does not refuse beforehand."""
     try:
         with guarded(), np.errstate(all="ignore"):
-            return not why_not(tracker, scenario) and bool(
-                run_filter(tracker, scenario, simulate(scenario, 2))
-            )
+            if why_not(tracker, scenario):
+                return False
+            run_filter(tracker, scenario, simulate(scenario, 2))
     except Exception:
         return False
+    return True
 
 
 def why_not(tracker: AnyFilter, scenario: Scenario) -> str:

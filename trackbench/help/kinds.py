@@ -67,17 +67,11 @@ def problems() -> str:
     from trackbench.config.shipped_experiments import problems
 
     heads = ("name", "version", "numbers", "time", "reference", "title")
-    table = [
-        (p.name, f"v{p.version}", str(p.numbers), _time(p.cpu_s), p.reference, p.title)
-        for p in problems()
-    ]
-    widths = [max(map(len, column)) for column in zip(heads, *table, strict=True)]
-    lines = []
-    for row in (heads, *table):
-        cells = (text.ljust(width) for text, width in zip(row, widths, strict=True))
-        lines.append("  ".join(cells).rstrip())
+    rows = [heads]
+    for p in problems():
+        rows.append((p.name, f"v{p.version}", str(p.numbers), _time(p.cpu_s), p.reference, p.title))
     head = "standard problems (trackbench run NAME; cited as trackbench/NAME vVERSION, N runs;"
-    return "\n".join([f"{head} time on one processor):", "", *(f"  {line}" for line in lines)])
+    return "\n".join([f"{head} time on one processor):", "", *columns(rows)])
 
 
 def rows(groups: Sequence[str]) -> Iterator[JsonRow]:
@@ -89,11 +83,9 @@ def rows(groups: Sequence[str]) -> Iterator[JsonRow]:
             known = METRICS if group == "metrics" else statistics_known()
             yield from filter(None, map(facts, known))
             continue
-        if group == "experiments":
-            yield from ({"group": group, **one._asdict()} for one in listed())
-            continue
-        if group == "problems":
-            yield from ({"group": group, **one._asdict()} for one in problems())
+        if group in ("experiments", "problems"):
+            shipped = listed() if group == "experiments" else problems()
+            yield from ({"group": group, **one._asdict()} for one in shipped)
             continue
         for kind, doc in documentation(cast(Group, group)).items():
             yield {"group": group, "kind": kind, "text": _paragraphs(doc)[0]}

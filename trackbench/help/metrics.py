@@ -53,9 +53,8 @@ def described(word: str) -> str | None:
     metric, _ = metric_of(word)
     if not metric.help:
         return None
-    return (
-        f"{word} (metric)\n\n{metric.help}\n{_facts(metric, unit_of(word) or metric.unit)}".rstrip()
-    )
+    about = _facts(metric, unit_of(word) or metric.unit)
+    return f"{word} (metric)\n\n{metric.help}\n{about}".rstrip()
 
 
 def facts(word: str) -> JsonRow | None:
@@ -71,23 +70,20 @@ def facts(word: str) -> JsonRow | None:
 
 def metrics_of_config(path: Path, allow_plugins: bool = False) -> str:
     """Return metrics, windows and numbers that tables and figures of an experiment may use."""
-    by_group: dict[str, list[JsonRow]] = defaultdict(list)
-    for row in rows_of_config(path, allow_plugins):
-        by_group[row["group"]].append(row)
-    names = {}
-    for group, of_group in by_group.items():
-        names[group] = ", ".join(row["kind"] for row in of_group)
+    names: dict[str, list[str]] = defaultdict(list)
     rows = []
-    for row in by_group["metrics"]:
-        files = ", ".join(word for word in ("run", "step") if row[f"per_{word}"])
-        about = _facts(metric_of(row["kind"])[0], row["unit"])
-        rows.append((row["kind"], files if row["kept"] else "not kept", about, row["text"]))
+    for row in rows_of_config(path, allow_plugins):
+        names[row["group"]].append(row["kind"])
+        if row["group"] == "metrics":
+            files = ", ".join(word for word in ("run", "step") if row[f"per_{word}"])
+            about = _facts(metric_of(row["kind"])[0], row["unit"])
+            rows.append((row["kind"], files if row["kept"] else "not kept", about, row["text"]))
     parts = [
         f"metrics of {path}, per run or per step:",
         *columns(rows),
-        f"\nwindows of steps: {names.get('windows') or 'none but the whole'}",
-        f"statistics: {names['statistics']}",
-        f"numbers beside them: {names['numbers']}\n",
+        f"\nwindows of steps: {', '.join(names['windows']) or 'none but the whole'}",
+        f"statistics: {', '.join(names['statistics'])}",
+        f"numbers beside them: {', '.join(names['numbers'])}\n",
         WRITTEN,
     ]
     return "\n".join(parts)
@@ -125,9 +121,8 @@ def rows_of_config(path: Path, allow_plugins: bool = False) -> Iterator[JsonRow]
             "kept": stored is None or measured(name).base in stored,
         }
     yield from ({"group": "windows", "kind": name} for name in sorted(names.windows) if name)
-    yield from (
-        {"group": "statistics", "kind": n, "text": t} for n, t in statistics_known().items()
-    )
+    for name, text in statistics_known().items():
+        yield {"group": "statistics", "kind": name, "text": text}
     yield from ({"group": "numbers", "kind": name} for name in sorted(names.filter_numbers))
 
 

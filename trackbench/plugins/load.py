@@ -20,14 +20,7 @@ from trackbench.extension_points import InvalidHookError, Part
 from trackbench.field_types import require_regular_file
 from trackbench.plugins.errors import PluginError, guarded, message_of, place_within
 from trackbench.plugins.patches import own_values, patch_message, undo_patches
-from trackbench.plugins.sources import (
-    Finder,
-    Opened,
-    digest_of,
-    forget_edited,
-    imports,
-    recorded,
-)
+from trackbench.plugins.sources import Finder, Opened, digest_of, forget_edited, imports, recorded
 
 _KEYED = ("trackbench", "numpy", "scipy")
 """Packages whose versions are part of every block's key."""
@@ -119,10 +112,11 @@ def _digests(files: Iterable[str]) -> Digests:
 
 def _values(variables: Iterable[str]) -> Digests:
     """Return digests of environment variables: their values may be secret."""
-    texts = ((name, os.environ.get(name)) for name in sorted(variables))
-    digests = (
-        (n, hashlib.sha256(t.encode()).hexdigest() if t is not None else _UNSET) for n, t in texts
-    )
+    digests = []
+    for name in sorted(variables):
+        text = os.environ.get(name)
+        digest = _UNSET if text is None else hashlib.sha256(text.encode()).hexdigest()
+        digests.append((name, digest))
     return tuple(digests)
 
 
@@ -150,7 +144,11 @@ def load_plugin(plugin: Plugin, check: Callable[[type[Part]], None] | None = Non
     """
     Finder.look_beside(plugin.path)
     loaded = _loaded.get(plugin.module) if plugin.module in sys.modules else None
-    wanted = _read_again(loaded) if loaded and check else plugin
+    wanted = plugin
+    if loaded and check:
+        # As it is now, with what it imported, opened and read.
+        read = Opened((n for n, _ in loaded.opened), (n for n, _ in loaded.variables))
+        wanted = _with_opened(loaded, read)
     if loaded is not None and loaded.identity == wanted.identity:
         registry.reactivate(plugin.module)
         return loaded
@@ -222,12 +220,6 @@ def _with_opened(plugin: Plugin, opened: Opened) -> Plugin:
         opened=_digests(files - known),
         variables=_values(variables),
     )
-
-
-def _read_again(plugin: Plugin) -> Plugin:
-    """Return a loaded plugin with what it imported, opened and read as it is now."""
-    opened = Opened((n for n, _ in plugin.opened), (n for n, _ in plugin.variables))
-    return _with_opened(plugin, opened)
 
 
 def _compare_with_main(plugin: Plugin) -> None:

@@ -55,7 +55,11 @@ def undo_patches(before: OwnValues) -> list[str]:
         now = dict(vars(holder))
         for name in {**values, **now} if now != values else ():
             if _is_patched(holder, values.get(name, _MISSING), now.get(name, _MISSING), name):
-                replaced.append(f"{_title(holder)}.{name}")
+                is_class = isinstance(holder, type)
+                prefix = (
+                    f"{holder.__module__}.{holder.__qualname__}" if is_class else holder.__name__
+                )
+                replaced.append(f"{prefix}.{name}")
                 if name in values:
                     setattr(holder, name, values[name])
                 else:
@@ -74,11 +78,6 @@ def _is_patched(holder: Any, before: Any, now: Any, name: str) -> bool:
         is_internal = name.startswith("__") and not callable(now)
         return before is not _MISSING or not (isinstance(now, ModuleType) or is_internal)
     return before is not _MISSING and callable(before)
-
-
-def _title(holder: Any) -> str:
-    is_class = isinstance(holder, type)
-    return f"{holder.__module__}.{holder.__qualname__}" if is_class else str(holder.__name__)
 
 
 def patch_message(names: list[str]) -> str:

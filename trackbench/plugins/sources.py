@@ -25,9 +25,7 @@ import trackbench
 
 _HOME = Path(trackbench.__file__).parent
 _PYTHON = [Path(sysconfig.get_path(name)) for name in ("stdlib", "platstdlib")]
-_OF_THE_SYSTEM = [
-    Path(root) for root in ("/dev", "/etc", "/proc", "/sys", "/usr/lib", "/usr/share")
-]
+_OF_THE_SYSTEM = [*map(Path, ("/dev", "/etc", "/proc", "/sys", "/usr/lib", "/usr/share"))]
 _OF_THE_USER = [Path("~/.cache").expanduser(), Path("~/.config").expanduser()]
 _EXTENSIONS = (".so", ".pyd")
 _executed: dict[str, str] = {}

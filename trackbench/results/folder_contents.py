@@ -14,6 +14,7 @@ import stat
 import sys
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from itertools import product
 from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 
@@ -64,16 +65,8 @@ _FORMS = {
 _PARTIAL = re.compile(r"\.(.+)\.[0-9]+\.part")
 """Name of a file that is being written: that of the whole file, and the process id."""
 _OF_RESULTS = (
-    *(
-        "experiment",
-        "seed",
-        "runs",
-        "steps",
-        "loops_over_runs",
-        "deterministic",
-        "training_holds_out",
-    ),
-    *("plugins", "failed", "format"),
+    *("experiment", "seed", "runs", "steps", "loops_over_runs", "deterministic"),
+    *("training_holds_out", "plugins", "failed", "format"),
 )
 """Facts in the manifest; ``run/machine.json`` has all others."""
 DIGITS = {"per_run.csv": 7, "per_step.csv": 6, "summary.csv": 7}
@@ -144,11 +137,10 @@ def _named_by_config(folder: Path) -> Iterator[str]:
         config = read(folder / "config.yaml").data
         for group, forms in _NAMED.items():
             names = config.get(group) if isinstance(config, dict) else None
-            for name in [*names, DEFAULT] if isinstance(names, dict) else ():
-                places = (
-                    f"{place}{group}/{name}" for place in ("", "run/") if "/" not in str(name)
-                )
-                yield from (f"{place}.{form}" for place in places for form in forms)
+            every = [*names, DEFAULT] if isinstance(names, dict) else []
+            safe = [name for name in every if "/" not in str(name)]
+            for place, name, form in product(("", "run/"), safe, forms):
+                yield f"{place}{group}/{name}.{form}"
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:

@@ -100,8 +100,12 @@ def points_text(points: Sequence[Point], folder: Path) -> str:
     Paths of data files are relative to ``folder``.
     """
     facts = (facts_of_point(point, partial(path_from, folder=folder)) for point in points)
-    whole = [{k: v for k, v in asdict(one).items() if v is not None} for one in facts]
-    lines = [json.dumps(whole[0]), *(json.dumps(_changed(whole[0], other)) for other in whole[1:])]
+    first: dict[str, Any] = {}
+    lines = []
+    for one in facts:
+        known = {key: value for key, value in asdict(one).items() if value is not None}
+        lines.append(json.dumps(_changed(first, known) if first else known))
+        first = first or known
     return "[" + ",\n".join(lines) + "]\n"
 
 

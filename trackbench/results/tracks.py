@@ -101,12 +101,12 @@ def sensor_paths(scenario: Scenario) -> list[tuple[int, Array]]:
     """Return number and path (2, T) of each sensor that has a place."""
     sensor = scenario.true_sensor
     sensors = sensor.sensors if isinstance(sensor, StackedSensor) else (sensor,)
-    steps = [int(k) for k in scenario.steps]
-    return [
-        (n, np.array([(each.place(k) or (0.0, 0.0))[:2] for k in steps]).T)
-        for n, each in enumerate(sensors, 1)
-        if isinstance(each, AngularSensor)
-    ]
+    paths = []
+    for n, each in enumerate(sensors, 1):
+        if isinstance(each, AngularSensor):
+            places = [(each.place(int(k)) or (0.0, 0.0))[:2] for k in scenario.steps]
+            paths.append((n, np.array(places).T))
+    return paths
 
 
 def measured_positions(scenario: Scenario, z: Array) -> Array | None:

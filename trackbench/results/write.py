@@ -18,13 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import trackbench
-from trackbench.atomic_files import (
-    ensure_folder,
-    note,
-    within,
-    write_bytes,
-    write_text,
-)
+from trackbench.atomic_files import ensure_folder, note, within, write_bytes, write_text
 from trackbench.config.dump import as_yaml, data_files, resolved
 from trackbench.config.experiment import Experiment
 from trackbench.config.requested_metrics import Contributions, requested_contributions
@@ -34,10 +28,7 @@ from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.consistency_and_calibration import sizes
 from trackbench.evaluation.error_series import LOST_BECAUSE, NOT_FINITE
 from trackbench.evaluation.metric_expression import measured
-from trackbench.evaluation.summary import (
-    FilterResult,
-    with_shares,
-)
+from trackbench.evaluation.summary import FilterResult, with_shares
 from trackbench.evaluation.timing import Measured
 from trackbench.execution import code_digests
 from trackbench.execution.code_digests import code_digest
@@ -83,23 +74,17 @@ class Losses(NamedTuple):
         return f"{self.lost} of {self.runs} runs lost, {', '.join(reasons)}"
 
 
-class Written(NamedTuple):
-    """Lost runs of each filter, and the facts for the manifest."""
-
-    losses: dict[Key, Losses]
-    facts: dict[str, Any]
-
-
 def write_results(
     folder: Path,
     experiment: Experiment,
     outcome: Outcome,
     tracks: bool,
     times: Mapping[Key, Measured] = MappingProxyType({}),
-) -> Written:
+) -> tuple[dict[Key, Losses], dict[str, Any]]:
     """Write the files of a run in place of what earlier runs left, from which all others are made.
 
-    ``times`` are measured CPU times. The caller writes the manifest, after all other files.
+    ``times`` are measured CPU times. Return the lost runs of each filter, and the facts for the
+    manifest, which the caller writes after all other files.
     """
     published = experiment.published.files
     inputs = {"config.yaml", *(f"published/{name}" for name in published)}
@@ -134,7 +119,7 @@ def write_results(
     for name, track_file in track_files.items():
         track_file.write(folder / name)
     cpu_s = round(float(total(np.array([*spent.values()]))), 3)
-    return Written(losses, facts_of_run(experiment, outcome) | {"cpu_s": cpu_s})
+    return losses, facts_of_run(experiment, outcome) | {"cpu_s": cpu_s}
 
 
 def _with_shares(
@@ -206,13 +191,9 @@ def compare_lock() -> dict[str, Any]:
     content = lock_file().read_bytes()
     pins = dict(_PIN.findall(content.decode()))
     installed = {name: _installed(name) for name in pins}
-    return {
-        "file": "requirements/run.txt",
-        "sha256": hashlib.sha256(content).hexdigest(),
-        "other": {
-            name: installed[name] for name in pins if installed[name] not in (pins[name], None)
-        },
-    }
+    other = {name: now for name, now in installed.items() if now not in (pins[name], None)}
+    digest = hashlib.sha256(content).hexdigest()
+    return {"file": "requirements/run.txt", "sha256": digest, "other": other}
 
 
 def _installed(name: str) -> str | None:
@@ -241,12 +222,9 @@ def _commit() -> str | None:
     """
     package = Path(trackbench.__file__).parent
     try:
-        answer = subprocess.run(
-            ["git", "-C", str(package), "rev-parse", "--show-prefix", "HEAD", "HEAD:./__init__.py"],
-            capture_output=True,
-            text=True,
-            check=True,
-        )
+        words = ["rev-parse", "--show-prefix", "HEAD", "HEAD:./__init__.py"]
+        command = ["git", "-C", str(package), *words]
+        answer = subprocess.run(command, capture_output=True, text=True, check=True)
     except (OSError, subprocess.CalledProcessError):
         return None
     prefix, commit, _ = answer.stdout.splitlines()

@@ -33,11 +33,8 @@ Asking: TypeAlias = Generator[list[Values], Mapping[Values, Rank], None]
 
 _ALL_OVER = 4  # points per key before the simplex
 _RATIOS = (
-    1.618033988749895,
-    1.324717957244746,
-    1.2207440846057596,
-    1.1673039782614187,
-    1.1347241384015194,
+    *(1.618033988749895, 1.324717957244746, 1.2207440846057596),
+    *(1.1673039782614187, 1.1347241384015194),
 )
 """Generalized golden ratios, ``x^(d + 1) = x + 1``, of one key to five."""
 _STEP = 0.1  # share of an axis between the corners of the first simplex
@@ -242,11 +239,9 @@ class Record:
         below = sorted((-x, t.objective) for x, t in line if x <= middle)
         above = sorted((x, t.objective) for x, t in line if x >= middle)
         shares = [axis.share(t.values[axis.key]) or 0.0 for t in good]
-        ends = min(shares, default=middle), max(shares, default=middle)
-        return [
-            axis.at(min(ends[0], -_reach(below, limit))),
-            axis.at(max(ends[1], _reach(above, limit))),
-        ]
+        low = min([*(shares or [middle]), -_reach(below, limit)])
+        high = max([*(shares or [middle]), _reach(above, limit)])
+        return [axis.at(low), axis.at(high)]
 
     def beside(self, axis: Axis) -> list[Trial]:
         """Return the trials that differ from the best in at most this key and lose as many runs."""

@@ -100,9 +100,11 @@ class _Tuner:
         """Continue as far as finished blocks allow; return the number of scored trials."""
         before = len(self.record.trials)
         while self._requested and not self.missing:
-            trials = {
-                values: self._trial(values, tasks) for values, tasks in self._requested.items()
-            }
+            keys = [axis.key for axis in self.record.axes]
+            trials = {}
+            for values, tasks in self._requested.items():
+                of_keys = dict(zip(keys, values, strict=True))
+                trials[values] = Trial.of(of_keys, self._score(tasks))
             self.record.trials += trials.values()
             blocks = filter(None, self._results.values())
             self.record.cpu_s += sum(block.cpu_s for block in blocks)
@@ -128,10 +130,6 @@ class _Tuner:
                 self.missing.add(task)
             else:
                 self._results[task] = result
-
-    def _trial(self, values: Values, tasks: list[BlockTask]) -> Trial:
-        keys = [axis.key for axis in self.record.axes]
-        return Trial.of(dict(zip(keys, values, strict=True)), self._score(tasks))
 
     def _score(self, tasks: list[BlockTask]) -> RunEstimate | None:
         """Return the score of a trial's blocks; None for an invalid or failed filter."""
@@ -187,11 +185,9 @@ class Training:
         return self.objective.score(per_run)
 
     def _blocks(self, trial: tuned_entries.Trial) -> int:
-        return ceil(self._experiment.settings.tuning.runs / self._most(trial))
-
-    def _most(self, trial: tuned_entries.Trial) -> int:
         width = self._experiment.settings.block
-        return width if isinstance(width, int) else block_width(trial.filter, self._scenario)
+        most = width if isinstance(width, int) else block_width(trial.filter, self._scenario)
+        return ceil(self._experiment.settings.tuning.runs / most)
 
     def _block(self, trial: tuned_entries.Trial, number: int) -> BlockTask:
         """Return a block: all but the last are full, and none is wider than necessary."""
