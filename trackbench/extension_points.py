@@ -139,7 +139,6 @@ def overridden_hooks(cls: type, base: type[Part]) -> list[str]:
 
 
 def _declared(base: type[Part]) -> dict[str, object]:
-    """Return the base's declaration of each hook."""
     # The first owner of a name declares it; an annotation without a value is a hook without default.
     declared: dict[str, object] = {}
     for owner in _owners(base):
@@ -152,7 +151,7 @@ def _declared(base: type[Part]) -> dict[str, object]:
 
 
 def _owners(base: type[Part]) -> list[type]:
-    """Return the classes that declare a base's hooks, the base first."""
+    """List the classes that declare a base's hooks, the base first."""
     package_classes = [c for c in base.__mro__ if c.__module__.startswith("trackbench.")]
     return [*package_classes, *base.optional_capabilities]
 
@@ -183,7 +182,7 @@ def mistakes(cls: type, base: type[Part]) -> Iterator[tuple[str, int, str]]:
 
 
 def _place(cls: type, name: str) -> tuple[str, int]:
-    """Return the file and line of a name in a class, or of the class, as far as there is a file."""
+    """Locate a name in a class, or the class, as far as there is a file."""
     try:
         lines, first = inspect.getsourcelines(cls)
     except (OSError, TypeError):
@@ -194,7 +193,7 @@ def _place(cls: type, name: str) -> tuple[str, int]:
 
 
 def _text(name: str, declared: object, base: type[Part]) -> str:
-    """Return the first paragraph of its docstring; of an attribute the string under it."""
+    """Take the first paragraph of a docstring; of an attribute the string under it."""
     if inspect.isroutine(declared) or isinstance(declared, property | classmethod):
         text = inspect.getdoc(declared) or ""
     else:

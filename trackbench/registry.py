@@ -111,7 +111,7 @@ def restore_normal_exit() -> None:
 
 
 def _origin(cls: type) -> str:
-    """Return the module; a plugin's without its digest, so that an edited plugin may register again."""
+    """Name the module; a plugin's without its digest, so that an edited plugin may register again."""
     module = cls.__module__
     return module.rpartition("_")[0] if is_plugin(module) else module
 
@@ -159,7 +159,7 @@ _REGISTRATION = re.compile(
 
 @cache
 def _homes(group: Group) -> dict[str, _Home]:
-    """Return the package's kinds of a group, read from the source text: nothing is imported."""
+    """Read the package's kinds of a group from the source text: nothing is imported."""
     package = _PACKAGES[group]
     folder = Path(__file__).parents[1].joinpath(*package.split("."))
     homes: dict[str, _Home] = {}

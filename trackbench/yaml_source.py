@@ -196,7 +196,7 @@ def text_of(path: Path) -> str:
 
 @cache
 def _stdin() -> str:
-    """Return the text of stdin, which can be read once."""
+    """Read stdin, which can be read once."""
     content = sys.stdin.buffer.read(_LARGEST_FILE + 1)
     if len(content) > _LARGEST_FILE:
         raise OSError(errno.EFBIG, "has more than 1 MB")
@@ -267,7 +267,7 @@ def scalar(text: str) -> Scalar:
 
 @lru_cache(maxsize=128)
 def _composed(text: str) -> yaml.Node | None:
-    """Return the document's node; cached, since experiments share their parts."""
+    """Parse a document; cached, since experiments share their parts."""
     return _Loader(text).get_single_node()
 
 
@@ -383,7 +383,7 @@ def _as_plain(value: object, keys: Keys, source: Source) -> Any:
 
 
 def _inexpressible(value: object, keys: Keys) -> str | None:
-    """Return the reason why a Python value cannot be written into a config; None if it can."""
+    """Explain why a Python value cannot be written into a config; None if it can."""
     if len(keys) > DEEPEST:
         return f"nested more than {DEEPEST} levels deep"
     if isinstance(value, Mapping):

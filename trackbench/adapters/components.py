@@ -150,7 +150,7 @@ def partial_update(
 
 
 def _keywords_of_part(keywords: Functions, is_measured: Mask) -> Functions:
-    """Return an extended filter's functions for a part of the measurement."""
+    """Restrict an extended filter's functions to a part of the measurement."""
 
     def rows_of(function: Callable[..., Array]) -> Callable[..., Array]:
         return lambda *args: np.asarray(function(*args))[is_measured]

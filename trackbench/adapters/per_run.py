@@ -126,7 +126,7 @@ def loop_over_runs(one: "type[PerRun]") -> type[LoopFilter]:
 
 
 def _copy_field(key: Field[object]) -> object:
-    """Return another field like the key: a field belongs to one class."""
+    """Copy a key: a field belongs to one class."""
     if key.default_factory is not MISSING:
         return dataclass_field(default_factory=key.default_factory)
     return dataclass_field(default=key.default)
@@ -137,7 +137,7 @@ def _restore(one: "type[PerRun]", keys: dict[str, object]) -> LoopFilter:
 
 
 def _moments(returned: object, n: int, one: type) -> tuple[Array, Array]:
-    """Return the mean (n,) and the covariance (n, n) that a step returned."""
+    """Check the mean (n,) and the covariance (n, n) that a step returned."""
     method = "step" if "step" in vars(one) else "update"
     if not isinstance(returned, tuple | list) or len(returned) != 2:
         what = f"{one.__name__} gives a {type(returned).__name__}, not a mean and a covariance"

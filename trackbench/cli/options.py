@@ -123,7 +123,7 @@ def _key_paths(part: Any, group: str | None, path: str) -> Iterator[str]:
 
 
 def _config_in_line(ctx: typer.Context) -> dict[str, Any]:
-    """Return the config on the command line with its includes resolved."""
+    """Read the config on the command line, with its includes resolved."""
     from trackbench.config.includes import inline_parts
     from trackbench.config.shipped_experiments import located
     from trackbench.yaml_source import read

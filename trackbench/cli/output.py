@@ -89,7 +89,7 @@ def _stdout_apart() -> Iterator[TextIO]:
 
 
 def _is_the_systems(stream: TextIO) -> bool:
-    """Return whether a stream is the real stdout, and not a caller's replacement."""
+    """Distinguish the real stdout from a caller's replacement."""
     try:
         return stream.fileno() == _STDOUT
     except (OSError, ValueError):
@@ -169,7 +169,7 @@ def table_rows(table: "Table") -> dict[str, Any]:
 
 
 def _text_rows(table: "TextTable") -> dict[str, Any]:
-    """Return a table's title, its rows as on the screen, and notes as data."""
+    """Convert a table to data, its rows as on the screen."""
     rows = []
     for row in table.rows:
         texts = [cell.text for cell in row]

@@ -114,7 +114,7 @@ def _at_ref(
 
 
 def _top(path: Path) -> Path | None:
-    """Return the top folder of a file's git repository, if it is in one."""
+    """Find the top folder of a file's git repository, if it is in one."""
     command = ["git", "-C", str(path.resolve().parent), "rev-parse", "--show-toplevel"]
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=True)
@@ -136,7 +136,7 @@ def _ref_error(ref: str, what: str) -> UserError:
 
 
 def _judged(stored: Results, now: Results, limit: Limit, cost: float) -> Verdict:
-    """Return the verdict on the primary metrics of the filters that both have."""
+    """Judge the primary metrics of the filters that both have."""
     rows, why = compare_folders(stored, now)
     with_rows = {*stored.columns("summary")["filter"].tolist()}
     before = [label for label in stored.filters if label in with_rows]
@@ -166,7 +166,7 @@ def judge(rows: Sequence[Row], limit: Limit) -> list[Row]:
 
 
 def _costs(stored: Results, now: Results, most: float) -> list[Row]:
-    """Return a row for each cost: evaluations, and CPU times if both are of this machine."""
+    """Compare costs: evaluations, and CPU times if both are of this machine."""
     both = (stored, now)
     if not most or not all((r.folder / TIMING).is_file() for r in both):
         return []

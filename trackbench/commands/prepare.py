@@ -211,7 +211,7 @@ _LONG = ((3600, "h"), (60, "min"))
 
 
 def _cpu_s_of_run(job: Job, options: Options) -> float | None:
-    """Return CPU seconds of all filters' run in the results folder, or of the shipped experiment."""
+    """Find the CPU seconds of a run in the results folder, or of the shipped experiment."""
     wanted = resolved(job.experiment, job.folder)
     with suppress(OSError, UserError, ValueError, LookupError, TypeError):
         facts = read_manifest(job.folder)
@@ -288,7 +288,7 @@ def _check_out(folder: Path, data: Collection[str]) -> None:
 
 
 def _stored_runs(folder: Path) -> int:
-    """Return the number of runs of the results in a folder; 0 without results."""
+    """Count the runs of the results in a folder; 0 without results."""
     with suppress(OSError, ValueError, LookupError, TypeError):
         return int(json.loads((folder / "manifest.json").read_bytes())["runs"])
     return 0
@@ -309,7 +309,7 @@ def _foreign_file(folder: Path, data: Collection[str]) -> Path | None:
 
 
 def _is_written(config: Path) -> bool:
-    """Return whether a config has the form in which runs write theirs."""
+    """Test whether a config has the form in which runs write theirs."""
     with suppress(OSError, UserError, ValueError, LookupError):
         text = config.read_text(encoding="utf-8")
         return as_yaml(read(config).data) == text
@@ -317,6 +317,6 @@ def _is_written(config: Path) -> bool:
 
 
 def _may_write(folder: Path) -> bool:
-    """Return whether the folder, or its first existing parent, is writable."""
+    """Test whether the folder, or its first existing parent, is writable."""
     existing = next((f for f in (folder, *folder.absolute().parents) if f.exists()), folder)
     return os.access(existing, os.W_OK | os.X_OK)

@@ -279,7 +279,7 @@ def _parse_shard(text: str) -> tuple[int, int]:
 
 
 def _plan_of_shard(plan: Plan, shard: int, shards: int) -> Plan:
-    """Return the plan with consecutive blocks: every shard has blocks of all filters."""
+    """Restrict the plan to consecutive blocks: every shard has blocks of all filters."""
     n = len(plan.unique)
     mine = set(plan.unique[n * (shard - 1) // shards : n * shard // shards])
     parts = {key: [t for t in tasks if t in mine] for key, tasks in plan.tasks.items()}

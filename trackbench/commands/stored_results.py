@@ -247,7 +247,7 @@ def report(folder: Path | str, allow_plugins: bool = False) -> list[Path]:
 
 
 def _whole(results: Results, written: list[Path]) -> list[Path]:
-    """Return the written files; raises PartialReportError if others failed."""
+    """Raise PartialReportError if any output beside the written files failed."""
     if results.unmade:
         raise PartialReportError(results.unmade_lines, written)
     return written

@@ -117,7 +117,7 @@ def check_file(
 
 
 def _labels_of_program(path: Path, on: Path) -> list[str]:
-    """Return the filters of a config whose command has the file."""
+    """Find the filters of a config whose command has the file."""
     data = read(on).data
     entries = data.get("filters") if isinstance(data, dict) else None
     labels = []
@@ -131,7 +131,7 @@ def _labels_of_program(path: Path, on: Path) -> list[str]:
 def _check_program(
     path: Path, on: Path | None, labels: list[str], allow_plugins: bool
 ) -> dict[str, list[Finding]]:
-    """Return the findings of a program, with the keys of each filter of a config that runs it."""
+    """Check a program, with the keys of each filter of a config that runs it."""
     if not labels and not is_program(path):
         what = "`--on CONFIG` checks a script, by the command of its filter there"
         raise UserError(f"{path}: {NO_FILTER}; {what}")
@@ -214,7 +214,7 @@ def check_filter(
 
 
 def _exemptions(tracker: AnyFilter, scenario: Scenario, why_not_linear: str) -> dict[str, str]:
-    """Return the checks that are left out, with reasons."""
+    """Collect the checks that are left out, with reasons."""
     exempt: dict[str, str] = dict(type(tracker).contract_exemptions)
     if isinstance(tracker, GaussianFilter) and tracker.robust:
         exempt.setdefault("kalman", "weighs measurements by `robust`")
@@ -266,7 +266,7 @@ def run_check(
 
 
 def _with_defaults(cls: type[AnyFilter]) -> AnyFilter:
-    """Return the filter with its default keys, which must be hashable, comparable and picklable."""
+    """Make the filter with its default keys: it must be hashable, comparable and picklable."""
     if not is_dataclass(cls):
         raise ContractError("is not a dataclass (frozen=True, kw_only=True)")
     one, other = cls(), cls()
@@ -284,7 +284,7 @@ def _with_defaults(cls: type[AnyFilter]) -> AnyFilter:
 def _choose_scenario(
     tracker: AnyFilter, scenarios: Sequence[Scenario], on: Scenario | None
 ) -> tuple[Scenario | None, str]:
-    """Return the first scenario that the filter can run on, and why not the ones before it."""
+    """Choose the first scenario that the filter can run on; say why not those before it."""
     reasons: list[str] = []
     for scenario in (PLANAR, SCALAR, RADAR, *scenarios) if on is None else (on,):
         if not (why := why_not(tracker, scenario)):

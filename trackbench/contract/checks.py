@@ -244,7 +244,7 @@ def _runs_for(tracker: AnyFilter) -> int:
 
 
 def _of_many_particles(tracker: AnyFilter) -> AnyFilter:
-    """Return the filter with so many particles that they leave less room for mistakes."""
+    """Give the filter so many particles that they leave less room for mistakes."""
     if tracker.particle_count < _LEAST_N and any(f.name == "N" for f in fields(tracker)):
         return replace(tracker, N=_LEAST_N)
     return tracker

@@ -96,7 +96,7 @@ def misfit(tracker: AnyFilter, scenario: Scenario, runs: int, seed: int) -> str:
 
 
 def _limits(name: str, reference: Array, wide: float) -> tuple[Array, Array]:
-    """Return the least and the largest score that an honest filter may have, per run (M,)."""
+    """Bound the scores that an honest filter may have, per run (M,)."""
     if name == "rmse":
         return np.full_like(reference, -1.0), 3.0 * reference + 0.05
     if name == "spread":
@@ -107,12 +107,12 @@ def _limits(name: str, reference: Array, wide: float) -> tuple[Array, Array]:
 
 
 def _exceeds(excess: Array) -> bool:
-    """Return whether numbers per run (M,) are positive in the mean, by six standard errors."""
+    """Test whether numbers per run (M,) are positive in the mean, by six standard errors."""
     return bool(excess.mean() > _MAX_DEVIATION * excess.std(ddof=1) / np.sqrt(len(excess)))
 
 
 def _cause(of: Estimates, path: Array, sizes: dict[str, float]) -> str:
-    """Return the likely cause of a difference from the path (n, T + 1, M) and of other scores."""
+    """Guess the cause of a difference from the path (n, T + 1, M) and of other scores."""
     mean = of.mean[: len(path)]
 
     def off(other: Array) -> float:

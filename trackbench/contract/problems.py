@@ -94,7 +94,7 @@ class ModelDraws(Scenario):
 
 
 def _tracking(sensor: SensorBase, launch: Launch, q: float, T: float) -> Tracking:
-    """Return a problem with a target so fast that a late estimate is far away."""
+    """Make a problem with a target so fast that a late estimate is far away."""
     target = Driven(motion=WhiteAcceleration(q=q), launch=launch)
     start = GaussianStart(sigma=(20.0, 10.0, 30.0, 15.0))
     return Tracking(target=target, sensor=sensor, start=start, T=T, last=8)

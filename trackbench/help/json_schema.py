@@ -58,7 +58,7 @@ _ELSEWHERE: list[JsonSchema] = [
 
 
 def _definitions(group: Group, kind: str, cls: type[Part]) -> JsonSchema:
-    """Return the definition of one kind and of the types that its keys refer to."""
+    """Define one kind and the types that its keys refer to."""
     name = f"{group}.{kind}"
     schema = adapter(cls, documented=True).json_schema(ref_template=f"#/$defs/{name}.{{model}}")
     inner = {f"{name}.{model}": part for model, part in schema.pop("$defs", {}).items()}

@@ -148,7 +148,7 @@ def _as_data(rows: list[tuple[str, str, str]]) -> list[dict[str, str]]:
 
 
 def _classes_of(kind: str) -> list[tuple[Group, type[Part]]]:
-    """Return the groups with a kind of this name, each with its class; empty for a metric."""
+    """Find the groups with a kind of this name, each with its class; none for a metric."""
     from trackbench.config.build import unknown
     from trackbench.errors import Mark, Problem, UserError
 
@@ -161,7 +161,7 @@ def _classes_of(kind: str) -> list[tuple[Group, type[Part]]]:
 
 
 def _rows(group: str, cls: type[Part]) -> list[tuple[str, str, str]]:
-    """Return key, default and text of every key, including `assume`."""
+    """Describe every key, including `assume`: key, default and text."""
     rows = list(_key_rows(cls, ""))
     if group == "filters":
         rows += _assume_rows()
@@ -169,7 +169,6 @@ def _rows(group: str, cls: type[Part]) -> list[tuple[str, str, str]]:
 
 
 def _hooks_of(group: Group) -> str:
-    """Return the required and optional hooks of a group's classes."""
     base = base_of(group)
     declared = list(hooks(base))
     rows = list(columns((hook.form, hook.text) for hook in declared))

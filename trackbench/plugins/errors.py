@@ -114,7 +114,7 @@ def place_within(error: BaseException, files: set[str]) -> str:
 
 
 def _plugin_classes(part: object) -> list[type]:
-    """Return the plugin classes that a component is made of."""
+    """List the plugin classes that a component is made of."""
     cls = part if isinstance(part, type) else type(part)
     bases = getattr(cls, "one", cls).__mro__  # `one` is the class that PerRun loops over
     pythons = sys.stdlib_module_names  # such as of `object` and `Generic`
@@ -127,7 +127,7 @@ def _file(cls: type) -> str:
 
 
 def _definition(method: str, part: object) -> str:
-    """Return the place of a method in a component's class, or of the class."""
+    """Locate a method in a component's class, or the class."""
     # The first class that defines the method, or the line of the first class.
     classes = _plugin_classes(part)
     for cls in classes:

@@ -98,7 +98,7 @@ def read_plugin(path: Path, files: Iterable[Path] = (), environment: Iterable[st
 
 
 def _digest_of_all(file: Path) -> str:
-    """Return the digest of a file, or of all files in a folder."""
+    """Digest a file, or all files in a folder."""
     if not file.is_dir():
         return digest_of(require_regular_file(file))
     names = sorted(inner for inner in file.rglob("*") if inner.is_file())
@@ -111,7 +111,7 @@ def _digests(files: Iterable[str]) -> Digests:
 
 
 def _values(variables: Iterable[str]) -> Digests:
-    """Return digests of environment variables: their values may be secret."""
+    """Digest environment variables: their values may be secret."""
     digests = []
     for name in sorted(variables):
         text = os.environ.get(name)
@@ -189,7 +189,7 @@ _loaded: dict[str, Plugin] = {}
 
 
 def _new_module(plugin: Plugin) -> ModuleType:
-    """Return a module under the name of the content, in which the code is to run."""
+    """Make a module under the name of the content, in which the code is to run."""
     module = ModuleType(plugin.module)
     module.__file__ = plugin.path
     setattr(module, "__plugin_digest__", plugin.identity)  # noqa: B010 (no such field in the type)
@@ -208,7 +208,7 @@ def _mark(plugin: Plugin, modules: Iterable[str]) -> None:
 
 
 def _with_opened(plugin: Plugin, opened: Opened) -> Plugin:
-    """Return the plugin with the files that it opened and the variables that it read."""
+    """Add the files that a plugin opened and the variables that it read."""
     modules, packages = imports(plugin.source, plugin.path)  # it may have extended the path
     known = {plugin.path, *(name for name, _ in (*plugin.files, *plugin.code))}
     folders = tuple(f"{name}{os.sep}" for name, _ in plugin.files)

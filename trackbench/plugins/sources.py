@@ -51,7 +51,7 @@ def is_installed(file: str) -> bool:
 
 @cache
 def _recorded(folder: str) -> frozenset[str]:
-    """Return the files that the packages installed in a folder list in their RECORD."""
+    """List the files that the packages installed in a folder have in their RECORD."""
     packages = distributions(path=[folder])
     lines = ((package.read_text("RECORD") or "").splitlines() for package in packages)
     return frozenset(line.partition(",")[0] for line in chain.from_iterable(lines))

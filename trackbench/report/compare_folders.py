@@ -145,7 +145,7 @@ def _why_unpaired(a: Results, b: Results, points: Iterable[GridPoint]) -> str:
 
 
 def _agree(a: Any, b: Any, home_a: Path, home_b: Path) -> bool:
-    """Return whether two scenarios agree in all common keys; paths must be those of equal files."""
+    """Test whether two scenarios agree in all common keys; paths must be those of equal files."""
     if isinstance(a, dict) and isinstance(b, dict):
         return all(_agree(a[k], b[k], home_a, home_b) for k in a.keys() & b.keys())
     if isinstance(a, list) and isinstance(b, list):
@@ -230,7 +230,7 @@ def rows_of(
 
 
 def _worse(metric: str, change: Comparison, compared: Callable[..., Comparison]) -> Comparison:
-    """Return the comparison of how far both numbers of a change are from the best value."""
+    """Compare how far both numbers of a change are from the best value."""
     better = measured(metric).family[0].better
     if better == "lower" or is_event(metric) or change.is_equal:
         return change
@@ -273,12 +273,12 @@ def with_unit(metric: str) -> str:
 
 
 def _series(row: Row) -> str:
-    """Return the filter, and its point of the grid."""
+    """Name the filter, and its point of the grid."""
     return ", ".join(filter(None, [row.filter, phrases.heading(row.point)]))
 
 
 def _change(row: Row) -> str:
-    """Return the change in percent; that of a share in percent of the runs, of a score nothing."""
+    """Write the change in percent; that of a share in percent of the runs, of a score plainly."""
     difference, before = row.difference.value, row.change.b.value
     if not isfinite(difference):
         return "–"

@@ -143,7 +143,7 @@ def _check_manifest(results: Results) -> None:
 
 
 def _lines(folder: Path, damage: Damage) -> list[str]:
-    """Return a line on missing files and a line on changed ones, each unless there are none."""
+    """Describe missing files in a line and changed ones in a line."""
     ends = ((damage.missing, ("is", "are"), "missing"), (damage.changed, ("was", "were"), _CHANGED))
     lines = []
     for names, verbs, what in ends:

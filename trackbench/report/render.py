@@ -113,7 +113,7 @@ def _add(digest: "hashlib._Hash", paths: Iterable[Path]) -> None:
 
 
 def _set_ups() -> Iterator[Path]:
-    """Return the folders of matplotlib's settings files."""
+    """Yield where matplotlib looks for a settings file."""
     yield Path("matplotlibrc")
     if "MATPLOTLIBRC" in os.environ:
         named = Path(os.environ["MATPLOTLIBRC"])

@@ -148,7 +148,7 @@ class Results(ResultsFolder):
         }
 
     def _default(self, group: Group) -> dict[str, Any]:
-        """Return the default tables or figures of an experiment that names none."""
+        """Make the default tables or figures of an experiment that names none."""
         metrics = self.columns("summary")["metric"]
         keys = default_keys(group, metrics, len(self.grid_points), len(self.labels))
         return {DEFAULT: kinds(group)[keys.pop("kind")](**keys)} if keys else {}

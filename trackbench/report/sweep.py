@@ -46,7 +46,7 @@ def as_sweep(experiment: Experiment) -> Experiment:
 
 
 def _figures(settings: Settings) -> dict[str, DrawnExhibit]:
-    """Return a figure for each group of paths that are varied together, if they are one or two."""
+    """Make a figure for each group of paths that are varied together, if they are one or two."""
     grid = list(settings.grid)
     apart = independent_filter_paths(grid, settings.filters, settings.reference)
     together = [path for path in grid if path not in set[str]().union(*apart)]
@@ -61,7 +61,7 @@ def _figures(settings: Settings) -> dict[str, DrawnExhibit]:
 
 
 def _title(paths: list[str], settings: Settings) -> str:
-    """Return ``q of KF``."""
+    """Write ``q of KF``."""
     whose = dict.fromkeys(label for path in paths for label in filters_of(path, settings.filters))
     keys = " and ".join(phrases.axis(path) for path in paths)
     return f"{keys} of {listed(list(whose))}" if whose else keys
@@ -131,5 +131,5 @@ def _is_headline(metric: str) -> bool:
 
 
 def _file_name(path: str) -> str:
-    """Return a path as every system takes it: ``KF-assume-motion-q``."""
+    """Write a path as every system takes it: ``KF-assume-motion-q``."""
     return "-".join(re.findall("[A-Za-z0-9]+", single_paths(path)[0].partition(".")[2]))

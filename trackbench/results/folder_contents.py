@@ -116,7 +116,7 @@ def _leftovers(folder: Path) -> Iterator[Path]:
 
 
 def _is_output(path: PurePosixPath) -> bool:
-    """Return whether any version writes files of this name into a results folder."""
+    """Test whether any version writes files of this name into a results folder."""
     known = (*RUN_FILES, *DERIVED_FILES, *_OLD_FILES, "config.yaml", MANIFEST, MACHINE)
     forms = _FORMS.get(path.parent.as_posix(), ())
     return str(path) in known or path.suffix.removeprefix(".") in forms

@@ -140,7 +140,7 @@ def read_frame(path: Path, needed: Collection[str] = ()) -> "pd.DataFrame":
 
 
 def _parse_of(texts: Collection[str]) -> Parse:
-    """Return the first type that all texts have: whole numbers, numbers, truth values, words."""
+    """Find the first type that all texts have: whole numbers, numbers, truth values, words."""
     for parse in (int, float, _truth):
         with suppress(ValueError, KeyError):
             for text in texts:

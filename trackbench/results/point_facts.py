@@ -138,7 +138,7 @@ def points_in(text: str) -> Iterator[PointFacts]:
 
 
 def _changed(first: dict[str, Any], other: dict[str, Any]) -> dict[str, Any]:
-    """Return the facts that differ; of filters, label by label."""
+    """Keep the facts that differ; of filters, label by label."""
     filters = {b: keys for b, keys in other["filters"].items() if keys != first["filters"].get(b)}
     out = {key: value for key, value in other.items() if value != first.get(key)}
     return {**out, "filters": filters} if filters else out

@@ -197,7 +197,7 @@ def compare_lock() -> dict[str, Any]:
 
 
 def _installed(name: str) -> str | None:
-    """Return a package's version; None if it is not installed, as a tool of the build may be."""
+    """Look up a package's version; None if it is not installed, as a tool of the build may be."""
     try:
         text = distribution(name).read_text("METADATA")
     except PackageNotFoundError:
@@ -207,7 +207,7 @@ def _installed(name: str) -> str | None:
 
 
 def _processor() -> str:
-    """Return the processor's name; Python reports none on Linux."""
+    """Name the processor; Python reports none on Linux."""
     with suppress(OSError):
         line = _PROCESSOR.search(Path("/proc/cpuinfo").read_text(encoding="utf-8"))
         return line.group(1) if line else platform.machine()

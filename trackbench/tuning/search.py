@@ -91,7 +91,7 @@ class Search:
         return tuple(axis.at(share) for axis, share in zip(self._axes, place, strict=True))
 
     def _with_each_choice(self, place: Shares) -> list[Shares]:
-        """Return the place with every combination of choices; with many, each changed alone."""
+        """Try every combination of choices at the place; of many, each changed alone."""
         axes = [(i, len(axis.choices)) for i, axis in enumerate(self._axes) if axis.choices]
         combinations = int(np.prod([n for _, n in axes]))
         choices = []
@@ -106,7 +106,7 @@ class Search:
         return [tuple((shares | dict(change)).values()) for change in changes]
 
     def _all_over(self, place: Shares) -> list[Shares]:
-        """Return spread points: multiples of powers of the generalized golden ratio, modulo one."""
+        """Spread points: multiples of powers of the generalized golden ratio, modulo one."""
         d = len(self._numbers)
         steps = np.cumprod(np.full(d, 1.0 / _RATIOS[d - 1]))
         return [self._at(place, (0.5 + n * steps) % 1.0) for n in range(1, _ALL_OVER * d + 1)]
@@ -127,7 +127,7 @@ class Search:
             yield from self._ask([wanted])
 
     def _next_corner(self, place: Shares, corners: Array) -> Shares | None:
-        """Return the next unknown point of the simplex, or None if it has converged."""
+        """Find the next unknown point of the simplex; None if it has converged."""
         from scipy.optimize import minimize
 
         def rank(x: Array) -> float:
@@ -321,7 +321,7 @@ def _trial(rows: list[dict[str, str]]) -> Trial:
 
 
 def _reach(line: list[tuple[float, float]], limit: float) -> float:
-    """Return how far from the first point of a line (share, objective) it stays below the limit."""
+    """Follow a line (share, objective) from its first point as far as it stays below the limit."""
     reached, height = line[0]
     for x, y in line[1:]:
         if not y <= limit:
@@ -336,6 +336,5 @@ def _rounded(x: float) -> float:
 
 
 def _shares(axis: Axis, values: Iterable[Any]) -> tuple[float, float]:
-    """Return the least and the largest share."""
     shares = [axis.share(value) or 0.0 for value in values]
     return min(shares), max(shares)

@@ -132,7 +132,7 @@ class _Tuner:
                 self._results[task] = result
 
     def _score(self, tasks: list[BlockTask]) -> RunEstimate | None:
-        """Return the score of a trial's blocks; None for an invalid or failed filter."""
+        """Score a trial's blocks; None for an invalid or failed filter."""
         results = [block for block in map(self._results.get, tasks) if block is not None]
         if not tasks or len(results) < len(tasks):
             return None
@@ -190,7 +190,7 @@ class Training:
         return ceil(self._experiment.settings.tuning.runs / most)
 
     def _block(self, trial: tuned_entries.Trial, number: int) -> BlockTask:
-        """Return a block: all but the last are full, and none is wider than necessary."""
+        """Make a block: all but the last are full, and none is wider than necessary."""
         settings = self._experiment.settings
         width = ceil(settings.tuning.runs / self._blocks(trial))
         measured = any(name.startswith("rmsd") for name in self.objective.metrics)

@@ -48,7 +48,7 @@ def compare_first_runs(stored: Results, computed: Results) -> Iterator[str]:
 
 
 def _values_of_runs(results: Results, runs: int) -> "pd.DataFrame":
-    """Return the first runs' values without contributions to an average: they depend on all runs."""
+    """Select the first runs' values without contributions to an average: they depend on all runs."""
     frame = results.per_run
     metrics = frame["metric"].unique()
     whole = [metric for metric in metrics if measured(metric).statistic == TIME_MEAN]

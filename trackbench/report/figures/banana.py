@@ -163,7 +163,7 @@ class PosteriorEllipses(FigureKind):
 
 
 def _kind(part: Any) -> str | None:
-    """Return the kind of a part in plain data; None of several sensors, and of none."""
+    """Read the kind of a part in plain data; None of several sensors, and of none."""
     return part.get("kind") if isinstance(part, dict) else None
 
 
@@ -183,7 +183,7 @@ def ellipse(mean: Array, cov: Array, deviations: float) -> Array:
 
 
 def _root(cov: Array) -> Array:
-    """Return a square root (2, 2) of a covariance, which may be singular but for rounding."""
+    """Factor a covariance (2, 2), which may be singular but for rounding."""
     try:
         return np.asarray(np.linalg.cholesky(cov))
     except np.linalg.LinAlgError:

@@ -173,7 +173,7 @@ class Reliability(Curves):
 def _coverage(
     results: Results, point: GridPoint, label: str, m: Measure
 ) -> tuple[Array, Array, Array, int]:
-    """Return levels, shares of the truths within, standard errors (zero at a step), number of runs."""
+    """Count truths within: levels, shares, standard errors (zero at a step), number of runs."""
     central = m.family[1] != "nees"
     if m.steps:
         values = pits(results, point, label, m)

@@ -89,7 +89,7 @@ class Anees(OverTime):
         ax.fill_between([at[k] for k in steps], low, high, **look)
 
     def _degrees(self, results: Results, point: GridPoint, label: str) -> dict[int, float]:
-        """Return the degrees of freedom of a filter's metric over its runs, by step."""
+        """Count the degrees of freedom of a filter's metric over its runs, by step."""
         rows = results.columns("per_step", point).where(filter=label)
         n = results.facts(point).sizes[self.metric.family[1]]
         number = degrees_of(rows, str(self.metric), n)

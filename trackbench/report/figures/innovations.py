@@ -65,7 +65,7 @@ class Nis(OverTime):
 
 
 def _averages(k: Array, value: Array, count: Array, over: int) -> tuple[Array, Array, Array]:
-    """Return the middle step, average and number of components of so many successive steps each."""
+    """Average so many successive steps: middle step, average, number of components."""
     ends = range(0, len(k) - over + 1, over) if len(k) >= over else [0]
     parts = [slice(i, i + over) for i in ends]
     numbers = np.array([count[p].sum() for p in parts])
@@ -110,6 +110,6 @@ class Autocorrelation(Curves):
 
 
 def _mean(values: Array | None) -> float:
-    """Return the mean over the runs that have a value."""
+    """Average the runs that have a value."""
     known = np.empty(0) if values is None else values[~np.isnan(values)]
     return float(known.mean()) if len(known) else np.nan

@@ -74,7 +74,7 @@ class RmseVsParameter(FigureKind):
         return f"Best over {name}: {', '.join(parts)}." if parts else ""
 
     def _shown(self, results: Results) -> tuple[str, Columns]:
-        """Return the horizontal axis's path and rows of summary.csv at the other paths' first values."""
+        """Choose the horizontal axis's path and rows of summary.csv at the other paths' first values."""
         path = self.parameter or results.grid[0]
         first_values = {p: v for p, v in results.points()[0].items() if p != path}
         return path, results.columns("summary", first_values).where(metric=str(self.metric))
@@ -127,14 +127,14 @@ def _line(
 
 
 def _common_number(value: object) -> float | None:
-    """Return the number of a grid value; of linked paths the one that all of them have."""
+    """Take the number of a grid value; of linked paths the one that all of them have."""
     values = value if isinstance(value, list) else [value]
     first = values[0] if values and is_number(values[0]) else None
     return first if all(other == first for other in values) else None
 
 
 def _abscissas(results: Results, path: str, rows: Columns) -> Array:
-    """Return the numbers (n,) of a path in rows of a file, which has lists as texts."""
+    """Convert a path's values in rows of a file, which has lists as texts, to numbers (n,)."""
     given = {str(point[path]): _common_number(point[path]) for point in results.grid_points}
     return np.array([given.get(str(value), value) for value in rows[path]], dtype=float)
 
@@ -206,7 +206,7 @@ class SweepFigure(FigureKind):
         return self.metrics or shown_metrics(results)
 
     def _labels(self, results: Results) -> tuple[list[str], list[str]]:
-        """Return filters that are shown, and those of them that these paths vary."""
+        """Choose the filters that are shown, and those of them that these paths vary."""
         chosen = results.chosen(self.filters)
         varied = [b for b in chosen if _vary(results, self.paths, b)]
         return [b for b in chosen if b in varied or not _vary(results, results.grid, b)], varied
@@ -279,7 +279,7 @@ def _lines(
 
 
 def _drawn(section: _Section, labels: list[str], varied: list[str], metric: Measure) -> list[str]:
-    """Return the filters that vary and those that do not; of many the best."""
+    """Choose the filters that vary and those that do not; of many the best."""
     levels = {}
     for label in labels:
         rows = section.of(label, metric)
@@ -294,7 +294,7 @@ def _drawn(section: _Section, labels: list[str], varied: list[str], metric: Meas
 def _heat_maps(
     section: _Section, x: str, y: str, labels: list[str], metrics: dict[str, Measure], title: str
 ) -> Figure:
-    """Return a panel per filter, on one color scale; the best value is framed."""
+    """Draw a panel per filter, on one color scale; the best value is framed."""
     words, metric = next(iter(metrics.items()), ("", measured("mean(rmse)")))
     # Fields of the filters that have any number, and their common color scale.
     across, down = section.values[x], section.values[y]

@@ -136,7 +136,7 @@ def plane_unit(*tracks: Array) -> tuple[float, str]:
 
 
 def _is_near(path: Array, tracks: Iterable[Array]) -> bool:
-    """Return whether a sensor's path (2, T) leaves the tracks (2, T) a quarter of the picture."""
+    """Test whether a sensor's path (2, T) leaves the tracks (2, T) a quarter of the picture."""
     points = np.concatenate([*tracks], axis=1)
     points = points[:, np.isfinite(points).all(axis=0)]
     if not points.size:
@@ -152,7 +152,7 @@ def draw_sensor(ax: Axes, path: Array, name: str) -> None:
 
 
 def _size(panels: int, *tracks: Array) -> tuple[float, float]:
-    """Return width and height, in, of a figure whose panels fit these tracks (2, T)."""
+    """Size a figure, in, whose panels fit these tracks (2, T): width and height."""
     points = np.concatenate(tracks, axis=1)
     points = points[:, np.isfinite(points).all(axis=0)]
     wide, high = np.ptp(points, axis=1) if points.size else (1.0, 1.0)

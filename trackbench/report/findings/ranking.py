@@ -253,7 +253,6 @@ def _rank(candidate: Candidate, sign: float) -> tuple[bool, float]:
 
 
 def _best_of_each(settings: Sequence[Candidate], sign: float) -> list[Candidate]:
-    """Return each filter at its best values, of which those with which it loses more runs are none."""
     best = []
     for label in dict.fromkeys(c.label for c in settings):
         mine = [c for c in settings if c.label == label]
@@ -264,7 +263,7 @@ def _best_of_each(settings: Sequence[Candidate], sign: float) -> list[Candidate]
 
 
 def _losing(candidates: Sequence[Candidate]) -> list[Candidate]:
-    """Return the filters that lose significantly more of the same runs than another."""
+    """Find the filters that lose significantly more of the same runs than another."""
     losing = []
     for a in candidates:
         others = (b.lost for b in candidates if b is not a and len(b.lost) == len(a.lost))

@@ -41,7 +41,7 @@ def ranking_tables(results: Results, numbers: bool = False) -> list[TextTable]:
 
 
 def _table(results: Results, standing: Ranking, of_settings: bool) -> TextTable:
-    """Return one ranking, of filters or of one filter's settings."""
+    """Tabulate one ranking, of filters or of one filter's settings."""
     order, metric = standing.order, standing.metric
     shown = [*order, *standing.losing][: _MOST_SETTINGS if of_settings else None]
     is_score = metric.family[0].is_score
@@ -115,7 +115,7 @@ def _unranked(results: Results, standing: Ranking, matters: float) -> Iterator[l
 
 
 def _ratio(standing: Ranking, c: Candidate, matters: float) -> str:
-    """Return ``2.4 x (2.1 to 2.8)``, with a mark where it is not significant; of scores nats."""
+    """Write ``2.4 x (2.1 to 2.8)``, with a mark where it is not significant; of scores nats."""
     comparison = standing.compared.get(c.name)
     if comparison is None:
         first = "0" if standing.metric.family[0].is_score else "1"
@@ -138,7 +138,7 @@ def _ratio(standing: Ranking, c: Candidate, matters: float) -> str:
 
 
 def _beside(metric: Measure, comparison: Comparison) -> tuple[float, float, float]:
-    """Return the ratio to the best with its interval; of a score, how far it is below the best."""
+    """Compare with the best: ratio and interval; of a score, how far it is below the best."""
     if metric.family[0].is_score:
         comparison = comparison.swapped
         value, limits = comparison.difference.value, comparison.difference.interval()
@@ -149,7 +149,7 @@ def _beside(metric: Measure, comparison: Comparison) -> tuple[float, float, floa
 
 
 def _times_best(standing: Ranking, c: Candidate) -> float:
-    """Return the ratio to the best, of scores the difference; NaN of a filter that loses more."""
+    """Divide by the best, subtract scores; NaN of a filter that loses more."""
     if c in standing.order[:1]:
         return 0.0 if standing.metric.family[0].is_score else 1.0
     comparison = standing.compared.get(c.name)
@@ -157,7 +157,7 @@ def _times_best(standing: Ranking, c: Candidate) -> float:
 
 
 def _runs_needed(standing: Ranking) -> str:
-    """Return how many runs would decide the ties if the differences are as large as measured."""
+    """Write how many runs would decide the ties if the differences are as large as measured."""
     runs = []
     for _, tie in standing.not_worse:
         if isfinite(tie.z) and tie.z:
@@ -217,7 +217,7 @@ def _without_empty(results: Results, table: TextTable) -> TextTable:
 
 
 def _over_scenes(results: Results, standings: Sequence[Ranking]) -> TextTable:
-    """Return a row a filter over all scenarios of the grid: at how many it is among the best."""
+    """Count for each filter at how many scenarios of the grid it is among the best."""
     first = standings[0]
     is_score = first.metric.family[0].is_score
     paths = " and ".join(phrases.axis(path) for path in first.scene)
@@ -260,12 +260,12 @@ def _over_candidates(results: Results, candidates: Sequence[Candidate]) -> Itera
 
 
 def _span(texts: Sequence[str]) -> str:
-    """Return the first and last text, or the only one."""
+    """Join the first and last text."""
     return " to ".join(dict.fromkeys((texts[0], texts[-1]))) if texts else ""
 
 
 def _by_scene(results: Results, standings: Sequence[Ranking]) -> TextTable:
-    """Return the numbers: a row for each scenario of the grid, a column for each filter."""
+    """Tabulate the numbers: a row for each scenario of the grid, a column for each filter."""
     first = standings[0]
     head = head_of([*first.order, *first.losing][0].sample.statistic, first.metric)
     table = TextTable(head, [*map(phrases.axis, first.scene), *results.filters])

@@ -31,7 +31,7 @@ def answer(results: Results) -> list[str]:
 
 
 def _undecided(standing: Ranking) -> str:
-    """Return why no filter is best, or why one that looks worse than another is not."""
+    """Explain why no filter is best, or why one that looks worse than another is not."""
     reasons = dict.fromkeys(rival.difference.why for rival in standing.undecided)
     if standing.best is not None:
         return " ".join(f"Undecided: {why}." for why in reasons if why)
@@ -50,7 +50,7 @@ def _undecided(standing: Ranking) -> str:
 
 
 def _tuned(results: Results, standing: Ranking) -> str:
-    """Return which filters a tuned best one is compared with that were not tuned."""
+    """Name the untuned filters that a tuned best one is compared with."""
     tuned = {tuned_label(label): label for label in results.config.get("tune") or {}}
     best = standing.best
     if best is None or best.label not in tuned:
@@ -65,7 +65,7 @@ def _tuned(results: Results, standing: Ranking) -> str:
 
 
 def _other_metrics(results: Results, standing: Ranking) -> str:
-    """Return the other metrics by which another filter is better than the best."""
+    """Name the other metrics by which another filter is better than the best."""
     better: dict[str, list[str]] = {}
     names = [name for name in ranking_metrics(results) if name != standing.metric.metric]
     for metric in names:

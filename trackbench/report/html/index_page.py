@@ -66,7 +66,7 @@ def _drawn(root: ET.Element) -> Iterator[ET.Element]:
 
 
 def _coarse(d: str) -> str:
-    """Return a path of straight lines in whole points, without those that are hardly apart."""
+    """Round a path of straight lines to whole points, without those that are hardly apart."""
     parts = []
     for points, closed in outline(d):
         corners = [points[0]]
@@ -162,7 +162,7 @@ _POSITIONS, _OTHERS = "Targets with measured positions", "Other dynamic systems"
 
 
 def _by_topic(experiments: Overview) -> dict[str, Overview]:
-    """Return the experiments by what is estimated and measured; topics without any are left out."""
+    """Group the experiments by what is estimated and measured; topics without any are left out."""
     groups: dict[str, Overview] = {t: [] for t in (_RECORDINGS, _ANGLES, _POSITIONS, _OTHERS)}
     for item in experiments:
         groups[_topic(item[0])].append(item)
@@ -182,7 +182,7 @@ def _topic(results: Results) -> str:
 
 
 def _result(results: Results) -> str:
-    """Return the result in a few words; empty if the runs are missing."""
+    """Write the result in a few words; nothing if the runs are missing."""
     return short_answer(rankings(results)) if _has_runs(results) else ""
 
 
@@ -221,7 +221,7 @@ def _together(comparisons: list[Verdicts]) -> Verdicts:
 
 
 def _opened(folder: Path) -> tuple[Overview, int]:
-    """Return the experiments, and how many are left out because their runs are missing."""
+    """Open the experiments; count those that are left out because their runs are missing."""
     if not os.path.isdir(folder):
         raise UserError(f"{folder}: there is no such folder")
     candidates = sorted(p.parent for p in folder.glob("*/config.yaml"))

@@ -73,7 +73,7 @@ def write_report(
 
 
 def _rerun(results: Results) -> str:
-    """Return the config's path for a shell; of an absolute path the last part."""
+    """Write the config's path for a shell; of an absolute path the last part."""
     path = results.folder / "config.yaml"
     shown = path.as_posix() if not path.is_absolute() else "/".join(path.parts[-2:])
     is_foreign = results.config.get("plugins") or _programs(results)
@@ -81,7 +81,7 @@ def _rerun(results: Results) -> str:
 
 
 def _programs(results: Results) -> list[str]:
-    """Return the filters that are programs in other languages."""
+    """Find the filters that are programs in other languages."""
     return [label for label, f in results.config["filters"].items() if f["kind"] == "external"]
 
 
@@ -105,7 +105,6 @@ def _facts(results: Results) -> list[tuple[str, object]]:
 
 
 def _pairs(results: Results) -> TextTable:
-    """Return all pairs."""
     heads = [*results.grid_heads, "a", "b", "Metric", "a - b", "95 % interval", "a is"]
     rule = f"Significant: {rules.HOW_FILTERS_DIFFER}. The interval is of one pair alone."
     table = TextTable("Differences on common runs", heads, notes=[rule])
@@ -160,7 +159,6 @@ def drawings(results: Results) -> list[Drawing]:
 
 
 def _caption(results: Results, name: str, spec: FigureKind | None) -> str:
-    """Return the figure's caption, if it has one."""
     if spec is None:
         return ""
     what = f"caption of figure {name}"

@@ -187,7 +187,7 @@ _LETTER_IN, _LINE_IN, _HANDLE_IN = 0.066, 0.165, 0.55
 
 
 def _columns(labels: Sequence[str], width_in: float) -> int:
-    """Return the number of legend columns, which are filled downwards."""
+    """Choose the number of legend columns, which are filled downwards."""
     widths = [_HANDLE_IN + _LETTER_IN * max(map(len, b.split("\n"))) for b in labels]
     for rows in range(1, len(labels) + 1):
         if sum(max(widths[i : i + rows]) for i in range(0, len(labels), rows)) <= width_in:
@@ -196,7 +196,7 @@ def _columns(labels: Sequence[str], width_in: float) -> int:
 
 
 def _legend(figure: Figure, without: Collection[str]) -> dict[str, Any]:
-    """Return the lines by label; the first of each label."""
+    """Collect the lines by label; the first of each label."""
     handles: dict[str, Any] = {}
     for ax in figure.axes:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):

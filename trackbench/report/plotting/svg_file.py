@@ -113,7 +113,7 @@ def marked(content: str, figure: "Figure", labels: list[str]) -> str:
 
 
 def _panels(figure: "Figure") -> "list[Axes]":
-    """Return the axes with curves over numbers."""
+    """Find the axes with curves over numbers."""
     return [
         ax
         for ax in figure.axes
@@ -141,7 +141,7 @@ def _shapes(ax: "Axes") -> "Iterator[tuple[Artist, str]]":
 
 
 def _panel(figure: "Figure", ax: "Axes", labels: list[str]) -> dict[str, Any]:
-    """Return an axes' box in SVG points, its two axes, and its curves."""
+    """Describe an axes: its box in SVG points, its two axes, and its curves."""
     width, height = figure.get_size_inches() * _POINTS
     box = ax.get_position()
     corners = (box.x0 * width, (1 - box.y1) * height, box.x1 * width, (1 - box.y0) * height)

@@ -82,7 +82,7 @@ def degrees_of(rows: Columns, metric: str, n: int) -> Array:
 
 
 def _cells(value: Array, number: Array) -> list[Cell]:
-    """Return the median over the steps, and the share of steps inside the bands of such ``number``s."""
+    """Fill the median over the steps, and the share of steps inside the bands of such ``number``s."""
     if not len(value):
         return [Cell.missing(), Cell.missing()]
     # A band for each number of degrees of freedom that a step has.
@@ -184,7 +184,7 @@ class Innovations(TableKind):
 
 
 def _refused(evaluators: Iterable[Evaluator]) -> dict[str, str]:
-    """Return the column of refused measurements, where any filter has a gate."""
+    """Find the column of refused measurements, where any filter has a gate."""
     metrics = {metric for evaluator in evaluators for _, metric in evaluator.stored}
     return {head: metric for head, metric in _REFUSED.items() if metric in metrics}
 
@@ -195,7 +195,7 @@ def _innovation_cell(evaluator: Evaluator, label: str, metric: str) -> Cell:
 
 
 def _error_columns(results: Results) -> dict[str, str]:
-    """Return the heading and metric of a column for each component of the measurement."""
+    """Find a column for each component of the measurement: heading and metric."""
     columns = {}
     for head, kind in _ERRORS.items():
         for name in dict.fromkeys(results.columns("summary")["metric"]):
@@ -206,7 +206,7 @@ def _error_columns(results: Results) -> dict[str, str]:
 
 
 def _band_notes(results: Results, labels: list[str]) -> list[str]:
-    """Return the bands of a consistent filter, and where filters leave them."""
+    """Write the bands of a consistent filter, and where filters leave them."""
     said: dict[str, list[str]] = {}
     # Filters with equal bands share a sentence, and so do points.
     for point in results.points():
@@ -224,7 +224,7 @@ def _band_notes(results: Results, labels: list[str]) -> list[str]:
 
 
 def _note_on_bands(runs: dict[tuple[str, str], Array], label: str) -> list[str]:
-    """Return the sentence on a filter's bands; none for a filter without predictions."""
+    """Write the sentence on a filter's bands; none for a filter without predictions."""
     numbers = runs.get((label, "innovations"), np.empty(0))
     finite = ~np.isnan(numbers)
     if not finite.any():

@@ -129,13 +129,13 @@ def _candidate(expressions: Evaluator, m: Measure) -> Iterator[Candidate]:
 
 
 def _cell(expressions: Evaluator, m: Measure) -> Cell:
-    """Return a row of summary.csv, or evaluate it, such as a ratio to another filter."""
+    """Read a row of summary.csv, or evaluate it, such as a ratio to another filter."""
     stored = None if m.is_share else expressions.stored.get((m.filter, str(m)))
     return Cell.of(stored or expressions.term(m), expressions.collapse(m))
 
 
 def _lost_notes(results: Results, point: GridPoint, labels: list[str]) -> Iterator[str]:
-    """Return why runs were lost, in words."""
+    """Yield why runs were lost, in words."""
     runs = results.runs(point)
     for label in labels:
         codes = runs.get((label, "lost"), np.empty(0))

@@ -113,7 +113,6 @@ class Readings(TableKind):
         return table
 
     def _numbers(self, results: Results) -> list[PublishedNumber]:
-        """Return the printed numbers that the distance counts."""
         paths = results.config.get("published", [])
         published = read_published(results.folder, paths, self.of)
         wanted = results.filters if self.filters is None else self.filters
@@ -177,7 +176,7 @@ def ways_to_measure(
 
 
 def _by(statistic: str, number: PublishedNumber) -> PublishedNumber:
-    """Return the number as another statistic of the same errors; a variance stays one."""
+    """Take another statistic of the same errors; a variance stays one."""
     m = number.expression
     if not statistic or m is None or not _is_average(m):
         return number
@@ -185,7 +184,7 @@ def _by(statistic: str, number: PublishedNumber) -> PublishedNumber:
 
 
 def _is_average(m: Measure) -> bool:
-    """Return whether the expression is a statistic in the metric's unit over whole runs."""
+    """Test whether the expression is a statistic in the metric's unit over whole runs."""
     averages = [TIME_MEAN, *(name for name, s in STATISTICS.items() if s.power == 1)]
     return m.statistic in averages and not m.steps and not m.relation
 
@@ -296,7 +295,6 @@ class ClaimReadings(TableKind):
         return table
 
     def _claims(self, results: Results) -> list[Claim]:
-        """Return the claims about the experiment's filters."""
         published = read_published(results.folder, results.config.get("published", []), self.of)
         claims = []
         for claim in published.claims:
@@ -309,7 +307,7 @@ class ClaimReadings(TableKind):
 def _judged(
     results: Results, claims: list[Claim], points: list[GridPoint]
 ) -> tuple[list[Claim], list[list[str]]]:
-    """Return the claims that any point measures, and the words on each of them at every point."""
+    """Judge at every point the claims that any point measures."""
     evidence = [Evaluator(results, point) for point in points]
     measured, by_claim = [], []
     for claim in claims:

@@ -67,7 +67,7 @@ class TuningTable(TableKind):
 
 
 def _trained_on(results: Results) -> str:
-    """Return the training runs, or the part of recorded ones, and the runs held out."""
+    """Describe the training runs, or the part of recorded ones, and the runs held out."""
     config = results.config
     share = (config["scenario"].get("score") or {}).get("train")
     if share is not None:
@@ -86,7 +86,7 @@ def words_of(metric: str | dict[str, float]) -> str:
 def _score(
     objective: Objective, runs: dict[tuple[str, str], np.ndarray], label: str
 ) -> RunEstimate | None:
-    """Return a filter's score on the runs of the results; none if it was not run, or failed."""
+    """Score a filter on the runs of the results; None if it was not run, or failed."""
     mine = {metric: values for (of, metric), values in runs.items() if of == label}
     wanted = {*objective.metrics, "lost"}
     return objective.score(mine) if wanted <= mine.keys() else None

@@ -62,7 +62,7 @@ def _unjudged(claim: Claim, why: str) -> ClaimVerdict:
 
 
 def _at_each_step(claim: Claim, whole: Evaluator) -> list[Claim]:
-    """Return the claim at each of its steps, or itself without steps."""
+    """Repeat the claim at each of its steps."""
     left, right = (
         whole.at_each_step(m.of(claim.left)) if m else [None]
         for m in (claim.expression, claim.right_expression)
@@ -110,7 +110,7 @@ def _test(expressions: Evaluator, claim: Claim, right: str) -> _Test:
 
 
 def _weakest(tests: list[_Test], terms: list[list[RunEstimate]], steps: int) -> list[float]:
-    """Return z of the weakest test by each part of the runs; none unless every test has parts."""
+    """Find z of the weakest test by each part of the runs; none unless every test has parts."""
     weakest = []
     for part in zip(*terms, strict=True) if all(terms) else ():
         zs = [test.in_favor(term) for test, term in zip(tests, part, strict=True)]
@@ -119,7 +119,6 @@ def _weakest(tests: list[_Test], terms: list[list[RunEstimate]], steps: int) -> 
 
 
 def _why(whole: Evaluator, test: _Test) -> str:
-    """Return both sides of a test, in words."""
     claim, right = test.claim, test.right
     why = []
     for side in claim.sides(right):
@@ -131,7 +130,7 @@ def _why(whole: Evaluator, test: _Test) -> str:
 
 
 def _significance(verdict: Verdict) -> str:
-    """Return that an inconclusive claim is significant by the rule for filters, if it is."""
+    """Note that an inconclusive claim is significant by the rule for filters, if it is."""
     z = verdict.z
     if verdict.word != UNDECIDED or not (rules.is_significant(z) and verdict.is_short):
         return ""
@@ -140,7 +139,7 @@ def _significance(verdict: Verdict) -> str:
 
 
 def _size(evidence: Evaluator, test: _Test) -> str:
-    """Return that the printed size of a difference lies outside its 95 % interval, if it does."""
+    """Note that the printed size of a difference lies outside its 95 % interval, if it does."""
     claim = test.claim
     if claim.printed is None or not test.right or claim.expression is None:
         return ""
@@ -153,7 +152,7 @@ def _size(evidence: Evaluator, test: _Test) -> str:
 
 
 def _of_steps(weakest: _Test, zs: list[float]) -> str:
-    """Return the weakest of tests at many steps, and how many are significant."""
+    """Describe the weakest of tests at many steps, and how many are significant."""
     steps = weakest.claim.expression and weakest.claim.expression.steps
     surely = sum(rules.decided(z) > 0 for z in zs)
     where = f"at step {steps.first}; " if steps else ""
@@ -161,7 +160,7 @@ def _of_steps(weakest: _Test, zs: list[float]) -> str:
 
 
 def _loses_more(expressions: Evaluator, claim: Claim, right: str) -> str:
-    """Return why a filter with a smaller error is no better: it loses more of the same runs."""
+    """Explain why a filter with a smaller error is no better: it loses more of the same runs."""
     a, b = (expressions.runs.get((label, "lost")) for label in (claim.left, right))
     # Only a claim that the left side is better is affected.
     better = ">" if claim.expression and claim.expression.family[0].more_is_better else "<"

@@ -194,7 +194,7 @@ def verdict_tables(comparison: Verdicts) -> list[TextTable]:
 
 
 def _number_tables(comparison: Verdicts) -> list[TextTable]:
-    """Return a table of verdicts per published table, and of those with several readings all of them."""
+    """Tabulate verdicts per published table, and of those with several readings all of them."""
     places: dict[str, list[Reproduced]] = {}
     for number in comparison.numbers:
         published = number.best.published
@@ -240,7 +240,6 @@ def _parts(verdict: Verdict) -> str:
 
 
 def _claim_table(claims: list[ClaimVerdict]) -> TextTable:
-    """Return claims with verdict and z."""
     title = "Claims (z: standard errors in the claim's favor, weakest comparison)"
     heads = ["Claim", "Verdict", "z", "z without a batch", "Paired", "Weakest comparison; note"]
     table = TextTable(title, [*heads, "Source"])
@@ -253,7 +252,6 @@ def _claim_table(claims: list[ClaimVerdict]) -> TextTable:
 
 
 def _rank_table(ranks: list[Ranked]) -> TextTable:
-    """Return the agreement of orders per column."""
     heads = ["Table", "Column", "Filters", "Kendall's tau"]
     table = TextTable("Order of the filters, published against measured (1: the same)", heads)
     for r in ranks:
@@ -263,7 +261,6 @@ def _rank_table(ranks: list[Ranked]) -> TextTable:
 
 
 def _left_out_table(comparison: Verdicts) -> TextTable:
-    """Return the printed numbers that nothing here measures, with the reason."""
     table = TextTable("Left out", ["Table", "Filter", "Metric", "Published", "Why"])
     for p in comparison.left_out:
         cells = f"{p.paper}, {p.table}", p.filter, _place(p), printed(p), p.note

@@ -93,7 +93,7 @@ class Verdicts:
 
 
 def _rank(row: Compared) -> tuple[int, float]:
-    """Return the best verdict first; of equal ones the nearest value."""
+    """Sort the best verdict first; of equal ones the nearest value."""
     printed, value = row.published.value, row.measured.value
     off = abs(value - printed) if not isinstance(printed, str) and isfinite(value) else inf
     return NUMBER_WORDS.index(row.verdict.word), off
@@ -169,7 +169,7 @@ def _readings(number: PublishedNumber, evidence: Evaluator | None) -> Iterator[C
 def _verdict(
     number: PublishedNumber, measured: RunEstimate, label: str, results: Results
 ) -> Verdict:
-    """Return the verdict; a filter without random numbers on recorded data has the digits, or not."""
+    """Judge a number; a filter without random numbers on recorded data has the digits, or not."""
     value = measured.value
     if label in results.deterministic and not isinstance(number.value, str) and isfinite(value):
         stored = 0.5 * abs(value) * 10.0 ** (1 - DIGITS["per_run.csv"])
@@ -179,7 +179,7 @@ def _verdict(
 
 
 def _is_near(number: PublishedNumber, measured: RunEstimate, verdict: Verdict) -> bool:
-    """Return whether a number differs significantly from the printed one, but by a small share."""
+    """Test whether a number differs significantly from the printed one, but by a small share."""
     if verdict.word != "differs" or isinstance(number.value, str):
         return False
     return abs(rules.difference(number, measured.value)) <= NEAR * abs(number.value)
