@@ -104,11 +104,7 @@ def rebase(cls: type[Any], base: type[Part]) -> type[Part]:
     are looked through by a test.
     """
     if not issubclass(cls, base):
-        body = {
-            "__module__": cls.__module__,
-            "__qualname__": cls.__qualname__,
-            "__doc__": cls.__doc__,
-        }
+        body = {name: getattr(cls, name) for name in ("__module__", "__qualname__", "__doc__")}
         # A key without a default is no attribute of the class, and would meet the base's property.
         body |= {f.name: None for f in fields(cls) if not hasattr(cls, f.name)}
         cls = new_class(cls.__name__, (cls, base), {}, lambda namespace: namespace.update(body))

@@ -27,27 +27,18 @@ BLOCK_GROUPS = tuple(group for group in GROUPS if group not in ("figures", "tabl
 """Groups whose parts make a block's numbers."""
 T = TypeVar("T", bound=type)
 
-_PACKAGES: dict[Group, str] = {
-    "filters": "trackbench.filters",
-    "scenarios": "trackbench.scenarios",
-    "targets": "trackbench.scenarios.targets",
-    "motions": "trackbench.models.motions",
-    "sensors": "trackbench.models.sensors",
-    "starts": "trackbench.scenarios.starts",
-    "figures": "trackbench.report.figures",
-    "tables": "trackbench.report.tables",
+_PLACES: dict[Group, tuple[str, str, str]] = {
+    "filters": ("trackbench.filters", "trackbench.filters.base", "Filter"),
+    "scenarios": ("trackbench.scenarios", "trackbench.scenarios.base", "Scenario"),
+    "targets": ("trackbench.scenarios.targets", "trackbench.scenarios.targets.base", "Target"),
+    "motions": ("trackbench.models.motions", "trackbench.models.base", "Motion"),
+    "sensors": ("trackbench.models.sensors", "trackbench.models.sensors.base", "SensorBase"),
+    "starts": ("trackbench.scenarios.starts", "trackbench.scenarios.starts.base", "Start"),
+    "figures": ("trackbench.report.figures", "trackbench.report.kinds", "FigureKind"),
+    "tables": ("trackbench.report.tables", "trackbench.report.kinds", "TableKind"),
 }
-_BASES: dict[Group, str] = {
-    "filters": "trackbench.filters.base.Filter",
-    "scenarios": "trackbench.scenarios.base.Scenario",
-    "targets": "trackbench.scenarios.targets.base.Target",
-    "motions": "trackbench.models.base.Motion",
-    "sensors": "trackbench.models.sensors.base.SensorBase",
-    "starts": "trackbench.scenarios.starts.base.Start",
-    "figures": "trackbench.report.kinds.FigureKind",
-    "tables": "trackbench.report.kinds.TableKind",
-}
-_kinds: dict[Group, dict[str, type[Part]]] = {group: {} for group in _PACKAGES}
+"""Package of each group's kinds; module and name of their base."""
+_kinds: dict[Group, dict[str, type[Part]]] = {group: {} for group in GROUPS}
 _scanned: set[Group] = set()
 _of_plugins: dict[str, list[tuple[Group, str, type[Part]]]] = {}
 
@@ -78,7 +69,7 @@ def register(group: Group, kind: str) -> Callable[[T], T]:
 
 def base_of(group: Group) -> type[Part]:
     """Return the base of a group's classes, which declares their hooks."""
-    module, _, name = _BASES[group].rpartition(".")
+    _, module, name = _PLACES[group]
     return cast(type[Part], vars(importlib.import_module(module))[name])
 
 
@@ -160,7 +151,7 @@ _REGISTRATION = re.compile(
 @cache
 def _homes(group: Group) -> dict[str, _Home]:
     """Read the package's kinds of a group from the source text: nothing is imported."""
-    package = _PACKAGES[group]
+    package, *_ = _PLACES[group]
     folder = Path(__file__).parents[1].joinpath(*package.split("."))
     homes: dict[str, _Home] = {}
     for file in [*folder.glob("*.py"), *folder.glob("*/__init__.py")]:

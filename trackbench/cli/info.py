@@ -53,12 +53,8 @@ def _listing(word: str | None, config: Path | None, allow_plugins: bool) -> str:
         return metrics.metrics_of_config(config, allow_plugins)
     if word is None:
         return groups_with_counts()
-    others = {
-        "statistics": metrics.statistics,
-        "metrics": metrics.metrics,
-        "experiments": experiments,
-        "problems": problems,
-    }
+    others = {"statistics": metrics.statistics, "metrics": metrics.metrics}
+    others |= {"experiments": experiments, "problems": problems}
     return others[word]() if word in others else listing((word,))
 
 
@@ -96,8 +92,7 @@ def copy(
     """Copy a shipped experiment and its parts for editing; existing files stay."""
     from trackbench.config.shipped_experiments import copied
 
-    written = copied(name, to)
-    for path in written:
+    for path in copied(name, to):
         typer.echo(f"wrote {path}")
     typer.echo(f"run it: trackbench run {to / name}.yaml")
 

@@ -59,9 +59,7 @@ def run(
 ) -> None:
     """Run experiments and write tables, figures and CSV files."""
     _begin(given)
-    given |= {"quick": quick, "force": force, "save_tracks": save_tracks, "shard": shard}
-    given |= {"filters": filters}
-    execute("run", configs, given, watch)
+    execute("run", configs, given | locals(), watch)
 
 
 @runs_experiments
@@ -77,8 +75,7 @@ def sweep(
 ) -> None:
     """Run all values of a grid; also write sweep.csv, figures and each filter's best values."""
     _begin(given)
-    given |= {"grid": grid, "product": product, "out": out}
-    execute("sweep", [config], given | {"quick": quick, "force": force, "save_tracks": save_tracks})
+    execute("sweep", [config], given | locals())
 
 
 @runs_experiments

@@ -170,13 +170,10 @@ class Evaluator:
     @cached_property
     def stored(self) -> dict[tuple[str, str], RunEstimate]:
         """Rows of summary.csv, and the times of timing.csv, of all runs, by (filter, metric)."""
-        rows = self.results.columns("summary", self.point).records()
-        estimates = {
-            (r["filter"], r["metric"]): RunEstimate(
-                r["value"], r["stderr"], None, r["runs"], r["lost"]
-            )
-            for r in rows
-        }
+        estimates = {}
+        for r in self.results.columns("summary", self.point).records():
+            estimate = RunEstimate(r["value"], r["stderr"], None, r["runs"], r["lost"])
+            estimates[r["filter"], r["metric"]] = estimate
         for r in self.results.columns("timing", self.point).records():
             of_run = RunEstimate(r["cpu_s_per_run"], r["stderr"], None, r["runs"])
             estimates[r["filter"], "cpu_s_per_run"] = of_run

@@ -78,11 +78,11 @@ def pairs_at(
     pairs: list[Pair] = []
     for metric in primary_metrics(list(dict.fromkeys(m for _, m in runs))):
         statistic = compared_statistic(config, metric)
-        samples = {
-            label: Sample.of(runs[label, metric], statistic, steps.get((label, metric)))
-            for label in labels
-            if (label, metric) in runs
-        }
+        samples = {}
+        for label in labels:
+            key = label, metric
+            if key in runs:
+                samples[label] = Sample.of(runs[key], statistic, steps.get(key))
         pairs += pairs_of(metric, samples)
     return pairs
 

@@ -190,10 +190,11 @@ class Results(ResultsFolder):
     @cached_property
     def pairs(self) -> list[tuple[GridPoint, list[Pair]]]:
         """Every pair of filters on common runs, by point of the grid."""
-        return [
-            (p, pairs_at(self.runs(p), self.labels, self.judged_steps(p), self.config))
-            for p in self.points()
-        ]
+        every = []
+        for point in self.points():
+            runs, steps = self.runs(point), self.judged_steps(point)
+            every.append((point, pairs_at(runs, self.labels, steps, self.config)))
+        return every
 
     @property
     def batches(self) -> int:

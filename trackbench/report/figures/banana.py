@@ -47,12 +47,8 @@ class Banana(FigureKind):
         figure, axes = style.subplots(1, len(self.ranges_km), 2.9, squeeze=False)
         rng = block_stream(results.config["seed"], 0)
         for ax, range_km in zip(axes[0], self.ranges_km, strict=True):
-            z = Polar(
-                np.array([1e3 * range_km]),
-                np.array([0.0]),
-                self.sigma_range**2,
-                (1e-3 * self.sigma_azimuth_mrad) ** 2,
-            )
+            variances = self.sigma_range**2, (1e-3 * self.sigma_azimuth_mrad) ** 2
+            z = Polar(np.array([1e3 * range_km]), np.array([0.0]), *variances)
             r = z.r + self.sigma_range * rng.standard_normal(self.samples)
             a = 1e-3 * self.sigma_azimuth_mrad * rng.standard_normal(self.samples)
             along, across = position(r, a)

@@ -45,11 +45,8 @@ class Nis(OverTime):
         figure, panels = self.panels_over_time(results, titles)
         for (ax,), point, title in panels:
             band: tuple[Array, Array] = (np.empty(0), np.empty(0))
-            for (rows, look), (numbers, _) in zip(
-                self.lines(results, point, measured("anis")),
-                self.lines(results, point, measured("innovations")),
-                strict=True,
-            ):
+            every = (self.lines(results, point, measured(m)) for m in ("anis", "innovations"))
+            for (rows, look), (numbers, _) in zip(*every, strict=True):
                 if len(rows):
                     count = numbers["value"] * numbers["runs"]
                     over = self.over or max(1, round(_ENOUGH / float(count.mean())))

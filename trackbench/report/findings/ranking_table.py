@@ -67,10 +67,8 @@ def _table(results: Results, standing: Ranking, of_settings: bool) -> TextTable:
         table.rows += _unranked(results, standing, matters)
     shown_words = " ".join(row[2].text for row in table.rows)
     if "n.s." in shown_words:
-        table.notes.append(
-            f"n.s.: not significant at {100 * rules.LEVEL:g} % over all pairs of filters"
-            f"{_runs_needed(standing)}."
-        )
+        level = f"at {100 * rules.LEVEL:g} % over all pairs of filters"
+        table.notes.append(f"n.s.: not significant {level}{_runs_needed(standing)}.")
     if "tiny" in shown_words:
         table.notes.append(f"tiny: significant, but below {phrases.percent(matters)}.")
     return _without_empty(results, table)
@@ -203,8 +201,9 @@ def _duration(seconds: float) -> str:
 def _without_empty(results: Results, table: TextTable) -> TextTable:
     """Leave out columns without a word, and the column of lost runs if there are none."""
     columns = range(len(table.heads))
-    empty = [i for i in columns if all(row[i].text in ("–", "0") for row in table.rows)]
-    shown = [i for i in columns if i < 3 or i not in empty]
+    filled = {i for row in table.rows for i in columns if row[i].text not in ("–", "0")}
+    empty = [i for i in columns if i not in filled]
+    shown = [i for i in columns if i < 3 or i in filled]
     if _LOST in [table.heads[i] for i in empty]:
         table.title += "; no lost runs"
     if any(row[-1].text.endswith("*") for row in table.rows):
@@ -237,14 +236,9 @@ def _over_scenes(results: Results, standings: Sequence[Ranking]) -> TextTable:
     ratios = {label: sorted(filter(isfinite, values)) for label, values in ratios.items()}
     for label in sorted(of, key=lambda label: (-best[label], np.median(ratios[label] or [inf]))):
         ratio = _span([f"{x:.3g}" for x in ratios[label]])
-        table.rows.append(
-            [
-                Text(label),
-                Text(f"at {best[label]} of {len(standings)}", best[label]),
-                Text(f"{ratio}{' x' * (not is_score)}" if ratio else "–"),
-                *_over_candidates(results, of[label]),
-            ]
-        )
+        row = [Text(label), Text(f"at {best[label]} of {len(standings)}", best[label])]
+        row.append(Text(f"{ratio}{' x' * (not is_score)}" if ratio else "–"))
+        table.rows.append([*row, *_over_candidates(results, of[label])])
     table.notes = ["Among the best: the lowest error, or no significant difference from it."]
     return _without_empty(results, table)
 

@@ -61,12 +61,12 @@ def parts(verdicts: Iterable[Compared | ClaimVerdict]) -> list[Tally]:
     rows = list(verdicts)
     numbers = Counter(row.verdict.word for row in rows)
     fragile = Counter(row.verdict.word for row in rows if row.verdict.fragile)
-    words = ("equal", "agrees", "compatible", "differs", "holds", "fails", UNDECIDED)
-    return [
-        Tally(n, word, word.removesuffix("s") if n > 1 and word in _VERBS else word, fragile[word])
-        for word in words
-        if (n := numbers[word])
-    ]
+    tallies = []
+    for word in ("equal", "agrees", "compatible", "differs", "holds", "fails", UNDECIDED):
+        if n := numbers[word]:
+            verb = word.removesuffix("s") if n > 1 and word in _VERBS else word
+            tallies.append(Tally(n, word, verb, fragile[word]))
+    return tallies
 
 
 def bars(comparison: Verdicts) -> list[Bar]:
@@ -187,10 +187,12 @@ def _explained(table: TextTable, verdicts: Sequence[Verdict]) -> TextTable:
 
 def verdict_tables(comparison: Verdicts) -> list[TextTable]:
     """Return numbers per published table, agreement of orders, claims, numbers left out."""
-    tables = _number_tables(comparison)
-    tables += [_rank_table(comparison.ranks)] if comparison.ranks else []
-    tables += [_claim_table(comparison.claims)] if comparison.claims else []
-    return [*tables, _left_out_table(comparison)] if comparison.left_out else tables
+    left_out = TextTable("Left out", ["Table", "Filter", "Metric", "Published", "Why"])
+    for p in comparison.left_out:
+        cells = f"{p.paper}, {p.table}", p.filter, _place(p), printed(p), p.note
+        left_out.rows.append([*map(Text, cells)])
+    others = [_rank_table(comparison.ranks), _claim_table(comparison.claims), left_out]
+    return [*_number_tables(comparison), *(table for table in others if table.rows)]
 
 
 def _number_tables(comparison: Verdicts) -> list[TextTable]:
@@ -260,14 +262,6 @@ def _rank_table(ranks: list[Ranked]) -> TextTable:
     return table
 
 
-def _left_out_table(comparison: Verdicts) -> TextTable:
-    table = TextTable("Left out", ["Table", "Filter", "Metric", "Published", "Why"])
-    for p in comparison.left_out:
-        cells = f"{p.paper}, {p.table}", p.filter, _place(p), printed(p), p.note
-        table.rows.append([*map(Text, cells)])
-    return table
-
-
 def _place(number: PublishedNumber) -> str:
     return f"{number.metric}, {number.row}" if number.row else number.metric
 
@@ -302,22 +296,19 @@ _MOST_REASONS = 5
 
 def reasons(comparison: Verdicts, runs: int) -> list[str]:
     """Return why numbers and claims are inconclusive, a line each; ``runs`` of each filter."""
+    lines = []
     rows: list[Compared | ClaimVerdict] = [number.best for number in comparison.numbers]
-    lines = [
-        f"inconclusive: {_name_of_row(row)}: {_reason(row, runs)}"
-        for row in [*rows, *comparison.claims]
-        if row.verdict.word == UNDECIDED
-    ]
+    for row in [*rows, *comparison.claims]:
+        if row.verdict.word == UNDECIDED:
+            name = row.claim.claim if isinstance(row, ClaimVerdict) else ""
+            if isinstance(row, Compared):
+                of = row.published
+                name = ", ".join(filter(None, (of.filter, of.metric, of.row)))
+            lines.append(f"inconclusive: {name}: {_reason(row, runs)}")
     more = len(lines) - _MOST_REASONS
     if more < 2:
         return lines
     return [*lines[:_MOST_REASONS], f"inconclusive: {more} more: comparison.md"]
-
-
-def _name_of_row(row: Compared | ClaimVerdict) -> str:
-    if isinstance(row, ClaimVerdict):
-        return row.claim.claim
-    return ", ".join(filter(None, (row.published.filter, row.published.metric, row.published.row)))
 
 
 def _reason(row: Compared | ClaimVerdict, runs: int) -> str:
