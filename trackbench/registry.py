@@ -131,11 +131,6 @@ def kinds(group: Group) -> dict[str, type[Part]]:
     return dict(sorted(_kinds[group].items()))
 
 
-def is_builtin(group: Group, kind: str) -> bool:
-    """Return whether the package itself has a kind, and no plugin."""
-    return kind in _homes(group)
-
-
 class _Home(NamedTuple):
     """Place of a kind of the package: its module, and the docstring of its class."""
 

@@ -145,7 +145,8 @@ def new(
         raise typer.BadParameter("is of --from", param_hint="--set")
     unknown: list[str] = []
     if data is not None and what == "experiment":
-        paths, unknown = write_config_for(data, name or _plain(data.stem), Path(), sets or ())
+        name = name or re.sub("[^A-Za-z0-9]+", "-", data.stem).strip("-")
+        paths, unknown = write_config_for(data, name, Path(), sets or ())
     elif name is None:
         raise typer.BadParameter("is required without --from", param_hint="NAME")
     else:
@@ -165,11 +166,6 @@ def _echo_next(paths: list[Path], build: str, unknown: list[str], plugins: str) 
     if unknown:
         typer.echo(f"write into it where these are: {', '.join(unknown)}")
     typer.echo(f"run it: trackbench run {config}{plugins}")
-
-
-def _plain(stem: str) -> str:
-    """Turn a file's name into an experiment's name."""
-    return re.sub("[^A-Za-z0-9]+", "-", stem).strip("-")
 
 
 def schema() -> None:

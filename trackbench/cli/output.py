@@ -4,7 +4,7 @@ import json
 import os
 import shlex
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from contextvars import ContextVar
 from math import isfinite, isnan
@@ -118,7 +118,7 @@ def print_error(error: "UserError | RunError") -> int:
 
     if isinstance(error, UserError):
         if "--json" in sys.argv:
-            echo_line(mistakes(error.problems))
+            echo_line({"good": False, "mistakes": [*map(_mistake, error.problems)]})
         typer.echo(str(error), err=True)
         return 2
     typer.echo(f"error: {error}", err=True)
@@ -130,11 +130,6 @@ def print_error(error: "UserError | RunError") -> int:
 def resume_command() -> str:
     """Return the command line to type again, without ``--fresh``, which would compute all anew."""
     return shlex.join(["trackbench", *(word for word in sys.argv[1:] if word != "--fresh")])
-
-
-def mistakes(problems: "Iterable[Problem | str]") -> dict[str, Any]:
-    """Return the problems of bad input as data, with their places."""
-    return {"good": False, "mistakes": [_mistake(problem) for problem in problems]}
 
 
 def reported(report: "Report") -> dict[str, Any]:

@@ -201,8 +201,9 @@ def expected_time(job: Job, options: Options) -> str:
     cpu_s = _cpu_s_of_run(job, options)
     if cpu_s is None:
         return "time unknown: no results of the same scenario and filters are stored"
-    runs, of = (sum(task.runs_used for task in tasks) for tasks in (missing, job.plan.unique))
-    seconds = cpu_s * job.most * (runs / of) / workers
+    missing_runs = sum(task.runs_used for task in missing)
+    share = missing_runs / sum(task.runs_used for task in job.plan.unique)
+    seconds = cpu_s * job.most * share / workers
     size, unit = next(((s, u) for s, u in _LONG if seconds >= 2 * s), (1, "s"))
     return f"about {max(seconds / size, 1):.2g} {unit}"
 

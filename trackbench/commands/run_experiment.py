@@ -282,5 +282,8 @@ def _plan_of_shard(plan: Plan, shard: int, shards: int) -> Plan:
     """Restrict the plan to consecutive blocks: every shard has blocks of all filters."""
     n = len(plan.unique)
     mine = set(plan.unique[n * (shard - 1) // shards : n * shard // shards])
-    parts = {key: [t for t in tasks if t in mine] for key, tasks in plan.tasks.items()}
-    return replace(plan, tasks={key: tasks for key, tasks in parts.items() if tasks})
+    parts = {}
+    for key, tasks in plan.tasks.items():
+        if chosen := [task for task in tasks if task in mine]:
+            parts[key] = chosen
+    return replace(plan, tasks=parts)

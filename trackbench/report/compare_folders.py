@@ -7,6 +7,7 @@ the difference of a metric per run has less noise than either value. Without per
 another seed or scenario, the numbers of both folders are independent, and their variances add up.
 """
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from math import copysign, inf, isfinite, nan
@@ -317,7 +318,8 @@ def draw(rows: Sequence[Row], names: tuple[str, str]) -> "Figure":
     shown = [row for row in primary if row.how != EQUAL] or primary
     metrics = list(dict.fromkeys(row.metric for row in shown))[: style.MOST_PANELS]
     colors = {WORSE: style.COLORS[1], BETTER: style.COLORS[2]}
-    most = max((sum(row.metric == metric for row in shown) for metric in metrics), default=1)
+    counts = Counter(row.metric for row in shown)
+    most = max((counts[metric] for metric in metrics), default=1)
     with style.rc_context():
         figure, axes = style.panel_grid(len(metrics), 0.9 + 0.22 * most, 0.5)
         for ax, metric in zip(axes, metrics, strict=False):

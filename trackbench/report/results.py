@@ -369,7 +369,7 @@ def scenes(results: Results) -> list[GridPoint]:
 
 def points_of(results: Results, scene: GridPoint) -> list[GridPoint]:
     """Select the points of the grid with these scenario values."""
-    return [p for p in results.points() if all(p[k] == v for k, v in scene.items())]
+    return [point for point in results.points() if scene.items() <= point.items()]
 
 
 def own_values(results: Results, point: GridPoint, label: str) -> GridPoint:

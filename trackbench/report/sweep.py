@@ -15,12 +15,8 @@ from trackbench.config.published import Published
 from trackbench.evaluation.metric_expression import measured
 from trackbench.report.figures.sweep import SweepFigure
 from trackbench.report.findings import phrases
-from trackbench.report.findings.phrases import (
-    listed,
-    metric_words,
-    with_unit,
-)
-from trackbench.report.findings.ranking import Candidate, Ranking, best_settings
+from trackbench.report.findings.phrases import listed, metric_words, with_unit
+from trackbench.report.findings.ranking import best_settings
 from trackbench.report.results import Results
 from trackbench.report.table import rounded
 from trackbench.report.tables.best_settings import BestSettings
@@ -100,27 +96,23 @@ class Best(NamedTuple):
 def best_points(results: Results) -> Iterator[Best]:
     """Yield the best values of each filter that is varied, in each scenario."""
     for standing in best_settings(results):
-        if standing.best is not None:
-            yield _best(standing, standing.best)
-
-
-def _best(standing: Ranking, best: Candidate) -> Best:
-    metric, where = standing.metric, phrases.heading(standing.scene)
-    text = f"{best.name}{', ' if where else ''}{where}: "
-    text += f"mean {metric_words(metric)} {with_unit(rounded(*best.overall, 4), metric)}"
-    nearest = standing.nearest
-    return Best(
-        filter=best.label,
-        point=best.varied | standing.scene,
-        metric=f"mean({metric})",
-        value=best.overall.value,
-        stderr=best.overall.stderr,
-        ties=[rival.filter.varied for rival in standing.not_worse],
-        next={} if nearest is None else nearest.filter.varied,
-        difference=nan if nearest is None else nearest.difference.value,
-        difference_stderr=nan if nearest is None else nearest.difference.stderr,
-        text=text,
-    )
+        if (best := standing.best) is None:
+            continue
+        metric, nearest = standing.metric, standing.nearest
+        where = ", ".join(filter(None, [best.name, phrases.heading(standing.scene)]))
+        number = with_unit(rounded(*best.overall, 4), metric)
+        yield Best(
+            filter=best.label,
+            point=best.varied | standing.scene,
+            metric=f"mean({metric})",
+            value=best.overall.value,
+            stderr=best.overall.stderr,
+            ties=[rival.filter.varied for rival in standing.not_worse],
+            next={} if nearest is None else nearest.filter.varied,
+            difference=nan if nearest is None else nearest.difference.value,
+            difference_stderr=nan if nearest is None else nearest.difference.stderr,
+            text=f"{where}: mean {metric_words(metric)} {number}",
+        )
 
 
 def _is_headline(metric: str) -> bool:

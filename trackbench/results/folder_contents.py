@@ -99,20 +99,17 @@ def remove_outputs(folder: Path, keep: Collection[str]) -> None:
     """
     named = {*_recorded(folder), *_named_by_config(folder)}
     names = {*named, *RUN_FILES, *DERIVED_FILES, *_OLD_FILES, MACHINE}.difference(keep)
-    paths = (folder / name for name in names)
-    for path in (*_leftovers(folder), *paths, folder / MANIFEST):
-        inner = path.relative_to(folder).parents
-        if path.is_file() and not any((folder / parent).is_symlink() for parent in inner[:-1]):
-            remove(path)
-
-
-def _leftovers(folder: Path) -> Iterator[Path]:
-    """Yield half-written files of a killed process; the caller has locked the folder."""
+    paths = [folder / name for name in names]
+    # Half-written files of a killed process: the caller has locked the folder.
     for inner in ("", "run", *_FORMS):
         for path in (folder / inner).glob(".*.part"):
             whole = _PARTIAL.fullmatch(path.name)
             if whole and _is_output(PurePosixPath(inner, whole[1])):
-                yield path
+                paths.append(path)
+    for path in (*paths, folder / MANIFEST):
+        parents = path.relative_to(folder).parents
+        if path.is_file() and not any((folder / parent).is_symlink() for parent in parents[:-1]):
+            remove(path)
 
 
 def _is_output(path: PurePosixPath) -> bool:

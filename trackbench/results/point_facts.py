@@ -83,7 +83,7 @@ def facts_of_point(point: Point, shown: Callable[[str], str] = str) -> PointFact
         list(scenario.components),
         list(scenario.true_sensor.components),
         dict(sizes(scenario)),
-        [[float(t) for t in span] for span in scenario.spans],
+        [[*map(float, span)] for span in scenario.spans],
         [*scenario.angles] or None,
         _judged(scenario) if scenario.recorded_runs == 1 else None,
     )

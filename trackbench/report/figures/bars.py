@@ -77,21 +77,19 @@ class Bars(FigureKind):
     def _bars(self, ax: Axes, results: Results, expressions: Evaluator, labels: list[str]) -> None:
         look: LineStyle = {"fmt": "o", "markersize": 4, "capsize": 3}
         for i, label in enumerate(labels):
-            value, low, high = self._value(expressions, label)
+            m = self.metric.of(label)
+            term, values = expressions.term(m), expressions.values(m)
+            value = term.value
+            if values is not None:
+                low, high = interval(m.statistic, values, level=self.level)
+            else:
+                low, high = (x if isfinite(x) else value for x in term.interval(self.level))
             if np.isfinite(value):
                 off = [[max(value - low, 0.0)], [max(high - value, 0.0)]]
                 color = results.line_style(label)["color"]
                 ax.errorbar(value, i, xerr=off, color=color, **look)
         words = f"Measured, {100 * self.level:g} %"
         ax.errorbar([], [], xerr=[], color=style.ANY, label=words, **look)
-
-    def _value(self, expressions: Evaluator, label: str) -> tuple[float, float, float]:
-        m = self.metric.of(label)
-        term, values = expressions.term(m), expressions.values(m)
-        if values is not None:
-            return term.value, *interval(m.statistic, values, level=self.level)
-        low, high = (x if isfinite(x) else term.value for x in term.interval(self.level))
-        return term.value, low, high
 
     def _published(self, ax: Axes, results: Results, point: GridPoint, labels: list[str]) -> None:
         look: LineStyle = {"marker": "D", "linestyle": "", "markerfacecolor": "none"}

@@ -128,11 +128,6 @@ class Ranking(NamedTuple):
         """Filter nearest to the best among those that are worse."""
         return min(self.worse, key=lambda rival: abs(rival.difference.value), default=None)
 
-    @property
-    def more_is_better(self) -> bool:
-        """True if the larger value is the better one."""
-        return self.metric.family[0].more_is_better
-
 
 def rankings(
     results: Results, metric: str = "", labels: Collection[str] | None = None
@@ -146,17 +141,15 @@ def rankings(
     metric = metric or next(iter([*shown, *known]), "")
     labels = tuple(results.filters if labels is None else labels)
     if (metric, labels) not in results.known_rankings:
-        results.known_rankings[metric, labels] = list(_by_scene(results, metric, labels))
+        every = []
+        for where in scenes(results) if metric else []:
+            statistic = compared_statistic(results.config, metric)
+            settings = _settings(results, points_of(results, where), metric, statistic)
+            ranked = [candidate for candidate in settings if candidate.label in labels]
+            reference = results.config.get("reference")
+            every.append(ranking_of(ranked, metric, reference)._replace(scene=where))
+        results.known_rankings[metric, labels] = every
     return [*results.known_rankings[metric, labels]]
-
-
-def _by_scene(results: Results, metric: str, labels: Collection[str]) -> Iterator[Ranking]:
-    for where in scenes(results) if metric else []:
-        statistic = compared_statistic(results.config, metric)
-        every = _settings(results, points_of(results, where), metric, statistic)
-        settings = [candidate for candidate in every if candidate.label in labels]
-        reference = results.config.get("reference")
-        yield ranking_of(settings, metric, reference)._replace(scene=where)
 
 
 def best_settings(results: Results) -> list[Ranking]:

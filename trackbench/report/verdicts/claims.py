@@ -63,15 +63,13 @@ def _unjudged(claim: Claim, why: str) -> ClaimVerdict:
 
 def _at_each_step(claim: Claim, whole: Evaluator) -> list[Claim]:
     """Repeat the claim at each of its steps."""
-    left, right = (
-        whole.at_each_step(m.of(claim.left)) if m else [None]
-        for m in (claim.expression, claim.right_expression)
-    )
+    sides = []
+    for m in (claim.expression, claim.right_expression):
+        sides.append(whole.at_each_step(m.of(claim.left)) if m else [None])
     # A right side without steps is repeated at every step of the left side.
-    return [
-        replace(claim, expression=a, right_expression=b)
-        for a, b in zip(left, right if len(right) == len(left) else right * len(left), strict=True)
-    ]
+    left, right = sides
+    pairs = zip(left, right if len(right) == len(left) else right * len(left), strict=True)
+    return [replace(claim, expression=a, right_expression=b) for a, b in pairs]
 
 
 class _Test(NamedTuple):
