@@ -4,7 +4,7 @@ A table or figure that fails becomes a line with its place; the others are made.
 """
 
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -77,10 +77,8 @@ class Results(ResultsFolder):
     """where tables and verdicts are written, if not into the folder"""
     unmade: dict[str, str] = field(default_factory=dict, init=False, compare=False)
     """tables, figures and other outputs that failed, with the reasons"""
-    known_rankings: dict[tuple[str, Collection[str]], list[Any]] = field(
-        default_factory=dict, init=False, compare=False
-    )
-    """rankings computed so far, by metric and filters"""
+    known_rankings: dict[str, list[Any]] = field(default_factory=dict, init=False, compare=False)
+    """rankings computed so far, by metric"""
     _judged_steps: dict[tuple[Any, ...], dict[tuple[str, str], Array]] = field(
         default_factory=dict, init=False, compare=False
     )

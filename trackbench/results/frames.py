@@ -96,10 +96,8 @@ class Columns:
         return (dict(zip(self, row, strict=True)) for row in self.tuples(self))
 
 
-def read_pieces(
-    path: Path, needed: Collection[str], rows: int = _ROWS_AT_A_TIME
-) -> Iterator["pd.DataFrame"]:
-    """Yield the rows of a file, so many at a time; columns of a grid are words.
+def read_pieces(path: Path, needed: Collection[str]) -> Iterator["pd.DataFrame"]:
+    """Yield the rows of a file, some thousands at a time; columns of a grid are words.
 
     Raises ValueError if a row has another length, a needed column is missing, or a word has control
     characters, some of which a terminal obeys.
@@ -113,7 +111,7 @@ def read_pieces(
     }
     if tuple(map(int, pd.__version__.split(".")[:2])) < (3, 1):
         options["float_precision"] = "round_trip"  # else the last bit may be wrong
-    with pd.read_csv(path, encoding="utf-8", chunksize=rows, **options) as pieces:
+    with pd.read_csv(path, encoding="utf-8", chunksize=_ROWS_AT_A_TIME, **options) as pieces:
         for piece in pieces:
             missing = [name for name in needed if name not in piece]
             if missing:

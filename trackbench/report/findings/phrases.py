@@ -108,9 +108,9 @@ def joined(names: Iterable[str]) -> str:
     return f"{', '.join(first)} and {last}" if first else last
 
 
-def verb(names: Sequence[str], one: str = "is", many: str = "are") -> str:
-    """Return the form for one or for several."""
-    return one if len(names) == 1 else many
+def verb(names: Sequence[str]) -> str:
+    """Conjugate for one or for several."""
+    return "is" if len(names) == 1 else "are"
 
 
 def heading(point: GridPoint) -> str:

@@ -5,7 +5,7 @@ common runs, by the rule for filters. A filter that loses significantly more run
 the best.
 """
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import isfinite
@@ -129,27 +129,20 @@ class Ranking(NamedTuple):
         return min(self.worse, key=lambda rival: abs(rival.difference.value), default=None)
 
 
-def rankings(
-    results: Results, metric: str = "", labels: Collection[str] | None = None
-) -> list[Ranking]:
-    """Return a ranking for each scenario of the grid, by the first table's or a given metric.
-
-    ``labels`` are those of the ranked filters; by default all.
-    """
+def rankings(results: Results, metric: str = "") -> list[Ranking]:
+    """Rank the filters in each scenario of the grid, by the first table's or a given metric."""
     known = ranking_metrics(results)
     shown = [name for name in compared_statistics(results.config) if name in known]
     metric = metric or next(iter([*shown, *known]), "")
-    labels = tuple(results.filters if labels is None else labels)
-    if (metric, labels) not in results.known_rankings:
+    if metric not in results.known_rankings:
         every = []
         for where in scenes(results) if metric else []:
             statistic = compared_statistic(results.config, metric)
-            settings = _settings(results, points_of(results, where), metric, statistic)
-            ranked = [candidate for candidate in settings if candidate.label in labels]
+            settings = list(_settings(results, points_of(results, where), metric, statistic))
             reference = results.config.get("reference")
-            every.append(ranking_of(ranked, metric, reference)._replace(scene=where))
-        results.known_rankings[metric, labels] = every
-    return [*results.known_rankings[metric, labels]]
+            every.append(ranking_of(settings, metric, reference)._replace(scene=where))
+        results.known_rankings[metric] = every
+    return [*results.known_rankings[metric]]
 
 
 def best_settings(results: Results) -> list[Ranking]:
