@@ -122,17 +122,12 @@ def _values(variables: Iterable[str]) -> Digests:
 
 def _versions(names: Iterable[str]) -> Iterator[tuple[str, str]]:
     """Yield installed packages of these names with their versions."""
-    for name in sorted(names):
-        if name and name not in (*_KEYED, *sys.stdlib_module_names):
-            yield from _version(name)
-
-
-def _version(name: str) -> Iterator[tuple[str, str]]:
-    try:
-        yield name, version(name)
-    except PackageNotFoundError:  # a package need not be called as what it holds
-        for other in packages_distributions().get(name, ()):
-            yield other, version(other)
+    for name in sorted(set(names).difference(("", *_KEYED), sys.stdlib_module_names)):
+        try:
+            yield name, version(name)
+        except PackageNotFoundError:  # a package need not be called as what it holds
+            for other in packages_distributions().get(name, ()):
+                yield other, version(other)
 
 
 def load_plugin(plugin: Plugin, check: Callable[[type[Part]], None] | None = None) -> Plugin:

@@ -11,7 +11,6 @@ from trackbench.config.experiment import Settings
 from trackbench.config.plugin_checks import load_plugins
 from trackbench.errors import RunError, UserError, reason
 from trackbench.plugins.errors import foreign_line, package_line
-from trackbench.plugins.load import Plugin
 from trackbench.registry import Group
 from trackbench.report.results import Results
 from trackbench.results.folder import RUN_AGAIN
@@ -86,27 +85,18 @@ def open_with_notes(folder: Path, allow_plugins: bool = False) -> Results:
     Notes also name tables and figures of plugins whose code may not run.
     """
     results = open_results(folder)
-    changed = changed_files(results)
-    if allow_plugins:
-        changed += _edited_plugins(results, load_plugins(results.source, folder, allowed=True))
-    for line in (*changed, *_unavailable_lines(results)):
-        print(f"note: {line}", file=sys.stderr)
-    return results
-
-
-def _edited_plugins(results: Results, plugins: tuple[Plugin, ...]) -> list[str]:
-    recorded = results.manifest.get("plugins", {})
-    now = {Path(plugin.path).name: plugin.digest for plugin in plugins}
-    edited = [name for name, digest in now.items() if recorded.get(name) != digest]
-    return [f"{results.folder}: {name} was {_CHANGED}" for name in edited]
-
-
-def _unavailable_lines(results: Results) -> Iterator[str]:
+    lines, recorded = changed_files(results), results.manifest.get("plugins", {})
+    for plugin in load_plugins(results.source, folder, allowed=True) if allow_plugins else ():
+        name = Path(plugin.path).name
+        lines += [f"{folder}: {name} was {_CHANGED}"] * (recorded.get(name) != plugin.digest)
     groups: tuple[Group, ...] = ("tables", "figures")
     for group in groups:
         for name, kind in results.unavailable_kinds(group).items():
             what = f"{kind!r} is not a kind of {group[:-1]} without a plugin (--allow-plugins)"
-            yield f"{results.folder}: {group}.{name} is left as it is: {what}"
+            lines.append(f"{folder}: {group}.{name} is left as it is: {what}")
+    for line in lines:
+        print(f"note: {line}", file=sys.stderr)
+    return results
 
 
 def changed_files(results: Results) -> list[str]:

@@ -51,16 +51,13 @@ def _figures(settings: Settings) -> dict[str, DrawnExhibit]:
         shown = [path for path in grid if path in paths or path in together]
         if len(shown) <= _AXES:
             name = "-".join(["sweep", *map(_file_name, shown)])[:70]
-            figure = SweepFigure(paths=tuple(shown), title=_title(shown, settings))
+            # A title such as ``q of KF``.
+            whose = dict.fromkeys(b for path in shown for b in filters_of(path, settings.filters))
+            title = " and ".join(map(phrases.axis, shown))
+            title += f" of {listed(list(whose))}" if whose else ""
+            figure = SweepFigure(paths=tuple(shown), title=title)
             figures[free_name(name, figures)] = figure
     return figures
-
-
-def _title(paths: list[str], settings: Settings) -> str:
-    """Write ``q of KF``."""
-    whose = dict.fromkeys(label for path in paths for label in filters_of(path, settings.filters))
-    keys = " and ".join(phrases.axis(path) for path in paths)
-    return f"{keys} of {listed(list(whose))}" if whose else keys
 
 
 def write_sweep(results: Results) -> None:

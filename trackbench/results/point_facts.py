@@ -15,7 +15,6 @@ from trackbench.config.dump import as_config, entry_keys
 from trackbench.config.experiment import Point
 from trackbench.config.python_tables import path_from
 from trackbench.evaluation.consistency_and_calibration import sizes
-from trackbench.scenarios.base import Scenario
 from trackbench.yaml_source import unprintable_reason
 
 POINTS_FILE = "points.json"
@@ -76,6 +75,10 @@ def facts_of_point(point: Point, shown: Callable[[str], str] = str) -> PointFact
     filters = {label: as_config(part, shown) for label, part in point.filters.items()}
     for label, assume in point.assumed.items():
         filters[label] |= entry_keys(assume, shown)
+    judged = None
+    if scenario.recorded_runs == 1:
+        steps = scenario.steps[scenario.windows[""]]
+        judged = [int(steps[0]), int(steps[-1])] if len(steps) else []
     return PointFacts(
         dict(point.values),
         as_config(scenario, shown),
@@ -85,13 +88,8 @@ def facts_of_point(point: Point, shown: Callable[[str], str] = str) -> PointFact
         dict(sizes(scenario)),
         [[*map(float, span)] for span in scenario.spans],
         [*scenario.angles] or None,
-        _judged(scenario) if scenario.recorded_runs == 1 else None,
+        judged,
     )
-
-
-def _judged(scenario: Scenario) -> list[int]:
-    steps = scenario.steps[scenario.windows[""]]
-    return [int(steps[0]), int(steps[-1])] if len(steps) else []
 
 
 def points_text(points: Sequence[Point], folder: Path) -> str:

@@ -21,7 +21,7 @@ import trackbench
 from trackbench.atomic_files import ensure_folder, note, within, write_bytes, write_text
 from trackbench.config.dump import as_yaml, data_files, resolved
 from trackbench.config.experiment import Experiment
-from trackbench.config.requested_metrics import Contributions, requested_contributions
+from trackbench.config.requested_metrics import requested_contributions
 from trackbench.core import compiled
 from trackbench.core.sums import total
 from trackbench.evaluation.block import BlockTask
@@ -102,13 +102,18 @@ def write_results(
     if tracks:
         track_files["tracks.npz"] = TrackFile(experiment)
     ensure_folder(within(folder, "run"))
-    losses, requested = {}, requested_contributions(experiment)
+    losses, requested, settings = {}, requested_contributions(experiment), experiment.settings
     spent: dict[BlockTask, float] = {}  # several points may share a filtered block
     with ExitStack() as files:
         csv_files = CsvFiles(files, folder, experiment)
         for key, result in outcome.results():
-            result = _with_shares(experiment, key, result, requested)
-            result = result._replace(measured=times.get(key))
+            # Add each run's share in the requested measures; drop the series that only they need.
+            scenario = experiment.points[key[0]].scenario
+            steps, parts = scenario.steps.tolist(), sizes(scenario)
+            shares = requested.of(key[1], steps)
+            result = with_shares(result, shares, scenario.windows, steps, parts)
+            series = {n: rows for n, rows in result.run_series.items() if n in settings.medians}
+            result = result._replace(run_series=series, measured=times.get(key))
             losses[key] = Losses.of(result)
             passes = (task.filtering_key for task in outcome.plan.tasks[key])
             spent.update(zip(passes, (t.cpu_s for t in result.timing), strict=True))
@@ -120,17 +125,6 @@ def write_results(
         track_file.write(folder / name)
     cpu_s = round(float(total(np.array([*spent.values()]))), 3)
     return losses, facts_of_run(experiment, outcome) | {"cpu_s": cpu_s}
-
-
-def _with_shares(
-    experiment: Experiment, key: Key, result: FilterResult, requested: Contributions
-) -> FilterResult:
-    """Add each run's share in the requested measures; drop the series that only they need."""
-    scenario, settings = experiment.points[key[0]].scenario, experiment.settings
-    windows, steps, parts = scenario.windows, scenario.steps.tolist(), sizes(scenario)
-    result = with_shares(result, requested.of(key[1], steps), windows, steps, parts)
-    series = {name: rows for name, rows in result.run_series.items() if name in settings.medians}
-    return result._replace(run_series=series)
 
 
 _PIN = re.compile(r"^([A-Za-z0-9_.-]+)==([^\s;\\]+)(?! ;)", re.MULTILINE)

@@ -280,16 +280,14 @@ class Record:
 
 def write_tuning(path: Path, records: Mapping[str, Record]) -> None:
     """Write tuning.csv."""
-    write_csv(path, HEADER, _rows(records))
-
-
-def _rows(records: Mapping[str, Record]) -> Iterator[list[Any]]:
+    rows: list[list[Any]] = []
     for label, record in records.items():
         for n, trial in enumerate(record.trials):
             _, objective, stderr, lost = trial.rounded()
             numbers = [objective, stderr, "" if lost == _FAILED else lost]
             for axis in record.axes:
-                yield [label, n, axis.key, trial.values[axis.key], *numbers]
+                rows.append([label, n, axis.key, trial.values[axis.key], *numbers])
+    write_csv(path, HEADER, rows)
 
 
 def read_tuning(
@@ -309,15 +307,11 @@ def read_tuning(
         for label, keys in tune.items()
     }
     for (label, _), rows in trials.items():
-        out[label].trials.append(_trial(rows))
+        values = {row["key"]: scalar(row["value"]) for row in rows}
+        objective, stderr = (float(rows[0][name]) for name in ("objective", "stderr"))
+        lost = int(rows[0]["lost"]) if rows[0]["lost"] else _FAILED
+        out[label].trials.append(Trial(values, objective, stderr, lost))
     return {label: record for label, record in out.items() if record.trials}
-
-
-def _trial(rows: list[dict[str, str]]) -> Trial:
-    first = rows[0]
-    values = {row["key"]: scalar(row["value"]) for row in rows}
-    lost = int(first["lost"]) if first["lost"] else _FAILED
-    return Trial(values, float(first["objective"]), float(first["stderr"]), lost)
 
 
 def _reach(line: list[tuple[float, float]], limit: float) -> float:

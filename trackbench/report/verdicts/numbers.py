@@ -155,8 +155,12 @@ def _readings(number: PublishedNumber, evidence: Evaluator | None) -> Iterator[C
                 judged = replace(number, variance=measured.stderr**2 * measured.runs)
             measured = RunEstimate(number.factor * exact, 0.0, None, measured.runs)
         verdict = _verdict(judged, measured, label, evidence.results)
+        is_near = False
+        if verdict.word == "differs" and not isinstance(number.value, str):
+            off = rules.difference(number, measured.value)
+            is_near = abs(off) <= NEAR * abs(number.value)
         reasons = [
-            "differs by less than 10 %" if _is_near(number, measured, verdict) else "",
+            "differs by less than 10 %" if is_near else "",
             NOT_MEASURED if isnan(measured.value) and not measured.lost else "",
             measured.losses,
             "" if exact is None else "exact, without runs",
@@ -176,10 +180,3 @@ def _verdict(
         is_equal = abs(rules.difference(number, value)) <= stored
         return Verdict("equal" if is_equal else "differs", nan)
     return rules.number_verdict(number, measured, measured.parts(results.batches))
-
-
-def _is_near(number: PublishedNumber, measured: RunEstimate, verdict: Verdict) -> bool:
-    """Test whether a number differs significantly from the printed one, but by a small share."""
-    if verdict.word != "differs" or isinstance(number.value, str):
-        return False
-    return abs(rules.difference(number, measured.value)) <= NEAR * abs(number.value)
