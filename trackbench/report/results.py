@@ -130,20 +130,17 @@ class Results(ResultsFolder):
         A config without tables has the default one, and the default figure if it has no others than
         the track that `load` adds.
         """
-        default = {}
-        if not self.config.get("tables") and set(self.config.get("figures") or ()) <= {TRACK}:
-            default = self._default(group)
-        elif group == "tables" and not self.config.get("tables"):
-            return self._default(group)
+        has_tables, figures = bool(self.config.get("tables")), self.config.get("figures") or ()
+        by_default = not has_tables and (group == "tables" or {*figures} <= {TRACK})
+        built = self._default(group) if by_default else {}
         left_out, source = self.unavailable_kinds(group), replace(self.source, problems=[])
-        names = [name for name in self.config.get(group) or {} if name not in left_out]
-        built = {name: build_kind(group, source, (group, name)) for name in names}
+        for name in self.config.get(group) or {}:
+            if name not in left_out:
+                part = built[name] = build_kind(group, source, (group, name))
+                if "{" in getattr(part, "title", ""):
+                    built[name] = replace(part, title=self.fill_title(part.title))
         source.check()
-        titled = {name for name, part in built.items() if "{" in getattr(part, "title", "")}
-        return default | {
-            name: replace(part, title=self.fill_title(part.title)) if name in titled else part
-            for name, part in built.items()
-        }
+        return built
 
     def _default(self, group: Group) -> dict[str, Any]:
         """Make the default tables or figures of an experiment that names none."""

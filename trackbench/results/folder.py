@@ -84,7 +84,8 @@ class ResultsFolder:
 
     def unavailable_kinds(self, group: Group) -> dict[str, str]:
         """Return names and kinds of tables or figures whose plugin is not loaded."""
-        named = {name: part.get("kind") for name, part in self.config.get(group, {}).items()}
+        parts = self.config.get(group) or {}
+        named = {name: part.get("kind") for name, part in parts.items()}
         known = kinds(group) if self.config.get("plugins") else named.values()
         return {name: kind for name, kind in named.items() if kind not in known}
 

@@ -10,7 +10,7 @@ import csv
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain, product, starmap
-from math import inf, isfinite, nan
+from math import inf, isfinite, nan, prod
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple, TextIO, TypeAlias
@@ -92,16 +92,12 @@ class Search:
 
     def _with_each_choice(self, place: Shares) -> list[Shares]:
         """Try every combination of choices at the place; of many, each changed alone."""
-        axes = [(i, len(axis.choices)) for i, axis in enumerate(self._axes) if axis.choices]
-        combinations = int(np.prod([n for _, n in axes]))
         choices = []
-        for i, n in axes:
-            choices.append([(i, (k + 0.5) / n) for k in range(n)])
-        changes: list[tuple[tuple[int, float], ...]]
-        if combinations <= self._left // 2:
-            changes = [*product(*choices)]
-        else:
-            changes = [(choice,) for choice in chain.from_iterable(choices)]
+        for i, n in enumerate(len(axis.choices) for axis in self._axes):
+            choices += [[(i, (k + 0.5) / n) for k in range(n)]] if n else []
+        changes: Iterable[tuple[tuple[int, float], ...]] = product(*choices)
+        if prod(map(len, choices)) > self._left // 2:
+            changes = zip(chain.from_iterable(choices), strict=True)
         shares = dict(enumerate(place))
         return [tuple((shares | dict(change)).values()) for change in changes]
 

@@ -179,7 +179,7 @@ class SweepFigure(FigureKind):
         """Reject other than one or two paths of the grid."""
         if not 1 <= len(self.paths) <= 2:
             return {"paths": f"{len(self.paths)} paths; name one or two"}
-        return next((e for p in self.paths if (e := missing_paths(points, paths=p))), {})
+        return next(filter(None, (missing_paths(points, paths=p) for p in self.paths)), {})
 
     def default_caption(self, results: Results) -> str:
         """Return where each filter is best by the first metric."""

@@ -139,7 +139,6 @@ _COLUMNS = {
     "Log score": "mean(log_score)",
     "Held-out log score": "mean(held_log_score)",
 }
-_REFUSED = {"Refused a run": "mean(gated)"}
 _ERRORS = {"Prediction": "predicted", "Held-out": "held"}
 
 
@@ -186,7 +185,7 @@ class Innovations(TableKind):
 def _refused(evaluators: Iterable[Evaluator]) -> dict[str, str]:
     """Find the column of refused measurements, where any filter has a gate."""
     metrics = {metric for evaluator in evaluators for _, metric in evaluator.stored}
-    return {head: metric for head, metric in _REFUSED.items() if metric in metrics}
+    return {"Refused a run": "mean(gated)"} if "mean(gated)" in metrics else {}
 
 
 def _innovation_cell(evaluator: Evaluator, label: str, metric: str) -> Cell:
