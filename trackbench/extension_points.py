@@ -49,7 +49,7 @@ class Part:
 
 
 def is_foreign(part: object) -> bool:
-    """Return whether a part of an experiment, or a class of parts, is not the package's own."""
+    """Test whether a part of an experiment, or a class of parts, is not the package's own."""
     cls = part if isinstance(part, type) else type(part)
     return cls.__module__.partition(".")[0] != "trackbench"
 
@@ -78,7 +78,7 @@ def walk_parts(part: object) -> Iterator[object]:
 
 
 def foreign_parts(part: object) -> list[object]:
-    """Return the parts within a part that are not the package's own."""
+    """Find the parts within a part that are not the package's own."""
     return [inner for inner in walk_parts(part) if is_foreign(inner)]
 
 
@@ -128,7 +128,7 @@ def hooks(base: type[Part]) -> Iterator[Hook]:
 
 
 def overridden_hooks(cls: type, base: type[Part]) -> list[str]:
-    """Return the names of the hooks whose default a class overrides."""
+    """Name the hooks whose default a class overrides."""
     keys = {f.name for f in fields(cls)}
     names = [n for n, hook in _declared(base).items() if n not in keys and not _is_needed(hook)]
     return [n for n in names if getattr_static(cls, n, None) is not getattr_static(base, n, None)]

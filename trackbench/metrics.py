@@ -71,17 +71,17 @@ def metric(name: str, help: str, unit: str = "", better: Better = "") -> None:
 
 
 def joined(prefix: str, quantity: str) -> str:
-    """Return ``prefix_quantity``, or the prefix alone for a scenario's only, nameless quantity."""
+    """Write ``prefix_quantity``; the prefix alone for a scenario's only, nameless quantity."""
     return f"{prefix}_{quantity}" if quantity else prefix
 
 
 def in_window(name: str, window: str) -> str:
-    """Return ``name[window]``: a metric over a window of steps; the name alone over the whole time."""
+    """Write ``name[window]``: a metric over a window of steps; the name alone over the whole time."""
     return f"{name}[{window}]" if window else name
 
 
 def metric_of(name: str) -> tuple[Metric, str]:
-    """Return the metric that a name without window is of, and the quantity."""
+    """Split a name without window into its metric and the quantity."""
     head, _, quantity = name.partition("_")
     if name not in METRICS and head in METRICS and METRICS[head].is_family:
         return METRICS[head], quantity
@@ -102,7 +102,7 @@ def metrics_of(series: str, counts: Collection[str] = ()) -> Iterator[tuple[Metr
 
 
 def is_reserved(name: str) -> bool:
-    """Return whether a diagnostic of this name would be taken for a metric of the errors."""
+    """Test whether a diagnostic of this name would be taken for a metric of the errors."""
     taken = {word for m in METRICS.values() if m.series for word in (m.name, m.series)}
     return name in taken or name.startswith(tuple(f"{word}_" for word in taken))
 
@@ -117,7 +117,7 @@ def quantity(name: str, unit: str) -> None:
 
 
 def unit_of(name: str) -> str:
-    """Return the unit of a metric by its name without window; nothing where none is known."""
+    """Look up the unit of a metric by its name without window; empty where none is known."""
     metric, quantity = metric_of(name)
     if metric.unit != "quantity" or not quantity:
         return metric.unit.replace("quantity", "")

@@ -44,7 +44,7 @@ _of_plugins: dict[str, list[tuple[Group, str, type[Part]]]] = {}
 
 
 def register(group: Group, kind: str) -> Callable[[T], T]:
-    """Return a class decorator that registers ``kind: <kind>`` and adds its group's base."""
+    """Decorate a class to register ``kind: <kind>`` with its group's base."""
 
     def add(cls: T) -> T:
         if not is_dataclass(cls):
@@ -68,7 +68,7 @@ def register(group: Group, kind: str) -> Callable[[T], T]:
 
 
 def base_of(group: Group) -> type[Part]:
-    """Return the base of a group's classes, which declares their hooks."""
+    """Import the base of a group's classes, which declares their hooks."""
     _, module, name = _PLACES[group]
     return cast(type[Part], vars(importlib.import_module(module))[name])
 
@@ -108,12 +108,12 @@ def _origin(cls: type) -> str:
 
 
 def is_plugin(module: str) -> bool:
-    """Return whether the module is a file that a config names."""
+    """Test whether the module is a file that a config names."""
     return hasattr(sys.modules[module], "__plugin_digest__")
 
 
 def of_kind(group: Group, kind: str) -> type[Part] | None:
-    """Return the class of a kind; for a kind of the package, import only its file."""
+    """Look up the class of a kind; for a kind of the package, import only its file."""
     home = _homes(group).get(kind)
     if kind not in _kinds[group] and home is not None:
         importlib.import_module(home.module)
@@ -158,7 +158,7 @@ def _homes(group: Group) -> dict[str, _Home]:
 
 
 def documentation(group: Group) -> dict[str, str]:
-    """Return the docstring of every kind of a group, sorted, without importing them."""
+    """Read the docstring of every kind of a group, sorted, without importing them."""
     if group in _scanned or _entries(group):
         return {kind: cls.__doc__ or "" for kind, cls in kinds(group).items()}
     return {kind: home.doc for kind, home in sorted(_homes(group).items())}

@@ -110,7 +110,7 @@ class LoopFilterWithLikelihood(LoopFilter):
 
 
 def loop_over_runs(one: "type[PerRun]") -> type[LoopFilter]:
-    """Return the filter of a class of one run, with its keys, its name and its docstring."""
+    """Make the filter of a class of one run, with its keys, its name and its docstring."""
     keys = [(f.name, f.type, _copy_field(f)) for f in fields(one)]
     copied = ("__doc__", "__module__", "__qualname__", "requires", "summed_diagnostics", "presets")
     about: dict[str, object] = {name: getattr(one, name) for name in copied} | {"one": one}
@@ -289,7 +289,7 @@ class PerRun:
 
     @classmethod
     def has_likelihood(cls) -> bool:
-        """Return whether the class defines `log_likelihood`."""
+        """Test whether the class defines `log_likelihood`."""
         return cls.log_likelihood is not PerRun.log_likelihood
 
     model: Model

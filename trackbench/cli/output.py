@@ -97,7 +97,7 @@ def _is_the_systems(stream: TextIO) -> bool:
 
 
 def as_reportable(error: Exception) -> "UserError | RunError":
-    """Return the error as one with a printable message; an internal bug is raised again."""
+    """Give the error a printable message; an internal bug is raised again."""
     from trackbench.errors import RunError, UserError, reason
 
     if isinstance(error, UserError | RunError):
@@ -128,12 +128,12 @@ def print_error(error: "UserError | RunError") -> int:
 
 
 def resume_command() -> str:
-    """Return the command line to type again, without ``--fresh``, which would compute all anew."""
+    """Repeat the command line without ``--fresh``, which would compute all anew."""
     return shlex.join(["trackbench", *(word for word in sys.argv[1:] if word != "--fresh")])
 
 
 def reported(report: "Report") -> dict[str, Any]:
-    """Return a run's files, tables and notes as data."""
+    """Describe a run's files, tables and notes as data."""
     from trackbench.report.verdicts.files import claim_rows, number_rows
 
     return {
@@ -157,7 +157,7 @@ def _mistake(problem: "Problem | str") -> dict[str, Any]:
 
 
 def table_rows(table: "Table") -> dict[str, Any]:
-    """Return a table's title, rows and notes as data."""
+    """Describe a table's title, rows and notes as data."""
     header = table.csv_header
     rows = [dict(zip(header, row, strict=True)) for row in table.csv_rows()]
     return {"title": table.title, "rows": rows, "notes": table.notes}

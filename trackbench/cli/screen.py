@@ -100,7 +100,7 @@ def _is_numeric(table: TextTable, column: int) -> bool:
 
 
 def _widths(table: TextTable, room: int) -> dict[int, int]:
-    """Return the width of each column: of words narrower where all columns then fit side by side.
+    """Choose the width of each column: of words narrower where all columns then fit side by side.
 
     Words that begin with a digit are wrapped last.
     """

@@ -151,7 +151,7 @@ def _judged(stored: Results, now: Results, limit: Limit, cost: float) -> Verdict
 
 
 def judge(rows: Sequence[Row], limit: Limit) -> list[Row]:
-    """Return the rows with one-sided p-values by Holm, and a verdict each."""
+    """Judge the rows by one-sided p-values (Holm)."""
     zs = [nan if row.how == EQUAL else row.worse.z for row in rows]
     judged = []
     for row, z, p, sign in zip(rows, zs, *rules.beyond(zs, limit.sigmas), strict=True):

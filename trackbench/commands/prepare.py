@@ -99,7 +99,7 @@ OPTION_NAMES = tuple(field.name for field in fields(Options))
 
 
 def file_of(config: Config, options: Options) -> Path | Mapping[str, Any]:
-    """Return the path of a config or shipped experiment of this name, or the mapping itself."""
+    """Find the path of a config or shipped experiment of this name; a mapping stays itself."""
     if isinstance(config, Mapping):
         return config
     return located(Path(config), lambda line: say(line, options))
@@ -145,7 +145,7 @@ class Job(NamedTuple):
 
 
 def jobs_of(configs: Sequence[Config], options: Options) -> list[Job]:
-    """Return a job for each config; raises UserError with the mistakes of all of them."""
+    """Prepare a job for each config; raises UserError with the mistakes of all of them."""
     jobs: list[Job] = []
     problems: dict[Problem | str, None] = {}
     for config in configs:
@@ -193,7 +193,7 @@ def _job(config: Config, options: Options, alone: bool) -> Job:
 
 
 def expected_time(job: Job, options: Options) -> str:
-    """Return how long the missing blocks take, from stored results of the same scenario and filters."""
+    """Estimate the time of the missing blocks from stored results of the same scenario and filters."""
     store, workers = BlockStore(cache_folder()), min(most_workers(options), len(job.plan.unique))
     missing = [t for t in job.plan.unique if options.fresh or not store.has_file(t)]
     if not missing:
@@ -236,7 +236,7 @@ _SAME = ("scenario", "filters", "grid", "only")
 
 
 def plan_of(experiment: Experiment, most: int, options: Options) -> Plan:
-    """Return the plan of an experiment of at most ``most`` runs, which `until` may end earlier."""
+    """Plan an experiment of at most ``most`` runs, which `until` may end earlier."""
     settings = experiment.settings
     stops = list(checkpoints(settings.min_runs, most)) if settings.until else []
     return make_plan(experiment, options.save_tracks, stops)
@@ -259,7 +259,7 @@ def most_workers(options: Options) -> int:
 
 
 def most_drawers(options: Options) -> int:
-    """Return how many processes may draw figures: as many as compute on this machine."""
+    """Limit the number of processes that draw figures to those that compute on this machine."""
     return most_workers(options) if options.engine == "processes" else 1
 
 
@@ -296,7 +296,7 @@ def _stored_runs(folder: Path) -> int:
 
 
 def _foreign_file(folder: Path, data: Collection[str]) -> Path | None:
-    """Return a file that a run would replace in a folder that no run has written, or None.
+    """Find a file that a run would replace in a folder that no run has written.
 
     A run that was killed has left a manifest, its points, or its config alone.
     """

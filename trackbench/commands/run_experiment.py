@@ -120,7 +120,7 @@ def _import_ahead() -> None:
 
 
 def preview(configs: Sequence[Config], options: Options) -> list[str]:
-    """Return a line for each experiment that `run_all` would run, with the time that it takes."""
+    """Describe each experiment that `run_all` would run in a line, with the time that it takes."""
     return [f"{job.line}; {expected_time(job, options)}" for job in jobs_of(configs, options)]
 
 

@@ -294,7 +294,7 @@ def _choose_scenario(
 
 
 def takes_model(tracker: AnyFilter, of_radar: bool) -> bool:
-    """Return whether the estimates depend on the noise of the runner's model.
+    """Test whether the estimates depend on the noise of the runner's model.
 
     A filter of one run often has one of the noises in a key: it takes the model if it uses both.
     """

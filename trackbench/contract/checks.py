@@ -51,7 +51,7 @@ class LeftOutError(Exception):
 
 
 def alike(a: Estimates, b: Estimates) -> bool:
-    """Return whether two estimates are equal."""
+    """Test whether two estimates are equal."""
     return np.array_equal(a.mean, b.mean) and np.array_equal(a.cov, b.cov)
 
 

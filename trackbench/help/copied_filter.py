@@ -60,7 +60,7 @@ _SCENARIOS = [
 
 
 def parts_of_copy(kind: str) -> dict[str, str]:
-    """Return the values of a template's marks for a filter of this kind; raises UserError."""
+    """Fill a template's marks for a filter of this kind; raises UserError."""
     known = kinds("filters")
     cls = known.get(kind)
     if cls is None:

@@ -16,7 +16,7 @@ _GROUPS: tuple[Group, ...] = ("scenarios", *_TOP, "targets", "motions", "sensors
 
 
 def schema() -> JsonSchema:
-    """Return the schema (draft 2020-12): the top level, and every registered kind with its keys."""
+    """Build the schema (draft 2020-12): the top level, and every registered kind with its keys."""
     # Step 1: the top level, with a definition of every kind.
     top = adapter(Settings, documented=True).json_schema(ref_template="#/$defs/{model}")
     definitions: JsonSchema = top.pop("$defs", {})

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 def listing(groups: Sequence[str]) -> str:
-    """Return the kinds of each group with the first line of their documentation."""
+    """List the kinds of each group with the first line of their documentation."""
     parts = []
     for group in groups:
         docs = documentation(cast(Group, group))
@@ -37,7 +37,7 @@ def listing(groups: Sequence[str]) -> str:
 
 
 def groups_with_counts() -> str:
-    """Return the groups, with their numbers of kinds and the first ones."""
+    """List the groups, with their numbers of kinds and the first ones."""
     from trackbench.config.shipped_experiments import names
 
     known: dict[str, list[str]] = {group: [*documentation(group)] for group in GROUPS}
@@ -48,7 +48,7 @@ def groups_with_counts() -> str:
 
 
 def experiments() -> str:
-    """Return the shipped experiments grouped by paper, with their run times."""
+    """List the shipped experiments grouped by paper, with their run times."""
     from itertools import groupby
 
     from trackbench.config.shipped_experiments import listed
@@ -63,7 +63,7 @@ def experiments() -> str:
 
 
 def problems() -> str:
-    """Return the standard problems with their versions, published numbers, references and times."""
+    """List the standard problems with their versions, published numbers, references and times."""
     from trackbench.config.shipped_experiments import problems
 
     heads = ("name", "version", "numbers", "time", "reference", "title")
@@ -98,7 +98,7 @@ def _time(seconds: float | None) -> str:
 
 
 def description(kind: str) -> str:
-    """Return the documentation of a kind, a metric, or a group's hooks; raises UserError."""
+    """Document a kind, a metric, or a group's hooks; raises UserError."""
     if kind in GROUPS:
         return _hooks_of(kind)
     texts = [_described(kind, group, cls) for group, cls in _classes_of(kind)]
@@ -125,14 +125,14 @@ def entries(kind: str) -> Iterator[JsonRow]:
 
 
 def experiment_keys() -> list[dict[str, str]]:
-    """Return key, default and text of the top level of an experiment file."""
+    """Describe the top level of an experiment file: key, default and text."""
     from trackbench.config.experiment import Settings
 
     return _as_data(list(_key_rows(Settings, "")))
 
 
 def assume_keys() -> list[dict[str, str]]:
-    """Return key, default and text of what every filter may assume."""
+    """Describe what every filter may assume: key, default and text."""
     return _as_data(_assume_rows())
 
 

@@ -22,7 +22,7 @@ how it is written:
 
 
 def metrics() -> str:
-    """Return every declared metric with its text, the most used ones first."""
+    """List every declared metric with its text, the most used ones first."""
     first = common_metrics()
     names = [*first, *(name for name in METRICS if name not in first)]
     declared = [METRICS[name] for name in names]
@@ -41,13 +41,13 @@ _COMMON = """rmse mae bias std peak anees nees anis nis lost diverged outside_re
 
 
 def statistics() -> str:
-    """Return every statistic, and how to write an expression."""
+    """List every statistic; explain how to write an expression."""
     rows = columns((name, "", text) for name, text in statistics_known().items())
     return "\n".join(["statistics:", *rows, "", WRITTEN])
 
 
 def described(word: str) -> str | None:
-    """Return the text of a metric or a statistic; None if unknown."""
+    """Document a metric or a statistic; None if unknown."""
     if word in statistics_known():
         return f"{word} (statistic)\n\n{statistics_known()[word]}\n\n{WRITTEN}"
     metric, _ = metric_of(word)
@@ -58,7 +58,7 @@ def described(word: str) -> str | None:
 
 
 def facts(word: str) -> JsonRow | None:
-    """Return a metric or a statistic as data; None if unknown."""
+    """Describe a metric or a statistic as data; None if unknown."""
     if word in statistics_known():
         return {"group": "statistics", "kind": word, "text": statistics_known()[word]}
     metric, _ = metric_of(word)
@@ -69,7 +69,7 @@ def facts(word: str) -> JsonRow | None:
 
 
 def metrics_of_config(path: Path, allow_plugins: bool = False) -> str:
-    """Return metrics, windows and numbers that tables and figures of an experiment may use."""
+    """List metrics, windows and numbers that tables and figures of an experiment may use."""
     names: dict[str, list[str]] = defaultdict(list)
     rows = []
     for row in rows_of_config(path, allow_plugins):
@@ -136,7 +136,7 @@ def statistics_known() -> dict[str, str]:
 
 
 def _facts(metric: Metric, unit: str) -> str:
-    """Return the unit and the better direction of a metric."""
+    """Write the unit and the better direction of a metric."""
     better = _BETTER.get(metric.better, f"{metric.better} is better" if metric.better else "")
     unit = {"1": "", "quantity": "unit of the quantity"}.get(unit, unit)
     return ", ".join(filter(None, [unit, better]))

@@ -82,7 +82,7 @@ class Plugin:
 
 
 def read_plugin(path: Path, files: Iterable[Path] = (), environment: Iterable[str] = ()) -> Plugin:
-    """Return the file as it is now, with the declared files and variables; raises OSError."""
+    """Read the file as it is now, with the declared files and variables; raises OSError."""
     source = require_regular_file(path).read_bytes()
     name = str(path.absolute())
     Finder.look_beside(name)

@@ -22,7 +22,7 @@ OwnValues: TypeAlias = tuple[Names, Bodies]
 
 
 def own_values() -> OwnValues:
-    """Return the values of the modules and classes of the package, numpy and scipy."""
+    """Record the values of the modules and classes of the package, numpy and scipy."""
     names = [(holder, dict(vars(holder))) for holder in _holders()]
     values = chain.from_iterable(of_holder.values() for _, of_holder in names)
     return names, {v: _body(v) for v in values if isinstance(v, FunctionType)}
@@ -68,7 +68,7 @@ def undo_patches(before: OwnValues) -> list[str]:
 
 
 def _is_patched(holder: Any, before: Any, now: Any, name: str) -> bool:
-    """Return whether a name has another value; of numpy and scipy only functions count.
+    """Test whether a name has another value; of numpy and scipy only functions count.
 
     Importing a submodule or using a class adds names, which are no patches.
     """
@@ -81,7 +81,7 @@ def _is_patched(holder: Any, before: Any, now: Any, name: str) -> bool:
 
 
 def patch_message(names: list[str]) -> str:
-    """Return why a plugin that replaces these names is refused, and what to do."""
+    """Explain why a plugin that replaces these names is refused, and what to do."""
     more = f" and {len(names) - 1} more" if len(names) > 1 else ""
     return (
         f"replaces {names[0]}{more}, which filters of the package use, too; a plugin may only add: "

@@ -33,13 +33,13 @@ _executed: dict[str, str] = {}
 
 
 def digest_of(path: str | Path) -> str:
-    """Return the SHA-256 of a file; raises OSError."""
+    """Digest a file by SHA-256; raises OSError."""
     return hashlib.sha256(Path(path).read_bytes()).hexdigest()
 
 
 @cache
 def is_installed(file: str) -> bool:
-    """Return whether a file belongs to Python, to trackbench, or to a package with a RECORD."""
+    """Test whether a file belongs to Python, to trackbench, or to a package with a RECORD."""
     path = Path(file)
     if path.is_relative_to(_HOME) or not path.is_absolute():  # such as <string>
         return True
@@ -98,7 +98,7 @@ def _get_code(loader: SourceFileLoader, fullname: str) -> CodeType | None:
 
 
 def imports(source: bytes, plugin: str) -> tuple[dict[str, str], set[str]]:
-    """Return modules outside installed packages, each with its file, and names of other packages.
+    """Find modules outside installed packages, each with its file, and names of other packages.
 
     They are those that a plugin's source imports anywhere, and that these modules import in turn.
     Nothing is run.
@@ -185,7 +185,7 @@ class Opened:
         self.written: set[str] = set()
 
     def files(self) -> list[str]:
-        """Return the files that make the plugin: those of no installed package, and not written."""
+        """Select the files that make the plugin: those of no installed package, and not written."""
         paths: dict[str, None] = {}
         for name in self.read:
             path = Path(name)

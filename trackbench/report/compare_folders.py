@@ -90,12 +90,12 @@ class Row(NamedTuple):
 
 
 def is_event(metric: str) -> bool:
-    """Return whether a metric is a share of runs."""
+    """Test whether a metric is a share of runs."""
     return metric.endswith(INFINITE) or measured(metric).family[0].is_event
 
 
 def compare_folders(a: Results, b: Results) -> tuple[list[Row], str]:
-    """Return a row for every filter and metric of both, and why the runs are not paired, if so."""
+    """Compare every filter and metric of both; also explain why the runs are not paired."""
     points = [point for point in a.points() if point in b.points()]
     statistics = partial(compared_statistic, a.config)
     why, rows = _why_unpaired(a, b, points), list[Row]()
@@ -112,7 +112,7 @@ def compare_folders(a: Results, b: Results) -> tuple[list[Row], str]:
 
 
 def judged(rows: Sequence[Row]) -> list[Row]:
-    """Return the rows with verdicts by the rule for filters; the rows of a metric are a family."""
+    """Judge the rows by the rule for filters; the rows of a metric are a family."""
     by_index = dict(enumerate(rows))
     for metric in dict.fromkeys(row.metric for row in rows):
         of = {i: row for i, row in by_index.items() if row.metric == metric}
@@ -247,7 +247,7 @@ def _worse(metric: str, change: Comparison, compared: Callable[..., Comparison])
 
 
 def table_of(title: str, rows: Sequence[Row], names: tuple[str, str]) -> TextTable:
-    """Return the numbers that are not equal, and a note with the filters whose numbers all are."""
+    """Tabulate the numbers that are not equal; a note names the filters whose numbers all are."""
     heads = ["Filter", "Metric", *names, "Difference", "Change", "z", "Verdict"]
     table = TextTable(title, heads)
     for row in rows:
@@ -297,7 +297,7 @@ def changes(rows: Sequence[Row], verdict: str) -> list[str]:
 
 
 def conclusion(rows: Sequence[Row], names: tuple[str, str]) -> str:
-    """Return the comparison in sentences."""
+    """Write the comparison in sentences."""
     same = sum(row.how == EQUAL for row in rows)
     if same == len(rows):
         return f"All {counted(same, 'number')} are equal, byte for byte."

@@ -125,7 +125,7 @@ def _set_ups() -> Iterator[Path]:
 
 
 def draw_figure(spec: FigureKind, results: Results, formats: Sequence[str]) -> Files:
-    """Return a figure as the content of a file, for each format; none of tracks if every filter failed.
+    """Draw a figure as the content of a file, for each format; none of tracks if every filter failed.
 
     Raises OutputError if the drawing fails.
     """

@@ -342,7 +342,7 @@ def as_figure(figure: object) -> "Figure":
 
 
 def missing_paths(points: Sequence[Point], **wanted: str | None) -> dict[str, str]:
-    """Return what is wrong with keys that name a path of the grid, by key."""
+    """Explain which keys name no path of the grid, by key."""
     grid, wrong = list(points[0].values), {}
     for key, path in wanted.items():
         if path is not None and path not in grid:
@@ -352,7 +352,7 @@ def missing_paths(points: Sequence[Point], **wanted: str | None) -> dict[str, st
 
 
 def scenes(results: Results) -> list[GridPoint]:
-    """Return the grid's combinations of scenario values, in order; one empty one without any."""
+    """List the grid's combinations of scenario values, in order; one empty one without any."""
     paths = [path for path in results.grid if is_of_scenario(path)]
     every: list[GridPoint] = []
     for point in results.points():
@@ -368,7 +368,7 @@ def points_of(results: Results, scene: GridPoint) -> list[GridPoint]:
 
 
 def own_values(results: Results, point: GridPoint, label: str) -> GridPoint:
-    """Return the values that a point gives a filter, by single path."""
+    """Select the values that a point gives a filter, by single path."""
     place = results.index_of(point)
     values = point if place is None else results.grid_points[place]  # lists, where files have words
     singles: GridPoint = {}
@@ -379,6 +379,6 @@ def own_values(results: Results, point: GridPoint, label: str) -> GridPoint:
 
 
 def named_form(label: str, keys: GridPoint, others: Sequence[GridPoint]) -> str:
-    """Return a filter's label with the keys that differ between its forms."""
+    """Name a filter by its label and the keys that differ between its forms."""
     differing = {k: v for k, v in keys.items() if any(other.get(k) != v for other in others)}
     return f"{label} ({phrases.heading(differing)})" if differing else label

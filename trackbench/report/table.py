@@ -144,7 +144,7 @@ _NUMBER = ' style="text-align: right; white-space: nowrap"'
 
 
 def table_html(table: TextTable) -> str:
-    """Return a table; numbers stand to the right."""
+    """Write a table; numbers stand to the right."""
     heads = "".join(f"<th>{escape(head)}</th>" for head in table.heads)
     rows = "".join(f"<tr>{''.join(map(_cell, row))}</tr>" for row in table.rows[:_MOST_ROWS])
     more = len(table.rows) - _MOST_ROWS
@@ -296,7 +296,7 @@ _USUAL_DIGITS = 4
 
 
 def rounded(value: float, stderr: float, digits: int) -> str:
-    """Return the value and standard error to the same decimal place, the error with one digit or two."""
+    """Round the value and standard error to the same decimal place, the error to one digit or two."""
     if not isfinite(value):
         return "infinite" if isinf(value) else "–"
     decimals = digits - 1 - _exponent(value)

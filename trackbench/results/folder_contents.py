@@ -81,13 +81,13 @@ class Damage(NamedTuple):
 
 
 def is_of_one_run(name: str) -> bool:
-    """Return whether a file depends on the machine or on options of the run."""
+    """Test whether a file depends on the machine or on options of the run."""
     is_optional = name.endswith((".png", ".pdf", ".tex")) or name in ("report.html", "tracks.npz")
     return is_optional or name.startswith("run/")
 
 
 def is_in_git(name: str) -> bool:
-    """Return whether git keeps a file: a folder is complete without all others."""
+    """Test whether git keeps a file: a folder is complete without all others."""
     return name not in DATA_FILES and not is_of_one_run(name)
 
 
@@ -141,7 +141,7 @@ def _named_by_config(folder: Path) -> Iterator[str]:
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
-    """Return the facts and digests of both manifests; those of the run may be missing."""
+    """Read the facts and digests of both manifests; those of the run may be missing."""
     facts: dict[str, Any] = {}
     for name in (MACHINE, MANIFEST):
         if name == MANIFEST or (folder / name).is_file():
@@ -169,7 +169,7 @@ def write_manifest(folder: Path, facts: Mapping[str, Any], written: Iterable[Pat
 
 
 def check_digests(folder: Path, recorded: Mapping[str, str]) -> Damage:
-    """Return which of the recorded files are missing or changed."""
+    """Find which of the recorded files are missing or changed."""
     present = {name for name in recorded if (folder / name).is_file()}
     return Damage(
         [name for name in recorded if name not in present and is_in_git(name)],

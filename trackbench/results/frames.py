@@ -126,7 +126,7 @@ def read_pieces(path: Path, needed: Collection[str]) -> Iterator["pd.DataFrame"]
 
 
 def read_frame(path: Path, needed: Collection[str] = ()) -> "pd.DataFrame":
-    """Return a file as a data frame; the types of a grid's columns follow from their texts."""
+    """Read a file as a data frame; the types of a grid's columns follow from their texts."""
     import pandas as pd
 
     frame = pd.concat(read_pieces(path, needed), ignore_index=True)
@@ -156,7 +156,7 @@ _PARSES: dict[str, Parse] = {"i": int, "f": float, "b": _truth}
 
 
 def read_runs(path: Path, summary: Columns, grid: list[str], labels: Collection[str]) -> PointRuns:
-    """Return the filters' runs by the values of the grid, which have their types in the summary."""
+    """Read the filters' runs by the values of the grid, which have their types in the summary."""
     keys = [*grid, "filter", "metric"]
     pieces: dict[tuple[str, ...], dict[tuple[str, str], list[Array]]] = {}
     for piece in read_pieces(path, ["filter", "metric", "value"]):

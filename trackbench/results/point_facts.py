@@ -24,7 +24,7 @@ GridPoint: TypeAlias = dict[str, Any]
 
 
 def printable_json(text: str) -> Any:
-    """Return the content of a JSON file; raises ValueError for control characters in its texts.
+    """Parse a JSON file; raises ValueError for control characters in its texts.
 
     Anybody may have written it, and a terminal obeys some of these characters.
     """
@@ -70,7 +70,7 @@ class PointFacts:
 
 
 def facts_of_point(point: Point, shown: Callable[[str], str] = str) -> PointFacts:
-    """Return the facts about a point; ``shown`` formats the paths of data files."""
+    """Collect the facts about a point; ``shown`` formats the paths of data files."""
     scenario = point.scenario
     filters = {label: as_config(part, shown) for label, part in point.filters.items()}
     for label, assume in point.assumed.items():
@@ -93,7 +93,7 @@ def facts_of_point(point: Point, shown: Callable[[str], str] = str) -> PointFact
 
 
 def points_text(points: Sequence[Point], folder: Path) -> str:
-    """Return the file's content: a line per point, with what differs from the first point.
+    """Write the file's content: a line per point, with what differs from the first point.
 
     Paths of data files are relative to ``folder``.
     """
@@ -108,7 +108,7 @@ def points_text(points: Sequence[Point], folder: Path) -> str:
 
 
 def same_points(stored: str, computed: str) -> bool:
-    """Return whether a file's content is the computed one, but for keys of newer versions.
+    """Test whether a file's content is the computed one, but for keys of newer versions.
 
     The config does not name such a key, so it has its default.
     """
@@ -143,5 +143,5 @@ def _changed(first: dict[str, Any], other: dict[str, Any]) -> dict[str, Any]:
 
 
 def array_prefix(i: int, points: int) -> str:
-    """Return the prefix of the array names of the ``i``-th of so many points of a grid."""
+    """Prefix the array names of the ``i``-th of so many points of a grid."""
     return f"point{i}/" if points > 1 else ""

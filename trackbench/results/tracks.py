@@ -98,7 +98,7 @@ class FigureTracks(TrackFile):
 
 
 def sensor_paths(scenario: Scenario) -> list[tuple[int, Array]]:
-    """Return number and path (2, T) of each sensor that has a place."""
+    """Find the number and path (2, T) of each sensor that has a place."""
     sensor = scenario.true_sensor
     sensors = sensor.sensors if isinstance(sensor, StackedSensor) else (sensor,)
     paths = []
@@ -110,7 +110,7 @@ def sensor_paths(scenario: Scenario) -> list[tuple[int, Array]]:
 
 
 def measured_positions(scenario: Scenario, z: Array) -> Array | None:
-    """Return the positions (axes, T, r) of measurements (n_z, T, r), NaN for a missing one.
+    """Locate measurements (n_z, T, r): positions (axes, T, r), NaN for a missing one.
 
     None if no sensor measures a position at once.
     """

@@ -135,7 +135,7 @@ _PACKAGES = ("numpy", "scipy", "pandas", "matplotlib", "pydantic", "PyYAML")
 
 
 def facts_of_run(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
-    """Return the content of both manifests but for the format and the digests of the files."""
+    """Collect the content of both manifests but for the format and the digests of the files."""
     filters = experiment.points[0].filters
     steps = [len(point.scenario.steps) - 1 for point in experiment.points]
     recorded = all(point.scenario.recorded_runs is not None for point in experiment.points)
@@ -174,14 +174,14 @@ def facts_of_run(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
 
 
 def lock_file() -> Path:
-    """Return the path of the lock file: beside the code in a wheel, in requirements/ in a checkout."""
+    """Locate the lock file: beside the code in a wheel, in requirements/ in a checkout."""
     package = Path(str(files("trackbench")))
     in_wheel = package / "requirements.txt"
     return in_wheel if in_wheel.is_file() else package.parent / "requirements" / "run.txt"
 
 
 def compare_lock() -> dict[str, Any]:
-    """Return the lock file's digest, and the packages that are installed in another version."""
+    """Digest the lock file; find the packages that are installed in another version."""
     content = lock_file().read_bytes()
     pins = dict(_PIN.findall(content.decode()))
     installed = {name: _installed(name) for name in pins}
@@ -209,7 +209,7 @@ def _processor() -> str:
 
 
 def _commit() -> str | None:
-    """Return the git commit of the package's own source, if it is a checkout.
+    """Find the git commit of the package's own source, if it is a checkout.
 
     A repository around an installed package belongs to another program. In its own repository the
     package is the folder ``trackbench`` at the top, and the commit has its files.

@@ -46,7 +46,7 @@ _LOST = 1e12  # what a lost run counts: more than any objective
 
 
 def looked_around(axes: Sequence[Axis], budget: int) -> int:
-    """Return the part of the budget that is reserved for the neighbors of the best trial."""
+    """Reserve a part of the budget for the neighbors of the best trial."""
     return min(len(_AROUND) * sum(not axis.choices for axis in axes), budget // 3)
 
 
@@ -218,7 +218,7 @@ class Record:
         return min(self.trials, key=lambda trial: (trial.rank, trial.values != self.taken))
 
     def within(self, axis: Axis) -> list[Any]:
-        """Return the range of a key, or the choices, at most one standard error worse.
+        """Find the range of a key, or the choices, at most one standard error worse.
 
         The rule of one standard error (Breiman et al. 1984, section 3.4.3). With the other keys at
         their best, the objective is interpolated linearly between trials; any other trial as good
@@ -240,7 +240,7 @@ class Record:
         return [axis.at(low), axis.at(high)]
 
     def beside(self, axis: Axis) -> list[Trial]:
-        """Return the trials that differ from the best in at most this key and lose as many runs."""
+        """Find the trials that differ from the best in at most this key and lose as many runs."""
         best = self.best
         out = []
         for trial in self.trials:

@@ -165,7 +165,7 @@ class Training:
         return tuple(0.5 if share is None else share for share in shares)
 
     def tasks(self, values: Values) -> list[BlockTask]:
-        """Return the blocks of a trial, as few as its particles allow; none of an invalid filter."""
+        """Make the blocks of a trial, as few as its particles allow; none of an invalid filter."""
         keys = [axis.key for axis in self.axes]
         chosen = dict(zip(keys, values, strict=True))
         trial = tuned_entries.make_trial(self._experiment.source, self._point, self._label, chosen)
@@ -212,7 +212,7 @@ class Training:
 
 
 def given_values(experiment: Experiment, label: str) -> dict[str, Any]:
-    """Return the values of a filter's own keys by path, with presets and defaults."""
+    """List the values of a filter's own keys by path, with presets and defaults."""
     point = experiment.points[0]
     config = as_config((point.filters | experiment.left_out)[label])
     if label in point.assumed:

@@ -120,7 +120,7 @@ def describe_difference(what: str, stored: Array, computed: Array) -> Iterator[s
 
 @np.errstate(all="ignore")
 def largest_share(a: Array, b: Array) -> float:
-    """Return the largest difference of two arrays (n,) relative to the larger value; inf for a NaN."""
+    """Find the largest difference of two arrays (n,) relative to the larger value; inf for a NaN."""
     share = np.abs(a - b) / np.maximum(np.abs(a), np.abs(b))
     return float(np.nan_to_num(share, nan=np.inf).max())
 

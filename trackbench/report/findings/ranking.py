@@ -161,7 +161,7 @@ def best_settings(results: Results) -> list[Ranking]:
 
 
 def ranking_metrics(results: Results) -> list[str]:
-    """Return the metrics that filters are ranked by, the first one first."""
+    """Find the metrics that filters are ranked by, the first one first."""
     points = results.points()
     names = dict.fromkeys(metric for point in points for _, metric in results.runs(point))
     metrics = primary_metrics(list(names))
@@ -176,7 +176,7 @@ def ranking_of(
     apart: bool = False,
     unranked: Sequence[Candidate] = (),
 ) -> Ranking:
-    """Return the ranking of filters, each with its best values, in one scenario.
+    """Rank the filters, each with its best values, in one scenario.
 
     ``apart``: of the values themselves. ``unranked`` filters belong to the family of tests alone.
     """

@@ -28,7 +28,7 @@ _MOST_SETTINGS = 20
 
 
 def ranking_tables(results: Results, numbers: bool = False) -> list[TextTable]:
-    """Return the ranking; of several scenarios one table over all of them.
+    """Tabulate the ranking; of several scenarios one table over all of them.
 
     With ``numbers``, those of each scenario, or of each filter's settings, follow.
     """
@@ -169,7 +169,7 @@ def _runs_needed(standing: Ranking) -> str:
 
 
 def consistency(results: Results, candidate: Candidate) -> str:
-    """Return a word on NEES, or on NIS without a truth: calibrated or not; empty if unknown."""
+    """Judge NEES, or NIS without a truth, in a word; empty if unknown."""
     runs = results.runs(candidate.point)
     name = next((n for n in ("nees", "anis") if (candidate.label, n) in runs), None)
     if name is None:

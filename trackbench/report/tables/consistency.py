@@ -69,7 +69,7 @@ class Consistency(TableKind):
 
 
 def degrees_of(rows: Columns, metric: str, n: int) -> Array:
-    """Return the degrees of freedom (K,) of a metric summed over the runs, at the steps that have it.
+    """Count the degrees of freedom (K,) of a metric summed over the runs, at the steps that have it.
 
     ``rows`` are those of one filter in per_step.csv. They are n for each run, less the components that
     are not measured or known exactly.

@@ -28,7 +28,7 @@ class ClaimVerdict(NamedTuple):
 
 
 def judge(claim: Claim, evidence: Evaluator | None) -> ClaimVerdict:
-    """Return the verdict on a claim: it holds if it does against every filter that it names."""
+    """Judge a claim: it holds if it does against every filter that it names."""
     if evidence is None or not claim.left or not claim.expression:
         return _unjudged(claim, no_results(claim, evidence))
     # Step 1: one test for each step and each filter on the right side.
@@ -188,5 +188,5 @@ def evidence_at(results: Results, text: str) -> Evaluator | None:
 
 
 def point_of(results: Results, text: str) -> GridPoint | None:
-    """Return the point that ``path=value; path=value`` picks; the first with results if it is empty."""
+    """Find the point that ``path=value; path=value`` picks; the first with results if it is empty."""
     return next((point for point in results.points() if picks(text, point)), None)

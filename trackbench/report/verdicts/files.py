@@ -295,7 +295,7 @@ _MOST_REASONS = 5
 
 
 def reasons(comparison: Verdicts, runs: int) -> list[str]:
-    """Return why numbers and claims are inconclusive, a line each; ``runs`` of each filter."""
+    """Explain why numbers and claims are inconclusive, a line each; ``runs`` of each filter."""
     lines = []
     rows: list[Compared | ClaimVerdict] = [number.best for number in comparison.numbers]
     for row in [*rows, *comparison.claims]:
