@@ -10,7 +10,7 @@ from trackbench.evaluation.metric_expression import measure
 from trackbench.metrics import _UNITS, quantity, unit_of
 from trackbench.models.base import position_velocity_names
 from trackbench.registry import kinds
-from trackbench.report.findings.phrases import error_of, head_of, metric_words, with_unit
+from trackbench.report.findings.phrases import axis_of, head_of, metric_words, with_unit
 from trackbench.report.findings.phrases import quantity as words_of
 from trackbench.scenarios.score import Score
 
@@ -122,4 +122,4 @@ def test_a_plugin_declares_the_unit_of_a_quantity() -> None:
     ],
 )
 def test_an_axis_says_what_it_shows(expression: str, label: str) -> None:
-    assert error_of(measure(expression)) == label
+    assert axis_of(measure(expression)) == label

@@ -14,7 +14,7 @@ from trackbench.field_types import is_number
 from trackbench.registry import register
 from trackbench.report.figures.heat_map import write_cells
 from trackbench.report.findings import phrases
-from trackbench.report.findings.phrases import head_of, named, three_digits
+from trackbench.report.findings.phrases import head_of, named, rounded
 from trackbench.report.findings.ranking import ranking_metrics
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import scales, style
@@ -69,7 +69,7 @@ class RmseVsParameter(FigureKind):
             x, y = _abscissas(results, path, rows), rows["value"]
             if len(y) and np.ptp(y) > 0.0:
                 best = best_place(y, self.metric)
-                number = three_digits(float(y[best]))
+                number = rounded(float(y[best]), 3)
                 parts.append(f"{named(label)} {number} at {x[best]:g} {unit}".rstrip())
         return f"Best over {name}: {', '.join(parts)}." if parts else ""
 
@@ -103,7 +103,7 @@ class RmseVsParameter(FigureKind):
         if has_horizontal_lines_alone and len(np.unique(places)) > 1:
             ax.set_xlim(places.min(), places.max())
         ax.set_xlabel(self.x_label or results.axis(path))
-        ax.set_ylabel(self.y_label or phrases.error_of(self.metric))
+        ax.set_ylabel(self.y_label or phrases.axis_of(self.metric))
         return style.finished(figure, self.title)
 
 
@@ -191,7 +191,7 @@ class SweepFigure(FigureKind):
             if rows:
                 best = rows[best_place(np.array([row[-2] for row in rows]), metrics[0])]
                 at = phrases.heading(dict(zip(self.paths, best, strict=False)))
-                parts.append(f"{named(label)} {three_digits(best[-2])} at {at}")
+                parts.append(f"{named(label)} {rounded(best[-2], 3)} at {at}")
         return f"Best: {'; '.join(parts)}." if parts else ""
 
     def draw(self, results: Results) -> Figure:

@@ -39,17 +39,10 @@ def head_of(statistic: str, metric: Measure) -> str:
     return f"{words[0].upper()}{words[1:]}" if statistic == "rms" else f"Mean {words}"
 
 
-def error_of(metric: Measure) -> str:
-    """Label an axis: ``Position RMSE (m)`` for a mean error of the whole run, else the expression."""
-    if metric != Measure(metric.metric, statistic="mean") or not metric.is_error:
-        return str(metric)
-    return head_of("rms", metric)
-
-
 def axis_of(metric: Measure) -> str:
-    """Label an axis of a metric over time or runs: ``Position RMSE (m)``, else the expression."""
-    is_plain = metric == Measure(metric.metric) and metric.is_error
-    return head_of("rms", metric) if is_plain else str(metric)
+    """Label an axis: ``Position RMSE (m)`` for an error or its mean per run, else the expression."""
+    is_plain = metric._replace(statistic="") == Measure(metric.metric) and metric.is_error
+    return head_of("rms", metric) if is_plain and metric.statistic in ("", "mean") else str(metric)
 
 
 def in_unit(words: str, unit: str) -> str:
@@ -62,19 +55,19 @@ def _unit(metric: Measure) -> str:
 
 
 def percent(share: float) -> str:
-    """Return ``2.3 %``, ``350 %``."""
-    return f"{two_digits(100 * share)} %"
+    """Write ``2.3 %``, ``350 %``."""
+    return f"{rounded(100 * share, 2)} %"
 
 
-def two_digits(x: float) -> str:
-    """Return a number with two digits: ``1.6``, ``13``, ``5800``."""
-    return f"{float(f'{x:.2g}'):g}"
+def rounded(x: float, digits: int) -> str:
+    """Write a number with so many digits: ``1.6``, ``13``, ``5800``."""
+    return f"{float(f'{x:.{digits}g}'):g}"
 
 
 def multiple(ratio: float, width: float) -> str:
     """Return a ratio with the digits that its interval allows: ``1.018``, ``3.2``, ``250``."""
     if not 0.0 < width < inf:
-        return three_digits(ratio)
+        return rounded(ratio, 3)
     return f"{ratio:.{max(0, ceil(log10(3.0 / width)))}f}"
 
 
@@ -84,11 +77,6 @@ def run_count(runs: float) -> str:
 
 
 _MOST_RUNS = 1e6
-
-
-def three_digits(x: float) -> str:
-    """Return ``0.00421``, ``1010``."""
-    return f"{float(f'{x:.3g}'):g}"
 
 
 def named(label: str) -> str:
@@ -126,13 +114,9 @@ def axis(path: str) -> str:
 
 def quantity(path: str) -> tuple[str, str]:
     """Return a grid's path as words, and the unit that its name ends in."""
-    key, unit = without_unit(name(path))
+    # The last word of the path, of the first of several that vary together.
+    key, unit = without_unit(single_paths(path)[0].rpartition(".")[2])
     return key.replace("_", " "), unit
-
-
-def name(path: str) -> str:
-    """Return the last word of a grid's path, of the first of several that vary together."""
-    return single_paths(path)[0].rpartition(".")[2]
 
 
 def number(value: Any) -> str:

@@ -195,7 +195,7 @@ def _cpu_s(results: Results, c: Candidate) -> float:
 
 def _duration(seconds: float) -> str:
     scale, unit = next(((s, u) for s, u in _SECONDS if seconds * s >= 1.0), _SECONDS[-1])
-    return f"{phrases.two_digits(seconds * scale)} {unit}"
+    return f"{phrases.rounded(seconds * scale, 2)} {unit}"
 
 
 def _without_empty(results: Results, table: TextTable) -> TextTable:
