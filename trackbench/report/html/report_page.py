@@ -7,7 +7,7 @@ import shlex
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from trackbench.atomic_files import write_text
 from trackbench.config.dump import as_yaml
@@ -132,19 +132,11 @@ def _versions(results: Results) -> TextTable:
     return table
 
 
-class Drawing(NamedTuple):
-    """A figure as it stands on the page."""
+def drawings(results: Results) -> list[dict[str, Any]]:
+    """Prepare all figures for the page, the key figure first; disallowed plugins' as stored.
 
-    name: str
-    svg: Any
-    heading: str
-    """its name, where the picture has no title"""
-    caption: str
-    """what to see in it"""
-
-
-def drawings(results: Results) -> list[Drawing]:
-    """Return all figures, the key figure first; disallowed plugins' as stored."""
+    Each has name, svg, heading (its name, where the picture has no title), caption (what to see in it).
+    """
     from markupsafe import Markup
 
     drawn = []
@@ -154,7 +146,8 @@ def drawings(results: Results) -> list[Drawing]:
         what = (inspect.getdoc(type(spec)) or "").partition("\n")[0] if spec is not None else ""
         caption = said or _caption(results, name, spec) or what
         svg = Markup(inline(content, name, ". ".join(filter(None, [title or name, what]))))
-        drawn.append(Drawing(name, svg, "" if title else f"{name}.", caption))
+        words = {"heading": "" if title else f"{name}.", "caption": caption}
+        drawn.append({"name": name, "svg": svg, **words})
     return drawn
 
 
@@ -200,12 +193,8 @@ def write_page(path: Path, template: str, live: bool = True, **context: Any) -> 
 
     script = "".join(map(_template_text, ("page.js", "curves.js") if live else ("page.js",)))
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    page = {
-        "style": Markup(_template_text("page.css")),
-        "script": Markup(script),
-        "script_digest": f"sha256-{digest}",
-        "verdicts": VERDICTS,
-    }
+    page: dict[str, Any] = {"script": Markup(script), "style": Markup(_template_text("page.css"))}
+    page |= {"script_digest": f"sha256-{digest}", "verdicts": VERDICTS}
     write_text(path, _environment().get_template(template).render(**page, **context))
     return path
 
