@@ -35,7 +35,7 @@ __all__ = [
 
 
 def __dir__() -> list[str]:
-    """Return the names for completion, before anything is imported."""
+    """List the names for completion, before anything is imported."""
     return [*__all__, "__doc__", "__version__"]
 
 

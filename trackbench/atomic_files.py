@@ -21,7 +21,7 @@ _touched: ContextVar[list[Path] | None] = ContextVar("touched", default=None)
 
 
 def free_name(name: str, taken: Iterable[str]) -> str:
-    """Return the name, or with the first number that makes it differ from all that are taken.
+    """Give the name the first number that makes it differ from all that are taken, if one does.
 
     Names that differ in case only are one file on some systems.
     """
@@ -40,7 +40,7 @@ def write_csv(path: Path, header: list[str], rows: Iterable[Row]) -> None:
 
 
 def shortened(numbers: Iterable[float], digits: int) -> list[str]:
-    """Return numbers of so many significant digits as `csv` writes them, in half its time."""
+    """Write numbers of so many significant digits as `csv` writes them, in half its time."""
     spec = f".{digits}g"
     texts = [format(x, spec) for x in numbers]
     return [t if "." in t and "e" not in t else repr(float(t)) for t in texts]
@@ -80,7 +80,7 @@ def atomic_write(path: Path) -> Iterator[IO[bytes]]:
 
 
 def ensure_folder(folder: Path) -> Path:
-    """Return the folder, created with its parents if needed; raises WriteError if it cannot be."""
+    """Create the folder, with its parents; raises WriteError if it cannot be."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -89,7 +89,7 @@ def ensure_folder(folder: Path) -> Path:
 
 
 def within(folder: Path, name: str) -> Path:
-    """Return the path of a folder inside a results folder; raises WriteError if it is a link.
+    """Locate a folder inside a results folder; raises WriteError if it is a link.
 
     A results folder of somebody else could hold a link to any folder of yours.
     """
@@ -151,7 +151,7 @@ class CsvWriter:
 
 
 def cells(row: Row) -> str:
-    """Return cells as text of a CSV, without the end of the line."""
+    """Write cells as text of a CSV, without the end of the line."""
     return _lines([row])[:-1]
 
 

@@ -29,12 +29,12 @@ class Problem:
 
 
 def in_line(text: str) -> str:
-    """Return the text in one line; line breaks and unprintable characters are escaped."""
+    """Write the text in one line; line breaks and unprintable characters are escaped."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def reason(error: OSError) -> str:
-    """Return why a file cannot be read or written."""
+    """Explain why a file cannot be read or written."""
     words = error.strerror or str(error)
     return words[:1].lower() + words[1:]
 
@@ -47,7 +47,7 @@ class UserError(Exception):
         self.problems = problems
 
     def _render_traceback_(self) -> list[str]:
-        """Return the lines that IPython shows in place of a traceback."""
+        """Give IPython lines in place of a traceback."""
         return str(self).splitlines()
 
 
@@ -65,5 +65,5 @@ class WriteError(RunError):
 
 
 def counted(number: int, word: str) -> str:
-    """Return ``1 block``, ``2 blocks``."""
+    """Write ``1 block``, ``2 blocks``."""
     return f"{number} {word}" if number == 1 else f"{number} {word}s"

@@ -49,7 +49,7 @@ class Part:
 
 
 def is_foreign(part: object) -> bool:
-    """Return whether a part of an experiment, or a class of parts, is not the package's own."""
+    """Test whether a part of an experiment, or a class of parts, is not the package's own."""
     cls = part if isinstance(part, type) else type(part)
     return cls.__module__.partition(".")[0] != "trackbench"
 
@@ -78,7 +78,7 @@ def walk_parts(part: object) -> Iterator[object]:
 
 
 def foreign_parts(part: object) -> list[object]:
-    """Return the parts within a part that are not the package's own."""
+    """Find the parts within a part that are not the package's own."""
     return [inner for inner in walk_parts(part) if is_foreign(inner)]
 
 
@@ -104,11 +104,7 @@ def rebase(cls: type[Any], base: type[Part]) -> type[Part]:
     are looked through by a test.
     """
     if not issubclass(cls, base):
-        body = {
-            "__module__": cls.__module__,
-            "__qualname__": cls.__qualname__,
-            "__doc__": cls.__doc__,
-        }
+        body = {name: getattr(cls, name) for name in ("__module__", "__qualname__", "__doc__")}
         # A key without a default is no attribute of the class, and would meet the base's property.
         body |= {f.name: None for f in fields(cls) if not hasattr(cls, f.name)}
         cls = new_class(cls.__name__, (cls, base), {}, lambda namespace: namespace.update(body))
@@ -132,14 +128,13 @@ def hooks(base: type[Part]) -> Iterator[Hook]:
 
 
 def overridden_hooks(cls: type, base: type[Part]) -> list[str]:
-    """Return the names of the hooks whose default a class overrides."""
+    """Name the hooks whose default a class overrides."""
     keys = {f.name for f in fields(cls)}
     names = [n for n, hook in _declared(base).items() if n not in keys and not _is_needed(hook)]
     return [n for n in names if getattr_static(cls, n, None) is not getattr_static(base, n, None)]
 
 
 def _declared(base: type[Part]) -> dict[str, object]:
-    """Return the base's declaration of each hook."""
     # The first owner of a name declares it; an annotation without a value is a hook without default.
     declared: dict[str, object] = {}
     for owner in _owners(base):
@@ -152,7 +147,7 @@ def _declared(base: type[Part]) -> dict[str, object]:
 
 
 def _owners(base: type[Part]) -> list[type]:
-    """Return the classes that declare a base's hooks, the base first."""
+    """List the classes that declare a base's hooks, the base first."""
     package_classes = [c for c in base.__mro__ if c.__module__.startswith("trackbench.")]
     return [*package_classes, *base.optional_capabilities]
 
@@ -183,7 +178,7 @@ def mistakes(cls: type, base: type[Part]) -> Iterator[tuple[str, int, str]]:
 
 
 def _place(cls: type, name: str) -> tuple[str, int]:
-    """Return the file and line of a name in a class, or of the class, as far as there is a file."""
+    """Locate a name in a class, or the class, as far as there is a file."""
     try:
         lines, first = inspect.getsourcelines(cls)
     except (OSError, TypeError):
@@ -194,7 +189,7 @@ def _place(cls: type, name: str) -> tuple[str, int]:
 
 
 def _text(name: str, declared: object, base: type[Part]) -> str:
-    """Return the first paragraph of its docstring; of an attribute the string under it."""
+    """Take the first paragraph of a docstring; of an attribute the string under it."""
     if inspect.isroutine(declared) or isinstance(declared, property | classmethod):
         text = inspect.getdoc(declared) or ""
     else:

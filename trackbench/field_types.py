@@ -156,12 +156,12 @@ class Registered:
 
 
 def is_number(value: object) -> TypeGuard[float]:
-    """Return whether a value of a config is a number; true and false are none."""
+    """Test whether a value of a config is a number; true and false are none."""
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def decimals(text: str) -> int:
-    """Return the decimals of a number as it is written: 2 of 0.20, 4 of 1.5e-3."""
+    """Count the decimals of a number as it is written: 2 of 0.20, 4 of 1.5e-3."""
     mantissa, _, power = text.lower().partition("e")
     return max(0, len(mantissa.partition(".")[2]) - int(power or 0))
 
@@ -172,6 +172,6 @@ def annotations_of(hint: object) -> tuple[object, ...]:
 
 
 def part_group(hint: object) -> str | None:
-    """Return the registry group of the components that a key of this type holds, if it holds any."""
+    """Find the registry group of the components that a key of this type holds, if it holds any."""
     marks = annotations_of(hint)
     return next((mark.group for mark in marks if isinstance(mark, Registered)), None)

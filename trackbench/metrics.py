@@ -71,17 +71,17 @@ def metric(name: str, help: str, unit: str = "", better: Better = "") -> None:
 
 
 def joined(prefix: str, quantity: str) -> str:
-    """Return ``prefix_quantity``, or the prefix alone for a scenario's only, nameless quantity."""
+    """Write ``prefix_quantity``; the prefix alone for a scenario's only, nameless quantity."""
     return f"{prefix}_{quantity}" if quantity else prefix
 
 
 def in_window(name: str, window: str) -> str:
-    """Return ``name[window]``: a metric over a window of steps; the name alone over the whole time."""
+    """Write ``name[window]``: a metric over a window of steps; the name alone over the whole time."""
     return f"{name}[{window}]" if window else name
 
 
 def metric_of(name: str) -> tuple[Metric, str]:
-    """Return the metric that a name without window is of, and the quantity."""
+    """Split a name without window into its metric and the quantity."""
     head, _, quantity = name.partition("_")
     if name not in METRICS and head in METRICS and METRICS[head].is_family:
         return METRICS[head], quantity
@@ -102,7 +102,7 @@ def metrics_of(series: str, counts: Collection[str] = ()) -> Iterator[tuple[Metr
 
 
 def is_reserved(name: str) -> bool:
-    """Return whether a diagnostic of this name would be taken for a metric of the errors."""
+    """Test whether a diagnostic of this name would be taken for a metric of the errors."""
     taken = {word for m in METRICS.values() if m.series for word in (m.name, m.series)}
     return name in taken or name.startswith(tuple(f"{word}_" for word in taken))
 
@@ -117,7 +117,7 @@ def quantity(name: str, unit: str) -> None:
 
 
 def unit_of(name: str) -> str:
-    """Return the unit of a metric by its name without window; nothing where none is known."""
+    """Look up the unit of a metric by its name without window; empty where none is known."""
     metric, quantity = metric_of(name)
     if metric.unit != "quantity" or not quantity:
         return metric.unit.replace("quantity", "")
@@ -137,15 +137,11 @@ def without_unit(name: str) -> tuple[str, str]:
 
 _ENDINGS = {"mrad": "mrad", "deg": "deg", "km": "km", "deg_s": "deg/s", "s": "s", "m": "m"}
 _UNITS = {
-    quantity: unit
-    for unit, quantities in {
-        "m": "position px py pz range mean_range radial cross",
-        "m/s": "velocity vx vy vz range_rate",
-        "m/s^2": "acceleration ax ay az",
-        "rad": "azimuth elevation",
-        "rad/s": "turn_rate",
-    }.items()
-    for quantity in quantities.split()
+    **dict.fromkeys(["position", "px", "py", "pz", "range", "mean_range", "radial", "cross"], "m"),
+    **dict.fromkeys(["velocity", "vx", "vy", "vz", "range_rate"], "m/s"),
+    **dict.fromkeys(["acceleration", "ax", "ay", "az"], "m/s^2"),
+    **dict.fromkeys(("azimuth", "elevation"), "rad"),
+    "turn_rate": "rad/s",
 }
 """Units of the quantities of the package: errors of scenarios, components of motions and sensors."""
 _ERROR_METRICS = [
@@ -228,14 +224,14 @@ spread_ratio  | 1 |        | spread of the cloud after its evolution over that b
 """
 
 
-_EVENTS = (
+_EVENTS = [
     "diverged",
     "not_recovered",
     "not_settled",
     "beyond_10_sigma",
     "missed_maneuvers",
     "already_maneuvering",
-)
+]
 
 
 def _noted() -> Iterator[Metric]:
@@ -246,9 +242,8 @@ def _noted() -> Iterator[Metric]:
 
 _FAMILIES = ("squared", "nees", "unused", "autocovariance", "rmsd", "pit", "coverage", "rank")
 METRICS.update({m.name: m for m in (*_ERROR_METRICS, *_noted())})
-_OF_SERIES = {
-    m.series: [other for other in _ERROR_METRICS if other.series == m.series]
-    for m in _ERROR_METRICS
-}
+_OF_SERIES: dict[str, list[Metric]] = {}
 """The metrics that a series of errors is made into."""
+for _metric in _ERROR_METRICS:
+    _OF_SERIES.setdefault(_metric.series, []).append(_metric)
 _PACKAGE = frozenset(METRICS)

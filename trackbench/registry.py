@@ -27,33 +27,24 @@ BLOCK_GROUPS = tuple(group for group in GROUPS if group not in ("figures", "tabl
 """Groups whose parts make a block's numbers."""
 T = TypeVar("T", bound=type)
 
-_PACKAGES: dict[Group, str] = {
-    "filters": "trackbench.filters",
-    "scenarios": "trackbench.scenarios",
-    "targets": "trackbench.scenarios.targets",
-    "motions": "trackbench.models.motions",
-    "sensors": "trackbench.models.sensors",
-    "starts": "trackbench.scenarios.starts",
-    "figures": "trackbench.report.figures",
-    "tables": "trackbench.report.tables",
+_PLACES: dict[Group, tuple[str, str, str]] = {
+    "filters": ("trackbench.filters", "trackbench.filters.base", "Filter"),
+    "scenarios": ("trackbench.scenarios", "trackbench.scenarios.base", "Scenario"),
+    "targets": ("trackbench.scenarios.targets", "trackbench.scenarios.targets.base", "Target"),
+    "motions": ("trackbench.models.motions", "trackbench.models.base", "Motion"),
+    "sensors": ("trackbench.models.sensors", "trackbench.models.sensors.base", "SensorBase"),
+    "starts": ("trackbench.scenarios.starts", "trackbench.scenarios.starts.base", "Start"),
+    "figures": ("trackbench.report.figures", "trackbench.report.kinds", "FigureKind"),
+    "tables": ("trackbench.report.tables", "trackbench.report.kinds", "TableKind"),
 }
-_BASES: dict[Group, str] = {
-    "filters": "trackbench.filters.base.Filter",
-    "scenarios": "trackbench.scenarios.base.Scenario",
-    "targets": "trackbench.scenarios.targets.base.Target",
-    "motions": "trackbench.models.base.Motion",
-    "sensors": "trackbench.models.sensors.base.SensorBase",
-    "starts": "trackbench.scenarios.starts.base.Start",
-    "figures": "trackbench.report.kinds.FigureKind",
-    "tables": "trackbench.report.kinds.TableKind",
-}
-_kinds: dict[Group, dict[str, type[Part]]] = {group: {} for group in _PACKAGES}
+"""Package of each group's kinds; module and name of their base."""
+_kinds: dict[Group, dict[str, type[Part]]] = {group: {} for group in GROUPS}
 _scanned: set[Group] = set()
 _of_plugins: dict[str, list[tuple[Group, str, type[Part]]]] = {}
 
 
 def register(group: Group, kind: str) -> Callable[[T], T]:
-    """Return a class decorator that registers ``kind: <kind>`` and adds its group's base."""
+    """Decorate a class to register ``kind: <kind>`` with its group's base."""
 
     def add(cls: T) -> T:
         if not is_dataclass(cls):
@@ -77,8 +68,8 @@ def register(group: Group, kind: str) -> Callable[[T], T]:
 
 
 def base_of(group: Group) -> type[Part]:
-    """Return the base of a group's classes, which declares their hooks."""
-    module, _, name = _BASES[group].rpartition(".")
+    """Import the base of a group's classes, which declares their hooks."""
+    _, module, name = _PLACES[group]
     return cast(type[Part], vars(importlib.import_module(module))[name])
 
 
@@ -111,18 +102,18 @@ def restore_normal_exit() -> None:
 
 
 def _origin(cls: type) -> str:
-    """Return the module; a plugin's without its digest, so that an edited plugin may register again."""
+    """Name the module; a plugin's without its digest, so that an edited plugin may register again."""
     module = cls.__module__
     return module.rpartition("_")[0] if is_plugin(module) else module
 
 
 def is_plugin(module: str) -> bool:
-    """Return whether the module is a file that a config names."""
+    """Test whether the module is a file that a config names."""
     return hasattr(sys.modules[module], "__plugin_digest__")
 
 
 def of_kind(group: Group, kind: str) -> type[Part] | None:
-    """Return the class of a kind; for a kind of the package, import only its file."""
+    """Look up the class of a kind; for a kind of the package, import only its file."""
     home = _homes(group).get(kind)
     if kind not in _kinds[group] and home is not None:
         importlib.import_module(home.module)
@@ -140,11 +131,6 @@ def kinds(group: Group) -> dict[str, type[Part]]:
     return dict(sorted(_kinds[group].items()))
 
 
-def is_builtin(group: Group, kind: str) -> bool:
-    """Return whether the package itself has a kind, and no plugin."""
-    return kind in _homes(group)
-
-
 class _Home(NamedTuple):
     """Place of a kind of the package: its module, and the docstring of its class."""
 
@@ -159,8 +145,8 @@ _REGISTRATION = re.compile(
 
 @cache
 def _homes(group: Group) -> dict[str, _Home]:
-    """Return the package's kinds of a group, read from the source text: nothing is imported."""
-    package = _PACKAGES[group]
+    """Read the package's kinds of a group from the source text: nothing is imported."""
+    package, *_ = _PLACES[group]
     folder = Path(__file__).parents[1].joinpath(*package.split("."))
     homes: dict[str, _Home] = {}
     for file in [*folder.glob("*.py"), *folder.glob("*/__init__.py")]:
@@ -172,7 +158,7 @@ def _homes(group: Group) -> dict[str, _Home]:
 
 
 def documentation(group: Group) -> dict[str, str]:
-    """Return the docstring of every kind of a group, sorted, without importing them."""
+    """Read the docstring of every kind of a group, sorted, without importing them."""
     if group in _scanned or _entries(group):
         return {kind: cls.__doc__ or "" for kind, cls in kinds(group).items()}
     return {kind: home.doc for kind, home in sorted(_homes(group).items())}

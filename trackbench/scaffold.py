@@ -22,17 +22,13 @@ from trackbench.scenarios.recordings.guess_config import config_parts, unknown_p
 from trackbench.scenarios.recordings.guess_format import recognized
 from trackbench.yaml_source import MarkedMapping, Source
 
-_TEMPLATES = {
-    "filter": ("filter.py", "filter.yaml", "test_filter.py"),
-    "sensor": ("sensor.py", "sensor.yaml", "test_sensor.py"),
-    "motion": ("motion.py", "motion.yaml", "test_motion.py"),
-    "start": ("start.py", "start.yaml", "test_start.py"),
-    "scenario": ("scenario.py", "scenario.yaml", "test_scenario.py"),
-    "experiment": ("experiment.yaml", "test_experiment.py"),
-}
-WHAT = tuple(_TEMPLATES)
 _FORM_OF = {"per_run": "filter", "nonlinear": "motion", "copy": "filter"}
-_TEMPLATES |= {f: (f"{f}.py", f"{f}.yaml", f"test_{f}.py") for f in _FORM_OF}
+_CLASSES = ("filter", "sensor", "motion", "start", "scenario")
+WHAT = (*_CLASSES, "experiment")
+_TEMPLATES: dict[str, tuple[str, ...]] = {
+    name: (f"{name}.py", f"{name}.yaml", f"test_{name}.py") for name in (*_CLASSES, *_FORM_OF)
+}
+_TEMPLATES["experiment"] = ("experiment.yaml", "test_experiment.py")
 
 
 class Language(NamedTuple):

@@ -165,14 +165,14 @@ class Source:
 
 
 def has_item(node: object, key: str | int) -> bool:
-    """Return whether a mapping has the key, or a list the index."""
+    """Test whether a mapping has the key, or a list the index."""
     if isinstance(node, list):
         return isinstance(key, int) and key < len(node)
     return isinstance(node, dict) and key in node
 
 
 def dotted(keys: Keys) -> str:
-    """Return ``filters.HDEPF.CR``."""
+    """Write ``filters.HDEPF.CR``."""
     return ".".join(str(k) for k in keys)
 
 
@@ -187,7 +187,7 @@ def read(path: Path, shown: str | None = None) -> Source:
 
 
 def text_of(path: Path) -> str:
-    """Return the content of a text file of at most 1 MB; raises OSError."""
+    """Read a text file of at most 1 MB; raises OSError."""
     size = require_regular_file(path).stat().st_size
     if size > _LARGEST_FILE:
         raise OSError(errno.EFBIG, f"has {size} bytes, and may have 1 MB at most")
@@ -196,7 +196,7 @@ def text_of(path: Path) -> str:
 
 @cache
 def _stdin() -> str:
-    """Return the text of stdin, which can be read once."""
+    """Read stdin, which can be read once."""
     content = sys.stdin.buffer.read(_LARGEST_FILE + 1)
     if len(content) > _LARGEST_FILE:
         raise OSError(errno.EFBIG, "has more than 1 MB")
@@ -212,7 +212,7 @@ def _decoded(content: bytes) -> str:
 
 
 def unprintable_reason(text: str) -> str | None:
-    """Return why a text cannot be written into a file or page; None if it can."""
+    """Explain why a text cannot be written into a file or page; None if it can."""
     if len(text) > _LONGEST_TEXT:
         return f"has {len(text)} characters; a text has {_LONGEST_TEXT} at most"
     match = _UNPRINTABLE.search(text)
@@ -222,7 +222,7 @@ def unprintable_reason(text: str) -> str | None:
 
 
 def formula(text: str) -> str | None:
-    """Return the mistake of a word that a spreadsheet would run as a formula; None for others."""
+    """Describe the mistake of a word that a spreadsheet would run as a formula; None for others."""
     if not text.startswith(tuple(FORMULA)) or not isinstance(scalar(text), str):
         return None
     return f"{text!r} begins with {text[0]}, as a formula of a spreadsheet; put another character first"
@@ -255,7 +255,7 @@ def parse(text: str, name: str) -> Source:
 
 
 def scalar(text: str) -> Scalar:
-    """Return a plain scalar by YAML 1.2's core schema: number, true, false, null, or a word."""
+    """Parse a plain scalar by YAML 1.2's core schema: number, true, false, null, or a word."""
     if text.lower() in _WORDS and text in (text.lower(), text.capitalize(), text.upper()):
         return _WORDS[text.lower()]
     if _INT.fullmatch(text):
@@ -267,7 +267,7 @@ def scalar(text: str) -> Scalar:
 
 @lru_cache(maxsize=128)
 def _composed(text: str) -> yaml.Node | None:
-    """Return the document's node; cached, since experiments share their parts."""
+    """Parse a document; cached, since experiments share their parts."""
     return _Loader(text).get_single_node()
 
 
@@ -362,7 +362,7 @@ class _NumpyValue(Protocol):
 
 
 def from_mapping(config: Mapping[str, object]) -> Source:
-    """Return a copy of a Python mapping as a source; raises UserError for what YAML cannot express."""
+    """Copy a Python mapping as a source; raises UserError for what YAML cannot express."""
     source = Source(None)
     source.data = marked(_as_plain(config, (), source), source.start)
     source.check()
@@ -383,7 +383,7 @@ def _as_plain(value: object, keys: Keys, source: Source) -> Any:
 
 
 def _inexpressible(value: object, keys: Keys) -> str | None:
-    """Return the reason why a Python value cannot be written into a config; None if it can."""
+    """Explain why a Python value cannot be written into a config; None if it can."""
     if len(keys) > DEEPEST:
         return f"nested more than {DEEPEST} levels deep"
     if isinstance(value, Mapping):

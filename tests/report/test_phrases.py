@@ -10,7 +10,7 @@ from trackbench.evaluation.metric_expression import measure
 from trackbench.metrics import _UNITS, quantity, unit_of
 from trackbench.models.base import position_velocity_names
 from trackbench.registry import kinds
-from trackbench.report.findings.phrases import error_of, mean_of, metric_words, with_unit
+from trackbench.report.findings.phrases import axis_of, head_of, metric_words, with_unit
 from trackbench.report.findings.phrases import quantity as words_of
 from trackbench.scenarios.score import Score
 
@@ -86,7 +86,7 @@ def test_an_unknown_quantity_has_no_unit(name: str) -> None:
         assert unit_of(f"{metric}_{name}") == ""
     m = measure(f"mean(rmse_{name})")
     assert with_unit("3.1", m) == "3.1"
-    assert mean_of(m) == f"Mean {name.replace('_', ' ')} RMSE"
+    assert head_of("mean", m) == f"Mean {name.replace('_', ' ')} RMSE"
 
 
 def test_a_name_may_end_in_its_unit() -> None:
@@ -101,7 +101,7 @@ def test_a_plugin_declares_the_unit_of_a_quantity() -> None:
     quantity("temperature", "K")
     try:
         quantity("temperature", "K")  # as a plugin that is loaded twice
-        assert mean_of(measure("rmse_temperature")) == "Mean temperature RMSE (K)"
+        assert head_of("mean", measure("rmse_temperature")) == "Mean temperature RMSE (K)"
         assert unit_of("crps_temperature") == unit_of("rmse_predicted_1.temperature") == "K"
         for name, unit in (("temperature", "C"), ("position", "km")):
             with pytest.raises(ValueError, match="already"):
@@ -122,4 +122,4 @@ def test_a_plugin_declares_the_unit_of_a_quantity() -> None:
     ],
 )
 def test_an_axis_says_what_it_shows(expression: str, label: str) -> None:
-    assert error_of(measure(expression)) == label
+    assert axis_of(measure(expression)) == label

@@ -38,7 +38,9 @@ def made(folder: Path, *grid: str) -> Path:
 def test_runs_in_groups_are_those_of_the_frame(tmp_path: Path, grid: tuple[str, ...]) -> None:
     results = Results(made(tmp_path, *grid))
     for point in results.points():
-        frame = results.at(results.per_run, point)
+        frame = results.per_run
+        for path, value in point.items():
+            frame = frame[frame[path] == value]
         groups = list(frame.groupby(["filter", "metric"], sort=False))
         found = results.runs(point)
         assert list(found) == [key for key, _ in groups]

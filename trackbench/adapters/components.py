@@ -27,7 +27,7 @@ _NO_WEIGHT = 1e16
 def component_mismatch(
     model: Model, state: Sequence[str], measured: Sequence[str], extra_std: Mapping[str, float]
 ) -> str | None:
-    """Return why a filter with these components cannot run on the model, or None."""
+    """Explain why a filter with these components cannot run on the model; None if it can."""
     names, measurements = model.motion.components, model.sensor.components
     lacking = [name for name in names if state and name not in state]
     unknown = [name for name in state if name not in names and name not in extra_std]
@@ -68,19 +68,19 @@ class Order:
         )
 
     def to_filter(self, mean: Array, cov: Array) -> Pair:
-        """Return the filter's first state from the scenario's, in new arrays."""
+        """Reorder the scenario's first state for the filter, in new arrays."""
         our_mean, our_cov = np.zeros(len(self.first_cov)), self.first_cov.copy()
         our_mean[self.places] = mean
         our_cov[np.ix_(self.places, self.places)] = cov
         return our_mean, our_cov
 
     def to_scenario(self, mean: Array, cov: Array) -> Gaussian:
-        """Return the scenario's components of the filter's estimates (n, M) and (n, n, M)."""
+        """Select the scenario's components of the filter's estimates (n, M) and (n, n, M)."""
         return Gaussian(mean[self.places], cov[np.ix_(self.places, self.places)])
 
 
 def as_numbers(value: ArrayLike, shape: tuple[int, ...]) -> Array | None:
-    """Return real numbers of this shape, or None; a vector may come as a column."""
+    """Read real numbers of this shape; None of anything else. A vector may come as a column."""
     try:
         array = np.asarray(value)
     except ValueError:  # rows of different lengths
@@ -102,7 +102,7 @@ def measured_part(nu: ArrayLike, S: ArrayLike, is_measured: Mask) -> Innovation:
 
 
 def inflate_missing(R: Array, is_measured: Mask) -> Array:
-    """Return the sensor's covariance with vast variances of the missing components."""
+    """Give the missing components vast variances in the sensor's covariance."""
     # Without correlations, a vast variance leaves the component with a gain of nearly zero.
     out = np.where(is_measured[:, None] & is_measured, R, 0.0)
     missing = ~is_measured
@@ -150,7 +150,7 @@ def partial_update(
 
 
 def _keywords_of_part(keywords: Functions, is_measured: Mask) -> Functions:
-    """Return an extended filter's functions for a part of the measurement."""
+    """Restrict an extended filter's functions to a part of the measurement."""
 
     def rows_of(function: Callable[..., Array]) -> Callable[..., Array]:
         return lambda *args: np.asarray(function(*args))[is_measured]

@@ -119,7 +119,7 @@ class FilterPy(PerRun):
 
 
 def _as_state(z: Array, part: Foreign) -> Array:
-    """Return z in the form of the object's state, a column or a vector."""
+    """Reshape z as the object's state is, a column or a vector."""
     return z.reshape((-1, *[1] * (np.ndim(part.x) - 1)))
 
 

@@ -110,7 +110,7 @@ class LoopFilterWithLikelihood(LoopFilter):
 
 
 def loop_over_runs(one: "type[PerRun]") -> type[LoopFilter]:
-    """Return the filter of a class of one run, with its keys, its name and its docstring."""
+    """Make the filter of a class of one run, with its keys, its name and its docstring."""
     keys = [(f.name, f.type, _copy_field(f)) for f in fields(one)]
     copied = ("__doc__", "__module__", "__qualname__", "requires", "summed_diagnostics", "presets")
     about: dict[str, object] = {name: getattr(one, name) for name in copied} | {"one": one}
@@ -126,7 +126,7 @@ def loop_over_runs(one: "type[PerRun]") -> type[LoopFilter]:
 
 
 def _copy_field(key: Field[object]) -> object:
-    """Return another field like the key: a field belongs to one class."""
+    """Copy a key: a field belongs to one class."""
     if key.default_factory is not MISSING:
         return dataclass_field(default_factory=key.default_factory)
     return dataclass_field(default=key.default)
@@ -137,7 +137,7 @@ def _restore(one: "type[PerRun]", keys: dict[str, object]) -> LoopFilter:
 
 
 def _moments(returned: object, n: int, one: type) -> tuple[Array, Array]:
-    """Return the mean (n,) and the covariance (n, n) that a step returned."""
+    """Check the mean (n,) and the covariance (n, n) that a step returned."""
     method = "step" if "step" in vars(one) else "update"
     if not isinstance(returned, tuple | list) or len(returned) != 2:
         what = f"{one.__name__} gives a {type(returned).__name__}, not a mean and a covariance"
@@ -289,7 +289,7 @@ class PerRun:
 
     @classmethod
     def has_likelihood(cls) -> bool:
-        """Return whether the class defines `log_likelihood`."""
+        """Test whether the class defines `log_likelihood`."""
         return cls.log_likelihood is not PerRun.log_likelihood
 
     model: Model

@@ -97,7 +97,7 @@ class StoneSoup(PerRun):
 
 
 def _without_missing(sensor: Foreign, is_measured: Mask) -> Foreign:
-    """Return a copy of the measurement model that gives the missing components no weight."""
+    """Copy the measurement model, with no weight on the missing components."""
     from stonesoup.types.array import CovarianceMatrix
 
     if not hasattr(sensor, "noise_covar"):

@@ -15,7 +15,7 @@ from trackbench.core.arrays import Array
 
 
 def models(one: PerRun) -> tuple[Foreign, Foreign]:
-    """Return the assumed motion and sensor of a filter of one run as Stone Soup models.
+    """Convert the assumed motion and sensor of a filter of one run to Stone Soup models.
 
     A linear motion becomes a time-invariant linear model, a linear sensor a ``LinearGaussian``. The
     other models call trackbench's.

@@ -11,7 +11,6 @@ from trackbench.cli.output import echo_line
 
 if TYPE_CHECKING:
     from trackbench.api import Options
-    from trackbench.config.experiment import Experiment
 
 _PICTURES = (".png", ".svg", ".pdf")
 
@@ -87,6 +86,7 @@ def cache(
 
 def _check_config(config: Path, options: "Options", json: bool, picture: Path | None) -> None:
     from trackbench import api
+    from trackbench.atomic_files import atomic_write
     from trackbench.config.tuned_entries import training_cautions
     from trackbench.errors import counted
     from trackbench.execution.plan import check_memory
@@ -96,7 +96,12 @@ def _check_config(config: Path, options: "Options", json: bool, picture: Path | 
     for caution in training_cautions(experiment):
         typer.echo(f"note: {caution}", err=True)
     if picture is not None:
-        _draw(experiment, picture)
+        from trackbench.report.figures.track import draw_scene
+
+        figure = draw_scene(experiment)
+        with atomic_write(picture) as file:
+            figure.savefig(file, format=picture.suffix.removeprefix("."), dpi=150)
+        typer.echo(f"drew {picture}")
     points, filters = len(experiment.points), list(experiment.points[0].filters)
     if json:
         settings = experiment.settings
@@ -105,16 +110,6 @@ def _check_config(config: Path, options: "Options", json: bool, picture: Path | 
         return
     grid = f" at {points} points" if points > 1 else ""
     typer.echo(f"{config}: good, {counted(len(filters), 'filter')}{grid}")
-
-
-def _draw(experiment: "Experiment", picture: Path) -> None:
-    from trackbench.atomic_files import atomic_write
-    from trackbench.report.figures.track import draw_scene
-
-    figure = draw_scene(experiment)
-    with atomic_write(picture) as file:
-        figure.savefig(file, format=picture.suffix.removeprefix("."), dpi=150)
-    typer.echo(f"drew {picture}")
 
 
 def _check_contract(path: Path, on: Path | None, allow_plugins: bool, json: bool) -> None:

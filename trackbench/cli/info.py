@@ -45,7 +45,7 @@ def list_(
 
 
 def _listing(word: str | None, config: Path | None, allow_plugins: bool) -> str:
-    """Return the listing of one word; without a word, the groups with their sizes."""
+    """List one word; without a word, the groups with their sizes."""
     from trackbench.help import metrics
     from trackbench.help.kinds import experiments, groups_with_counts, listing, problems
 
@@ -53,12 +53,8 @@ def _listing(word: str | None, config: Path | None, allow_plugins: bool) -> str:
         return metrics.metrics_of_config(config, allow_plugins)
     if word is None:
         return groups_with_counts()
-    others = {
-        "statistics": metrics.statistics,
-        "metrics": metrics.metrics,
-        "experiments": experiments,
-        "problems": problems,
-    }
+    others = {"statistics": metrics.statistics, "metrics": metrics.metrics}
+    others |= {"experiments": experiments, "problems": problems}
     return others[word]() if word in others else listing((word,))
 
 
@@ -96,8 +92,7 @@ def copy(
     """Copy a shipped experiment and its parts for editing; existing files stay."""
     from trackbench.config.shipped_experiments import copied
 
-    written = copied(name, to)
-    for path in written:
+    for path in copied(name, to):
         typer.echo(f"wrote {path}")
     typer.echo(f"run it: trackbench run {to / name}.yaml")
 
@@ -150,7 +145,8 @@ def new(
         raise typer.BadParameter("is of --from", param_hint="--set")
     unknown: list[str] = []
     if data is not None and what == "experiment":
-        paths, unknown = write_config_for(data, name or _plain(data.stem), Path(), sets or ())
+        name = name or re.sub("[^A-Za-z0-9]+", "-", data.stem).strip("-")
+        paths, unknown = write_config_for(data, name, Path(), sets or ())
     elif name is None:
         raise typer.BadParameter("is required without --from", param_hint="NAME")
     else:
@@ -170,11 +166,6 @@ def _echo_next(paths: list[Path], build: str, unknown: list[str], plugins: str) 
     if unknown:
         typer.echo(f"write into it where these are: {', '.join(unknown)}")
     typer.echo(f"run it: trackbench run {config}{plugins}")
-
-
-def _plain(stem: str) -> str:
-    """Turn a file's name into an experiment's name."""
-    return re.sub("[^A-Za-z0-9]+", "-", stem).strip("-")
 
 
 def schema() -> None:

@@ -37,7 +37,7 @@ def _completing(candidates: Callable[[typer.Context, str], Iterable[str]]) -> Co
 
 @_completing
 def configs(ctx: typer.Context, incomplete: str) -> Iterator[str]:
-    """Return shipped experiments, and YAML files and folders of the working directory."""
+    """Complete shipped experiments, and YAML files and folders of the working directory."""
     from trackbench.config.shipped_experiments import names
 
     yield from names()
@@ -50,7 +50,7 @@ def configs(ctx: typer.Context, incomplete: str) -> Iterator[str]:
 
 @_completing
 def experiments(ctx: typer.Context, incomplete: str) -> list[str]:
-    """Return shipped experiments."""
+    """Complete shipped experiments."""
     from trackbench.config.shipped_experiments import names
 
     return names()
@@ -58,7 +58,7 @@ def experiments(ctx: typer.Context, incomplete: str) -> list[str]:
 
 @_completing
 def groups(ctx: typer.Context, incomplete: str) -> list[str]:
-    """Return the words that `trackbench list` accepts."""
+    """Complete the words that `trackbench list` accepts."""
     from trackbench.registry import GROUPS
 
     return [*GROUPS, "experiments", "problems"]
@@ -66,7 +66,7 @@ def groups(ctx: typer.Context, incomplete: str) -> list[str]:
 
 @_completing
 def all_kinds(ctx: typer.Context, incomplete: str) -> Iterator[str]:
-    """Return the kinds of every group."""
+    """Complete the kinds of every group."""
     from trackbench.registry import GROUPS, documentation
 
     for group in GROUPS:
@@ -75,7 +75,7 @@ def all_kinds(ctx: typer.Context, incomplete: str) -> Iterator[str]:
 
 @_completing
 def labels(ctx: typer.Context, incomplete: str) -> list[str]:
-    """Return the filter labels of the config that is named on the command line."""
+    """Complete the filter labels of the config that is named on the command line."""
     return list(_config_in_line(ctx)["filters"])
 
 
@@ -123,7 +123,7 @@ def _key_paths(part: Any, group: str | None, path: str) -> Iterator[str]:
 
 
 def _config_in_line(ctx: typer.Context) -> dict[str, Any]:
-    """Return the config on the command line with its includes resolved."""
+    """Read the config on the command line, with its includes resolved."""
     from trackbench.config.includes import inline_parts
     from trackbench.config.shipped_experiments import located
     from trackbench.yaml_source import read
@@ -270,7 +270,7 @@ MARKDOWN = "markdown"
 
 
 def formats(text: str, printed: tuple[str, ...] = ()) -> list[str]:
-    """Return the formats of files, or of what is printed, in a list with commas; raises UserError."""
+    """Split the formats of files, or of what is printed, at commas; raises UserError."""
     return [one_of("--format", f, ("png", "svg", "pdf", "tex", *printed)) for f in text.split(",")]
 
 

@@ -4,7 +4,7 @@ import json
 import os
 import shlex
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from contextvars import ContextVar
 from math import isfinite, isnan
@@ -89,7 +89,7 @@ def _stdout_apart() -> Iterator[TextIO]:
 
 
 def _is_the_systems(stream: TextIO) -> bool:
-    """Return whether a stream is the real stdout, and not a caller's replacement."""
+    """Distinguish the real stdout from a caller's replacement."""
     try:
         return stream.fileno() == _STDOUT
     except (OSError, ValueError):
@@ -97,7 +97,7 @@ def _is_the_systems(stream: TextIO) -> bool:
 
 
 def as_reportable(error: Exception) -> "UserError | RunError":
-    """Return the error as one with a printable message; an internal bug is raised again."""
+    """Give the error a printable message; an internal bug is raised again."""
     from trackbench.errors import RunError, UserError, reason
 
     if isinstance(error, UserError | RunError):
@@ -118,7 +118,7 @@ def print_error(error: "UserError | RunError") -> int:
 
     if isinstance(error, UserError):
         if "--json" in sys.argv:
-            echo_line(mistakes(error.problems))
+            echo_line({"good": False, "mistakes": [*map(_mistake, error.problems)]})
         typer.echo(str(error), err=True)
         return 2
     typer.echo(f"error: {error}", err=True)
@@ -128,17 +128,12 @@ def print_error(error: "UserError | RunError") -> int:
 
 
 def resume_command() -> str:
-    """Return the command line to type again, without ``--fresh``, which would compute all anew."""
+    """Repeat the command line without ``--fresh``, which would compute all anew."""
     return shlex.join(["trackbench", *(word for word in sys.argv[1:] if word != "--fresh")])
 
 
-def mistakes(problems: "Iterable[Problem | str]") -> dict[str, Any]:
-    """Return the problems of bad input as data, with their places."""
-    return {"good": False, "mistakes": [_mistake(problem) for problem in problems]}
-
-
 def reported(report: "Report") -> dict[str, Any]:
-    """Return a run's files, tables and notes as data."""
+    """Describe a run's files, tables and notes as data."""
     from trackbench.report.verdicts.files import claim_rows, number_rows
 
     return {
@@ -162,14 +157,14 @@ def _mistake(problem: "Problem | str") -> dict[str, Any]:
 
 
 def table_rows(table: "Table") -> dict[str, Any]:
-    """Return a table's title, rows and notes as data."""
+    """Describe a table's title, rows and notes as data."""
     header = table.csv_header
     rows = [dict(zip(header, row, strict=True)) for row in table.csv_rows()]
     return {"title": table.title, "rows": rows, "notes": table.notes}
 
 
 def _text_rows(table: "TextTable") -> dict[str, Any]:
-    """Return a table's title, its rows as on the screen, and notes as data."""
+    """Convert a table to data, its rows as on the screen."""
     rows = []
     for row in table.rows:
         texts = [cell.text for cell in row]

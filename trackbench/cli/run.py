@@ -60,8 +60,7 @@ def run(
     """Run experiments and write tables, figures and CSV files."""
     _begin(given)
     given |= {"quick": quick, "force": force, "save_tracks": save_tracks, "shard": shard}
-    given |= {"filters": filters}
-    execute("run", configs, given, watch)
+    execute("run", configs, given | {"filters": filters}, watch)
 
 
 @runs_experiments
@@ -280,7 +279,7 @@ def changed(before: Stamps) -> list[Path]:
 
 
 def _named(config: Path, known: Iterable[Path]) -> set[Path]:
-    """Return the files that a config names; the known ones if it cannot be read."""
+    """List the files that a config names; the known ones if it cannot be read."""
     from trackbench.config.shipped_experiments import with_parts
     from trackbench.errors import UserError
 
@@ -295,7 +294,7 @@ def _stamps(files: Iterable[Path], known: Stamps) -> Stamps:
 
 
 def _stamp(file: Path, known: Stamp | None) -> Stamp | None:
-    """Return the stamp of a file; its content is read only if it was written since ``known``."""
+    """Read a file's content for its stamp only if it was written since ``known``."""
     try:
         status = file.stat()
         if not S_ISREG(status.st_mode):

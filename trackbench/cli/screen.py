@@ -123,7 +123,7 @@ def _widths(table: TextTable, room: int) -> dict[int, int]:
 
 
 def _least(table: TextTable, column: int, wrapped: str) -> int:
-    """Return the width of the longest word; of numbers, and cells that do not match, the whole cell."""
+    """Measure the longest word; of numbers, and cells that do not match, the whole cell."""
     head, *cells = _texts(table, column)
     is_wrapped = not _is_numeric(table, column) and all(re.match(wrapped, c) for c in cells)
     return max(
@@ -132,6 +132,6 @@ def _least(table: TextTable, column: int, wrapped: str) -> int:
 
 
 def _texts(table: TextTable, column: int) -> list[str]:
-    """Return the heading of a column, then its cells."""
+    """List the heading of a column, then its cells."""
     cells = [row[column] for row in table.rows]
     return [table.heads[column], *("*" * cell.best + cell.text for cell in cells)]

@@ -23,7 +23,7 @@ def check_keywords(name: str, keywords: Iterable[str], known: list[str]) -> None
 
 
 def with_known_keywords(*options: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Return a decorator that raises UserError for an unknown keyword argument.
+    """Decorate a function to raise UserError for an unknown keyword argument.
 
     ``options`` are the keywords that the decorated function accepts as ``**changes``.
     """

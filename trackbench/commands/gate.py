@@ -9,7 +9,7 @@ from dataclasses import replace
 from math import isnan, nan
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from trackbench.commands.prepare import Options, file_of, prepare
 from trackbench.commands.run_experiment import run_all
@@ -114,7 +114,7 @@ def _at_ref(
 
 
 def _top(path: Path) -> Path | None:
-    """Return the top folder of a file's git repository, if it is in one."""
+    """Find the top folder of a file's git repository, if it is in one."""
     command = ["git", "-C", str(path.resolve().parent), "rev-parse", "--show-toplevel"]
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=True)
@@ -136,7 +136,7 @@ def _ref_error(ref: str, what: str) -> UserError:
 
 
 def _judged(stored: Results, now: Results, limit: Limit, cost: float) -> Verdict:
-    """Return the verdict on the primary metrics of the filters that both have."""
+    """Judge the primary metrics of the filters that both have."""
     rows, why = compare_folders(stored, now)
     with_rows = {*stored.columns("summary")["filter"].tolist()}
     before = [label for label in stored.filters if label in with_rows]
@@ -151,7 +151,7 @@ def _judged(stored: Results, now: Results, limit: Limit, cost: float) -> Verdict
 
 
 def judge(rows: Sequence[Row], limit: Limit) -> list[Row]:
-    """Return the rows with one-sided p-values by Holm, and a verdict each."""
+    """Judge the rows by one-sided p-values (Holm)."""
     zs = [nan if row.how == EQUAL else row.worse.z for row in rows]
     judged = []
     for row, z, p, sign in zip(rows, zs, *rules.beyond(zs, limit.sigmas), strict=True):
@@ -166,16 +166,16 @@ def judge(rows: Sequence[Row], limit: Limit) -> list[Row]:
 
 
 def _costs(stored: Results, now: Results, most: float) -> list[Row]:
-    """Return a row for each cost: evaluations, and CPU times if both are of this machine."""
+    """Compare costs: evaluations, and CPU times if both are of this machine."""
     both = (stored, now)
     if not most or not all((r.folder / TIMING).is_file() for r in both):
         return []
     same = len({(r.manifest.get("processor"), r.manifest.get("platform")) for r in both}) == 1
-    old, new = (
-        {(*map(row.get, r.grid), row["filter"]): row for row in r.columns("timing").records()}
-        for r in both
-    )
-    rows = []
+    costs: list[dict[tuple[Any, ...], dict[str, Any]]] = []
+    for r in both:
+        records = r.columns("timing").records()
+        costs.append({(*map(row.get, r.grid), row["filter"]): row for row in records})
+    (old, new), rows = costs, []
     for kind in ("likelihoods", "covariances", *(["cpu_s_per_run"] if same else [])):
         for key in (key for key in new if key in old):
             a, b = (nan if row[key][kind] == "-" else float(row[key][kind]) for row in (old, new))

@@ -4,7 +4,7 @@ import json
 import os
 import stat
 import sys
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from itertools import chain
@@ -21,7 +21,6 @@ from trackbench.config.shipped_experiments import folder as shipped_folder
 from trackbench.config.shipped_experiments import listed, located
 from trackbench.config.tuned_entries import Chosen
 from trackbench.errors import Mark, Problem, UserError, reason
-from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.precision_check import checkpoints
 from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.engines import Engine, cpu_count, engine
@@ -100,7 +99,7 @@ OPTION_NAMES = tuple(field.name for field in fields(Options))
 
 
 def file_of(config: Config, options: Options) -> Path | Mapping[str, Any]:
-    """Return the path of a config or shipped experiment of this name, or the mapping itself."""
+    """Find the path of a config or shipped experiment of this name; a mapping stays itself."""
     if isinstance(config, Mapping):
         return config
     return located(Path(config), lambda line: say(line, options))
@@ -146,7 +145,7 @@ class Job(NamedTuple):
 
 
 def jobs_of(configs: Sequence[Config], options: Options) -> list[Job]:
-    """Return a job for each config; raises UserError with the mistakes of all of them."""
+    """Prepare a job for each config; raises UserError with the mistakes of all of them."""
     jobs: list[Job] = []
     problems: dict[Problem | str, None] = {}
     for config in configs:
@@ -160,19 +159,15 @@ def jobs_of(configs: Sequence[Config], options: Options) -> list[Job]:
             what = f"another config of this command writes into {job.folder}/, too"
             problems[Problem(mark, "name", what)] = None
         jobs.append(job)
-    if not _may_write(cache_folder()) and _computes(jobs, options):
-        what = "may not be written in; finished blocks are kept where TRACKBENCH_CACHE says"
-        problems[Problem(Mark(f"{cache_folder()}/"), "", what)] = None
+    if not _may_write(cache_folder()):
+        store = BlockStore(cache_folder())
+        tasks = chain.from_iterable(job.plan.unique for job in jobs)
+        if options.fresh or any(store.get(task) is None for task in tasks):
+            what = "may not be written in; finished blocks are kept where TRACKBENCH_CACHE says"
+            problems[Problem(Mark(f"{cache_folder()}/"), "", what)] = None
     if problems:
         raise UserError(*problems)
     return jobs
-
-
-def _computes(jobs: Sequence[Job], options: Options) -> bool:
-    """Return whether any block of the jobs is still to be computed."""
-    store = BlockStore(cache_folder())
-    tasks = chain.from_iterable(job.plan.unique for job in jobs)
-    return options.fresh or any(store.get(task) is None for task in tasks)
 
 
 def _job(config: Config, options: Options, alone: bool) -> Job:
@@ -185,9 +180,8 @@ def _job(config: Config, options: Options, alone: bool) -> Job:
         added = ["with", *(Path(file).stem for file in options.filters)] if options.filters else []
         folder /= "-".join([experiment.settings.name, *added])
     if options.spare and (stored := _stored_runs(folder)) > experiment.settings.runs:
-        beside = folder.with_name(f"{folder.name}-quick")
         say(f"note: {folder}/ has {stored} runs and stays; --force replaces them", options)
-        folder = beside
+        folder = folder.with_name(f"{folder.name}-quick")
     _check_out(folder, data_from_python(experiment, folder))
     check_memory(experiment, options.save_tracks)
     most = experiment.settings.runs
@@ -199,7 +193,7 @@ def _job(config: Config, options: Options, alone: bool) -> Job:
 
 
 def expected_time(job: Job, options: Options) -> str:
-    """Return how long the missing blocks take, from stored results of the same scenario and filters."""
+    """Estimate the time of the missing blocks from stored results of the same scenario and filters."""
     store, workers = BlockStore(cache_folder()), min(most_workers(options), len(job.plan.unique))
     missing = [t for t in job.plan.unique if options.fresh or not store.has_file(t)]
     if not missing:
@@ -207,21 +201,18 @@ def expected_time(job: Job, options: Options) -> str:
     cpu_s = _cpu_s_of_run(job, options)
     if cpu_s is None:
         return "time unknown: no results of the same scenario and filters are stored"
-    share = _runs(missing) / _runs(job.plan.unique)
+    missing_runs = sum(task.runs_used for task in missing)
+    share = missing_runs / sum(task.runs_used for task in job.plan.unique)
     seconds = cpu_s * job.most * share / workers
     size, unit = next(((s, u) for s, u in _LONG if seconds >= 2 * s), (1, "s"))
     return f"about {max(seconds / size, 1):.2g} {unit}"
-
-
-def _runs(tasks: Iterable[BlockTask]) -> int:
-    return sum(task.runs_used for task in tasks)
 
 
 _LONG = ((3600, "h"), (60, "min"))
 
 
 def _cpu_s_of_run(job: Job, options: Options) -> float | None:
-    """Return CPU seconds of all filters' run in the results folder, or of the shipped experiment."""
+    """Find the CPU seconds of a run in the results folder, or of the shipped experiment."""
     wanted = resolved(job.experiment, job.folder)
     with suppress(OSError, UserError, ValueError, LookupError, TypeError):
         facts = read_manifest(job.folder)
@@ -245,7 +236,7 @@ _SAME = ("scenario", "filters", "grid", "only")
 
 
 def plan_of(experiment: Experiment, most: int, options: Options) -> Plan:
-    """Return the plan of an experiment of at most ``most`` runs, which `until` may end earlier."""
+    """Plan an experiment of at most ``most`` runs, which `until` may end earlier."""
     settings = experiment.settings
     stops = list(checkpoints(settings.min_runs, most)) if settings.until else []
     return make_plan(experiment, options.save_tracks, stops)
@@ -268,7 +259,7 @@ def most_workers(options: Options) -> int:
 
 
 def most_drawers(options: Options) -> int:
-    """Return how many processes may draw figures: as many as compute on this machine."""
+    """Limit the number of processes that draw figures to those that compute on this machine."""
     return most_workers(options) if options.engine == "processes" else 1
 
 
@@ -298,14 +289,14 @@ def _check_out(folder: Path, data: Collection[str]) -> None:
 
 
 def _stored_runs(folder: Path) -> int:
-    """Return the number of runs of the results in a folder; 0 without results."""
+    """Count the runs of the results in a folder; 0 without results."""
     with suppress(OSError, ValueError, LookupError, TypeError):
         return int(json.loads((folder / "manifest.json").read_bytes())["runs"])
     return 0
 
 
 def _foreign_file(folder: Path, data: Collection[str]) -> Path | None:
-    """Return a file that a run would replace in a folder that no run has written, or None.
+    """Find a file that a run would replace in a folder that no run has written.
 
     A run that was killed has left a manifest, its points, or its config alone.
     """
@@ -319,7 +310,7 @@ def _foreign_file(folder: Path, data: Collection[str]) -> Path | None:
 
 
 def _is_written(config: Path) -> bool:
-    """Return whether a config has the form in which runs write theirs."""
+    """Test whether a config has the form in which runs write theirs."""
     with suppress(OSError, UserError, ValueError, LookupError):
         text = config.read_text(encoding="utf-8")
         return as_yaml(read(config).data) == text
@@ -327,6 +318,6 @@ def _is_written(config: Path) -> bool:
 
 
 def _may_write(folder: Path) -> bool:
-    """Return whether the folder, or its first existing parent, is writable."""
+    """Test whether the folder, or its first existing parent, is writable."""
     existing = next((f for f in (folder, *folder.absolute().parents) if f.exists()), folder)
     return os.access(existing, os.W_OK | os.X_OK)

@@ -120,7 +120,7 @@ def _import_ahead() -> None:
 
 
 def preview(configs: Sequence[Config], options: Options) -> list[str]:
-    """Return a line for each experiment that `run_all` would run, with the time that it takes."""
+    """Describe each experiment that `run_all` would run in a line, with the time that it takes."""
     return [f"{job.line}; {expected_time(job, options)}" for job in jobs_of(configs, options)]
 
 
@@ -279,8 +279,11 @@ def _parse_shard(text: str) -> tuple[int, int]:
 
 
 def _plan_of_shard(plan: Plan, shard: int, shards: int) -> Plan:
-    """Return the plan with consecutive blocks: every shard has blocks of all filters."""
+    """Restrict the plan to consecutive blocks: every shard has blocks of all filters."""
     n = len(plan.unique)
     mine = set(plan.unique[n * (shard - 1) // shards : n * shard // shards])
-    parts = {key: [t for t in tasks if t in mine] for key, tasks in plan.tasks.items()}
-    return replace(plan, tasks={key: tasks for key, tasks in parts.items() if tasks})
+    parts = {}
+    for key, tasks in plan.tasks.items():
+        if chosen := [task for task in tasks if task in mine]:
+            parts[key] = chosen
+    return replace(plan, tasks=parts)

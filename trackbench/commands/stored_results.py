@@ -180,7 +180,7 @@ class Report:
 
 @with_known_keywords()
 def load(folder: Path | str) -> Report:
-    """Return the results of an earlier run."""
+    """Read the results of an earlier run."""
     results = open_results(Path(folder))
     failed = [f"{row['filter']} failed: {row['reason']}" for row in results.failed]
     return Report(results, failed)
@@ -247,7 +247,7 @@ def report(folder: Path | str, allow_plugins: bool = False) -> list[Path]:
 
 
 def _whole(results: Results, written: list[Path]) -> list[Path]:
-    """Return the written files; raises PartialReportError if others failed."""
+    """Raise PartialReportError if any output beside the written files failed."""
     if results.unmade:
         raise PartialReportError(results.unmade_lines, written)
     return written
@@ -296,7 +296,7 @@ paper:
 
 
 def codecheck_text(folders: Sequence[Path], root: Path) -> str:
-    """Return the file's content, with paths from ``root``; raises UserError for other folders."""
+    """Write the file's content, with paths from ``root``; raises UserError for other folders."""
     results = [Results(folder) for folder in folders]
     manifest = [item for one in results for item in _codecheck_items(one, root)]
     names = " ".join(os.path.relpath(folder, root) for folder in folders)

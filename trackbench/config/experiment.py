@@ -186,8 +186,8 @@ class DrawnExhibit(Exhibit):
 
     @property
     def shown_runs(self) -> int:
-        """Number of runs whose tracks must be stored."""
-        return 0
+        """Number of runs whose tracks must be stored: up to the key ``run``, if it is in `numbers`."""
+        return int(getattr(self, "run", 0)) if "run" in self.numbers else 0
 
     @property
     def shown_covariances(self) -> bool:

@@ -15,6 +15,7 @@ from warnings import catch_warnings, simplefilter
 
 import numpy as np
 
+from trackbench.config.experiment import Point
 from trackbench.config.load import load
 from trackbench.config.plugin_checks import NO_FILTER, is_program, load_file
 from trackbench.contract.checks import CHECKS, Check, ContractError, LeftOutError, alike
@@ -110,16 +111,13 @@ def check_file(
     out: dict[str, list[Finding]] = {}
     for kind, cls in classes.items():
         labels = [label for label, f in point.filters.items() if f.kind == kind]
-        of_kind = {
-            n: [*check_filter(cls, point.filters[n], on=ModelDraws(base=point.assumed_scenario(n)))]
-            for n in labels
-        } or {kind: [*check_filter(cls, on=ModelDraws(base=point.scenario))]}
-        out |= _with_other_keys(of_kind)
+        alone = {} if labels else {kind: [*check_filter(cls, on=ModelDraws(base=point.scenario))]}
+        out |= alone or _check_entries(cls, point, labels)
     return out
 
 
 def _labels_of_program(path: Path, on: Path) -> list[str]:
-    """Return the filters of a config whose command has the file."""
+    """Find the filters of a config whose command has the file."""
     data = read(on).data
     entries = data.get("filters") if isinstance(data, dict) else None
     labels = []
@@ -133,7 +131,7 @@ def _labels_of_program(path: Path, on: Path) -> list[str]:
 def _check_program(
     path: Path, on: Path | None, labels: list[str], allow_plugins: bool
 ) -> dict[str, list[Finding]]:
-    """Return the findings of a program, with the keys of each filter of a config that runs it."""
+    """Check a program, with the keys of each filter of a config that runs it."""
     if not labels and not is_program(path):
         what = "`--on CONFIG` checks a script, by the command of its filter there"
         raise UserError(f"{path}: {NO_FILTER}; {what}")
@@ -144,24 +142,26 @@ def _check_program(
     if program is not None:
         problem = ModelDraws(base=point.scenario)
         return {path.stem: [*check_filter(External, program, on=problem)]}
+    return _check_entries(External, point, labels)
+
+
+def _check_entries(
+    cls: type[AnyFilter], point: Point, labels: Sequence[str]
+) -> dict[str, list[Finding]]:
+    """Check a filter with the keys of each entry of a config; if it fits with one, the code is right."""
     by_label = {}
     for label in labels:
         problem = ModelDraws(base=point.assumed_scenario(label))
-        by_label[label] = [*check_filter(External, point.filters[label], on=problem)]
-    return _with_other_keys(by_label)
-
-
-def _with_other_keys(by_kind: dict[str, list[Finding]]) -> dict[str, list[Finding]]:
-    """Return the findings; if the filter fits with the keys of one entry, the code is right."""
+        by_label[label] = [*check_filter(cls, point.filters[label], on=problem)]
     name = CHECKS["consistency"][0]
-    if Finding(name, "good") not in chain.from_iterable(by_kind.values()):
-        return by_kind
-    for findings in by_kind.values():
+    if Finding(name, "good") not in chain.from_iterable(by_label.values()):
+        return by_label
+    for findings in by_label.values():
         for i, f in enumerate(findings):
             if f.check == name and f.verdict == "bad":
                 why = f"fits with other keys; with these {f.why}"
                 findings[i] = f._replace(verdict="left out", why=why)
-    return by_kind
+    return by_label
 
 
 def check_filter(
@@ -214,7 +214,7 @@ def check_filter(
 
 
 def _exemptions(tracker: AnyFilter, scenario: Scenario, why_not_linear: str) -> dict[str, str]:
-    """Return the checks that are left out, with reasons."""
+    """Collect the checks that are left out, with reasons."""
     exempt: dict[str, str] = dict(type(tracker).contract_exemptions)
     if isinstance(tracker, GaussianFilter) and tracker.robust:
         exempt.setdefault("kalman", "weighs measurements by `robust`")
@@ -222,11 +222,8 @@ def _exemptions(tracker: AnyFilter, scenario: Scenario, why_not_linear: str) -> 
         exempt.setdefault("consistency", exempt["kalman"])
     if tracker.loops_over_runs:
         exempt.setdefault("kalman", "a filter of one run is compared by its errors")
-    if (
-        tracker.runs_program
-        and runs_on(tracker, scenario)
-        and not has_covariance(tracker, scenario)
-    ):
+    program_runs = tracker.runs_program and runs_on(tracker, scenario)
+    if program_runs and not has_covariance(tracker, scenario):
         exempt |= dict.fromkeys(("covariance", "consistency"), "the program answers no covariance")
     of_contract = scenario in (PLANAR, RADAR)
     if not of_contract:
@@ -269,7 +266,7 @@ def run_check(
 
 
 def _with_defaults(cls: type[AnyFilter]) -> AnyFilter:
-    """Return the filter with its default keys, which must be hashable, comparable and picklable."""
+    """Make the filter with its default keys: it must be hashable, comparable and picklable."""
     if not is_dataclass(cls):
         raise ContractError("is not a dataclass (frozen=True, kw_only=True)")
     one, other = cls(), cls()
@@ -287,7 +284,7 @@ def _with_defaults(cls: type[AnyFilter]) -> AnyFilter:
 def _choose_scenario(
     tracker: AnyFilter, scenarios: Sequence[Scenario], on: Scenario | None
 ) -> tuple[Scenario | None, str]:
-    """Return the first scenario that the filter can run on, and why not the ones before it."""
+    """Choose the first scenario that the filter can run on; say why not those before it."""
     reasons: list[str] = []
     for scenario in (PLANAR, SCALAR, RADAR, *scenarios) if on is None else (on,):
         if not (why := why_not(tracker, scenario)):
@@ -297,7 +294,7 @@ def _choose_scenario(
 
 
 def takes_model(tracker: AnyFilter, of_radar: bool) -> bool:
-    """Return whether the estimates depend on the noise of the runner's model.
+    """Test whether the estimates depend on the noise of the runner's model.
 
     A filter of one run often has one of the noises in a key: it takes the model if it uses both.
     """

@@ -51,7 +51,7 @@ class LeftOutError(Exception):
 
 
 def alike(a: Estimates, b: Estimates) -> bool:
-    """Return whether two estimates are equal."""
+    """Test whether two estimates are equal."""
     return np.array_equal(a.mean, b.mean) and np.array_equal(a.cov, b.cov)
 
 
@@ -96,9 +96,8 @@ def _check_shapes(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
         check_names(diagnostics)
         names = sorted(tracker.diagnostic_names)
         if i and declares_diagnostics(type(tracker)) and sorted(diagnostics) != names:
-            raise ContractError(
-                f"diagnostic_names is {names}, diagnostics gives {sorted(diagnostics)}"
-            )
+            gives = f"diagnostics gives {sorted(diagnostics)}"
+            raise ContractError(f"diagnostic_names is {names}, {gives}")
         if i and has_likelihood(tracker):
             checked_numbers("series", {"log_likelihood": tracker.log_likelihood(state)}, runs)
     if single:
@@ -137,14 +136,12 @@ def _check_repeats(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
     before = random.getstate(), np.random.get_state(legacy=False)
     first, second = (run_filter(tracker, scenario, data) for _ in range(2))
     if repr(before) != repr((random.getstate(), np.random.get_state(legacy=False))):
-        raise ContractError(
-            "draws from the global np.random or random: noise comes from `rng` alone"
-        )
+        what = "draws from the global np.random or random"
+        raise ContractError(f"{what}: noise comes from `rng` alone")
     if not np.array_equal(first.mean, second.mean, equal_nan=True):
         source = "SEED" if tracker.runs_program else "`rng`"
-        raise ContractError(
-            f"the estimates differ the second time: noise comes from {source} alone"
-        )
+        what = "the estimates differ the second time"
+        raise ContractError(f"{what}: noise comes from {source} alone")
 
 
 def _check_independence(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
@@ -157,9 +154,8 @@ def _check_independence(tracker: AnyFilter, scenario: Scenario, seed: int) -> No
         changed[..., run] += 1.0
         moved = run_filter(tracker, scenario, data._replace(measurements=changed))
         if not np.array_equal(whole.mean[..., others], moved.mean[..., others], equal_nan=True):
-            raise ContractError(
-                "another measurement in one run changes the estimates of the others"
-            )
+            what = "another measurement in one run changes the estimates of the others"
+            raise ContractError(what)
     # Without random numbers neither the order of the runs nor their number matters.
     if not whole.random:
         turned = run_filter(tracker, scenario, simulate(scenario, runs, step=-1)).mean[..., ::-1]
@@ -182,9 +178,8 @@ def _check_covariance(tracker: AnyFilter, scenario: Scenario, seed: int) -> None
     if asymmetry > 1e-7:
         raise ContractError(f"not symmetric: correlations differ by {asymmetry:.2g}; P - K S K' is")
     if (least := np.linalg.eigvalsh(C).min()) < -1e-7:
-        raise ContractError(
-            f"not positive definite: the correlations have an eigenvalue {least:.2g}"
-        )
+        what = f"the correlations have an eigenvalue {least:.2g}"
+        raise ContractError(f"not positive definite: {what}")
 
 
 def _check_gaps(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
@@ -208,9 +203,8 @@ def _check_gaps(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
             nothing = "NaN" if tracker.runs_program else "NaN, or None per run"
             raise ContractError(f"a missing measurement ({nothing}) is taken as {what}")
     if np.allclose(missing.cov, measured.cov, rtol=1e-9, atol=0.0):
-        raise ContractError(
-            "the covariance is the same with and without a measurement: does the update reduce it?"
-        )
+        what = "the covariance is the same with and without a measurement"
+        raise ContractError(f"{what}: does the update reduce it?")
 
 
 def _check_interval(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
@@ -250,7 +244,7 @@ def _runs_for(tracker: AnyFilter) -> int:
 
 
 def _of_many_particles(tracker: AnyFilter) -> AnyFilter:
-    """Return the filter with so many particles that they leave less room for mistakes."""
+    """Give the filter so many particles that they leave less room for mistakes."""
     if tracker.particle_count < _LEAST_N and any(f.name == "N" for f in fields(tracker)):
         return replace(tracker, N=_LEAST_N)
     return tracker

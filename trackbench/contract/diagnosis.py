@@ -38,7 +38,7 @@ class Scores(NamedTuple):
 
 
 def score(of: Estimates, reference: Estimates, data: Simulation) -> Scores:
-    """Return the scores of estimates; distance and error are in the reference's covariance."""
+    """Score estimates; distance and error are in the reference's covariance."""
     n, n_z, P = len(data.truth), len(data.measurements), reference.cov[:, :, 1:]
     inverse = linalg.inverse(P)
 
@@ -61,7 +61,7 @@ def score(of: Estimates, reference: Estimates, data: Simulation) -> Scores:
 
 
 def misfit(tracker: AnyFilter, scenario: Scenario, runs: int, seed: int) -> str:
-    """Return how a filter differs from the package's on a problem drawn from its model, or nothing."""
+    """Describe how a filter differs from the package's on a problem drawn from its model."""
     data = with_gaps(simulate(scenario, runs, seed=seed))
     tested, sensor = run_filter(tracker, scenario, data), scenario.model.sensor
     # Step 1: references, with a particle filter of as many particles for a filter that draws.
@@ -96,7 +96,7 @@ def misfit(tracker: AnyFilter, scenario: Scenario, runs: int, seed: int) -> str:
 
 
 def _limits(name: str, reference: Array, wide: float) -> tuple[Array, Array]:
-    """Return the least and the largest score that an honest filter may have, per run (M,)."""
+    """Bound the scores that an honest filter may have, per run (M,)."""
     if name == "rmse":
         return np.full_like(reference, -1.0), 3.0 * reference + 0.05
     if name == "spread":
@@ -107,12 +107,12 @@ def _limits(name: str, reference: Array, wide: float) -> tuple[Array, Array]:
 
 
 def _exceeds(excess: Array) -> bool:
-    """Return whether numbers per run (M,) are positive in the mean, by six standard errors."""
+    """Test whether numbers per run (M,) are positive in the mean, by six standard errors."""
     return bool(excess.mean() > _MAX_DEVIATION * excess.std(ddof=1) / np.sqrt(len(excess)))
 
 
 def _cause(of: Estimates, path: Array, sizes: dict[str, float]) -> str:
-    """Return the likely cause of a difference from the path (n, T + 1, M) and of other scores."""
+    """Guess the cause of a difference from the path (n, T + 1, M) and of other scores."""
     mean = of.mean[: len(path)]
 
     def off(other: Array) -> float:
@@ -134,7 +134,7 @@ def _cause(of: Estimates, path: Array, sizes: dict[str, float]) -> str:
 
 
 def mistaken_track(tracker: AnyFilter, problem: Tracking) -> str:
-    """Return how estimates miss the path of a fast target, or nothing; no model is needed for it."""
+    """Describe how estimates miss the path of a fast target; no model is needed for it."""
     data = simulate(problem, 40)
     of, truth, z = run_filter(tracker, problem, data), data.truth, data.measurements
     moved = data._replace(prior=Gaussian(data.prior.mean + 100.0, data.prior.cov))

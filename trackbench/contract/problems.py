@@ -94,14 +94,14 @@ class ModelDraws(Scenario):
 
 
 def _tracking(sensor: SensorBase, launch: Launch, q: float, T: float) -> Tracking:
-    """Return a problem with a target so fast that a late estimate is far away."""
+    """Make a problem with a target so fast that a late estimate is far away."""
     target = Driven(motion=WhiteAcceleration(q=q), launch=launch)
     start = GaussianStart(sigma=(20.0, 10.0, 30.0, 15.0))
     return Tracking(target=target, sensor=sensor, start=start, T=T, last=8)
 
 
 def planar(q: float = 25.0, sigma: float = 20.0, T: float = 2.0) -> Tracking:
-    """Return a linear problem."""
+    """Make a linear problem."""
     launch = Launch(x=1500.0, vx=150.0, y=-700.0, vy=-90.0)
     return _tracking(PositionSensor(sigma=sigma), launch, q, T)
 
@@ -109,7 +109,7 @@ def planar(q: float = 25.0, sigma: float = 20.0, T: float = 2.0) -> Tracking:
 def radar(
     q: float = 25.0, sigma: float = 40.0, T: float = 2.0, at: tuple[float, float] = (-5000.0, 20.0)
 ) -> Tracking:
-    """Return a radar's problem; by default the target is about where the azimuth jumps by 2 pi."""
+    """Make a radar's problem; by default the target is about where the azimuth jumps by 2 pi."""
     sensor = RangeAzimuth(sigma_range=sigma, sigma_azimuth_mrad=sigma)
     return _tracking(sensor, Launch(x=at[0], vx=150.0, y=at[1], vy=-10.0), q, T)
 
@@ -120,7 +120,7 @@ UNEQUAL = ModelDraws(base=PLANAR, unequal=True)
 
 
 def at_unequal_intervals(problem: Scenario) -> ModelDraws | None:
-    """Return a config's problem with intervals that differ from step to step; None if it has none."""
+    """Vary the intervals of a config's problem from step to step; None if they cannot vary."""
     base = problem.base if isinstance(problem, ModelDraws) else None
     if not isinstance(base, Tracking) or len(base.steps) < 3:
         return None
@@ -152,7 +152,7 @@ def simulate(scenario: Scenario, runs: int, step: int = 1, seed: int = 1) -> Sim
 
 
 def run_filter(tracker: AnyFilter, scenario: Scenario, data: Simulation) -> Estimates:
-    """Return the filter's estimates, by `init` and one `step` after another.
+    """Run the filter, by `init` and one `step` after another.
 
     A program takes all steps in one call: from step to step it would begin each run again.
     """
@@ -180,7 +180,7 @@ def run_filter(tracker: AnyFilter, scenario: Scenario, data: Simulation) -> Esti
 
 @lru_cache(maxsize=16)
 def depends_on_seed(tracker: AnyFilter, scenario: Scenario) -> bool:
-    """Return whether a program draws random numbers: its estimates depend on the seed of the run."""
+    """Test whether a program draws random numbers: its estimates depend on the seed of the run."""
     if not tracker.runs_program:
         return False
     data = simulate(scenario, 2)
@@ -193,7 +193,7 @@ def depends_on_seed(tracker: AnyFilter, scenario: Scenario) -> bool:
 
 
 def has_covariance(tracker: AnyFilter, scenario: Scenario) -> bool:
-    """Return whether estimates have a covariance: a program may answer a mean alone."""
+    """Test whether estimates have a covariance: a program may answer a mean alone."""
     return not np.isnan(run_filter(tracker, scenario, simulate(scenario, 1)).cov).all()
 
 
@@ -202,25 +202,26 @@ def _words(rng: Generator) -> list[int]:
 
 
 def runs_on(tracker: AnyFilter, scenario: Scenario) -> bool:
-    """Return whether a filter runs on a scenario, also one that it does not refuse beforehand."""
+    """Test whether a filter runs on a scenario, also one that it does not refuse beforehand."""
     try:
         with guarded(), np.errstate(all="ignore"):
-            return not why_not(tracker, scenario) and bool(
-                run_filter(tracker, scenario, simulate(scenario, 2))
-            )
+            if why_not(tracker, scenario):
+                return False
+            run_filter(tracker, scenario, simulate(scenario, 2))
     except Exception:
         return False
+    return True
 
 
 def why_not(tracker: AnyFilter, scenario: Scenario) -> str:
-    """Return the reason why a filter cannot run on a scenario, or nothing."""
+    """Explain why a filter cannot run on a scenario; an empty text if it can."""
     lacking = [n for n in tracker.all_requirements if not has(scenario, n)]
     mistakes = [] if lacking else list(filter_conflicts(tracker, scenario).values())
     return f"needs {lacking[0]}" if lacking else (mistakes or [""])[0]
 
 
 def with_gaps(data: Simulation) -> Simulation:
-    """Return the data without some measurements, in two runs of three."""
+    """Leave out some measurements, in two runs of three."""
     z = data.measurements.copy()
     z[:, 2::4, ::3] = z[:, 3::5, 1::3] = np.nan
     return data._replace(measurements=z)

@@ -60,7 +60,7 @@ _SCENARIOS = [
 
 
 def parts_of_copy(kind: str) -> dict[str, str]:
-    """Return the values of a template's marks for a filter of this kind; raises UserError."""
+    """Fill a template's marks for a filter of this kind; raises UserError."""
     known = kinds("filters")
     cls = known.get(kind)
     if cls is None:
@@ -98,7 +98,7 @@ def parts_of_copy(kind: str) -> dict[str, str]:
 
 
 def _scenario(kind: str, keys: str, scenarios: list[str]) -> str:
-    """Return the first scenario on which the filter runs; raises UserError if it runs on none."""
+    """Find the first scenario on which the filter runs; raises UserError if it runs on none."""
     refused = UserError()
     for scenario in scenarios:
         text = f"name: a\nscenario:\n  kind: tracking\n{scenario}\nfilters:\n"
@@ -112,7 +112,7 @@ def _scenario(kind: str, keys: str, scenarios: list[str]) -> str:
 
 
 def _imports(module: ModuleType, source: str) -> dict[str, _Import]:
-    """Return the imports that a piece of a module's source needs, by name."""
+    """Find the imports that a piece of a module's source needs, by name."""
     known = {name: (module.__name__, name, "") for name in vars(module)}
     for node in ast.walk(ast.parse(inspect.getsource(module))):
         if isinstance(node, ast.ImportFrom | ast.Import):
@@ -125,7 +125,7 @@ def _imports(module: ModuleType, source: str) -> dict[str, _Import]:
 
 
 def _import_lines(imports: Iterable[_Import]) -> str:
-    """Return the lines of imports, Python's own first."""
+    """Write imports, Python's own first."""
     named: dict[str, list[str]] = {}
     for of, name, alias in sorted(imports):
         named.setdefault(of, []).append(f"{name} as {alias}" if alias else name)

@@ -16,7 +16,7 @@ _GROUPS: tuple[Group, ...] = ("scenarios", *_TOP, "targets", "motions", "sensors
 
 
 def schema() -> JsonSchema:
-    """Return the schema (draft 2020-12): the top level, and every registered kind with its keys."""
+    """Build the schema (draft 2020-12): the top level, and every registered kind with its keys."""
     # Step 1: the top level, with a definition of every kind.
     top = adapter(Settings, documented=True).json_schema(ref_template="#/$defs/{model}")
     definitions: JsonSchema = top.pop("$defs", {})
@@ -58,7 +58,7 @@ _ELSEWHERE: list[JsonSchema] = [
 
 
 def _definitions(group: Group, kind: str, cls: type[Part]) -> JsonSchema:
-    """Return the definition of one kind and of the types that its keys refer to."""
+    """Define one kind and the types that its keys refer to."""
     name = f"{group}.{kind}"
     schema = adapter(cls, documented=True).json_schema(ref_template=f"#/$defs/{name}.{{model}}")
     inner = {f"{name}.{model}": part for model, part in schema.pop("$defs", {}).items()}

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 def listing(groups: Sequence[str]) -> str:
-    """Return the kinds of each group with the first line of their documentation."""
+    """List the kinds of each group with the first line of their documentation."""
     parts = []
     for group in groups:
         docs = documentation(cast(Group, group))
@@ -37,7 +37,7 @@ def listing(groups: Sequence[str]) -> str:
 
 
 def groups_with_counts() -> str:
-    """Return the groups, with their numbers of kinds and the first ones."""
+    """List the groups, with their numbers of kinds and the first ones."""
     from trackbench.config.shipped_experiments import names
 
     known: dict[str, list[str]] = {group: [*documentation(group)] for group in GROUPS}
@@ -48,7 +48,7 @@ def groups_with_counts() -> str:
 
 
 def experiments() -> str:
-    """Return the shipped experiments grouped by paper, with their run times."""
+    """List the shipped experiments grouped by paper, with their run times."""
     from itertools import groupby
 
     from trackbench.config.shipped_experiments import listed
@@ -63,21 +63,15 @@ def experiments() -> str:
 
 
 def problems() -> str:
-    """Return the standard problems with their versions, published numbers, references and times."""
+    """List the standard problems with their versions, published numbers, references and times."""
     from trackbench.config.shipped_experiments import problems
 
     heads = ("name", "version", "numbers", "time", "reference", "title")
-    table = [
-        (p.name, f"v{p.version}", str(p.numbers), _time(p.cpu_s), p.reference, p.title)
-        for p in problems()
-    ]
-    widths = [max(map(len, column)) for column in zip(heads, *table, strict=True)]
-    lines = []
-    for row in (heads, *table):
-        cells = (text.ljust(width) for text, width in zip(row, widths, strict=True))
-        lines.append("  ".join(cells).rstrip())
+    rows = [heads]
+    for p in problems():
+        rows.append((p.name, f"v{p.version}", str(p.numbers), _time(p.cpu_s), p.reference, p.title))
     head = "standard problems (trackbench run NAME; cited as trackbench/NAME vVERSION, N runs;"
-    return "\n".join([f"{head} time on one processor):", "", *(f"  {line}" for line in lines)])
+    return "\n".join([f"{head} time on one processor):", "", *columns(rows)])
 
 
 def rows(groups: Sequence[str]) -> Iterator[JsonRow]:
@@ -89,11 +83,9 @@ def rows(groups: Sequence[str]) -> Iterator[JsonRow]:
             known = METRICS if group == "metrics" else statistics_known()
             yield from filter(None, map(facts, known))
             continue
-        if group == "experiments":
-            yield from ({"group": group, **one._asdict()} for one in listed())
-            continue
-        if group == "problems":
-            yield from ({"group": group, **one._asdict()} for one in problems())
+        if group in ("experiments", "problems"):
+            shipped = listed() if group == "experiments" else problems()
+            yield from ({"group": group, **one._asdict()} for one in shipped)
             continue
         for kind, doc in documentation(cast(Group, group)).items():
             yield {"group": group, "kind": kind, "text": _paragraphs(doc)[0]}
@@ -106,7 +98,7 @@ def _time(seconds: float | None) -> str:
 
 
 def description(kind: str) -> str:
-    """Return the documentation of a kind, a metric, or a group's hooks; raises UserError."""
+    """Document a kind, a metric, or a group's hooks; raises UserError."""
     if kind in GROUPS:
         return _hooks_of(kind)
     texts = [_described(kind, group, cls) for group, cls in _classes_of(kind)]
@@ -133,14 +125,14 @@ def entries(kind: str) -> Iterator[JsonRow]:
 
 
 def experiment_keys() -> list[dict[str, str]]:
-    """Return key, default and text of the top level of an experiment file."""
+    """Describe the top level of an experiment file: key, default and text."""
     from trackbench.config.experiment import Settings
 
     return _as_data(list(_key_rows(Settings, "")))
 
 
 def assume_keys() -> list[dict[str, str]]:
-    """Return key, default and text of what every filter may assume."""
+    """Describe what every filter may assume: key, default and text."""
     return _as_data(_assume_rows())
 
 
@@ -156,7 +148,7 @@ def _as_data(rows: list[tuple[str, str, str]]) -> list[dict[str, str]]:
 
 
 def _classes_of(kind: str) -> list[tuple[Group, type[Part]]]:
-    """Return the groups with a kind of this name, each with its class; empty for a metric."""
+    """Find the groups with a kind of this name, each with its class; none for a metric."""
     from trackbench.config.build import unknown
     from trackbench.errors import Mark, Problem, UserError
 
@@ -169,7 +161,7 @@ def _classes_of(kind: str) -> list[tuple[Group, type[Part]]]:
 
 
 def _rows(group: str, cls: type[Part]) -> list[tuple[str, str, str]]:
-    """Return key, default and text of every key, including `assume`."""
+    """Describe every key, including `assume`: key, default and text."""
     rows = list(_key_rows(cls, ""))
     if group == "filters":
         rows += _assume_rows()
@@ -177,7 +169,6 @@ def _rows(group: str, cls: type[Part]) -> list[tuple[str, str, str]]:
 
 
 def _hooks_of(group: Group) -> str:
-    """Return the required and optional hooks of a group's classes."""
     base = base_of(group)
     declared = list(hooks(base))
     rows = list(columns((hook.form, hook.text) for hook in declared))

@@ -22,7 +22,7 @@ how it is written:
 
 
 def metrics() -> str:
-    """Return every declared metric with its text, the most used ones first."""
+    """List every declared metric with its text, the most used ones first."""
     first = common_metrics()
     names = [*first, *(name for name in METRICS if name not in first)]
     declared = [METRICS[name] for name in names]
@@ -41,25 +41,24 @@ _COMMON = """rmse mae bias std peak anees nees anis nis lost diverged outside_re
 
 
 def statistics() -> str:
-    """Return every statistic, and how to write an expression."""
+    """List every statistic; explain how to write an expression."""
     rows = columns((name, "", text) for name, text in statistics_known().items())
     return "\n".join(["statistics:", *rows, "", WRITTEN])
 
 
 def described(word: str) -> str | None:
-    """Return the text of a metric or a statistic; None if unknown."""
+    """Document a metric or a statistic; None if unknown."""
     if word in statistics_known():
         return f"{word} (statistic)\n\n{statistics_known()[word]}\n\n{WRITTEN}"
     metric, _ = metric_of(word)
     if not metric.help:
         return None
-    return (
-        f"{word} (metric)\n\n{metric.help}\n{_facts(metric, unit_of(word) or metric.unit)}".rstrip()
-    )
+    about = _facts(metric, unit_of(word) or metric.unit)
+    return f"{word} (metric)\n\n{metric.help}\n{about}".rstrip()
 
 
 def facts(word: str) -> JsonRow | None:
-    """Return a metric or a statistic as data; None if unknown."""
+    """Describe a metric or a statistic as data; None if unknown."""
     if word in statistics_known():
         return {"group": "statistics", "kind": word, "text": statistics_known()[word]}
     metric, _ = metric_of(word)
@@ -70,24 +69,21 @@ def facts(word: str) -> JsonRow | None:
 
 
 def metrics_of_config(path: Path, allow_plugins: bool = False) -> str:
-    """Return metrics, windows and numbers that tables and figures of an experiment may use."""
-    by_group: dict[str, list[JsonRow]] = defaultdict(list)
-    for row in rows_of_config(path, allow_plugins):
-        by_group[row["group"]].append(row)
-    names = {}
-    for group, of_group in by_group.items():
-        names[group] = ", ".join(row["kind"] for row in of_group)
+    """List metrics, windows and numbers that tables and figures of an experiment may use."""
+    names: dict[str, list[str]] = defaultdict(list)
     rows = []
-    for row in by_group["metrics"]:
-        files = ", ".join(word for word in ("run", "step") if row[f"per_{word}"])
-        about = _facts(metric_of(row["kind"])[0], row["unit"])
-        rows.append((row["kind"], files if row["kept"] else "not kept", about, row["text"]))
+    for row in rows_of_config(path, allow_plugins):
+        names[row["group"]].append(row["kind"])
+        if row["group"] == "metrics":
+            files = ", ".join(word for word in ("run", "step") if row[f"per_{word}"])
+            about = _facts(metric_of(row["kind"])[0], row["unit"])
+            rows.append((row["kind"], files if row["kept"] else "not kept", about, row["text"]))
     parts = [
         f"metrics of {path}, per run or per step:",
         *columns(rows),
-        f"\nwindows of steps: {names.get('windows') or 'none but the whole'}",
-        f"statistics: {names['statistics']}",
-        f"numbers beside them: {names['numbers']}\n",
+        f"\nwindows of steps: {', '.join(names['windows']) or 'none but the whole'}",
+        f"statistics: {', '.join(names['statistics'])}",
+        f"numbers beside them: {', '.join(names['numbers'])}\n",
         WRITTEN,
     ]
     return "\n".join(parts)
@@ -125,9 +121,8 @@ def rows_of_config(path: Path, allow_plugins: bool = False) -> Iterator[JsonRow]
             "kept": stored is None or measured(name).base in stored,
         }
     yield from ({"group": "windows", "kind": name} for name in sorted(names.windows) if name)
-    yield from (
-        {"group": "statistics", "kind": n, "text": t} for n, t in statistics_known().items()
-    )
+    for name, text in statistics_known().items():
+        yield {"group": "statistics", "kind": name, "text": text}
     yield from ({"group": "numbers", "kind": name} for name in sorted(names.filter_numbers))
 
 
@@ -141,7 +136,7 @@ def statistics_known() -> dict[str, str]:
 
 
 def _facts(metric: Metric, unit: str) -> str:
-    """Return the unit and the better direction of a metric."""
+    """Write the unit and the better direction of a metric."""
     better = _BETTER.get(metric.better, f"{metric.better} is better" if metric.better else "")
     unit = {"1": "", "quantity": "unit of the quantity"}.get(unit, unit)
     return ", ".join(filter(None, [unit, better]))

@@ -23,7 +23,7 @@ T = TypeVar("T")
 
 
 def filter_conflicts(tracker: AnyFilter, scenario: Scenario) -> dict[str, str]:
-    """Return a filter's conflicts with the scenario; for plugins also what would stop the runner."""
+    """Collect a filter's conflicts with the scenario; for plugins also what would stop the runner."""
     if not is_foreign(tracker):
         return tracker.conflicts(scenario)
     try:
@@ -48,7 +48,7 @@ def check_words(*texts: object) -> None:
 
 
 def call_hook(hook: Callable[[S], T], kind: type, about: S) -> T:
-    """Return a hook's value; raises its error, or WrongReturnError for a wrong type."""
+    """Call a hook; raises its error, or WrongReturnError for a wrong type."""
     with guarded():
         value = hook(about)
     if not isinstance(value, (list, tuple) if kind is list else kind):

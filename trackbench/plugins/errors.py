@@ -66,7 +66,7 @@ def located_message(error: BaseException, *parts: object) -> str:
 
 
 def message_of(error: BaseException) -> str:
-    """Return the type and message of an error; for a missing package, how to install it."""
+    """Write the type and message of an error; for a missing package, how to install it."""
     if isinstance(error, ModuleNotFoundError) and error.name:
         name = error.name.partition(".")[0]
         if name in _EXTRAS and find_spec(name) is None:
@@ -79,7 +79,7 @@ def message_of(error: BaseException) -> str:
 
 
 def location_of(error: BaseException, *parts: object) -> str:
-    """Return ``my_filter.py:12: ``, or nothing."""
+    """Write ``my_filter.py:12: ``, or nothing."""
     classes = chain.from_iterable(map(_plugin_classes, walk_parts(parts)))
     files = set(map(_file, classes))
     method = getattr(error, "method", None) or ""  # of a WrongReturnError, whichever it is
@@ -87,13 +87,13 @@ def location_of(error: BaseException, *parts: object) -> str:
 
 
 def foreign_line(error: BaseException) -> str | None:
-    """Return ``my_target.py:12: ValueError: ...`` if plugin code was running."""
+    """Write ``my_target.py:12: ValueError: ...`` if plugin code was running."""
     where = place_within(error, {_file(cls) for cls in registered_kinds() if is_foreign(cls)})
     return where + message_of(error) if where else None
 
 
 def package_line(error: BaseException) -> str:
-    """Return ``columns.py:41: KeyError: 'filter'``, the last package line that was running."""
+    """Write ``columns.py:41: KeyError: 'filter'``, the last package line that was running."""
     frames = [frame for frame, _ in walk_tb(error.__traceback__)]
     names = [(str(f.f_globals.get("__name__", "")), f.f_code.co_filename) for f in frames]
     package_files = {file for module, file in names if module.startswith("trackbench")}
@@ -101,7 +101,7 @@ def package_line(error: BaseException) -> str:
 
 
 def place_within(error: BaseException, files: set[str]) -> str:
-    """Return ``my_filter.py:12: ``, the innermost line in these files, or an empty text."""
+    """Find the innermost line in these files: ``my_filter.py:12: ``, or an empty text."""
     link: BaseException | None = error
     while link is not None:
         for frame, line in reversed(list(walk_tb(link.__traceback__))):
@@ -114,7 +114,7 @@ def place_within(error: BaseException, files: set[str]) -> str:
 
 
 def _plugin_classes(part: object) -> list[type]:
-    """Return the plugin classes that a component is made of."""
+    """List the plugin classes that a component is made of."""
     cls = part if isinstance(part, type) else type(part)
     bases = getattr(cls, "one", cls).__mro__  # `one` is the class that PerRun loops over
     pythons = sys.stdlib_module_names  # such as of `object` and `Generic`
@@ -127,7 +127,7 @@ def _file(cls: type) -> str:
 
 
 def _definition(method: str, part: object) -> str:
-    """Return the place of a method in a component's class, or of the class."""
+    """Locate a method in a component's class, or the class."""
     # The first class that defines the method, or the line of the first class.
     classes = _plugin_classes(part)
     for cls in classes:

@@ -20,14 +20,7 @@ from trackbench.extension_points import InvalidHookError, Part
 from trackbench.field_types import require_regular_file
 from trackbench.plugins.errors import PluginError, guarded, message_of, place_within
 from trackbench.plugins.patches import own_values, patch_message, undo_patches
-from trackbench.plugins.sources import (
-    Finder,
-    Opened,
-    digest_of,
-    forget_edited,
-    imports,
-    recorded,
-)
+from trackbench.plugins.sources import Finder, Opened, digest_of, forget_edited, imports, recorded
 
 _KEYED = ("trackbench", "numpy", "scipy")
 """Packages whose versions are part of every block's key."""
@@ -89,7 +82,7 @@ class Plugin:
 
 
 def read_plugin(path: Path, files: Iterable[Path] = (), environment: Iterable[str] = ()) -> Plugin:
-    """Return the file as it is now, with the declared files and variables; raises OSError."""
+    """Read the file as it is now, with the declared files and variables; raises OSError."""
     source = require_regular_file(path).read_bytes()
     name = str(path.absolute())
     Finder.look_beside(name)
@@ -105,7 +98,7 @@ def read_plugin(path: Path, files: Iterable[Path] = (), environment: Iterable[st
 
 
 def _digest_of_all(file: Path) -> str:
-    """Return the digest of a file, or of all files in a folder."""
+    """Digest a file, or all files in a folder."""
     if not file.is_dir():
         return digest_of(require_regular_file(file))
     names = sorted(inner for inner in file.rglob("*") if inner.is_file())
@@ -118,27 +111,23 @@ def _digests(files: Iterable[str]) -> Digests:
 
 
 def _values(variables: Iterable[str]) -> Digests:
-    """Return digests of environment variables: their values may be secret."""
-    texts = ((name, os.environ.get(name)) for name in sorted(variables))
-    digests = (
-        (n, hashlib.sha256(t.encode()).hexdigest() if t is not None else _UNSET) for n, t in texts
-    )
+    """Digest environment variables: their values may be secret."""
+    digests = []
+    for name in sorted(variables):
+        text = os.environ.get(name)
+        digest = _UNSET if text is None else hashlib.sha256(text.encode()).hexdigest()
+        digests.append((name, digest))
     return tuple(digests)
 
 
 def _versions(names: Iterable[str]) -> Iterator[tuple[str, str]]:
     """Yield installed packages of these names with their versions."""
-    for name in sorted(names):
-        if name and name not in (*_KEYED, *sys.stdlib_module_names):
-            yield from _version(name)
-
-
-def _version(name: str) -> Iterator[tuple[str, str]]:
-    try:
-        yield name, version(name)
-    except PackageNotFoundError:  # a package need not be called as what it holds
-        for other in packages_distributions().get(name, ()):
-            yield other, version(other)
+    for name in sorted(set(names).difference(("", *_KEYED), sys.stdlib_module_names)):
+        try:
+            yield name, version(name)
+        except PackageNotFoundError:  # a package need not be called as what it holds
+            for other in packages_distributions().get(name, ()):
+                yield other, version(other)
 
 
 def load_plugin(plugin: Plugin, check: Callable[[type[Part]], None] | None = None) -> Plugin:
@@ -150,7 +139,11 @@ def load_plugin(plugin: Plugin, check: Callable[[type[Part]], None] | None = Non
     """
     Finder.look_beside(plugin.path)
     loaded = _loaded.get(plugin.module) if plugin.module in sys.modules else None
-    wanted = _read_again(loaded) if loaded and check else plugin
+    wanted = plugin
+    if loaded and check:
+        # As it is now, with what it imported, opened and read.
+        read = Opened((n for n, _ in loaded.opened), (n for n, _ in loaded.variables))
+        wanted = _with_opened(loaded, read)
     if loaded is not None and loaded.identity == wanted.identity:
         registry.reactivate(plugin.module)
         return loaded
@@ -191,7 +184,7 @@ _loaded: dict[str, Plugin] = {}
 
 
 def _new_module(plugin: Plugin) -> ModuleType:
-    """Return a module under the name of the content, in which the code is to run."""
+    """Make a module under the name of the content, in which the code is to run."""
     module = ModuleType(plugin.module)
     module.__file__ = plugin.path
     setattr(module, "__plugin_digest__", plugin.identity)  # noqa: B010 (no such field in the type)
@@ -210,7 +203,7 @@ def _mark(plugin: Plugin, modules: Iterable[str]) -> None:
 
 
 def _with_opened(plugin: Plugin, opened: Opened) -> Plugin:
-    """Return the plugin with the files that it opened and the variables that it read."""
+    """Add the files that a plugin opened and the variables that it read."""
     modules, packages = imports(plugin.source, plugin.path)  # it may have extended the path
     known = {plugin.path, *(name for name, _ in (*plugin.files, *plugin.code))}
     folders = tuple(f"{name}{os.sep}" for name, _ in plugin.files)
@@ -222,12 +215,6 @@ def _with_opened(plugin: Plugin, opened: Opened) -> Plugin:
         opened=_digests(files - known),
         variables=_values(variables),
     )
-
-
-def _read_again(plugin: Plugin) -> Plugin:
-    """Return a loaded plugin with what it imported, opened and read as it is now."""
-    opened = Opened((n for n, _ in plugin.opened), (n for n, _ in plugin.variables))
-    return _with_opened(plugin, opened)
 
 
 def _compare_with_main(plugin: Plugin) -> None:

@@ -22,7 +22,7 @@ OwnValues: TypeAlias = tuple[Names, Bodies]
 
 
 def own_values() -> OwnValues:
-    """Return the values of the modules and classes of the package, numpy and scipy."""
+    """Record the values of the modules and classes of the package, numpy and scipy."""
     names = [(holder, dict(vars(holder))) for holder in _holders()]
     values = chain.from_iterable(of_holder.values() for _, of_holder in names)
     return names, {v: _body(v) for v in values if isinstance(v, FunctionType)}
@@ -55,7 +55,11 @@ def undo_patches(before: OwnValues) -> list[str]:
         now = dict(vars(holder))
         for name in {**values, **now} if now != values else ():
             if _is_patched(holder, values.get(name, _MISSING), now.get(name, _MISSING), name):
-                replaced.append(f"{_title(holder)}.{name}")
+                is_class = isinstance(holder, type)
+                prefix = (
+                    f"{holder.__module__}.{holder.__qualname__}" if is_class else holder.__name__
+                )
+                replaced.append(f"{prefix}.{name}")
                 if name in values:
                     setattr(holder, name, values[name])
                 else:
@@ -64,7 +68,7 @@ def undo_patches(before: OwnValues) -> list[str]:
 
 
 def _is_patched(holder: Any, before: Any, now: Any, name: str) -> bool:
-    """Return whether a name has another value; of numpy and scipy only functions count.
+    """Test whether a name has another value; of numpy and scipy only functions count.
 
     Importing a submodule or using a class adds names, which are no patches.
     """
@@ -76,13 +80,8 @@ def _is_patched(holder: Any, before: Any, now: Any, name: str) -> bool:
     return before is not _MISSING and callable(before)
 
 
-def _title(holder: Any) -> str:
-    is_class = isinstance(holder, type)
-    return f"{holder.__module__}.{holder.__qualname__}" if is_class else str(holder.__name__)
-
-
 def patch_message(names: list[str]) -> str:
-    """Return why a plugin that replaces these names is refused, and what to do."""
+    """Explain why a plugin that replaces these names is refused, and what to do."""
     more = f" and {len(names) - 1} more" if len(names) > 1 else ""
     return (
         f"replaces {names[0]}{more}, which filters of the package use, too; a plugin may only add: "

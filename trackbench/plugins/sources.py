@@ -25,9 +25,7 @@ import trackbench
 
 _HOME = Path(trackbench.__file__).parent
 _PYTHON = [Path(sysconfig.get_path(name)) for name in ("stdlib", "platstdlib")]
-_OF_THE_SYSTEM = [
-    Path(root) for root in ("/dev", "/etc", "/proc", "/sys", "/usr/lib", "/usr/share")
-]
+_OF_THE_SYSTEM = [*map(Path, ("/dev", "/etc", "/proc", "/sys", "/usr/lib", "/usr/share"))]
 _OF_THE_USER = [Path("~/.cache").expanduser(), Path("~/.config").expanduser()]
 _EXTENSIONS = (".so", ".pyd")
 _executed: dict[str, str] = {}
@@ -35,13 +33,13 @@ _executed: dict[str, str] = {}
 
 
 def digest_of(path: str | Path) -> str:
-    """Return the SHA-256 of a file; raises OSError."""
+    """Digest a file by SHA-256; raises OSError."""
     return hashlib.sha256(Path(path).read_bytes()).hexdigest()
 
 
 @cache
 def is_installed(file: str) -> bool:
-    """Return whether a file belongs to Python, to trackbench, or to a package with a RECORD."""
+    """Test whether a file belongs to Python, to trackbench, or to a package with a RECORD."""
     path = Path(file)
     if path.is_relative_to(_HOME) or not path.is_absolute():  # such as <string>
         return True
@@ -53,7 +51,7 @@ def is_installed(file: str) -> bool:
 
 @cache
 def _recorded(folder: str) -> frozenset[str]:
-    """Return the files that the packages installed in a folder list in their RECORD."""
+    """List the files that the packages installed in a folder have in their RECORD."""
     packages = distributions(path=[folder])
     lines = ((package.read_text("RECORD") or "").splitlines() for package in packages)
     return frozenset(line.partition(",")[0] for line in chain.from_iterable(lines))
@@ -100,7 +98,7 @@ def _get_code(loader: SourceFileLoader, fullname: str) -> CodeType | None:
 
 
 def imports(source: bytes, plugin: str) -> tuple[dict[str, str], set[str]]:
-    """Return modules outside installed packages, each with its file, and names of other packages.
+    """Find modules outside installed packages, each with its file, and names of other packages.
 
     They are those that a plugin's source imports anywhere, and that these modules import in turn.
     Nothing is run.
@@ -187,7 +185,7 @@ class Opened:
         self.written: set[str] = set()
 
     def files(self) -> list[str]:
-        """Return the files that make the plugin: those of no installed package, and not written."""
+        """Select the files that make the plugin: those of no installed package, and not written."""
         paths: dict[str, None] = {}
         for name in self.read:
             path = Path(name)

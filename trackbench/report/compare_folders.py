@@ -7,6 +7,7 @@ the difference of a metric per run has less noise than either value. Without per
 another seed or scenario, the numbers of both folders are independent, and their variances add up.
 """
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from math import copysign, inf, isfinite, nan
@@ -89,12 +90,12 @@ class Row(NamedTuple):
 
 
 def is_event(metric: str) -> bool:
-    """Return whether a metric is a share of runs."""
+    """Test whether a metric is a share of runs."""
     return metric.endswith(INFINITE) or measured(metric).family[0].is_event
 
 
 def compare_folders(a: Results, b: Results) -> tuple[list[Row], str]:
-    """Return a row for every filter and metric of both, and why the runs are not paired, if so."""
+    """Compare every filter and metric of both; also explain why the runs are not paired."""
     points = [point for point in a.points() if point in b.points()]
     statistics = partial(compared_statistic, a.config)
     why, rows = _why_unpaired(a, b, points), list[Row]()
@@ -111,7 +112,7 @@ def compare_folders(a: Results, b: Results) -> tuple[list[Row], str]:
 
 
 def judged(rows: Sequence[Row]) -> list[Row]:
-    """Return the rows with verdicts by the rule for filters; the rows of a metric are a family."""
+    """Judge the rows by the rule for filters; the rows of a metric are a family."""
     by_index = dict(enumerate(rows))
     for metric in dict.fromkeys(row.metric for row in rows):
         of = {i: row for i, row in by_index.items() if row.metric == metric}
@@ -145,7 +146,7 @@ def _why_unpaired(a: Results, b: Results, points: Iterable[GridPoint]) -> str:
 
 
 def _agree(a: Any, b: Any, home_a: Path, home_b: Path) -> bool:
-    """Return whether two scenarios agree in all common keys; paths must be those of equal files."""
+    """Test whether two scenarios agree in all common keys; paths must be those of equal files."""
     if isinstance(a, dict) and isinstance(b, dict):
         return all(_agree(a[k], b[k], home_a, home_b) for k in a.keys() & b.keys())
     if isinstance(a, list) and isinstance(b, list):
@@ -215,7 +216,9 @@ def rows_of(
         change = on_common_runs
         worse = _worse(metric, change, compare_estimates)
         if is_exact:  # a difference of numbers without randomness is real
-            change, worse = (c._replace(z=_infinite(c.difference.value)) for c in (change, worse))
+            offs = (c.difference.value for c in (change, worse))
+            zs = [off * inf if off else 0.0 for off in offs]
+            change, worse = change._replace(z=zs[0]), worse._replace(z=zs[1])
         elif is_event(metric):
             change = worse = change._replace(z=sign_test(b.values, a.values))
         yield Row(point, label, metric, "paired", change, worse)
@@ -227,12 +230,8 @@ def rows_of(
         yield Row(point, label, metric, "independent", change, worse)
 
 
-def _infinite(difference: float) -> float:
-    return difference * inf if difference else 0.0
-
-
 def _worse(metric: str, change: Comparison, compared: Callable[..., Comparison]) -> Comparison:
-    """Return the comparison of how far both numbers of a change are from the best value."""
+    """Compare how far both numbers of a change are from the best value."""
     better = measured(metric).family[0].better
     if better == "lower" or is_event(metric) or change.is_equal:
         return change
@@ -248,7 +247,7 @@ def _worse(metric: str, change: Comparison, compared: Callable[..., Comparison])
 
 
 def table_of(title: str, rows: Sequence[Row], names: tuple[str, str]) -> TextTable:
-    """Return the numbers that are not equal, and a note with the filters whose numbers all are."""
+    """Tabulate the numbers that are not equal; a note names the filters whose numbers all are."""
     heads = ["Filter", "Metric", *names, "Difference", "Change", "z", "Verdict"]
     table = TextTable(title, heads)
     for row in rows:
@@ -257,7 +256,7 @@ def table_of(title: str, rows: Sequence[Row], names: tuple[str, str]) -> TextTab
             cells = [rounded(number.value, nan, 4) for number in numbers]
             cells += [rounded(*row.difference.estimate, 2), _change(row)]
             cells += [f"{z:+.1f}" if isfinite(z) else "–"]
-            words = _series(row), _with_unit(row.metric)
+            words = _series(row), with_unit(row.metric)
             texts = [*map(Text, words), *(Text(cell, 0.0) for cell in cells), Text(row.verdict)]
             table.rows.append(texts)
     changed = {_series(row) for row in rows if row.how != EQUAL}
@@ -268,18 +267,19 @@ def table_of(title: str, rows: Sequence[Row], names: tuple[str, str]) -> TextTab
     return table
 
 
-def _with_unit(metric: str) -> str:
+def with_unit(metric: str) -> str:
+    """Add the unit of a metric that has one, which a share of runs has not."""
     unit = "" if metric.endswith(INFINITE) else unit_of(measured(metric).metric)
-    return f"{metric} ({unit})" if unit not in ("", "1") else metric
+    return phrases.in_unit(metric, unit if unit != "1" else "")
 
 
 def _series(row: Row) -> str:
-    """Return the filter, and its point of the grid."""
+    """Name the filter, and its point of the grid."""
     return ", ".join(filter(None, [row.filter, phrases.heading(row.point)]))
 
 
 def _change(row: Row) -> str:
-    """Return the change in percent; that of a share in percent of the runs, of a score nothing."""
+    """Write the change in percent; that of a share in percent of the runs, of a score plainly."""
     difference, before = row.difference.value, row.change.b.value
     if not isfinite(difference):
         return "–"
@@ -297,15 +297,14 @@ def changes(rows: Sequence[Row], verdict: str) -> list[str]:
 
 
 def conclusion(rows: Sequence[Row], names: tuple[str, str]) -> str:
-    """Return the comparison in sentences."""
+    """Write the comparison in sentences."""
     same = sum(row.how == EQUAL for row in rows)
     if same == len(rows):
         return f"All {counted(same, 'number')} are equal, byte for byte."
     apart = sum(row.change.sign != 0 for row in rows)
+    level = f"at {100 * rules.LEVEL:g} % over the numbers of a metric"
     text = f"Of {counted(len(rows), 'number')} {same} are equal, byte for byte, and {apart} of the "
-    text += (
-        f"others differ significantly (at {100 * rules.LEVEL:g} % over the numbers of a metric)."
-    )
+    text += f"others differ significantly ({level})."
     primary = [row for row in rows if row.is_primary and row.how != EQUAL] or rows
     for verdict in (WORSE, BETTER):
         if lines := changes(primary, verdict):
@@ -319,7 +318,8 @@ def draw(rows: Sequence[Row], names: tuple[str, str]) -> "Figure":
     shown = [row for row in primary if row.how != EQUAL] or primary
     metrics = list(dict.fromkeys(row.metric for row in shown))[: style.MOST_PANELS]
     colors = {WORSE: style.COLORS[1], BETTER: style.COLORS[2]}
-    most = max((sum(row.metric == metric for row in shown) for metric in metrics), default=1)
+    counts = Counter(row.metric for row in shown)
+    most = max((counts[metric] for metric in metrics), default=1)
     with style.rc_context():
         figure, axes = style.panel_grid(len(metrics), 0.9 + 0.22 * most, 0.5)
         for ax, metric in zip(axes, metrics, strict=False):
@@ -332,7 +332,7 @@ def draw(rows: Sequence[Row], names: tuple[str, str]) -> "Figure":
             ax.axvline(0.0, color="black", linewidth=0.8)
             ax.set_yticks(range(len(of)), [style.wrap_label(_series(row)) for row in of])
             ax.set_ylim(len(of) - 0.5, -0.5)
-            ax.set_title(_with_unit(metric), fontsize="medium")
+            ax.set_title(with_unit(metric), fontsize="medium")
             ax.locator_params(axis="x", nbins=4)
             ax.ticklabel_format(axis="x", scilimits=(-3, 4))
         words = f"{names[1]} minus {names[0]}, ± 2 standard errors (orange worse, green better)"

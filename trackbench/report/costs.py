@@ -156,30 +156,21 @@ def curves(
             size = float(filters[label].get(key, np.nan))
             _, spots = groups.setdefault((label, json.dumps(keys)), (keys, {}))
             if size not in spots:
-                spots[size] = _spot(expressions, label, metric, size)
+                time, steps = expressions.term(_TIME.of(label)), results.steps(point)
+                cost = time.scaled(time.value / steps, over=steps)
+                lost = expressions.runs.get((label, "lost"), np.empty(0))
+                spots[size] = Spot(size, cost, expressions.term(metric.of(label)), lost)
     every: list[Curve] = []
     for (label, _), (keys, spots) in groups.items():
+        # Sizes at which the filter did not fail.
         in_order = [spots[size] for size in sorted(spots)]
-        every.append(Curve(label, keys, tuple(filter(_has_worked, in_order))))
+        good = [s for s in in_order if 0.0 < s.cost.value < np.inf and 0.0 < s.error.value < np.inf]
+        every.append(Curve(label, keys, tuple(good)))
     named = []
     for curve in filter(lambda curve: curve.spots, every):
         forms = [other.keys for other in every if other.label == curve.label]
         named.append(replace(curve, name=named_form(curve.label, curve.keys, forms)))
     return named
-
-
-def _spot(expressions: Evaluator, label: str, metric: Measure, size: float) -> Spot:
-    results, point = expressions.results, expressions.point
-    steps, time = results.steps(point), expressions.term(_TIME.of(label))
-    cost = time.scaled(time.value / steps, over=steps)
-    lost = expressions.runs.get((label, "lost"), np.empty(0))
-    return Spot(size, cost, expressions.term(metric.of(label)), lost)
-
-
-def _has_worked(spot: Spot) -> bool:
-    """Return whether the filter did not fail at a size."""
-    values = spot.cost.value, spot.error.value
-    return all(0.0 < value < np.inf for value in values)
 
 
 @ignore_float_errors

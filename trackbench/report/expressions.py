@@ -146,7 +146,7 @@ class Evaluator:
 
     @ignore_float_errors
     def _controlled(self, mine: Measure, other: Measure) -> RunEstimate:
-        """Return a - beta (b - E b), with exact E b (Hammersley & Handscomb 1964, section 5.5)."""
+        """Estimate a - beta (b - E b), with exact E b (Hammersley & Handscomb 1964, section 5.5)."""
         exact, common = self.exact(other), self._common_runs(mine, other)
         a, b = (self.term(m, common).influences for m in (mine, other))
         if exact is None or a is None or b is None:
@@ -170,20 +170,17 @@ class Evaluator:
     @cached_property
     def stored(self) -> dict[tuple[str, str], RunEstimate]:
         """Rows of summary.csv, and the times of timing.csv, of all runs, by (filter, metric)."""
-        rows = self.results.columns("summary", self.point).records()
-        estimates = {
-            (r["filter"], r["metric"]): RunEstimate(
-                r["value"], r["stderr"], None, r["runs"], r["lost"]
-            )
-            for r in rows
-        }
+        estimates = {}
+        for r in self.results.columns("summary", self.point).records():
+            estimate = RunEstimate(r["value"], r["stderr"], None, r["runs"], r["lost"])
+            estimates[r["filter"], r["metric"]] = estimate
         for r in self.results.columns("timing", self.point).records():
             of_run = RunEstimate(r["cpu_s_per_run"], r["stderr"], None, r["runs"])
             estimates[r["filter"], "cpu_s_per_run"] = of_run
         return estimates
 
     def _paired_times(self, mine: Measure, other: Measure) -> RunEstimate | None:
-        """Return the ratio of two filters' measured times, repeat by repeat; None if either has none."""
+        """Divide two filters' measured times repeat by repeat; None if either has none."""
         rows = self.results.columns("timing", self.point).records()
         repeats = {row["filter"]: repeats_of(row) for row in rows}
         a, b = (repeats.get(m.filter, np.empty(0)) for m in (mine, other))
@@ -204,7 +201,7 @@ class Evaluator:
         return None
 
     def _common_runs(self, *sides: Measure) -> Mask | bool:
-        """Return runs that every side's metric exists for."""
+        """Find the runs that every side's metric exists for."""
         common: Mask | bool = True
         for side in sides:
             for m in (side.plain, side.plain.of(side.other)) if side.other else (side,):
@@ -214,7 +211,7 @@ class Evaluator:
         return common
 
     def _values_of(self, m: Measure) -> Array | None:
-        """Return values (M,) of the runs that a measure is of, NaN where it has none."""
+        """Read the values (M,) of the runs that a measure is of, NaN where it has none."""
         if m.is_efficiency:
             floor, distance = self.reference_and_rmsd(m)
             return None if floor is None or distance is None else floor + distance
@@ -223,14 +220,14 @@ class Evaluator:
 
     @ignore_float_errors
     def _win_rate(self, mine: Measure, other: Measure) -> RunEstimate:
-        """Return the share of the common runs in which a filter's metric is below another's."""
+        """Estimate the share of the common runs in which a filter's metric is below another's."""
         a, b = (self.runs.get((m.filter, str(m))) for m in (mine, other))
         if a is None or b is None:
             return MISSING
         return self._share(mine.filter, np.where(np.isnan(a) | np.isnan(b), np.nan, a < b))
 
     def _share(self, label: str, values: Array, common: Mask | bool = True) -> RunEstimate:
-        """Return the share of the runs with a value (M,) above zero, of those that have one."""
+        """Count the runs with a value (M,) above zero, as a share of those that have one."""
         events = np.where(np.isnan(values), np.nan, values > 0)
         share = Share(*self._statistic(label, "mean", events, common))
         if share.stderr != 0.0:
@@ -240,7 +237,7 @@ class Evaluator:
     def _statistic(
         self, label: str, name: str, values: Array, common: Mask | bool = True
     ) -> RunEstimate:
-        """Return a statistic of values (M,) over the filter's valid runs, NaN for missing."""
+        """Estimate a statistic of values (M,) over the filter's valid runs, NaN for missing."""
         finite = ~np.isnan(values)
         codes = self.runs.get((label, "lost"))
         lost = int((~finite if codes is None else codes > 0).sum())
@@ -253,7 +250,7 @@ class Evaluator:
         return RunEstimate(*OVER_RUNS[name](x), influences, len(x), lost)
 
     def _efficiency(self, m: Measure, common: Mask | bool) -> RunEstimate:
-        """Return the efficiency over the runs that neither the filter nor the reference lost."""
+        """Estimate the efficiency over the runs that neither the filter nor the reference lost."""
         floor, distance = self.reference_and_rmsd(m)
         if floor is None or distance is None:
             return MISSING
@@ -286,7 +283,7 @@ class Evaluator:
         return RunEstimate(float(row["value"]), float(row["stderr"]), None, int(row["runs"]))
 
     def _plain(self, m: Measure) -> RunEstimate:
-        """Return a row of summary.csv or timing.csv, or a number that the config gives the filter."""
+        """Read a row of summary.csv or timing.csv, or a number that the config gives the filter."""
         label, name = m.filter, str(m)
         if (label, name) in self.stored:
             return self.stored[label, name]

@@ -7,8 +7,7 @@ import numpy as np
 
 from trackbench.config.build import unknown
 from trackbench.errors import Mark, Problem, UserError
-from trackbench.evaluation.metric_expression import measured
-from trackbench.metrics import unit_of
+from trackbench.report.compare_folders import with_unit
 from trackbench.report.findings import phrases
 from trackbench.report.plotting import style
 from trackbench.report.results import Results
@@ -53,10 +52,8 @@ def history(every: Sequence[Results], metric: str = "") -> list[Table]:
     # Put the rows of one filter together.
     for table in tables.values():
         labels = list(dict.fromkeys(keys[0] for keys in table.keys))
-        rows = sorted(
-            zip(table.keys, table.cells, strict=True), key=lambda r: labels.index(r[0][0])
-        )
-        table.keys, table.cells = [keys for keys, _ in rows], [cells for _, cells in rows]
+        order = sorted(range(len(table.keys)), key=lambda i: labels.index(table.keys[i][0]))
+        table.keys, table.cells = [table.keys[i] for i in order], [table.cells[i] for i in order]
     series = [table for table in tables.values() if len({keys[1] for keys in table.keys}) > 1]
     if len(tables) > 1 and not series:
         raise UserError("no experiment has several of these folders")
@@ -77,8 +74,6 @@ def draw(tables: Sequence[Table]) -> "Figure":
                 ax.errorbar(places, value, yerr=error, marker="o", ms=3, label=label, **look)
             ax.set_xticks(range(len(folders)), folders, rotation=30, ha="right")
             ax.set_title(table.title if len(tables) > 1 else "", fontsize="medium")
-            (metric,) = table.value_headers
-            unit = unit_of(measured(metric).metric)
-            ax.set_ylabel(f"{metric} ({unit})" if unit not in ("", "1") else metric)
+            ax.set_ylabel(with_unit(*table.value_headers))
         style.legend_outside(figure)
         return style.lay_out(figure)

@@ -11,22 +11,13 @@ from trackbench.config.experiment import Settings
 from trackbench.config.plugin_checks import load_plugins
 from trackbench.errors import RunError, UserError, reason
 from trackbench.plugins.errors import foreign_line, package_line
-from trackbench.plugins.load import Plugin
 from trackbench.registry import Group
 from trackbench.report.results import Results
 from trackbench.results.folder import RUN_AGAIN
 from trackbench.results.folder_contents import FORMAT, RUN_FILES, Damage, check_digests
 
-_KINDS: dict[str, type] = {
-    **{
-        "failed": list,
-        "packages": dict,
-        "cpu_s": float,
-        "loops_over_runs": list,
-        "deterministic": list,
-    },
-    "training_holds_out": str,
-}
+_KINDS: dict[str, type] = {"packages": dict, "cpu_s": float, "training_holds_out": str}
+_KINDS |= dict.fromkeys(("failed", "loops_over_runs", "deterministic"), list)
 """Types of the manifest's entries that a report shows."""
 _CHANGED = "changed after the run"
 
@@ -62,7 +53,22 @@ def open_results(folder: Path) -> Results:
     results, those of a newer version, or a config that does not fit them.
     """
     with explain_content_errors(folder):
-        return _open(folder)
+        check_folder(folder)
+        results = Results(folder)
+        _check_manifest(results)
+        source = results.source
+        if not isinstance(source.data, dict):
+            source.add_problem((), "is not an experiment's config")
+        elif build(Settings, source, ()) is not None:
+            summary = results.columns("summary")
+            missing, columns = set(summary["filter"]) - set(results.labels), list(summary)
+            if columns[: columns.index("filter")] != results.grid:
+                source.add_problem(("grid",), "the results were computed over another grid")
+            elif missing:
+                what = f"{min(missing)!r} has results but is not a filter here any more"
+                source.add_problem(("filters",), what)
+        source.check()
+        return results
 
 
 def check_folder(folder: Path) -> None:
@@ -73,52 +79,24 @@ def check_folder(folder: Path) -> None:
         raise UserError(f"{folder}: is not a results folder, it has no config.yaml")
 
 
-def _open(folder: Path) -> Results:
-    check_folder(folder)
-    results = Results(folder)
-    _check_manifest(results)
-    source = results.source
-    if not isinstance(source.data, dict):
-        source.add_problem((), "is not an experiment's config")
-    elif build(Settings, source, ()) is not None:
-        missing = set(results.columns("summary")["filter"]) - set(results.labels)
-        columns = list(results.columns("summary"))
-        if columns[: columns.index("filter")] != results.grid:
-            source.add_problem(("grid",), "the results were computed over another grid")
-        elif missing:
-            what = f"{min(missing)!r} has results but is not a filter here any more"
-            source.add_problem(("filters",), what)
-    source.check()
-    return results
-
-
 def open_with_notes(folder: Path, allow_plugins: bool = False) -> Results:
     """Return the results in a folder, and print notes on other files that were changed.
 
     Notes also name tables and figures of plugins whose code may not run.
     """
     results = open_results(folder)
-    changed = changed_files(results)
-    if allow_plugins:
-        changed += _edited_plugins(results, load_plugins(results.source, folder, allowed=True))
-    for line in (*changed, *_unavailable_lines(results)):
-        print(f"note: {line}", file=sys.stderr)
-    return results
-
-
-def _edited_plugins(results: Results, plugins: tuple[Plugin, ...]) -> list[str]:
-    recorded = results.manifest.get("plugins", {})
-    now = {Path(plugin.path).name: plugin.digest for plugin in plugins}
-    edited = [name for name, digest in now.items() if recorded.get(name) != digest]
-    return [f"{results.folder}: {name} was {_CHANGED}" for name in edited]
-
-
-def _unavailable_lines(results: Results) -> Iterator[str]:
+    lines, recorded = changed_files(results), results.manifest.get("plugins", {})
+    for plugin in load_plugins(results.source, folder, allowed=True) if allow_plugins else ():
+        name = Path(plugin.path).name
+        lines += [f"{folder}: {name} was {_CHANGED}"] * (recorded.get(name) != plugin.digest)
     groups: tuple[Group, ...] = ("tables", "figures")
     for group in groups:
         for name, kind in results.unavailable_kinds(group).items():
             what = f"{kind!r} is not a kind of {group[:-1]} without a plugin (--allow-plugins)"
-            yield f"{results.folder}: {group}.{name} is left as it is: {what}"
+            lines.append(f"{folder}: {group}.{name} is left as it is: {what}")
+    for line in lines:
+        print(f"note: {line}", file=sys.stderr)
+    return results
 
 
 def changed_files(results: Results) -> list[str]:
@@ -131,9 +109,8 @@ def changed_files(results: Results) -> list[str]:
 def _check_manifest(results: Results) -> None:
     folder = results.folder
     if not (folder / "manifest.json").is_file():
-        raise IncompleteResultsError(
-            f"{folder}: is half-written, it has no manifest.json: {RUN_AGAIN}"
-        )
+        what = "is half-written, it has no manifest.json"
+        raise IncompleteResultsError(f"{folder}: {what}: {RUN_AGAIN}")
     # The types of what the report reads from it.
     try:
         manifest = results.manifest
@@ -156,14 +133,10 @@ def _check_manifest(results: Results) -> None:
 
 
 def _lines(folder: Path, damage: Damage) -> list[str]:
-    """Return a line on missing files and a line on changed ones, each unless there are none."""
+    """Describe missing files in a line and changed ones in a line."""
     ends = ((damage.missing, ("is", "are"), "missing"), (damage.changed, ("was", "were"), _CHANGED))
-    return [
-        f"{folder}: {_few(names)} {verbs[len(names) > 1]} {what}: {RUN_AGAIN}"
-        for names, verbs, what in ends
-        if names
-    ]
-
-
-def _few(names: list[str]) -> str:
-    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+    lines = []
+    for names, verbs, what in ends:
+        few = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+        lines += [f"{folder}: {few} {verbs[len(names) > 1]} {what}: {RUN_AGAIN}"] if names else []
+    return lines

@@ -35,7 +35,7 @@ COLUMNS = ("filter_a", "filter_b", "metric", "difference", "stderr", "z", "runs"
 
 
 def primary_metrics(metrics: list[str]) -> list[str]:
-    """Return metrics over the whole run: ``rmse_<quantity>``, ``crps_...``, log scores.
+    """Select metrics over the whole run: ``rmse_<quantity>``, ``crps_...``, log scores.
 
     Of a log score more is better: a positive difference is in favor of the first filter.
     """
@@ -71,24 +71,24 @@ def pairs_at(
     steps: Mapping[tuple[str, str], Array],
     config: Mapping[str, Any],
 ) -> list[Pair]:
-    """Return pairs at one point of the grid, metric after metric, from values by (filter, metric).
+    """Pair filters at one point of the grid, metric after metric, from values by (filter, metric).
 
     ``steps`` are those of the only run, if it is a recording.
     """
     pairs: list[Pair] = []
     for metric in primary_metrics(list(dict.fromkeys(m for _, m in runs))):
         statistic = compared_statistic(config, metric)
-        samples = {
-            label: Sample.of(runs[label, metric], statistic, steps.get((label, metric)))
-            for label in labels
-            if (label, metric) in runs
-        }
+        samples = {}
+        for label in labels:
+            key = label, metric
+            if key in runs:
+                samples[label] = Sample.of(runs[key], statistic, steps.get(key))
         pairs += pairs_of(metric, samples)
     return pairs
 
 
 def pairs_of(metric: str, samples: Mapping[str, Sample]) -> list[Pair]:
-    """Return every two filters with common runs, from their samples of a metric by label."""
+    """Compare every two filters with common runs, from their samples of a metric by label."""
     statistic = next((sample.statistic for sample in samples.values()), "mean")
     name = metric if statistic == "mean" else f"{statistic}({metric})"
     return [Pair(a, b, name, comparison) for (a, b), comparison in compare_all(samples).items()]

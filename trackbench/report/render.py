@@ -69,9 +69,7 @@ class KeptFigures:
         libraries = [version(name) for name in ("matplotlib", "numpy", "scipy")]
         words = {key: value for key, value in results.config.items() if key not in _PARTS}
         facts = [results.manifest.get(name) for name in _FACTS]
-        looks = {
-            label: results.line_style(label) for label in results.labels
-        }  # of all figures' keys
+        looks = {label: results.line_style(label) for label in results.labels}
         made_by = [libraries, words, facts, looks, compared_statistics(results.config), _sources()]
         digest = hashlib.sha256(json.dumps(made_by, default=str).encode())
         names = (*RUN_FILES, "tuning.csv", *results.config.get("published", ()))
@@ -88,10 +86,8 @@ class KeptFigures:
 
     def put(self, spec: FigureKind, files: Files) -> None:
         """Keep a figure's files; what cannot be kept will be drawn again."""
-        with (
-            record_writes(),
-            suppress(OSError, WriteError),
-        ):  # they are none of the results folder's
+        # They are none of the results folder's files.
+        with record_writes(), suppress(OSError, WriteError):
             for form, content in files:
                 path = self._path(spec, form)
                 path.parent.mkdir(parents=True, exist_ok=True)
@@ -117,39 +113,32 @@ def _add(digest: "hashlib._Hash", paths: Iterable[Path]) -> None:
 
 
 def _set_ups() -> Iterator[Path]:
-    """Return the folders of matplotlib's settings files."""
+    """Yield where matplotlib looks for a settings file."""
     yield Path("matplotlibrc")
     if "MATPLOTLIBRC" in os.environ:
         named = Path(os.environ["MATPLOTLIBRC"])
         yield from (named, named / "matplotlibrc")
     home = os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config"
-    folders = (
-        os.environ.get("MPLCONFIGDIR"),
-        Path(home) / "matplotlib",
-        Path.home() / ".matplotlib",
-    )
+    own = os.environ.get("MPLCONFIGDIR")
+    folders = (own, Path(home) / "matplotlib", Path.home() / ".matplotlib")
     yield from (Path(folder) / "matplotlibrc" for folder in folders if folder)
 
 
 def draw_figure(spec: FigureKind, results: Results, formats: Sequence[str]) -> Files:
-    """Return a figure as the content of a file, for each format; none of tracks if every filter failed.
+    """Draw a figure as the content of a file, for each format; none of tracks if every filter failed.
 
     Raises OutputError if the drawing fails.
     """
     with catch_errors(spec):
-        return _drawn(spec, results, formats)
-
-
-def _drawn(spec: FigureKind, results: Results, formats: Sequence[str]) -> Files:
-    if spec.shown_runs and not results.shown:
-        return []
-    with style.rc_context():
-        figure = as_figure(spec.with_best(results).draw(results))
-        # The SVG first, as git has it: after a PNG matplotlib simplifies other lines.
-        forms = () if is_crowded(figure) else sorted(formats, key=lambda form: form != "svg")
-        contents = [(form, style.content(figure, form)) for form in forms]
-    style.close(figure)
-    return contents
+        if spec.shown_runs and not results.shown:
+            return []
+        with style.rc_context():
+            figure = as_figure(spec.with_best(results).draw(results))
+            # The SVG first, as git has it: after a PNG matplotlib simplifies other lines.
+            forms = () if is_crowded(figure) else sorted(formats, key=lambda form: form != "svg")
+            contents = [(form, style.content(figure, form)) for form in forms]
+        style.close(figure)
+        return contents
 
 
 Draw: TypeAlias = Callable[[str, FigureKind], Files]

@@ -4,9 +4,9 @@ A table or figure that fails becomes a line with its place; the others are made.
 """
 
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
@@ -57,7 +57,10 @@ def default_keys(group: Group, metrics: Iterable[str], points: int, filters: int
         if points > 1 or not errors:
             return {}
         return {"kind": "rmse-vs-time", "x": "time", "metric": measure(errors[0][1])}
-    columns = {_head(error): error[0] for error in errors[:2]}
+    columns = {}
+    for error in errors[:2]:
+        words = f"RMSE of {error[2]}" if error[2] else "RMSE"
+        columns[phrases.in_unit(words, unit_of(error[1]))] = error[0]
     consistent = {"ANEES": "anees"} if errors else {"NIS": "mean(nis)"}
     columns |= {head: text for head, text in consistent.items() if text in metrics}
     if not columns or points * filters > _MOST_ROWS:
@@ -66,18 +69,19 @@ def default_keys(group: Group, metrics: Iterable[str], points: int, filters: int
     return {"kind": "metrics", "title": "Errors over the whole run", "columns": measured}
 
 
-def _head(error: re.Match[str]) -> str:
-    """Return ``RMSE of position (m)``."""
-    words, unit = f"RMSE of {error[2]}" if error[2] else "RMSE", unit_of(error[1])
-    return f"{words} ({unit})" if unit else words
-
-
 @dataclass(frozen=True, repr=False)
 class Results(ResultsFolder):
     """A results folder with the tables and figures that are made of it."""
 
     out: Path | None = None
     """where tables and verdicts are written, if not into the folder"""
+    unmade: dict[str, str] = field(default_factory=dict, init=False, compare=False)
+    """tables, figures and other outputs that failed, with the reasons"""
+    known_rankings: dict[str, list[Any]] = field(default_factory=dict, init=False, compare=False)
+    """rankings computed so far, by metric"""
+    _judged_steps: dict[tuple[Any, ...], dict[tuple[str, str], Array]] = field(
+        default_factory=dict, init=False, compare=False
+    )
 
     def __repr__(self) -> str:
         what = f"{counted(len(self.filters), 'filter')}, {counted(self.config['runs'], 'run')}"
@@ -126,23 +130,20 @@ class Results(ResultsFolder):
         A config without tables has the default one, and the default figure if it has no others than
         the track that `load` adds.
         """
-        default = {}
-        if not self.config.get("tables") and set(self.config.get("figures") or ()) <= {TRACK}:
-            default = self._default(group)
-        elif group == "tables" and not self.config.get("tables"):
-            return self._default(group)
+        has_tables, figures = bool(self.config.get("tables")), self.config.get("figures") or ()
+        by_default = not has_tables and (group == "tables" or {*figures} <= {TRACK})
+        built = self._default(group) if by_default else {}
         left_out, source = self.unavailable_kinds(group), replace(self.source, problems=[])
-        names = [name for name in self.config.get(group) or {} if name not in left_out]
-        built = {name: build_kind(group, source, (group, name)) for name in names}
+        for name in self.config.get(group) or {}:
+            if name not in left_out:
+                part = built[name] = build_kind(group, source, (group, name))
+                if "{" in getattr(part, "title", ""):
+                    built[name] = replace(part, title=self.fill_title(part.title))
         source.check()
-        titled = {name for name, part in built.items() if "{" in getattr(part, "title", "")}
-        return default | {
-            name: replace(part, title=self.fill_title(part.title)) if name in titled else part
-            for name, part in built.items()
-        }
+        return built
 
     def _default(self, group: Group) -> dict[str, Any]:
-        """Return the default tables or figures of an experiment that names none."""
+        """Make the default tables or figures of an experiment that names none."""
         metrics = self.columns("summary")["metric"]
         keys = default_keys(group, metrics, len(self.grid_points), len(self.labels))
         return {DEFAULT: kinds(group)[keys.pop("kind")](**keys)} if keys else {}
@@ -160,11 +161,6 @@ class Results(ResultsFolder):
         """Return the table with the units of the grid's paths in its headings."""
         table.units = {single_paths(path)[0]: unit for path, unit in self.grid_units.items()}
         return table
-
-    @cached_property
-    def unmade(self) -> dict[str, str]:
-        """Tables, figures and other outputs that failed, with the reasons."""
-        return {}
 
     @property
     def unmade_lines(self) -> list[str]:
@@ -189,15 +185,11 @@ class Results(ResultsFolder):
     @cached_property
     def pairs(self) -> list[tuple[GridPoint, list[Pair]]]:
         """Every pair of filters on common runs, by point of the grid."""
-        return [
-            (p, pairs_at(self.runs(p), self.labels, self.judged_steps(p), self.config))
-            for p in self.points()
-        ]
-
-    @cached_property
-    def known_rankings(self) -> dict[tuple[str, Collection[str]], list[Any]]:
-        """Rankings computed so far, by metric and filters."""
-        return {}
+        every = []
+        for point in self.points():
+            runs, steps = self.runs(point), self.judged_steps(point)
+            every.append((point, pairs_at(runs, self.labels, steps, self.config)))
+        return every
 
     @property
     def batches(self) -> int:
@@ -230,10 +222,6 @@ class Results(ResultsFolder):
                 out[label, metric] = values
         return out
 
-    @cached_property
-    def _judged_steps(self) -> dict[tuple[Any, ...], dict[tuple[str, str], Array]]:
-        return {}
-
     def line_style(self, label: str) -> dict[str, Any]:
         """Return color and dash of a filter, the same in every figure of the experiment.
 
@@ -253,8 +241,7 @@ class Results(ResultsFolder):
     def axis(self, path: str) -> str:
         """Return a swept path as the label of an axis: ``q (m^2/s^3)``."""
         words, unit = phrases.quantity(path)
-        unit = unit or self.grid_units.get(path, "")
-        return f"{words} ({unit})" if unit else words
+        return phrases.in_unit(words, unit or self.grid_units.get(path, ""))
 
     @cached_property
     def grid_units(self) -> dict[str, str]:
@@ -355,19 +342,17 @@ def as_figure(figure: object) -> "Figure":
 
 
 def missing_paths(points: Sequence[Point], **wanted: str | None) -> dict[str, str]:
-    """Return what is wrong with keys that name a path of the grid, by key."""
-    grid = list(points[0].values)
-    return {
-        key: f"{path!r} is no path of the grid; {unknown(path, grid)}"
-        if grid
-        else "there is no grid"
-        for key, path in wanted.items()
-        if path is not None and path not in grid
-    }
+    """Explain which keys name no path of the grid, by key."""
+    grid, wrong = list(points[0].values), {}
+    for key, path in wanted.items():
+        if path is not None and path not in grid:
+            what = f"{path!r} is no path of the grid; {unknown(path, grid)}"
+            wrong[key] = what if grid else "there is no grid"
+    return wrong
 
 
 def scenes(results: Results) -> list[GridPoint]:
-    """Return the grid's combinations of scenario values, in order; one empty one without any."""
+    """List the grid's combinations of scenario values, in order; one empty one without any."""
     paths = [path for path in results.grid if is_of_scenario(path)]
     every: list[GridPoint] = []
     for point in results.points():
@@ -379,11 +364,11 @@ def scenes(results: Results) -> list[GridPoint]:
 
 def points_of(results: Results, scene: GridPoint) -> list[GridPoint]:
     """Select the points of the grid with these scenario values."""
-    return [p for p in results.points() if all(p[k] == v for k, v in scene.items())]
+    return [point for point in results.points() if scene.items() <= point.items()]
 
 
 def own_values(results: Results, point: GridPoint, label: str) -> GridPoint:
-    """Return the values that a point gives a filter, by single path."""
+    """Select the values that a point gives a filter, by single path."""
     place = results.index_of(point)
     values = point if place is None else results.grid_points[place]  # lists, where files have words
     singles: GridPoint = {}
@@ -394,6 +379,6 @@ def own_values(results: Results, point: GridPoint, label: str) -> GridPoint:
 
 
 def named_form(label: str, keys: GridPoint, others: Sequence[GridPoint]) -> str:
-    """Return a filter's label with the keys that differ between its forms."""
+    """Name a filter by its label and the keys that differ between its forms."""
     differing = {k: v for k, v in keys.items() if any(other.get(k) != v for other in others)}
     return f"{label} ({phrases.heading(differing)})" if differing else label

@@ -15,12 +15,8 @@ from trackbench.config.published import Published
 from trackbench.evaluation.metric_expression import measured
 from trackbench.report.figures.sweep import SweepFigure
 from trackbench.report.findings import phrases
-from trackbench.report.findings.phrases import (
-    listed,
-    metric_words,
-    with_unit,
-)
-from trackbench.report.findings.ranking import Candidate, Ranking, best_settings
+from trackbench.report.findings.phrases import listed, metric_words, with_unit
+from trackbench.report.findings.ranking import best_settings
 from trackbench.report.results import Results
 from trackbench.report.table import rounded
 from trackbench.report.tables.best_settings import BestSettings
@@ -46,7 +42,7 @@ def as_sweep(experiment: Experiment) -> Experiment:
 
 
 def _figures(settings: Settings) -> dict[str, DrawnExhibit]:
-    """Return a figure for each group of paths that are varied together, if they are one or two."""
+    """Make a figure for each group of paths that are varied together, if they are one or two."""
     grid = list(settings.grid)
     apart = independent_filter_paths(grid, settings.filters, settings.reference)
     together = [path for path in grid if path not in set[str]().union(*apart)]
@@ -55,16 +51,13 @@ def _figures(settings: Settings) -> dict[str, DrawnExhibit]:
         shown = [path for path in grid if path in paths or path in together]
         if len(shown) <= _AXES:
             name = "-".join(["sweep", *map(_file_name, shown)])[:70]
-            figure = SweepFigure(paths=tuple(shown), title=_title(shown, settings))
+            # A title such as ``q of KF``.
+            whose = dict.fromkeys(b for path in shown for b in filters_of(path, settings.filters))
+            title = " and ".join(map(phrases.axis, shown))
+            title += f" of {listed(list(whose))}" if whose else ""
+            figure = SweepFigure(paths=tuple(shown), title=title)
             figures[free_name(name, figures)] = figure
     return figures
-
-
-def _title(paths: list[str], settings: Settings) -> str:
-    """Return ``q of KF``."""
-    whose = dict.fromkeys(label for path in paths for label in filters_of(path, settings.filters))
-    keys = " and ".join(phrases.axis(path) for path in paths)
-    return f"{keys} of {listed(list(whose))}" if whose else keys
 
 
 def write_sweep(results: Results) -> None:
@@ -100,27 +93,23 @@ class Best(NamedTuple):
 def best_points(results: Results) -> Iterator[Best]:
     """Yield the best values of each filter that is varied, in each scenario."""
     for standing in best_settings(results):
-        if standing.best is not None:
-            yield _best(standing, standing.best)
-
-
-def _best(standing: Ranking, best: Candidate) -> Best:
-    metric, where = standing.metric, phrases.heading(standing.scene)
-    text = f"{best.name}{', ' if where else ''}{where}: "
-    text += f"mean {metric_words(metric)} {with_unit(rounded(*best.overall, 4), metric)}"
-    nearest = standing.nearest
-    return Best(
-        filter=best.label,
-        point=best.varied | standing.scene,
-        metric=f"mean({metric})",
-        value=best.overall.value,
-        stderr=best.overall.stderr,
-        ties=[rival.filter.varied for rival in standing.not_worse],
-        next={} if nearest is None else nearest.filter.varied,
-        difference=nan if nearest is None else nearest.difference.value,
-        difference_stderr=nan if nearest is None else nearest.difference.stderr,
-        text=text,
-    )
+        if (best := standing.best) is None:
+            continue
+        metric, nearest = standing.metric, standing.nearest
+        where = ", ".join(filter(None, [best.name, phrases.heading(standing.scene)]))
+        number = with_unit(rounded(*best.overall, 4), metric)
+        yield Best(
+            filter=best.label,
+            point=best.varied | standing.scene,
+            metric=f"mean({metric})",
+            value=best.overall.value,
+            stderr=best.overall.stderr,
+            ties=[rival.filter.varied for rival in standing.not_worse],
+            next={} if nearest is None else nearest.filter.varied,
+            difference=nan if nearest is None else nearest.difference.value,
+            difference_stderr=nan if nearest is None else nearest.difference.stderr,
+            text=f"{where}: mean {metric_words(metric)} {number}",
+        )
 
 
 def _is_headline(metric: str) -> bool:
@@ -131,5 +120,5 @@ def _is_headline(metric: str) -> bool:
 
 
 def _file_name(path: str) -> str:
-    """Return a path as every system takes it: ``KF-assume-motion-q``."""
+    """Write a path as every system takes it: ``KF-assume-motion-q``."""
     return "-".join(re.findall("[A-Za-z0-9]+", single_paths(path)[0].partition(".")[2]))

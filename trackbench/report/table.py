@@ -123,13 +123,13 @@ def _tex(text: str) -> str:
 
 
 def _head_tex(text: str) -> str:
-    """Return a column's head for LaTeX, formulas between $ as they are."""
+    """Write a column's head for LaTeX, formulas between $ as they are."""
     parts = enumerate(_FORMULA.split(text))
     return "".join(part if i % 2 else _tex(part) for i, part in parts)
 
 
 def _greek(c: str) -> str:
-    """Return a small Greek letter as a formula, since pdflatex has it in no font of text."""
+    """Write a small Greek letter as a formula, since pdflatex has it in no font of text."""
     head, _, letter = unicodedata.name(c, "").partition("GREEK SMALL LETTER ")
     return rf"$\{letter.lower().replace('lamda', 'lambda')}$" if letter and not head else c
 
@@ -144,7 +144,7 @@ _NUMBER = ' style="text-align: right; white-space: nowrap"'
 
 
 def table_html(table: TextTable) -> str:
-    """Return a table; numbers stand to the right."""
+    """Write a table; numbers stand to the right."""
     heads = "".join(f"<th>{escape(head)}</th>" for head in table.heads)
     rows = "".join(f"<tr>{''.join(map(_cell, row))}</tr>" for row in table.rows[:_MOST_ROWS])
     more = len(table.rows) - _MOST_ROWS
@@ -296,7 +296,7 @@ _USUAL_DIGITS = 4
 
 
 def rounded(value: float, stderr: float, digits: int) -> str:
-    """Return the value and standard error to the same decimal place, the error with one digit or two."""
+    """Round the value and standard error to the same decimal place, the error to one digit or two."""
     if not isfinite(value):
         return "infinite" if isinf(value) else "–"
     decimals = digits - 1 - _exponent(value)
@@ -314,7 +314,7 @@ def rounded(value: float, stderr: float, digits: int) -> str:
 
 
 def _places(value: float, stderr: float, digits: int) -> int:
-    """Return the places of a value down to its error's second digit, at most six or the digits."""
+    """Count the places of a value down to its error's second digit, at most six or the digits."""
     exact = _exact_places(digits)
     if not stderr > 0.0:
         return exact
@@ -322,7 +322,7 @@ def _places(value: float, stderr: float, digits: int) -> int:
 
 
 def _exact_places(digits: int) -> int:
-    """Return the places of a number with an exponent and no error: three digits, or more than four."""
+    """Count the places of a number with an exponent and no error: three digits, or more than four."""
     return digits - 1 if digits > _USUAL_DIGITS else 2
 
 

@@ -115,7 +115,7 @@ class CsvFiles:
                 self._writers["summary.csv"].writerow([*before, *row])
 
     def _cells(self, point: int, label: str) -> list[Any]:
-        """Return the first cells of each row: values of the grid point, and the filter."""
+        """Begin a row: values of the grid point, and the filter."""
         return [*self._experiment.points[point].values.values(), label]
 
     def _head(self, point: int, label: str) -> str:
@@ -123,7 +123,6 @@ class CsvFiles:
 
 
 def _texts(values: Array, file: str) -> list[str]:
-    """Return numbers as the file has them."""
     if values.dtype.kind != "f":
         return [str(x) for x in values.tolist()]
     if np.isnan(values).all():

@@ -2,7 +2,7 @@
 
 from collections.abc import Container, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
@@ -47,6 +47,7 @@ class ResultsFolder:
     """content of the manifest, until it is written"""
     point_facts: tuple[PointFacts, ...] | None = None
     """facts about the points, instead of those in the folder"""
+    _columns: dict[str, Columns] = field(default_factory=dict, init=False, compare=False)
 
     @cached_property
     def source(self) -> Source:
@@ -72,13 +73,9 @@ class ResultsFolder:
     @property
     def citation(self) -> str:
         """``trackbench/ungm v1, 400 runs`` of a standard problem; else an empty text."""
-        config = self.config
-        problem = config.get("problem")
-        return (
-            f"trackbench/{config['name']} v{problem['version']}, {counted(config['runs'], 'run')}"
-            if problem
-            else ""
-        )
+        config, problem = self.config, self.config.get("problem")
+        runs = counted(config["runs"], "run")
+        return f"trackbench/{config['name']} v{problem['version']}, {runs}" if problem else ""
 
     @property
     def figure_configs(self) -> dict[str, dict[str, Any]]:
@@ -87,20 +84,16 @@ class ResultsFolder:
 
     def unavailable_kinds(self, group: Group) -> dict[str, str]:
         """Return names and kinds of tables or figures whose plugin is not loaded."""
-        named = {name: part.get("kind") for name, part in self.config.get(group, {}).items()}
+        parts = self.config.get(group) or {}
+        named = {name: part.get("kind") for name, part in parts.items()}
         known = kinds(group) if self.config.get("plugins") else named.values()
         return {name: kind for name, kind in named.items() if kind not in known}
 
     @cached_property
     def published(self) -> Published:
         """Published numbers and claims that the results are compared with."""
-        config = self.config
-        return read_published(
-            self.folder,
-            config.get("published", []),
-            config["name"],
-            mark=self.source.mark(("published",)),
-        )
+        paths, mark = self.config.get("published", []), self.source.mark(("published",))
+        return read_published(self.folder, paths, self.config["name"], mark=mark)
 
     @property
     def labels(self) -> list[str]:
@@ -276,25 +269,14 @@ class ResultsFolder:
 
     def index_of(self, point: GridPoint) -> int | None:
         """Return a point's number in the config's grid; None if the grid does not have it."""
-        return next(
-            (i for i, given in enumerate(self.grid_points) if same_point(given, point)), None
-        )
+        places = (i for i, given in enumerate(self.grid_points) if same_point(given, point))
+        return next(places, None)
 
     def columns(self, name: str, point: Mapping[str, Any] = MappingProxyType({})) -> Columns:
         """Return rows of `summary`, `per_step` or `timing`, at one grid point or at all."""
         if name not in self._columns:
             self._columns[name] = Columns.of(self._read(f"{name}.csv"))
         return self._columns[name].at(point)
-
-    @cached_property
-    def _columns(self) -> dict[str, Columns]:
-        return {}
-
-    def at(self, frame: "pd.DataFrame", point: GridPoint) -> "pd.DataFrame":
-        """Select the rows of one grid point."""
-        for path, value in point.items():
-            frame = frame[frame[path] == value]
-        return frame
 
     def _read(self, name: str) -> "pd.DataFrame":
         with self.reading(name) as path:
@@ -306,18 +288,14 @@ class ResultsFolder:
         if not (self.folder / "tuning.csv").is_file():
             return {}
         with self.reading("tuning.csv") as path, path.open(encoding="utf-8", newline="") as file:
-            return read_tuning(file, self.config.get("tune", {}), self._taken)
-
-    @property
-    def _taken(self) -> dict[str, dict[str, Any]]:
-        """Tuned keys' values of the config's tuned filters, by the filter's label."""
-        return {
-            label: {key: self._at(f"filters.{tuned_label(label)}.{key}") for key in keys}
-            for label, keys in self.config.get("tune", {}).items()
-        }
+            tune, taken = self.config.get("tune", {}), {}
+            for label, keys in tune.items():
+                prefix = f"filters.{tuned_label(label)}"
+                taken[label] = {key: self._at(f"{prefix}.{key}") for key in keys}
+            return read_tuning(file, tune, taken)
 
     def _at(self, path: str) -> Any:
-        """Return a value of the config; nothing if it is not there."""
+        """Look up a value of the config; nothing if it is not there."""
         value: Any = self.config
         for key in split_path(self.source, path):
             children = value if isinstance(value, dict) else dict(enumerate(value or ()))

@@ -14,6 +14,7 @@ import stat
 import sys
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from itertools import product
 from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 
@@ -64,16 +65,8 @@ _FORMS = {
 _PARTIAL = re.compile(r"\.(.+)\.[0-9]+\.part")
 """Name of a file that is being written: that of the whole file, and the process id."""
 _OF_RESULTS = (
-    *(
-        "experiment",
-        "seed",
-        "runs",
-        "steps",
-        "loops_over_runs",
-        "deterministic",
-        "training_holds_out",
-    ),
-    *("plugins", "failed", "format"),
+    *("experiment", "seed", "runs", "steps", "loops_over_runs", "deterministic"),
+    *("training_holds_out", "plugins", "failed", "format"),
 )
 """Facts in the manifest; ``run/machine.json`` has all others."""
 DIGITS = {"per_run.csv": 7, "per_step.csv": 6, "summary.csv": 7}
@@ -88,13 +81,13 @@ class Damage(NamedTuple):
 
 
 def is_of_one_run(name: str) -> bool:
-    """Return whether a file depends on the machine or on options of the run."""
+    """Test whether a file depends on the machine or on options of the run."""
     is_optional = name.endswith((".png", ".pdf", ".tex")) or name in ("report.html", "tracks.npz")
     return is_optional or name.startswith("run/")
 
 
 def is_in_git(name: str) -> bool:
-    """Return whether git keeps a file: a folder is complete without all others."""
+    """Test whether git keeps a file: a folder is complete without all others."""
     return name not in DATA_FILES and not is_of_one_run(name)
 
 
@@ -106,24 +99,21 @@ def remove_outputs(folder: Path, keep: Collection[str]) -> None:
     """
     named = {*_recorded(folder), *_named_by_config(folder)}
     names = {*named, *RUN_FILES, *DERIVED_FILES, *_OLD_FILES, MACHINE}.difference(keep)
-    paths = (folder / name for name in names)
-    for path in (*_leftovers(folder), *paths, folder / MANIFEST):
-        inner = path.relative_to(folder).parents
-        if path.is_file() and not any((folder / parent).is_symlink() for parent in inner[:-1]):
-            remove(path)
-
-
-def _leftovers(folder: Path) -> Iterator[Path]:
-    """Yield half-written files of a killed process; the caller has locked the folder."""
+    paths = [folder / name for name in names]
+    # Half-written files of a killed process: the caller has locked the folder.
     for inner in ("", "run", *_FORMS):
         for path in (folder / inner).glob(".*.part"):
             whole = _PARTIAL.fullmatch(path.name)
             if whole and _is_output(PurePosixPath(inner, whole[1])):
-                yield path
+                paths.append(path)
+    for path in (*paths, folder / MANIFEST):
+        parents = path.relative_to(folder).parents
+        if path.is_file() and not any((folder / parent).is_symlink() for parent in parents[:-1]):
+            remove(path)
 
 
 def _is_output(path: PurePosixPath) -> bool:
-    """Return whether any version writes files of this name into a results folder."""
+    """Test whether any version writes files of this name into a results folder."""
     known = (*RUN_FILES, *DERIVED_FILES, *_OLD_FILES, "config.yaml", MANIFEST, MACHINE)
     forms = _FORMS.get(path.parent.as_posix(), ())
     return str(path) in known or path.suffix.removeprefix(".") in forms
@@ -144,15 +134,14 @@ def _named_by_config(folder: Path) -> Iterator[str]:
         config = read(folder / "config.yaml").data
         for group, forms in _NAMED.items():
             names = config.get(group) if isinstance(config, dict) else None
-            for name in [*names, DEFAULT] if isinstance(names, dict) else ():
-                places = (
-                    f"{place}{group}/{name}" for place in ("", "run/") if "/" not in str(name)
-                )
-                yield from (f"{place}.{form}" for place in places for form in forms)
+            every = [*names, DEFAULT] if isinstance(names, dict) else []
+            safe = [name for name in every if "/" not in str(name)]
+            for place, name, form in product(("", "run/"), safe, forms):
+                yield f"{place}{group}/{name}.{form}"
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
-    """Return the facts and digests of both manifests; those of the run may be missing."""
+    """Read the facts and digests of both manifests; those of the run may be missing."""
     facts: dict[str, Any] = {}
     for name in (MACHINE, MANIFEST):
         if name == MANIFEST or (folder / name).is_file():
@@ -180,7 +169,7 @@ def write_manifest(folder: Path, facts: Mapping[str, Any], written: Iterable[Pat
 
 
 def check_digests(folder: Path, recorded: Mapping[str, str]) -> Damage:
-    """Return which of the recorded files are missing or changed."""
+    """Find which of the recorded files are missing or changed."""
     present = {name for name in recorded if (folder / name).is_file()}
     return Damage(
         [name for name in recorded if name not in present and is_in_git(name)],

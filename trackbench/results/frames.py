@@ -96,10 +96,8 @@ class Columns:
         return (dict(zip(self, row, strict=True)) for row in self.tuples(self))
 
 
-def read_pieces(
-    path: Path, needed: Collection[str], rows: int = _ROWS_AT_A_TIME
-) -> Iterator["pd.DataFrame"]:
-    """Yield the rows of a file, so many at a time; columns of a grid are words.
+def read_pieces(path: Path, needed: Collection[str]) -> Iterator["pd.DataFrame"]:
+    """Yield the rows of a file, some thousands at a time; columns of a grid are words.
 
     Raises ValueError if a row has another length, a needed column is missing, or a word has control
     characters, some of which a terminal obeys.
@@ -113,7 +111,7 @@ def read_pieces(
     }
     if tuple(map(int, pd.__version__.split(".")[:2])) < (3, 1):
         options["float_precision"] = "round_trip"  # else the last bit may be wrong
-    with pd.read_csv(path, encoding="utf-8", chunksize=rows, **options) as pieces:
+    with pd.read_csv(path, encoding="utf-8", chunksize=_ROWS_AT_A_TIME, **options) as pieces:
         for piece in pieces:
             missing = [name for name in needed if name not in piece]
             if missing:
@@ -128,7 +126,7 @@ def read_pieces(
 
 
 def read_frame(path: Path, needed: Collection[str] = ()) -> "pd.DataFrame":
-    """Return a file as a data frame; the types of a grid's columns follow from their texts."""
+    """Read a file as a data frame; the types of a grid's columns follow from their texts."""
     import pandas as pd
 
     frame = pd.concat(read_pieces(path, needed), ignore_index=True)
@@ -140,7 +138,7 @@ def read_frame(path: Path, needed: Collection[str] = ()) -> "pd.DataFrame":
 
 
 def _parse_of(texts: Collection[str]) -> Parse:
-    """Return the first type that all texts have: whole numbers, numbers, truth values, words."""
+    """Find the first type that all texts have: whole numbers, numbers, truth values, words."""
     for parse in (int, float, _truth):
         with suppress(ValueError, KeyError):
             for text in texts:
@@ -158,7 +156,7 @@ _PARSES: dict[str, Parse] = {"i": int, "f": float, "b": _truth}
 
 
 def read_runs(path: Path, summary: Columns, grid: list[str], labels: Collection[str]) -> PointRuns:
-    """Return the filters' runs by the values of the grid, which have their types in the summary."""
+    """Read the filters' runs by the values of the grid, which have their types in the summary."""
     keys = [*grid, "filter", "metric"]
     pieces: dict[tuple[str, ...], dict[tuple[str, str], list[Array]]] = {}
     for piece in read_pieces(path, ["filter", "metric", "value"]):

@@ -16,7 +16,6 @@ from trackbench.config.experiment import Point
 from trackbench.config.python_tables import path_from
 from trackbench.evaluation.consistency_and_calibration import sizes
 from trackbench.metrics import unit_of, without_unit
-from trackbench.scenarios.base import Scenario
 from trackbench.yaml_source import unprintable_reason
 
 POINTS_FILE = "points.json"
@@ -26,7 +25,7 @@ GridPoint: TypeAlias = dict[str, Any]
 
 
 def printable_json(text: str) -> Any:
-    """Return the content of a JSON file; raises ValueError for control characters in its texts.
+    """Parse a JSON file; raises ValueError for control characters in its texts.
 
     Anybody may have written it, and a terminal obeys some of these characters.
     """
@@ -78,11 +77,15 @@ class PointFacts:
 
 
 def facts_of_point(point: Point, shown: Callable[[str], str] = str) -> PointFacts:
-    """Return the facts about a point; ``shown`` formats the paths of data files."""
+    """Collect the facts about a point; ``shown`` formats the paths of data files."""
     scenario = point.scenario
     filters = {label: as_config(part, shown) for label, part in point.filters.items()}
     for label, assume in point.assumed.items():
         filters[label] |= entry_keys(assume, shown)
+    judged = None
+    if scenario.recorded_runs == 1:
+        steps = scenario.steps[scenario.windows[""]]
+        judged = [int(steps[0]), int(steps[-1])] if len(steps) else []
     return PointFacts(
         dict(point.values),
         as_config(scenario, shown),
@@ -90,30 +93,29 @@ def facts_of_point(point: Point, shown: Callable[[str], str] = str) -> PointFact
         list(scenario.components),
         list(scenario.true_sensor.components),
         dict(sizes(scenario)),
-        [[float(t) for t in span] for span in scenario.spans],
+        [[*map(float, span)] for span in scenario.spans],
         [*scenario.angles] or None,
-        _judged(scenario) if scenario.recorded_runs == 1 else None,
+        judged,
     )
 
 
-def _judged(scenario: Scenario) -> list[int]:
-    steps = scenario.steps[scenario.windows[""]]
-    return [int(steps[0]), int(steps[-1])] if len(steps) else []
-
-
 def points_text(points: Sequence[Point], folder: Path) -> str:
-    """Return the file's content: a line per point, with what differs from the first point.
+    """Write the file's content: a line per point, with what differs from the first point.
 
     Paths of data files are relative to ``folder``.
     """
     facts = (facts_of_point(point, partial(path_from, folder=folder)) for point in points)
-    whole = [{k: v for k, v in asdict(one).items() if v is not None} for one in facts]
-    lines = [json.dumps(whole[0]), *(json.dumps(_changed(whole[0], other)) for other in whole[1:])]
+    first: dict[str, Any] = {}
+    lines = []
+    for one in facts:
+        known = {key: value for key, value in asdict(one).items() if value is not None}
+        lines.append(json.dumps(_changed(first, known) if first else known))
+        first = first or known
     return "[" + ",\n".join(lines) + "]\n"
 
 
 def same_points(stored: str, computed: str) -> bool:
-    """Return whether a file's content is the computed one, but for keys of newer versions.
+    """Test whether a file's content is the computed one, but for keys of newer versions.
 
     The config does not name such a key, so it has its default.
     """
@@ -141,12 +143,12 @@ def points_in(text: str) -> Iterator[PointFacts]:
 
 
 def _changed(first: dict[str, Any], other: dict[str, Any]) -> dict[str, Any]:
-    """Return the facts that differ; of filters, label by label."""
+    """Keep the facts that differ; of filters, label by label."""
     filters = {b: keys for b, keys in other["filters"].items() if keys != first["filters"].get(b)}
     out = {key: value for key, value in other.items() if value != first.get(key)}
     return {**out, "filters": filters} if filters else out
 
 
 def array_prefix(i: int, points: int) -> str:
-    """Return the prefix of the array names of the ``i``-th of so many points of a grid."""
+    """Prefix the array names of the ``i``-th of so many points of a grid."""
     return f"point{i}/" if points > 1 else ""

@@ -98,19 +98,19 @@ class FigureTracks(TrackFile):
 
 
 def sensor_paths(scenario: Scenario) -> list[tuple[int, Array]]:
-    """Return number and path (2, T) of each sensor that has a place."""
+    """Find the number and path (2, T) of each sensor that has a place."""
     sensor = scenario.true_sensor
     sensors = sensor.sensors if isinstance(sensor, StackedSensor) else (sensor,)
-    steps = [int(k) for k in scenario.steps]
-    return [
-        (n, np.array([(each.place(k) or (0.0, 0.0))[:2] for k in steps]).T)
-        for n, each in enumerate(sensors, 1)
-        if isinstance(each, AngularSensor)
-    ]
+    paths = []
+    for n, each in enumerate(sensors, 1):
+        if isinstance(each, AngularSensor):
+            places = [(each.place(int(k)) or (0.0, 0.0))[:2] for k in scenario.steps]
+            paths.append((n, np.array(places).T))
+    return paths
 
 
 def measured_positions(scenario: Scenario, z: Array) -> Array | None:
-    """Return the positions (axes, T, r) of measurements (n_z, T, r), NaN for a missing one.
+    """Locate measurements (n_z, T, r): positions (axes, T, r), NaN for a missing one.
 
     None if no sensor measures a position at once.
     """

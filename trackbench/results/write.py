@@ -18,26 +18,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import trackbench
-from trackbench.atomic_files import (
-    ensure_folder,
-    note,
-    within,
-    write_bytes,
-    write_text,
-)
+from trackbench.atomic_files import ensure_folder, note, within, write_bytes, write_text
 from trackbench.config.dump import as_yaml, data_files, resolved
 from trackbench.config.experiment import Experiment
-from trackbench.config.requested_metrics import Contributions, requested_contributions
+from trackbench.config.requested_metrics import requested_contributions
 from trackbench.core import compiled
 from trackbench.core.sums import total
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.consistency_and_calibration import sizes
 from trackbench.evaluation.error_series import LOST_BECAUSE, NOT_FINITE
 from trackbench.evaluation.metric_expression import measured
-from trackbench.evaluation.summary import (
-    FilterResult,
-    with_shares,
-)
+from trackbench.evaluation.summary import FilterResult, with_shares
 from trackbench.evaluation.timing import Measured
 from trackbench.execution import code_digests
 from trackbench.execution.code_digests import code_digest
@@ -83,23 +74,17 @@ class Losses(NamedTuple):
         return f"{self.lost} of {self.runs} runs lost, {', '.join(reasons)}"
 
 
-class Written(NamedTuple):
-    """Lost runs of each filter, and the facts for the manifest."""
-
-    losses: dict[Key, Losses]
-    facts: dict[str, Any]
-
-
 def write_results(
     folder: Path,
     experiment: Experiment,
     outcome: Outcome,
     tracks: bool,
     times: Mapping[Key, Measured] = MappingProxyType({}),
-) -> Written:
+) -> tuple[dict[Key, Losses], dict[str, Any]]:
     """Write the files of a run in place of what earlier runs left, from which all others are made.
 
-    ``times`` are measured CPU times. The caller writes the manifest, after all other files.
+    ``times`` are measured CPU times. Return the lost runs of each filter, and the facts for the
+    manifest, which the caller writes after all other files.
     """
     published = experiment.published.files
     inputs = {"config.yaml", *(f"published/{name}" for name in published)}
@@ -117,13 +102,18 @@ def write_results(
     if tracks:
         track_files["tracks.npz"] = TrackFile(experiment)
     ensure_folder(within(folder, "run"))
-    losses, requested = {}, requested_contributions(experiment)
+    losses, requested, settings = {}, requested_contributions(experiment), experiment.settings
     spent: dict[BlockTask, float] = {}  # several points may share a filtered block
     with ExitStack() as files:
         csv_files = CsvFiles(files, folder, experiment)
         for key, result in outcome.results():
-            result = _with_shares(experiment, key, result, requested)
-            result = result._replace(measured=times.get(key))
+            # Add each run's share in the requested measures; drop the series that only they need.
+            scenario = experiment.points[key[0]].scenario
+            steps, parts = scenario.steps.tolist(), sizes(scenario)
+            shares = requested.of(key[1], steps)
+            result = with_shares(result, shares, scenario.windows, steps, parts)
+            series = {n: rows for n, rows in result.run_series.items() if n in settings.medians}
+            result = result._replace(run_series=series, measured=times.get(key))
             losses[key] = Losses.of(result)
             passes = (task.filtering_key for task in outcome.plan.tasks[key])
             spent.update(zip(passes, (t.cpu_s for t in result.timing), strict=True))
@@ -134,18 +124,7 @@ def write_results(
     for name, track_file in track_files.items():
         track_file.write(folder / name)
     cpu_s = round(float(total(np.array([*spent.values()]))), 3)
-    return Written(losses, facts_of_run(experiment, outcome) | {"cpu_s": cpu_s})
-
-
-def _with_shares(
-    experiment: Experiment, key: Key, result: FilterResult, requested: Contributions
-) -> FilterResult:
-    """Add each run's share in the requested measures; drop the series that only they need."""
-    scenario, settings = experiment.points[key[0]].scenario, experiment.settings
-    windows, steps, parts = scenario.windows, scenario.steps.tolist(), sizes(scenario)
-    result = with_shares(result, requested.of(key[1], steps), windows, steps, parts)
-    series = {name: rows for name, rows in result.run_series.items() if name in settings.medians}
-    return result._replace(run_series=series)
+    return losses, facts_of_run(experiment, outcome) | {"cpu_s": cpu_s}
 
 
 _PIN = re.compile(r"^([A-Za-z0-9_.-]+)==([^\s;\\]+)(?! ;)", re.MULTILINE)
@@ -156,7 +135,7 @@ _PACKAGES = ("numpy", "scipy", "pandas", "matplotlib", "pydantic", "PyYAML")
 
 
 def facts_of_run(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
-    """Return the content of both manifests but for the format and the digests of the files."""
+    """Collect the content of both manifests but for the format and the digests of the files."""
     filters = experiment.points[0].filters
     steps = [len(point.scenario.steps) - 1 for point in experiment.points]
     recorded = all(point.scenario.recorded_runs is not None for point in experiment.points)
@@ -195,28 +174,24 @@ def facts_of_run(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
 
 
 def lock_file() -> Path:
-    """Return the path of the lock file: beside the code in a wheel, in requirements/ in a checkout."""
+    """Locate the lock file: beside the code in a wheel, in requirements/ in a checkout."""
     package = Path(str(files("trackbench")))
     in_wheel = package / "requirements.txt"
     return in_wheel if in_wheel.is_file() else package.parent / "requirements" / "run.txt"
 
 
 def compare_lock() -> dict[str, Any]:
-    """Return the lock file's digest, and the packages that are installed in another version."""
+    """Digest the lock file; find the packages that are installed in another version."""
     content = lock_file().read_bytes()
     pins = dict(_PIN.findall(content.decode()))
     installed = {name: _installed(name) for name in pins}
-    return {
-        "file": "requirements/run.txt",
-        "sha256": hashlib.sha256(content).hexdigest(),
-        "other": {
-            name: installed[name] for name in pins if installed[name] not in (pins[name], None)
-        },
-    }
+    other = {name: now for name, now in installed.items() if now not in (pins[name], None)}
+    digest = hashlib.sha256(content).hexdigest()
+    return {"file": "requirements/run.txt", "sha256": digest, "other": other}
 
 
 def _installed(name: str) -> str | None:
-    """Return a package's version; None if it is not installed, as a tool of the build may be."""
+    """Look up a package's version; None if it is not installed, as a tool of the build may be."""
     try:
         text = distribution(name).read_text("METADATA")
     except PackageNotFoundError:
@@ -226,7 +201,7 @@ def _installed(name: str) -> str | None:
 
 
 def _processor() -> str:
-    """Return the processor's name; Python reports none on Linux."""
+    """Name the processor; Python reports none on Linux."""
     with suppress(OSError):
         line = _PROCESSOR.search(Path("/proc/cpuinfo").read_text(encoding="utf-8"))
         return line.group(1) if line else platform.machine()
@@ -234,19 +209,16 @@ def _processor() -> str:
 
 
 def _commit() -> str | None:
-    """Return the git commit of the package's own source, if it is a checkout.
+    """Find the git commit of the package's own source, if it is a checkout.
 
     A repository around an installed package belongs to another program. In its own repository the
     package is the folder ``trackbench`` at the top, and the commit has its files.
     """
     package = Path(trackbench.__file__).parent
     try:
-        answer = subprocess.run(
-            ["git", "-C", str(package), "rev-parse", "--show-prefix", "HEAD", "HEAD:./__init__.py"],
-            capture_output=True,
-            text=True,
-            check=True,
-        )
+        words = ["rev-parse", "--show-prefix", "HEAD", "HEAD:./__init__.py"]
+        command = ["git", "-C", str(package), *words]
+        answer = subprocess.run(command, capture_output=True, text=True, check=True)
     except (OSError, subprocess.CalledProcessError):
         return None
     prefix, commit, _ = answer.stdout.splitlines()

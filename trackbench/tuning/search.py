@@ -10,7 +10,7 @@ import csv
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain, product, starmap
-from math import inf, isfinite, nan
+from math import inf, isfinite, nan, prod
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple, TextIO, TypeAlias
@@ -33,11 +33,8 @@ Asking: TypeAlias = Generator[list[Values], Mapping[Values, Rank], None]
 
 _ALL_OVER = 4  # points per key before the simplex
 _RATIOS = (
-    1.618033988749895,
-    1.324717957244746,
-    1.2207440846057596,
-    1.1673039782614187,
-    1.1347241384015194,
+    *(1.618033988749895, 1.324717957244746, 1.2207440846057596),
+    *(1.1673039782614187, 1.1347241384015194),
 )
 """Generalized golden ratios, ``x^(d + 1) = x + 1``, of one key to five."""
 _STEP = 0.1  # share of an axis between the corners of the first simplex
@@ -49,7 +46,7 @@ _LOST = 1e12  # what a lost run counts: more than any objective
 
 
 def looked_around(axes: Sequence[Axis], budget: int) -> int:
-    """Return the part of the budget that is reserved for the neighbors of the best trial."""
+    """Reserve a part of the budget for the neighbors of the best trial."""
     return min(len(_AROUND) * sum(not axis.choices for axis in axes), budget // 3)
 
 
@@ -94,22 +91,18 @@ class Search:
         return tuple(axis.at(share) for axis, share in zip(self._axes, place, strict=True))
 
     def _with_each_choice(self, place: Shares) -> list[Shares]:
-        """Return the place with every combination of choices; with many, each changed alone."""
-        axes = [(i, len(axis.choices)) for i, axis in enumerate(self._axes) if axis.choices]
-        combinations = int(np.prod([n for _, n in axes]))
+        """Try every combination of choices at the place; of many, each changed alone."""
         choices = []
-        for i, n in axes:
-            choices.append([(i, (k + 0.5) / n) for k in range(n)])
-        changes: list[tuple[tuple[int, float], ...]]
-        if combinations <= self._left // 2:
-            changes = [*product(*choices)]
-        else:
-            changes = [(choice,) for choice in chain.from_iterable(choices)]
+        for i, n in enumerate(len(axis.choices) for axis in self._axes):
+            choices += [[(i, (k + 0.5) / n) for k in range(n)]] if n else []
+        changes: Iterable[tuple[tuple[int, float], ...]] = product(*choices)
+        if prod(map(len, choices)) > self._left // 2:
+            changes = zip(chain.from_iterable(choices), strict=True)
         shares = dict(enumerate(place))
         return [tuple((shares | dict(change)).values()) for change in changes]
 
     def _all_over(self, place: Shares) -> list[Shares]:
-        """Return spread points: multiples of powers of the generalized golden ratio, modulo one."""
+        """Spread points: multiples of powers of the generalized golden ratio, modulo one."""
         d = len(self._numbers)
         steps = np.cumprod(np.full(d, 1.0 / _RATIOS[d - 1]))
         return [self._at(place, (0.5 + n * steps) % 1.0) for n in range(1, _ALL_OVER * d + 1)]
@@ -130,7 +123,7 @@ class Search:
             yield from self._ask([wanted])
 
     def _next_corner(self, place: Shares, corners: Array) -> Shares | None:
-        """Return the next unknown point of the simplex, or None if it has converged."""
+        """Find the next unknown point of the simplex; None if it has converged."""
         from scipy.optimize import minimize
 
         def rank(x: Array) -> float:
@@ -225,7 +218,7 @@ class Record:
         return min(self.trials, key=lambda trial: (trial.rank, trial.values != self.taken))
 
     def within(self, axis: Axis) -> list[Any]:
-        """Return the range of a key, or the choices, at most one standard error worse.
+        """Find the range of a key, or the choices, at most one standard error worse.
 
         The rule of one standard error (Breiman et al. 1984, section 3.4.3). With the other keys at
         their best, the objective is interpolated linearly between trials; any other trial as good
@@ -242,14 +235,12 @@ class Record:
         below = sorted((-x, t.objective) for x, t in line if x <= middle)
         above = sorted((x, t.objective) for x, t in line if x >= middle)
         shares = [axis.share(t.values[axis.key]) or 0.0 for t in good]
-        ends = min(shares, default=middle), max(shares, default=middle)
-        return [
-            axis.at(min(ends[0], -_reach(below, limit))),
-            axis.at(max(ends[1], _reach(above, limit))),
-        ]
+        low = min([*(shares or [middle]), -_reach(below, limit)])
+        high = max([*(shares or [middle]), _reach(above, limit)])
+        return [axis.at(low), axis.at(high)]
 
     def beside(self, axis: Axis) -> list[Trial]:
-        """Return the trials that differ from the best in at most this key and lose as many runs."""
+        """Find the trials that differ from the best in at most this key and lose as many runs."""
         best = self.best
         out = []
         for trial in self.trials:
@@ -285,16 +276,14 @@ class Record:
 
 def write_tuning(path: Path, records: Mapping[str, Record]) -> None:
     """Write tuning.csv."""
-    write_csv(path, HEADER, _rows(records))
-
-
-def _rows(records: Mapping[str, Record]) -> Iterator[list[Any]]:
+    rows: list[list[Any]] = []
     for label, record in records.items():
         for n, trial in enumerate(record.trials):
             _, objective, stderr, lost = trial.rounded()
             numbers = [objective, stderr, "" if lost == _FAILED else lost]
             for axis in record.axes:
-                yield [label, n, axis.key, trial.values[axis.key], *numbers]
+                rows.append([label, n, axis.key, trial.values[axis.key], *numbers])
+    write_csv(path, HEADER, rows)
 
 
 def read_tuning(
@@ -314,19 +303,15 @@ def read_tuning(
         for label, keys in tune.items()
     }
     for (label, _), rows in trials.items():
-        out[label].trials.append(_trial(rows))
+        values = {row["key"]: scalar(row["value"]) for row in rows}
+        objective, stderr = (float(rows[0][name]) for name in ("objective", "stderr"))
+        lost = int(rows[0]["lost"]) if rows[0]["lost"] else _FAILED
+        out[label].trials.append(Trial(values, objective, stderr, lost))
     return {label: record for label, record in out.items() if record.trials}
 
 
-def _trial(rows: list[dict[str, str]]) -> Trial:
-    first = rows[0]
-    values = {row["key"]: scalar(row["value"]) for row in rows}
-    lost = int(first["lost"]) if first["lost"] else _FAILED
-    return Trial(values, float(first["objective"]), float(first["stderr"]), lost)
-
-
 def _reach(line: list[tuple[float, float]], limit: float) -> float:
-    """Return how far from the first point of a line (share, objective) it stays below the limit."""
+    """Follow a line (share, objective) from its first point as far as it stays below the limit."""
     reached, height = line[0]
     for x, y in line[1:]:
         if not y <= limit:
@@ -341,6 +326,5 @@ def _rounded(x: float) -> float:
 
 
 def _shares(axis: Axis, values: Iterable[Any]) -> tuple[float, float]:
-    """Return the least and the largest share."""
     shares = [axis.share(value) or 0.0 for value in values]
     return min(shares), max(shares)

@@ -100,9 +100,11 @@ class _Tuner:
         """Continue as far as finished blocks allow; return the number of scored trials."""
         before = len(self.record.trials)
         while self._requested and not self.missing:
-            trials = {
-                values: self._trial(values, tasks) for values, tasks in self._requested.items()
-            }
+            keys = [axis.key for axis in self.record.axes]
+            trials = {}
+            for values, tasks in self._requested.items():
+                of_keys = dict(zip(keys, values, strict=True))
+                trials[values] = Trial.of(of_keys, self._score(tasks))
             self.record.trials += trials.values()
             blocks = filter(None, self._results.values())
             self.record.cpu_s += sum(block.cpu_s for block in blocks)
@@ -129,12 +131,8 @@ class _Tuner:
             else:
                 self._results[task] = result
 
-    def _trial(self, values: Values, tasks: list[BlockTask]) -> Trial:
-        keys = [axis.key for axis in self.record.axes]
-        return Trial.of(dict(zip(keys, values, strict=True)), self._score(tasks))
-
     def _score(self, tasks: list[BlockTask]) -> RunEstimate | None:
-        """Return the score of a trial's blocks; None for an invalid or failed filter."""
+        """Score a trial's blocks; None for an invalid or failed filter."""
         results = [block for block in map(self._results.get, tasks) if block is not None]
         if not tasks or len(results) < len(tasks):
             return None
@@ -167,7 +165,7 @@ class Training:
         return tuple(0.5 if share is None else share for share in shares)
 
     def tasks(self, values: Values) -> list[BlockTask]:
-        """Return the blocks of a trial, as few as its particles allow; none of an invalid filter."""
+        """Make the blocks of a trial, as few as its particles allow; none of an invalid filter."""
         keys = [axis.key for axis in self.axes]
         chosen = dict(zip(keys, values, strict=True))
         trial = tuned_entries.make_trial(self._experiment.source, self._point, self._label, chosen)
@@ -187,14 +185,12 @@ class Training:
         return self.objective.score(per_run)
 
     def _blocks(self, trial: tuned_entries.Trial) -> int:
-        return ceil(self._experiment.settings.tuning.runs / self._most(trial))
-
-    def _most(self, trial: tuned_entries.Trial) -> int:
         width = self._experiment.settings.block
-        return width if isinstance(width, int) else block_width(trial.filter, self._scenario)
+        most = width if isinstance(width, int) else block_width(trial.filter, self._scenario)
+        return ceil(self._experiment.settings.tuning.runs / most)
 
     def _block(self, trial: tuned_entries.Trial, number: int) -> BlockTask:
-        """Return a block: all but the last are full, and none is wider than necessary."""
+        """Make a block: all but the last are full, and none is wider than necessary."""
         settings = self._experiment.settings
         width = ceil(settings.tuning.runs / self._blocks(trial))
         measured = any(name.startswith("rmsd") for name in self.objective.metrics)
@@ -216,7 +212,7 @@ class Training:
 
 
 def given_values(experiment: Experiment, label: str) -> dict[str, Any]:
-    """Return the values of a filter's own keys by path, with presets and defaults."""
+    """List the values of a filter's own keys by path, with presets and defaults."""
     point = experiment.points[0]
     config = as_config((point.filters | experiment.left_out)[label])
     if label in point.assumed:

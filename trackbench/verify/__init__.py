@@ -103,8 +103,7 @@ def recompute(experiment: Experiment, folder: Path, runs: int, tracks: bool) -> 
     check_memory(experiment, tracks)
     fewer = replace(experiment, settings=replace(experiment.settings, runs=runs))
     store, processes = BlockStore(cache_folder()), engine("processes", workers)
-    with closing(
-        execute([plan], store, processes, workers, fresh=True, progress=False)
-    ) as outcomes:
+    outcomes = execute([plan], store, processes, workers, fresh=True, progress=False)
+    with closing(outcomes):
         _, facts = write_results(folder, fewer, next(outcomes), tracks)
     return Results(folder, facts)

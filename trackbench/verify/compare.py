@@ -48,7 +48,7 @@ def compare_first_runs(stored: Results, computed: Results) -> Iterator[str]:
 
 
 def _values_of_runs(results: Results, runs: int) -> "pd.DataFrame":
-    """Return the first runs' values without contributions to an average: they depend on all runs."""
+    """Select the first runs' values without contributions to an average: they depend on all runs."""
     frame = results.per_run
     metrics = frame["metric"].unique()
     whole = [metric for metric in metrics if measured(metric).statistic == TIME_MEAN]
@@ -63,9 +63,7 @@ def compare_all_runs(stored: Results, computed: Results) -> Iterator[str]:
         if paths[0].is_file():
             if not paths[1].is_file() or not filecmp.cmp(*paths, shallow=False):
                 yield from _explain(name, stored, computed)
-        elif check_digests(
-            computed.folder, {n: digests[n] for n in (name,) if n in digests}
-        ).changed:
+        elif name in digests and check_digests(computed.folder, {name: digests[name]}).changed:
             yield f"{name}: has another digest when it is computed again"
 
 
@@ -122,7 +120,7 @@ def describe_difference(what: str, stored: Array, computed: Array) -> Iterator[s
 
 @np.errstate(all="ignore")
 def largest_share(a: Array, b: Array) -> float:
-    """Return the largest difference of two arrays (n,) relative to the larger value; inf for a NaN."""
+    """Find the largest difference of two arrays (n,) relative to the larger value; inf for a NaN."""
     share = np.abs(a - b) / np.maximum(np.abs(a), np.abs(b))
     return float(np.nan_to_num(share, nan=np.inf).max())
 

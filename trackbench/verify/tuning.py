@@ -89,10 +89,9 @@ def _compare_trials(label: str, stored: list[Trial], again: list[Trial]) -> Iter
         yield f"{_FILE}: {label}: has {len(stored)} trials, computed again {len(again)}"
     for a, b in zip(stored, map(Trial.rounded, again), strict=False):
         if repr(a) != repr(b):
-            texts = [f"{_at(trial)}: {trial.objective:g} ± {trial.stderr:g}" for trial in (a, b)]
+            texts = []
+            for trial in (a, b):
+                at = ", ".join(f"{key} = {value}" for key, value in trial.values.items())
+                texts.append(f"{at}: {trial.objective:g} ± {trial.stderr:g}")
             yield f"{_FILE}: {label} at {texts[0]}, computed again at {texts[1]}"
             return
-
-
-def _at(trial: Trial) -> str:
-    return ", ".join(f"{key} = {value}" for key, value in trial.values.items())

@@ -20,8 +20,6 @@ from trackbench.report.plotting import style
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.results import Results
 
-NAMES = {"ccm": "CCM", "ucm": "UCM", "mucm": "MUCM", "ducm": "DUCM"}
-
 
 @register("figures", "banana")
 @dataclass(frozen=True, kw_only=True)
@@ -49,12 +47,8 @@ class Banana(FigureKind):
         figure, axes = style.subplots(1, len(self.ranges_km), 2.9, squeeze=False)
         rng = block_stream(results.config["seed"], 0)
         for ax, range_km in zip(axes[0], self.ranges_km, strict=True):
-            z = Polar(
-                np.array([1e3 * range_km]),
-                np.array([0.0]),
-                self.sigma_range**2,
-                (1e-3 * self.sigma_azimuth_mrad) ** 2,
-            )
+            variances = self.sigma_range**2, (1e-3 * self.sigma_azimuth_mrad) ** 2
+            z = Polar(np.array([1e3 * range_km]), np.array([0.0]), *variances)
             r = z.r + self.sigma_range * rng.standard_normal(self.samples)
             a = 1e-3 * self.sigma_azimuth_mrad * rng.standard_normal(self.samples)
             along, across = position(r, a)
@@ -63,22 +57,19 @@ class Banana(FigureKind):
                 rasterized=True,
             )  # fmt: skip
             for i, conversion in enumerate(self.conversions):
-                self._ellipses(ax, convert(conversion, z), float(z.r[0]), i, NAMES[conversion])
+                converted = convert(conversion, z)
+                mean = converted.mean[:, 0] - [z.r[0], 0.0]
+                look = {"label": f"{conversion.upper()}, 1 and 2 σ", **style.line(i)}
+                for deviations in (1, 2):
+                    along, across = ellipse(mean, converted.cov[..., 0], deviations)
+                    ax.plot(1e-3 * across, along, **look)
             ax.set_title(f"{range_km:g} km")
             ax.set_xlabel(style.wrapped("Across the line of sight (km)", len(self.ranges_km)))
             few = 4 if len(self.ranges_km) < 4 else 2
             ax.xaxis.set_major_locator(MaxNLocator(few, steps=[1, 2, 5, 10]))
             ax.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
         axes[0][0].set_ylabel("Along it, less the range (m)")
-        style.title(figure, self.title)
-        style.legend_outside(figure)
-        return figure
-
-    def _ellipses(self, ax: Axes, z: Gaussian, r: float, i: int, label: str) -> None:
-        mean, cov = z.mean[:, 0], z.cov[..., 0]
-        for deviations in (1, 2):
-            along, across = ellipse(mean - [r, 0.0], cov, deviations)
-            ax.plot(1e-3 * across, along, label=f"{label}, 1 and 2 σ", **style.line(i))
+        return style.finished(figure, self.title)
 
 
 @register("figures", "posterior")
@@ -100,6 +91,7 @@ class PosteriorEllipses(FigureKind):
     """label of a filter whose prediction from the step before is drawn, too"""
     label_keys: ClassVar[tuple[str, ...]] = ("predicted",)
     numbers: ClassVar[tuple[str, ...]] = ("run",)
+    shown_covariances = True
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
         """Require a radar measurement at the point and step."""
@@ -117,16 +109,6 @@ class PosteriorEllipses(FigureKind):
             return {"step": f"{self.step} is not one of the steps {first} to {last}"}
         return {}
 
-    @property
-    def shown_runs(self) -> int:
-        """Runs whose tracks must be kept."""
-        return self.run
-
-    @property
-    def shown_covariances(self) -> bool:
-        """True if the figure needs the covariances of the tracks."""
-        return True
-
     def draw(self, results: Results) -> Figure:
         """Return the measurement's arc of two standard deviations, and an ellipse per filter."""
         figure, ax = style.subplots(height_in=3.4)
@@ -137,9 +119,7 @@ class PosteriorEllipses(FigureKind):
         ax.set_xlabel("Across the line of sight (km)")
         ax.set_ylabel("Along it (m)")
         ax.set_ylim(-self.half_height_m, self.half_height_m)
-        style.title(figure, self.title)
-        style.legend_outside(figure)
-        return figure
+        return style.finished(figure, self.title)
 
     def _panel(
         self, ax: Axes, tracks: dict[str, Array], results: Results, scenario: dict[str, Any]
@@ -167,14 +147,11 @@ class PosteriorEllipses(FigureKind):
             ax.plot(1e-3 * across, along, label=f"{label}, 2 σ", **results.line_style(label))
 
     def _arc(self, ax: Any, z: Array, truth: Array, frame: Array, scenario: Any) -> None:
-        azimuths = z[1] + 2e-3 * scenario["sensor"]["sigma_azimuth_mrad"] * np.linspace(
-            -1.0, 1.0, 201
-        )
-        edges = [
-            frame @ (position(np.full(201, z[0] + side * scenario["sensor"]["sigma_range"]), azimuths)
-                     - truth[:, None])
-            for side in (-2.0, 2.0)
-        ]  # fmt: skip
+        sensor, edges = scenario["sensor"], []
+        azimuths = z[1] + 2e-3 * sensor["sigma_azimuth_mrad"] * np.linspace(-1.0, 1.0, 201)
+        for side in (-2.0, 2.0):
+            ranges = np.full(201, z[0] + side * sensor["sigma_range"])
+            edges.append(frame @ (position(ranges, azimuths) - truth[:, None]))
         ax.fill_between(
             1e-3 * edges[0][1], edges[0][0], edges[1][0], color="#999999", alpha=0.6, lw=0.8,
             label="Measurement, 2 σ",
@@ -182,7 +159,7 @@ class PosteriorEllipses(FigureKind):
 
 
 def _kind(part: Any) -> str | None:
-    """Return the kind of a part in plain data; None of several sensors, and of none."""
+    """Read the kind of a part in plain data; None of several sensors, and of none."""
     return part.get("kind") if isinstance(part, dict) else None
 
 
@@ -202,7 +179,7 @@ def ellipse(mean: Array, cov: Array, deviations: float) -> Array:
 
 
 def _root(cov: Array) -> Array:
-    """Return a square root (2, 2) of a covariance, which may be singular but for rounding."""
+    """Factor a covariance (2, 2), which may be singular but for rounding."""
     try:
         return np.asarray(np.linalg.cholesky(cov))
     except np.linalg.LinAlgError:

@@ -51,8 +51,7 @@ class Bars(FigureKind):
         """Return a row per filter, a panel per point of the grid."""
         points = results.points()[: style.MOST_PANELS]
         lines = {self.floor: style.FLOOR, self.baseline: style.BASELINE}
-        labels = results.chosen(self.filters)
-        labels = [b for b in labels if b not in lines]
+        labels = [b for b in results.chosen(self.filters) if b not in lines]
         height = 0.9 + 0.26 * len(labels)
         figure, axes = style.panels(len(points), 1, height, sharex=True, sharey=True)
         heads = style.headings([phrases.heading(point) for point in points])
@@ -73,29 +72,24 @@ class Bars(FigureKind):
         # The first filter is on top.
         axes[0][0].set_yticks(range(len(labels)), [style.wrap_label(b) for b in labels])
         axes[0][0].invert_yaxis()
-        style.title(figure, self.title, len(results.points()))
-        style.legend_outside(figure)
-        return figure
+        return style.finished(figure, self.title, len(results.points()))
 
     def _bars(self, ax: Axes, results: Results, expressions: Evaluator, labels: list[str]) -> None:
         look: LineStyle = {"fmt": "o", "markersize": 4, "capsize": 3}
         for i, label in enumerate(labels):
-            value, low, high = self._value(expressions, label)
+            m = self.metric.of(label)
+            term, values = expressions.term(m), expressions.values(m)
+            value = term.value
+            if values is not None:
+                low, high = interval(m.statistic, values, level=self.level)
+            else:
+                low, high = (x if isfinite(x) else value for x in term.interval(self.level))
             if np.isfinite(value):
                 off = [[max(value - low, 0.0)], [max(high - value, 0.0)]]
                 color = results.line_style(label)["color"]
                 ax.errorbar(value, i, xerr=off, color=color, **look)
-        ax.errorbar(
-            [], [], xerr=[], color=style.ANY, label=f"Measured, {100 * self.level:g} %", **look
-        )
-
-    def _value(self, expressions: Evaluator, label: str) -> tuple[float, float, float]:
-        m = self.metric.of(label)
-        term, values = expressions.term(m), expressions.values(m)
-        if values is not None:
-            return term.value, *interval(m.statistic, values, level=self.level)
-        low, high = (x if isfinite(x) else term.value for x in term.interval(self.level))
-        return term.value, low, high
+        words = f"Measured, {100 * self.level:g} %"
+        ax.errorbar([], [], xerr=[], color=style.ANY, label=words, **look)
 
     def _published(self, ax: Axes, results: Results, point: GridPoint, labels: list[str]) -> None:
         look: LineStyle = {"marker": "D", "linestyle": "", "markerfacecolor": "none"}

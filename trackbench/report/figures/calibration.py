@@ -75,9 +75,8 @@ class CalibrationFigure(FigureKind):
         """Return a row of panels per filter (and point of the grid), a column per PIT."""
         every = list(product(results.points(), results.chosen(self.filters)))
         rows = every[: style.MOST_PANELS]
-        figure, axes = style.subplots(
-            len(rows), len(self.columns), 1.25 * len(rows) + 0.6, sharex=True, squeeze=False
-        )
+        shape, height = (len(rows), len(self.columns)), 1.25 * len(rows) + 0.6
+        figure, axes = style.subplots(*shape, height, sharex=True, squeeze=False)
         for line, (point, label) in zip(axes, rows, strict=True):
             for ax, m in zip(line, self.columns.values(), strict=True):
                 ranks = histogram(results, point, label, m)
@@ -144,9 +143,8 @@ class Reliability(Curves):
             if runs:
                 parts.append(f"{named(label)} {percent(float(np.interp(0.9, level, share)))}")
         where = f" at {phrases.heading(point)}" if point else ""
-        return (
-            f"In the region of 90 %{where} are, of the truths: {', '.join(parts)}." if parts else ""
-        )
+        what = f"In the region of 90 %{where} are, of the truths"
+        return f"{what}: {', '.join(parts)}." if parts else ""
 
     def draw(self, results: Results) -> Figure:
         """Return one line per filter."""
@@ -175,7 +173,7 @@ class Reliability(Curves):
 def _coverage(
     results: Results, point: GridPoint, label: str, m: Measure
 ) -> tuple[Array, Array, Array, int]:
-    """Return levels, shares of the truths within, standard errors (zero at a step), number of runs."""
+    """Count truths within: levels, shares, standard errors (zero at a step), number of runs."""
     central = m.family[1] != "nees"
     if m.steps:
         values = pits(results, point, label, m)

@@ -56,9 +56,8 @@ class Anees(OverTime):
                 low, high = np.array([bands[number[k]] for k in rows["step"].tolist()]).T
                 inside = (low <= rows["value"]) & (rows["value"] <= high)
                 parts.append((float(inside.mean()), look["label"]))
-        shares = [
-            f"{named(label)} {100 * share:.0f} %" for share, label in sorted(parts, reverse=True)
-        ]
+        parts.sort(reverse=True)
+        shares = [f"{named(label)} {100 * share:.0f} %" for share, label in parts]
         where = f" at {phrases.heading(point)}" if point else ""
         what = f"Of the steps{where} so many are in the {100 * self.level:g} % band: "
         return f"{what}{', '.join(shares)}. Above it a filter is overconfident." if shares else ""
@@ -90,7 +89,7 @@ class Anees(OverTime):
         ax.fill_between([at[k] for k in steps], low, high, **look)
 
     def _degrees(self, results: Results, point: GridPoint, label: str) -> dict[int, float]:
-        """Return the degrees of freedom of a filter's metric over its runs, by step."""
+        """Count the degrees of freedom of a filter's metric over its runs, by step."""
         rows = results.columns("per_step", point).where(filter=label)
         n = results.facts(point).sizes[self.metric.family[1]]
         number = degrees_of(rows, str(self.metric), n)
@@ -145,9 +144,8 @@ class Dots(FigureKind):
         points = results.points()[: style.MOST_PANELS]
         labels = results.chosen(self.filters, exact=True)
         height = (0.6 + 0.2 * len(labels)) * len(points) + 0.5
-        figure, axes = style.subplots(
-            len(points), len(self.columns), height, sharey=True, squeeze=False
-        )
+        shape = len(points), len(self.columns)
+        figure, axes = style.subplots(*shape, height, sharey=True, squeeze=False)
         for row, point in zip(axes, points, strict=True):
             rows = results.columns("summary", point)
             row[len(row) // 2].set_title(phrases.heading(point))
@@ -158,10 +156,10 @@ class Dots(FigureKind):
                     look = {
                         "color": results.line_style(label)["color"],
                         "marker": "o",
-                        "markersize": 3.5,
+                        "capsize": 2,
                     }
                     value, stderr = estimates.get(label, (np.nan, np.nan))
-                    ax.errorbar(value, i, xerr=2 * np.nan_to_num(stderr), capsize=2, **look)
+                    ax.errorbar(value, i, xerr=2 * np.nan_to_num(stderr), markersize=3.5, **look)
                 if metric in self.expected:
                     ax.axvline(self.expected[metric], color="black", linewidth=0.6)
                 ax.locator_params(axis="x", nbins=2)

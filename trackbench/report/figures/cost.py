@@ -90,9 +90,7 @@ class AccuracyVsCost(FigureKind):
             ax.set_title(head)
             ax.set_xlabel(COST)
         axes[0][0].set_ylabel(self.y_label or str(self.metric))
-        style.title(figure, self.title, len(every))
-        style.legend_outside(figure)
-        return figure
+        return style.finished(figure, self.title, len(every))
 
     def _panel(self, ax: Axes, results: Results, scene: GridPoint) -> None:
         drawn = self._curves(results, scene)
@@ -105,8 +103,10 @@ class AccuracyVsCost(FigureKind):
         x, y = _values(self._front(drawn))
         dearest = [MICRO * max(spot.cost.value for spot in spots)] if spots else []
         ax.step([*x[0], *dearest], [*y[0], *y[0, -1:]], where="post", label="Front", **_FRONT)
-        floor = self._floor(results)
-        least = self._least(results, points_of(results, scene)[0], floor)
+        # Of a bound, which has no runs, summary.csv has the value.
+        floor, expressions = self._floor(results), Evaluator(results, points_of(results, scene)[0])
+        stored = expressions.stored.get((floor, str(self.metric)))
+        least = (stored or expressions.term(self.metric.of(floor))).value
         if np.isfinite(least):
             ax.axhline(least, label=floor, **style.FLOOR)
         scales.plain_log_axis(ax.xaxis)
@@ -122,12 +122,6 @@ class AccuracyVsCost(FigureKind):
 
     def _front(self, every: Sequence[Curve]) -> list[Spot]:
         return list(front(_spots(every), self.metric.family[0].more_is_better))
-
-    def _least(self, results: Results, point: GridPoint, floor: str) -> float:
-        """Return a bound's value from summary.csv, which has no runs."""
-        expressions = Evaluator(results, point)
-        stored = expressions.stored.get((floor, str(self.metric)))
-        return (stored or expressions.term(self.metric.of(floor))).value
 
     def _curve(self, ax: Axes, curve: Curve, look: LineStyle) -> None:
         x, y = _values(curve.spots)

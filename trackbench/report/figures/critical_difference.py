@@ -42,9 +42,8 @@ class CriticalDifference(FigureKind):
             if len(ranked) < 2:
                 ax.set_axis_off()
                 continue
-            best, sign = (
-                ("largest", -1.0) if self.metric.family[0].more_is_better else ("smallest", 1.0)
-            )
+            larger = self.metric.family[0].more_is_better
+            best, sign = ("largest", -1.0) if larger else ("smallest", 1.0)
             # Mean ranks, and the groups of filters closer than the critical difference.
             values = sign * np.stack([runs[b, str(self.metric)] for b in ranked])
             mean = mean_ranks(values)

@@ -23,6 +23,7 @@ from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.results import Results, missing_paths, points_of
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import rules
+from trackbench.statistics.estimates import MISSING
 
 _LETTER_IN, _DIGIT_IN = 0.075, 0.05  # widths of the ticks' and of the cells' letters
 
@@ -87,12 +88,12 @@ class HeatMap(FigureKind):
     def _row(
         self, results: Results, x: str, columns: list[Any], rest: GridPoint, label: str
     ) -> list[float]:
-        return [self._cell(results, {x: value, **rest}, label) for value in columns]
-
-    def _cell(self, results: Results, wanted: GridPoint, label: str) -> float:
-        points = points_of(results, wanted)
-        m = self.metric.of(label)
-        return Evaluator(results, points[0]).term(m).value if points else float("nan")
+        cells = []
+        for value in columns:
+            points = points_of(results, {x: value, **rest})
+            term = Evaluator(results, points[0]).term(self.metric.of(label)) if points else MISSING
+            cells.append(term.value)
+        return cells
 
     def _panels(
         self, x: str, columns: list[Any], y: str, levels: list[Any], panels: dict[str, Array]

@@ -45,11 +45,8 @@ class Nis(OverTime):
         figure, panels = self.panels_over_time(results, titles)
         for (ax,), point, title in panels:
             band: tuple[Array, Array] = (np.empty(0), np.empty(0))
-            for (rows, look), (numbers, _) in zip(
-                self.lines(results, point, measured("anis")),
-                self.lines(results, point, measured("innovations")),
-                strict=True,
-            ):
+            every = (self.lines(results, point, measured(m)) for m in ("anis", "innovations"))
+            for (rows, look), (numbers, _) in zip(*every, strict=True):
                 if len(rows):
                     count = numbers["value"] * numbers["runs"]
                     over = self.over or max(1, round(_ENOUGH / float(count.mean())))
@@ -65,7 +62,7 @@ class Nis(OverTime):
 
 
 def _averages(k: Array, value: Array, count: Array, over: int) -> tuple[Array, Array, Array]:
-    """Return the middle step, average and number of components of so many successive steps each."""
+    """Average so many successive steps: middle step, average, number of components."""
     ends = range(0, len(k) - over + 1, over) if len(k) >= over else [0]
     parts = [slice(i, i + over) for i in ends]
     numbers = np.array([count[p].sum() for p in parts])
@@ -110,6 +107,6 @@ class Autocorrelation(Curves):
 
 
 def _mean(values: Array | None) -> float:
-    """Return the mean over the runs that have a value."""
+    """Average the runs that have a value."""
     known = np.empty(0) if values is None else values[~np.isnan(values)]
     return float(known.mean()) if len(known) else np.nan

@@ -11,6 +11,7 @@ from trackbench.core.arrays import Array
 from trackbench.field_types import Count, Natural
 from trackbench.metrics import unit_of
 from trackbench.registry import register
+from trackbench.report.findings import phrases
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
 from trackbench.report.plotting.style import Axes, Figure
@@ -55,11 +56,6 @@ class ParticlesOfOneRun(FigureKind):
         return {}
 
     @property
-    def shown_runs(self) -> int:
-        """Runs whose tracks must be kept."""
-        return self.run
-
-    @property
     def shown_particles(self) -> tuple[int, int]:
         """First and last step of which the particles must be kept."""
         return self.steps
@@ -75,11 +71,9 @@ class ParticlesOfOneRun(FigureKind):
             self._panel(ax, tracks, label, results.line_style(label)["color"])
             ax.set_xlabel("Step k")
         component = results.facts(point).components[self.component - 1]
-        unit = unit_of(f"rmse_{component}")
-        axes[0][0].set_ylabel(self.y_label or (f"{component} ({unit})" if unit else component))
-        style.title(figure, self.title)
-        style.legend_outside(figure)
-        return figure
+        label = phrases.in_unit(component, unit_of(f"rmse_{component}"))
+        axes[0][0].set_ylabel(self.y_label or label)
+        return style.finished(figure, self.title)
 
     def _panel(self, ax: Axes, tracks: dict[str, Array], label: str, color: str) -> None:
         (first, last), c, run = self.steps, self.component - 1, self.run - 1

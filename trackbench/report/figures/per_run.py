@@ -60,7 +60,7 @@ class RmsePerRun(Curves):
 
 
 def _in_order(values: Array) -> tuple[Array, Array]:
-    """Return percentages of runs, and the values they stay below; NaN for lost runs."""
+    """Sort values over percentages of runs; NaN for lost runs."""
     if not len(values):
         return values, values
     ranked = np.sort(values)

@@ -14,7 +14,7 @@ from trackbench.field_types import is_number
 from trackbench.registry import register
 from trackbench.report.figures.heat_map import write_cells
 from trackbench.report.findings import phrases
-from trackbench.report.findings.phrases import mean_of, named, three_digits
+from trackbench.report.findings.phrases import head_of, named, rounded
 from trackbench.report.findings.ranking import ranking_metrics
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import scales, style
@@ -69,12 +69,12 @@ class RmseVsParameter(FigureKind):
             x, y = _abscissas(results, path, rows), rows["value"]
             if len(y) and np.ptp(y) > 0.0:
                 best = best_place(y, self.metric)
-                number = three_digits(float(y[best]))
+                number = rounded(float(y[best]), 3)
                 parts.append(f"{named(label)} {number} at {x[best]:g} {unit}".rstrip())
         return f"Best over {name}: {', '.join(parts)}." if parts else ""
 
     def _shown(self, results: Results) -> tuple[str, Columns]:
-        """Return the horizontal axis's path and rows of summary.csv at the other paths' first values."""
+        """Choose the horizontal axis's path and rows of summary.csv at the other paths' first values."""
         path = self.parameter or results.grid[0]
         first_values = {p: v for p, v in results.points()[0].items() if p != path}
         return path, results.columns("summary", first_values).where(metric=str(self.metric))
@@ -103,10 +103,8 @@ class RmseVsParameter(FigureKind):
         if has_horizontal_lines_alone and len(np.unique(places)) > 1:
             ax.set_xlim(places.min(), places.max())
         ax.set_xlabel(self.x_label or results.axis(path))
-        ax.set_ylabel(self.y_label or phrases.error_of(self.metric))
-        style.title(figure, self.title)
-        style.legend_outside(figure)
-        return figure
+        ax.set_ylabel(self.y_label or phrases.axis_of(self.metric))
+        return style.finished(figure, self.title)
 
 
 def _line(
@@ -129,14 +127,14 @@ def _line(
 
 
 def _common_number(value: object) -> float | None:
-    """Return the number of a grid value; of linked paths the one that all of them have."""
+    """Take the number of a grid value; of linked paths the one that all of them have."""
     values = value if isinstance(value, list) else [value]
     first = values[0] if values and is_number(values[0]) else None
     return first if all(other == first for other in values) else None
 
 
 def _abscissas(results: Results, path: str, rows: Columns) -> Array:
-    """Return the numbers (n,) of a path in rows of a file, which has lists as texts."""
+    """Convert a path's values in rows of a file, which has lists as texts, to numbers (n,)."""
     given = {str(point[path]): _common_number(point[path]) for point in results.grid_points}
     return np.array([given.get(str(value), value) for value in rows[path]], dtype=float)
 
@@ -181,7 +179,7 @@ class SweepFigure(FigureKind):
         """Reject other than one or two paths of the grid."""
         if not 1 <= len(self.paths) <= 2:
             return {"paths": f"{len(self.paths)} paths; name one or two"}
-        return next((e for p in self.paths if (e := missing_paths(points, paths=p))), {})
+        return next(filter(None, (missing_paths(points, paths=p) for p in self.paths)), {})
 
     def default_caption(self, results: Results) -> str:
         """Return where each filter is best by the first metric."""
@@ -193,7 +191,7 @@ class SweepFigure(FigureKind):
             if rows:
                 best = rows[best_place(np.array([row[-2] for row in rows]), metrics[0])]
                 at = phrases.heading(dict(zip(self.paths, best, strict=False)))
-                parts.append(f"{named(label)} {three_digits(best[-2])} at {at}")
+                parts.append(f"{named(label)} {rounded(best[-2], 3)} at {at}")
         return f"Best: {'; '.join(parts)}." if parts else ""
 
     def draw(self, results: Results) -> Figure:
@@ -208,7 +206,7 @@ class SweepFigure(FigureKind):
         return self.metrics or shown_metrics(results)
 
     def _labels(self, results: Results) -> tuple[list[str], list[str]]:
-        """Return filters that are shown, and those of them that these paths vary."""
+        """Choose the filters that are shown, and those of them that these paths vary."""
         chosen = results.chosen(self.filters)
         varied = [b for b in chosen if _vary(results, self.paths, b)]
         return [b for b in chosen if b in varied or not _vary(results, results.grid, b)], varied
@@ -220,7 +218,7 @@ def shown_metrics(results: Results) -> dict[str, Measure]:
     ranked = [measured(f"mean({name})") for name in ranking_metrics(results)[:_MOST_ERRORS]]
     consistency = [measured(name) for name in ("anees", "mean(anis)") if name in stored]
     chosen = [m for m in (*ranked, *consistency[:1]) if str(m) in stored]
-    return {"ANEES" if str(m) == "anees" else mean_of(m): m for m in chosen}
+    return {"ANEES" if str(m) == "anees" else head_of("mean", m): m for m in chosen}
 
 
 def _vary(results: Results, paths: Sequence[str], label: str) -> bool:
@@ -270,17 +268,18 @@ def _lines(
                 estimates = np.array([places, y, stderr], dtype=float)
                 dotted = look | {"marker": "o", "markersize": 3}
                 _line(ax, estimates, label, dotted, marked, 6, capsize=2)
-        _scale(ax, values, numeric)
+        if not numeric:
+            ax.set_xticks(range(len(values)), [str(v) for v in values])
+        elif scales.spans(values, _WIDE_X):
+            ax.set_xscale("log")
         if scales.spans(heights, _WIDE):
             scales.plain_log_axis(ax.yaxis, most=np.inf)
         ax.set(xlabel=section.results.axis(path), ylabel=words)
-    style.title(figure, title)
-    style.legend_outside(figure)
-    return figure
+    return style.finished(figure, title)
 
 
 def _drawn(section: _Section, labels: list[str], varied: list[str], metric: Measure) -> list[str]:
-    """Return the filters that vary and those that do not; of many the best."""
+    """Choose the filters that vary and those that do not; of many the best."""
     levels = {}
     for label in labels:
         rows = section.of(label, metric)
@@ -292,28 +291,24 @@ def _drawn(section: _Section, labels: list[str], varied: list[str], metric: Meas
     return [b for b in labels if b in varied or b == best]
 
 
-def _scale(ax: Axes, values: list[Any], numeric: bool) -> None:
-    if not numeric:
-        ax.set_xticks(range(len(values)), [str(v) for v in values])
-    elif scales.spans(values, _WIDE_X):
-        ax.set_xscale("log")
-
-
 def _heat_maps(
     section: _Section, x: str, y: str, labels: list[str], metrics: dict[str, Measure], title: str
 ) -> Figure:
-    """Return a panel per filter, on one color scale; the best value is framed."""
+    """Draw a panel per filter, on one color scale; the best value is framed."""
     words, metric = next(iter(metrics.items()), ("", measured("mean(rmse)")))
     # Fields of the filters that have any number, and their common color scale.
     across, down = section.values[x], section.values[y]
-    fields = {label: _field(section, label, metric, across, down) for label in labels}
-    fields = {label: field for label, field in fields.items() if np.isfinite(field).any()}
+    fields: dict[str, Array] = {}
+    for label in labels:
+        values = np.full((len(down), len(across)), np.nan)
+        for a, b, value, _ in section.of(label, metric):
+            values[down.index(b), across.index(a)] = value
+        fields |= {label: values} if np.isfinite(values).any() else {}
     figure, axes = style.panel_grid(len(fields), _ROW_IN, 0.6)
     finite = np.concatenate([f[np.isfinite(f)] for f in fields.values()] or [np.zeros(1)])
     for ax, (label, values) in zip(axes, fields.items(), strict=False):
-        image = ax.imshow(
-            values, origin="lower", aspect="auto", vmin=finite.min(), vmax=finite.max()
-        )
+        ends = {"vmin": finite.min(), "vmax": finite.max()}
+        image = ax.imshow(values, origin="lower", aspect="auto", **ends)
         ax.set_xticks(range(len(across)), [phrases.number(v) for v in across])
         ax.set_yticks(range(len(down)), [phrases.number(v) for v in down])
         ax.set_title(style.wrap_label(label))
@@ -331,22 +326,11 @@ def _heat_maps(
     return figure
 
 
-def _field(
-    section: _Section, label: str, metric: Measure, across: list[Any], down: list[Any]
-) -> Array:
-    """Return the metric by grid values, an array (len(down), len(across)) with NaN in empty cells."""
-    values = np.full((len(down), len(across)), np.nan)
-    for a, b, value, _ in section.of(label, metric):
-        values[down.index(b), across.index(a)] = value
-    return values
-
-
 def _frame(ax: Axes, at: tuple[Any, ...]) -> None:
     from matplotlib.patches import Rectangle
 
-    i, j = at
-    frame = Rectangle(
-        (j - 0.5, i - 0.5), 1, 1, fill=False, edgecolor=style.COLORS[1], linewidth=2, zorder=5
-    )
+    corner = at[1] - 0.5, at[0] - 0.5
+    look: LineStyle = {"edgecolor": style.COLORS[1], "linewidth": 2, "zorder": 5}
+    frame = Rectangle(corner, 1, 1, fill=False, **look)
     frame.set_clip_on(False)
     ax.add_patch(frame)

@@ -89,9 +89,8 @@ class Track(FigureKind):
         first += tuple(sensors.values())
         metres, unit = plane_unit(*first)
         width, height = _size(panels, *(xy / metres for xy in first))
-        figure, axes = style.subplots(
-            1, panels, height, width, squeeze=False, sharex=True, sharey=True
-        )
+        shared = {"sharex": True, "sharey": True}
+        figure, axes = style.subplots(1, panels, height, width, squeeze=False, **shared)
         for i, ax in enumerate(axes[0]):
             label = self.filters[i] if self.filters else ""
             if measured.size:
@@ -110,12 +109,10 @@ class Track(FigureKind):
             ax.locator_params(nbins=5)
             ax.set_title(style.wrap_label(label))
         axes[0][0].set_ylabel(f"y ({unit})")
-        style.title(figure, self.title)
-        style.legend_outside(figure)
-        return figure
+        return style.finished(figure, self.title)
 
     def _best(self, results: Results) -> list[str]:
-        """Return the best filters of the first ranking, else the first ones."""
+        """Choose the best filters of the first ranking, else the first ones."""
         every = rankings(results)
         ranked = [c.label for c in every[0].order] if every else []
         return (ranked or results.filters)[: self.best]
@@ -139,7 +136,7 @@ def plane_unit(*tracks: Array) -> tuple[float, str]:
 
 
 def _is_near(path: Array, tracks: Iterable[Array]) -> bool:
-    """Return whether a sensor's path (2, T) leaves the tracks (2, T) a quarter of the picture."""
+    """Test whether a sensor's path (2, T) leaves the tracks (2, T) a quarter of the picture."""
     points = np.concatenate([*tracks], axis=1)
     points = points[:, np.isfinite(points).all(axis=0)]
     if not points.size:
@@ -155,7 +152,7 @@ def draw_sensor(ax: Axes, path: Array, name: str) -> None:
 
 
 def _size(panels: int, *tracks: Array) -> tuple[float, float]:
-    """Return width and height, in, of a figure whose panels fit these tracks (2, T)."""
+    """Size a figure, in, whose panels fit these tracks (2, T): width and height."""
     points = np.concatenate(tracks, axis=1)
     points = points[:, np.isfinite(points).all(axis=0)]
     wide, high = np.ptp(points, axis=1) if points.size else (1.0, 1.0)
@@ -227,9 +224,7 @@ class MeanAndStd(FigureKind):
         for ax in axes[1]:
             ax.set_xlabel("Time (s)")
             ax.set_ylim(bottom=0)
-        style.title(figure, self.title)
-        style.legend_outside(figure)
-        return figure
+        return style.finished(figure, self.title)
 
 
 _RUNS = 20  # whose paths are drawn
@@ -247,9 +242,7 @@ def draw_scene(experiment: Experiment) -> Figure:
             figure = _in_the_plane(scenario, data.truth, data.measurements)
         else:
             figure = _over_time(scenario, data.truth, data.measurements)
-        style.title(figure, experiment.settings.name)
-        style.legend_outside(figure)
-        return style.lay_out(figure)
+        return style.lay_out(style.finished(figure, experiment.settings.name))
 
 
 def _in_the_plane(scenario: Scenario, truth: Array, z: Array) -> Figure:
@@ -293,12 +286,8 @@ def _over_time(scenario: Scenario, truth: Array, z: Array) -> Figure:
     sensor = scenario.true_sensor
     measured = [(n, scenario.times[1:], x) for n, x in zip(sensor.components, z, strict=True)]
     rows = rows[:_MOST_ROWS]
-    figure, axes = style.subplots(
-        len(rows) + min(len(measured), _MOST_ROWS),
-        1,
-        1.1 * (len(rows) + len(measured)),
-        sharex=True,
-    )
+    number, height = len(rows) + min(len(measured), _MOST_ROWS), 1.1 * (len(rows) + len(measured))
+    figure, axes = style.subplots(number, 1, height, sharex=True)
     panels: list[Axes] = list(np.atleast_1d(axes))
     for ax, (name, times, x) in zip(panels, rows, strict=False):
         ax.plot(times, x, color="#bbbbbb", linewidth=0.5, label="_")

@@ -74,7 +74,7 @@ def _panel(ax: Axes, record: Record, axis: Axis) -> None:
 
 
 def _top(objectives: list[float], stderr: float) -> float:
-    """Return the upper limit of the axis that keeps trials near the best distinguishable."""
+    """Limit the axis so that trials near the best stay distinguishable."""
     ranked = sorted(objectives)
     if not ranked:
         return 0.0

@@ -33,32 +33,20 @@ def with_unit(text: str, metric: Measure) -> str:
     return f"{text} {_unit(metric)}".rstrip()
 
 
-def mean_of(metric: Measure) -> str:
-    """Return a heading for the mean per run: ``Mean position RMSE (m)``."""
-    return head_of("mean", metric)
-
-
 def head_of(statistic: str, metric: Measure) -> str:
     """Return a heading: ``Mean position RMSE (m)``, of the root mean square ``Position RMSE (m)``."""
-    words = _words_and_unit(metric)
+    words = in_unit(metric_words(metric), _unit(metric))
     return f"{words[0].upper()}{words[1:]}" if statistic == "rms" else f"Mean {words}"
 
 
-def error_of(metric: Measure) -> str:
-    """Label an axis: ``Position RMSE (m)`` for a mean error of the whole run, else the expression."""
-    if metric != Measure(metric.metric, statistic="mean") or not metric.is_error:
-        return str(metric)
-    return head_of("rms", metric)
-
-
 def axis_of(metric: Measure) -> str:
-    """Label an axis of a metric over time or runs: ``Position RMSE (m)``, else the expression."""
-    is_plain = metric == Measure(metric.metric) and metric.is_error
-    return head_of("rms", metric) if is_plain else str(metric)
+    """Label an axis: ``Position RMSE (m)`` for an error or its mean per run, else the expression."""
+    is_plain = metric._replace(statistic="") == Measure(metric.metric) and metric.is_error
+    return head_of("rms", metric) if is_plain and metric.statistic in ("", "mean") else str(metric)
 
 
-def _words_and_unit(metric: Measure) -> str:
-    words, unit = metric_words(metric), _unit(metric)
+def in_unit(words: str, unit: str) -> str:
+    """Add a unit, if there is one: ``position RMSE (m)``."""
     return f"{words} ({unit})" if unit else words
 
 
@@ -67,19 +55,19 @@ def _unit(metric: Measure) -> str:
 
 
 def percent(share: float) -> str:
-    """Return ``2.3 %``, ``350 %``."""
-    return f"{two_digits(100 * share)} %"
+    """Write ``2.3 %``, ``350 %``."""
+    return f"{rounded(100 * share, 2)} %"
 
 
-def two_digits(x: float) -> str:
-    """Return a number with two digits: ``1.6``, ``13``, ``5800``."""
-    return f"{float(f'{x:.2g}'):g}"
+def rounded(x: float, digits: int) -> str:
+    """Write a number with so many digits: ``1.6``, ``13``, ``5800``."""
+    return f"{float(f'{x:.{digits}g}'):g}"
 
 
 def multiple(ratio: float, width: float) -> str:
     """Return a ratio with the digits that its interval allows, three decimals at most: ``3.2``."""
     if not 0.0 < width < inf:
-        return three_digits(ratio)
+        return rounded(ratio, 3)
     return f"{ratio:.{min(3, max(0, ceil(log10(3.0 / width))))}f}"
 
 
@@ -89,11 +77,6 @@ def run_count(runs: float) -> str:
 
 
 _MOST_RUNS = 1e6
-
-
-def three_digits(x: float) -> str:
-    """Return ``0.00421``, ``1010``."""
-    return f"{float(f'{x:.3g}'):g}"
 
 
 def named(label: str) -> str:
@@ -113,9 +96,9 @@ def joined(names: Iterable[str]) -> str:
     return f"{', '.join(first)} and {last}" if first else last
 
 
-def verb(names: Sequence[str], one: str = "is", many: str = "are") -> str:
-    """Return the form for one or for several."""
-    return one if len(names) == 1 else many
+def verb(names: Sequence[str]) -> str:
+    """Conjugate for one or for several."""
+    return "is" if len(names) == 1 else "are"
 
 
 def heading(point: GridPoint) -> str:
@@ -125,20 +108,15 @@ def heading(point: GridPoint) -> str:
 
 
 def axis(path: str) -> str:
-    """Return a grid's path as the label of an axis: ``sigma azimuth (mrad)``."""
-    key, unit = quantity(path)
-    return f"{key} ({unit})" if unit else key
+    """Label an axis with a grid's path: ``sigma azimuth (mrad)``."""
+    return in_unit(*quantity(path))
 
 
 def quantity(path: str) -> tuple[str, str]:
     """Return a grid's path as words, and the unit that its name ends in."""
-    key, unit = without_unit(name(path))
+    # The last word of the path, of the first of several that vary together.
+    key, unit = without_unit(single_paths(path)[0].rpartition(".")[2])
     return key.replace("_", " "), unit
-
-
-def name(path: str) -> str:
-    """Return the last word of a grid's path, of the first of several that vary together."""
-    return single_paths(path)[0].rpartition(".")[2]
 
 
 def number(value: Any) -> str:

@@ -5,7 +5,7 @@ common runs, by the rule for filters. A filter that loses significantly more run
 the best.
 """
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import isfinite
@@ -128,35 +128,21 @@ class Ranking(NamedTuple):
         """Filter nearest to the best among those that are worse."""
         return min(self.worse, key=lambda rival: abs(rival.difference.value), default=None)
 
-    @property
-    def more_is_better(self) -> bool:
-        """True if the larger value is the better one."""
-        return self.metric.family[0].more_is_better
 
-
-def rankings(
-    results: Results, metric: str = "", labels: Collection[str] | None = None
-) -> list[Ranking]:
-    """Return a ranking for each scenario of the grid, by the first table's or a given metric.
-
-    ``labels`` are those of the ranked filters; by default all.
-    """
+def rankings(results: Results, metric: str = "") -> list[Ranking]:
+    """Rank the filters in each scenario of the grid, by the first table's or a given metric."""
     known = ranking_metrics(results)
     shown = [name for name in compared_statistics(results.config) if name in known]
     metric = metric or next(iter([*shown, *known]), "")
-    labels = tuple(results.filters if labels is None else labels)
-    if (metric, labels) not in results.known_rankings:
-        results.known_rankings[metric, labels] = list(_by_scene(results, metric, labels))
-    return [*results.known_rankings[metric, labels]]
-
-
-def _by_scene(results: Results, metric: str, labels: Collection[str]) -> Iterator[Ranking]:
-    for where in scenes(results) if metric else []:
-        statistic = compared_statistic(results.config, metric)
-        every = _settings(results, points_of(results, where), metric, statistic)
-        settings = [candidate for candidate in every if candidate.label in labels]
-        reference = results.config.get("reference")
-        yield ranking_of(settings, metric, reference)._replace(scene=where)
+    if metric not in results.known_rankings:
+        every = []
+        for where in scenes(results) if metric else []:
+            statistic = compared_statistic(results.config, metric)
+            settings = list(_settings(results, points_of(results, where), metric, statistic))
+            reference = results.config.get("reference")
+            every.append(ranking_of(settings, metric, reference)._replace(scene=where))
+        results.known_rankings[metric] = every
+    return [*results.known_rankings[metric]]
 
 
 def best_settings(results: Results) -> list[Ranking]:
@@ -175,7 +161,7 @@ def best_settings(results: Results) -> list[Ranking]:
 
 
 def ranking_metrics(results: Results) -> list[str]:
-    """Return the metrics that filters are ranked by, the first one first."""
+    """Find the metrics that filters are ranked by, the first one first."""
     points = results.points()
     names = dict.fromkeys(metric for point in points for _, metric in results.runs(point))
     metrics = primary_metrics(list(names))
@@ -190,7 +176,7 @@ def ranking_of(
     apart: bool = False,
     unranked: Sequence[Candidate] = (),
 ) -> Ranking:
-    """Return the ranking of filters, each with its best values, in one scenario.
+    """Rank the filters, each with its best values, in one scenario.
 
     ``apart``: of the values themselves. ``unranked`` filters belong to the family of tests alone.
     """
@@ -253,7 +239,6 @@ def _rank(candidate: Candidate, sign: float) -> tuple[bool, float]:
 
 
 def _best_of_each(settings: Sequence[Candidate], sign: float) -> list[Candidate]:
-    """Return each filter at its best values, of which those with which it loses more runs are none."""
     best = []
     for label in dict.fromkeys(c.label for c in settings):
         mine = [c for c in settings if c.label == label]
@@ -264,7 +249,7 @@ def _best_of_each(settings: Sequence[Candidate], sign: float) -> list[Candidate]
 
 
 def _losing(candidates: Sequence[Candidate]) -> list[Candidate]:
-    """Return the filters that lose significantly more of the same runs than another."""
+    """Find the filters that lose significantly more of the same runs than another."""
     losing = []
     for a in candidates:
         others = (b.lost for b in candidates if b is not a and len(b.lost) == len(a.lost))

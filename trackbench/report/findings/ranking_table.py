@@ -30,7 +30,7 @@ _MOST_SETTINGS = 20
 
 
 def ranking_tables(results: Results, numbers: bool = False) -> list[TextTable]:
-    """Return the ranking; of several scenarios one table over all of them.
+    """Tabulate the ranking; of several scenarios one table over all of them.
 
     With ``numbers``, those of each scenario, or of each filter's settings, follow.
     """
@@ -43,7 +43,7 @@ def ranking_tables(results: Results, numbers: bool = False) -> list[TextTable]:
 
 
 def _table(results: Results, standing: Ranking, of_settings: bool) -> TextTable:
-    """Return one ranking, of filters or of one filter's settings."""
+    """Tabulate one ranking, of filters or of one filter's settings."""
     order, metric = standing.order, standing.metric
     shown = [*order, *standing.losing][: _MOST_SETTINGS if of_settings else None]
     is_score = metric.family[0].is_score
@@ -130,7 +130,7 @@ def _unranked(results: Results, standing: Ranking, matters: float) -> Iterator[l
 
 
 def _ratio(standing: Ranking, c: Candidate, matters: float) -> str:
-    """Return ``2.4 x (2.1 to 2.8)``, with a mark where it is not significant; of scores nats."""
+    """Write ``2.4 x (2.1 to 2.8)``, with a mark where it is not significant; of scores nats."""
     comparison = standing.compared.get(c.name)
     if comparison is None:
         first = "0" if standing.metric.family[0].is_score else "1"
@@ -153,7 +153,7 @@ def _ratio(standing: Ranking, c: Candidate, matters: float) -> str:
 
 
 def _beside(metric: Measure, comparison: Comparison) -> tuple[float, float, float]:
-    """Return the ratio to the best with its interval; of a score, how far it is below the best."""
+    """Compare with the best: ratio and interval; of a score, how far it is below the best."""
     if metric.family[0].is_score:
         comparison = comparison.swapped
         value, limits = comparison.difference.value, comparison.difference.interval()
@@ -164,7 +164,7 @@ def _beside(metric: Measure, comparison: Comparison) -> tuple[float, float, floa
 
 
 def _times_best(standing: Ranking, c: Candidate) -> float:
-    """Return the ratio to the best, of scores the difference; NaN of a filter that loses more."""
+    """Divide by the best, subtract scores; NaN of a filter that loses more."""
     if c in standing.order[:1]:
         return 0.0 if standing.metric.family[0].is_score else 1.0
     comparison = standing.compared.get(c.name)
@@ -172,7 +172,7 @@ def _times_best(standing: Ranking, c: Candidate) -> float:
 
 
 def _runs_needed(standing: Ranking) -> str:
-    """Return how many runs would decide the ties if the differences are as large as measured."""
+    """Write how many runs would decide the ties if the differences are as large as measured."""
     runs = []
     for _, tie in standing.not_worse:
         if isfinite(tie.z) and tie.z:
@@ -186,7 +186,7 @@ def _runs_needed(standing: Ranking) -> str:
 
 
 def consistency(results: Results, candidate: Candidate) -> str:
-    """Return a word on NEES, or on NIS without a truth: calibrated or not; empty if unknown."""
+    """Judge NEES, or NIS without a truth, in a word; empty if unknown."""
     runs = results.runs(candidate.point)
     name = next((n for n in ("nees", "anis") if (candidate.label, n) in runs), None)
     if name is None:
@@ -212,14 +212,15 @@ def _cpu_s(results: Results, c: Candidate) -> float:
 
 def _duration(seconds: float) -> str:
     scale, unit = next(((s, u) for s, u in _SECONDS if seconds * s >= 1.0), _SECONDS[-1])
-    return f"{phrases.two_digits(seconds * scale)} {unit}"
+    return f"{phrases.rounded(seconds * scale, 2)} {unit}"
 
 
 def _without_empty(results: Results, table: TextTable) -> TextTable:
     """Leave out columns without a word, and the column of lost runs if there are none."""
     columns = range(len(table.heads))
-    empty = [i for i in columns if all(row[i].text in ("–", "0") for row in table.rows)]
-    shown = [i for i in columns if i < 3 or i not in empty]
+    filled = {i for row in table.rows for i in columns if row[i].text not in ("–", "0")}
+    empty = [i for i in columns if i not in filled]
+    shown = [i for i in columns if i < 3 or i in filled]
     if _LOST in [table.heads[i] for i in empty]:
         table.title += "; no lost runs"
     if any(row[-1].text.endswith("*") for row in table.rows):
@@ -232,7 +233,7 @@ def _without_empty(results: Results, table: TextTable) -> TextTable:
 
 
 def _over_scenes(results: Results, standings: Sequence[Ranking]) -> TextTable:
-    """Return a row a filter over all scenarios of the grid: at how many it is among the best."""
+    """Count for each filter at how many scenarios of the grid it is among the best."""
     first = standings[0]
     is_score = first.metric.family[0].is_score
     paths = " and ".join(phrases.axis(path) for path in first.scene)
@@ -252,14 +253,9 @@ def _over_scenes(results: Results, standings: Sequence[Ranking]) -> TextTable:
     ratios = {label: sorted(filter(isfinite, values)) for label, values in ratios.items()}
     for label in sorted(of, key=lambda label: (-best[label], np.median(ratios[label] or [inf]))):
         ratio = _span([f"{x:.3g}" for x in ratios[label]])
-        table.rows.append(
-            [
-                Text(label),
-                Text(f"at {best[label]} of {len(standings)}", best[label]),
-                Text(f"{ratio}{' x' * (not is_score)}" if ratio else "–"),
-                *_over_candidates(results, of[label]),
-            ]
-        )
+        row = [Text(label), Text(f"at {best[label]} of {len(standings)}", best[label])]
+        row.append(Text(f"{ratio}{' x' * (not is_score)}" if ratio else "–"))
+        table.rows.append([*row, *_over_candidates(results, of[label])])
     table.notes = ["Among the best: the lowest error, or no significant difference from it."]
     return _without_empty(results, table)
 
@@ -275,12 +271,12 @@ def _over_candidates(results: Results, candidates: Sequence[Candidate]) -> Itera
 
 
 def _span(texts: Sequence[str]) -> str:
-    """Return the first and last text, or the only one."""
+    """Join the first and last text."""
     return " to ".join(dict.fromkeys((texts[0], texts[-1]))) if texts else ""
 
 
 def _by_scene(results: Results, standings: Sequence[Ranking]) -> TextTable:
-    """Return the numbers: a row for each scenario of the grid, a column for each filter."""
+    """Tabulate the numbers: a row for each scenario of the grid, a column for each filter."""
     first = standings[0]
     head = head_of([*first.order, *first.losing][0].sample.statistic, first.metric)
     table = TextTable(head, [*map(phrases.axis, first.scene), *results.filters])

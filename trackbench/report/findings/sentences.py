@@ -23,26 +23,25 @@ def answer(results: Results) -> list[str]:
     if standing.best is not None:
         lines += [_tuned(results, standing), _other_metrics(results, standing)]
         if standing.runs == 1 and standing.rivals:
-            lines.append(
-                "One recording: its steps decide, by an error of their mean difference that allows for "
-                "autocorrelation."
-            )
+            what = "by an error of their mean difference that allows for autocorrelation"
+            lines.append(f"One recording: its steps decide, {what}.")
     return [line for line in lines if line]
 
 
 def _undecided(standing: Ranking) -> str:
-    """Return why no filter is best, or why one that looks worse than another is not."""
+    """Explain why no filter is best, or why one that looks worse than another is not."""
     reasons = dict.fromkeys(rival.difference.why for rival in standing.undecided)
     if standing.best is not None:
         return " ".join(f"Undecided: {why}." for why in reasons if why)
     if standing.conflict is not None:
         first, other, common = standing.conflict
-        if not common:
-            return f"Which is best is inconclusive: {first.name} and {other.name} keep no run in common."
-        return (
-            f"Which is best is inconclusive: {first.name} leads over all runs that it keeps, but over "
-            f"the {common} runs that both keep {other.name} is better."
-        )
+        why = f"{first.name} and {other.name} keep no run in common"
+        if common:
+            why = (
+                f"{first.name} leads over all runs that it keeps, but over the {common} runs that "
+            )
+            why += f"both keep {other.name} is better"
+        return f"Which is best is inconclusive: {why}."
     if not standing.order[1:]:
         return ""
     needed = f"at least {rules.FEWEST_RUNS} are needed"
@@ -50,7 +49,7 @@ def _undecided(standing: Ranking) -> str:
 
 
 def _tuned(results: Results, standing: Ranking) -> str:
-    """Return which filters a tuned best one is compared with that were not tuned."""
+    """Name the untuned filters that a tuned best one is compared with."""
     tuned = {tuned_label(label): label for label in results.config.get("tune") or {}}
     best = standing.best
     if best is None or best.label not in tuned:
@@ -59,13 +58,12 @@ def _tuned(results: Results, standing: Ranking) -> str:
     others = [c.name for c in compared if c.label not in tuned and c.label not in tuned.values()]
     if not others:
         return ""
-    return (
-        f"{best.name} is tuned, {listed(others)} {verb(others)} not: tuning may be the difference."
-    )
+    untuned = f"{listed(others)} {verb(others)} not"
+    return f"{best.name} is tuned, {untuned}: tuning may be the difference."
 
 
 def _other_metrics(results: Results, standing: Ranking) -> str:
-    """Return the other metrics by which another filter is better than the best."""
+    """Name the other metrics by which another filter is better than the best."""
     better: dict[str, list[str]] = {}
     names = [name for name in ranking_metrics(results) if name != standing.metric.metric]
     for metric in names:

@@ -5,7 +5,6 @@ import re
 import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -19,7 +18,7 @@ from trackbench.report.html.svg import cleaned, outline
 from trackbench.report.open import explain_content_errors, open_with_notes
 from trackbench.report.results import Results
 from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts
-from trackbench.report.verdicts.files import Bar, bars, summary_lines, verdict_tables
+from trackbench.report.verdicts.files import bars, summary_lines, verdict_tables
 from trackbench.report.verdicts.numbers import Verdicts, compare
 
 _SVG = "{http://www.w3.org/2000/svg}"
@@ -66,7 +65,7 @@ def _drawn(root: ET.Element) -> Iterator[ET.Element]:
 
 
 def _coarse(d: str) -> str:
-    """Return a path of straight lines in whole points, without those that are hardly apart."""
+    """Round a path of straight lines to whole points, without those that are hardly apart."""
     parts = []
     for points, closed in outline(d):
         corners = [points[0]]
@@ -87,21 +86,6 @@ Every number, word and claim of the papers that an experiment here measures, wit
 number only `agrees` says that it reproduces; `compatible` is an error too wide to show it. Written by
 `trackbench report results`; `make check-results` fails if a verdict is not reproduced.
 """
-
-
-@dataclass(frozen=True)
-class Card:
-    """An experiment in the index; ``link`` is empty if it has no report."""
-
-    name: str
-    title: str
-    filters: int
-    runs: int
-    result: str
-    """in about five words"""
-    counted: list[Bar]
-    thumbnail: Any
-    link: str
 
 
 def write_overview(folder: Path) -> list[Path]:
@@ -140,21 +124,19 @@ def _write_index(folder: Path, experiments: Overview, everything: Verdicts) -> P
     )
 
 
-def _card(folder: Path, results: Results, comparison: Verdicts) -> Card:
+def _card(folder: Path, results: Results, comparison: Verdicts) -> dict[str, Any]:
+    """Describe an experiment for the index; its link is empty if it has no report."""
     from markupsafe import Markup
 
     config, report = results.config, results.folder / "report.html"
     picture = key_picture(results)
-    return Card(
-        name=config["name"],
-        title=results.fill_title(config["title"]),
-        filters=len(results.filters),
-        runs=config["runs"],
-        result=_result(results),
-        counted=bars(comparison),
-        thumbnail=Markup(thumbnail(picture)) if picture else "",
-        link=report.relative_to(folder).as_posix() if report.is_file() else "",
-    )
+    return {
+        **{"name": config["name"], "title": results.fill_title(config["title"])},
+        **{"filters": len(results.filters), "runs": config["runs"], "result": _result(results)},
+        "counted": bars(comparison),
+        "thumbnail": Markup(thumbnail(picture)) if picture else "",
+        "link": report.relative_to(folder).as_posix() if report.is_file() else "",
+    }
 
 
 _RECORDINGS, _ANGLES = "Recordings", "Targets seen by radar, lidar or bearings"
@@ -162,7 +144,7 @@ _POSITIONS, _OTHERS = "Targets with measured positions", "Other dynamic systems"
 
 
 def _by_topic(experiments: Overview) -> dict[str, Overview]:
-    """Return the experiments by what is estimated and measured; topics without any are left out."""
+    """Group the experiments by what is estimated and measured; topics without any are left out."""
     groups: dict[str, Overview] = {t: [] for t in (_RECORDINGS, _ANGLES, _POSITIONS, _OTHERS)}
     for item in experiments:
         groups[_topic(item[0])].append(item)
@@ -182,7 +164,7 @@ def _topic(results: Results) -> str:
 
 
 def _result(results: Results) -> str:
-    """Return the result in a few words; empty if the runs are missing."""
+    """Write the result in a few words; nothing if the runs are missing."""
     return short_answer(rankings(results)) if _has_runs(results) else ""
 
 
@@ -205,23 +187,21 @@ def short_answer(standings: Sequence[Ranking]) -> str:
     if len(others) + 1 == filters:
         return f"no significant difference between {filters}"
     first = standings[0].among_the_best[0].label
-    return (
-        f"{first} and {len(others)} others best" if others else f"{first} best of {filters} filters"
-    )
+    rest = f"and {len(others)} others best" if others else f"best of {filters} filters"
+    return f"{first} {rest}"
 
 
 def _together(comparisons: list[Verdicts]) -> Verdicts:
     """Join the verdicts of several experiments, to count them together."""
-    return Verdicts(
-        list(chain.from_iterable(c.rows for c in comparisons)),
-        list(chain.from_iterable(c.claims for c in comparisons)),
-        list(chain.from_iterable(c.ranks for c in comparisons)),
-        list(chain.from_iterable(c.left_out for c in comparisons)),
-    )
+    whole = Verdicts([], [], [])
+    for c in comparisons:
+        for name, rows in vars(whole).items():
+            rows += getattr(c, name)
+    return whole
 
 
 def _opened(folder: Path) -> tuple[Overview, int]:
-    """Return the experiments, and how many are left out because their runs are missing."""
+    """Open the experiments; count those that are left out because their runs are missing."""
     if not os.path.isdir(folder):
         raise UserError(f"{folder}: there is no such folder")
     candidates = sorted(p.parent for p in folder.glob("*/config.yaml"))
@@ -237,9 +217,8 @@ def _opened(folder: Path) -> tuple[Overview, int]:
                 results = open_with_notes(candidate)
                 opened.append((results, compare(results)))
         except UserError as error:
-            (without_runs if results and not _has_runs(results) else problems).extend(
-                error.problems
-            )
+            lines = without_runs if results and not _has_runs(results) else problems
+            lines += error.problems
     if problems or not opened:
         raise UserError(*problems, *without_runs)
     return opened, len(without_runs)
@@ -253,8 +232,7 @@ def _ledger(folder: Path, experiments: Overview, everything: Verdicts) -> str:
         for results, comparison in group:
             name = results.folder.relative_to(folder).as_posix()
             parts.append(f"### [{results.config['name']}]({name}/): {results.title}")
-            result = _result(results)
-            lines = [*([f"Result: {result}"] if result else []), *summary_lines(comparison)]
-            parts += [f"- {line}" for line in lines]
+            result = f"Result: {_result(results)}".removesuffix("Result: ")
+            parts += [f"- {line}" for line in (result, *summary_lines(comparison)) if line]
             parts += [table.markdown().rstrip() for table in verdict_tables(comparison)]
     return "\n\n".join(parts) + "\n"

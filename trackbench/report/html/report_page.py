@@ -7,7 +7,7 @@ import shlex
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from trackbench.atomic_files import write_text
 from trackbench.config.dump import as_yaml
@@ -73,7 +73,7 @@ def write_report(
 
 
 def _rerun(results: Results) -> str:
-    """Return the config's path for a shell; of an absolute path the last part."""
+    """Write the config's path for a shell; of an absolute path the last part."""
     path = results.folder / "config.yaml"
     shown = path.as_posix() if not path.is_absolute() else "/".join(path.parts[-2:])
     is_foreign = results.config.get("plugins") or _programs(results)
@@ -81,7 +81,7 @@ def _rerun(results: Results) -> str:
 
 
 def _programs(results: Results) -> list[str]:
-    """Return the filters that are programs in other languages."""
+    """Find the filters that are programs in other languages."""
     return [label for label, f in results.config["filters"].items() if f["kind"] == "external"]
 
 
@@ -105,7 +105,6 @@ def _facts(results: Results) -> list[tuple[str, object]]:
 
 
 def _pairs(results: Results) -> TextTable:
-    """Return all pairs."""
     heads = [*results.grid_heads, "a", "b", "Metric", "a - b", "95 % interval", "a is"]
     rule = f"Significant: {rules.HOW_FILTERS_DIFFER}. The interval is of one pair alone."
     table = TextTable("Differences on common runs", heads, notes=[rule])
@@ -113,20 +112,14 @@ def _pairs(results: Results) -> TextTable:
         for pair in pairs:
             of = pair.comparison.difference
             difference, *ends = (rounded(x, of.stderr, 4) for x in (of.value, *of.interval()))
-            table.rows.append(
-                [
-                    *(_point_cell(v) for v in point.values()),
-                    *(Text(x) for x in (pair.filter_a, pair.filter_b, pair.metric)),
-                    Text(difference, of.value),
-                    Text(" to ".join(end.partition(" ")[0] for end in ends)),
-                    Text(pair.word),
-                ]
-            )
+            row = []
+            for value in point.values():
+                number = value if isinstance(value, int | float) else None
+                row.append(Text(phrases.number(value), number))
+            row += [*map(Text, (pair.filter_a, pair.filter_b, pair.metric))]
+            between = " to ".join(end.partition(" ")[0] for end in ends)
+            table.rows.append([*row, Text(difference, of.value), Text(between), Text(pair.word)])
     return table
-
-
-def _point_cell(value: Any) -> Text:
-    return Text(phrases.number(value), value if isinstance(value, int | float) else None)
 
 
 def _versions(results: Results) -> TextTable:
@@ -139,19 +132,11 @@ def _versions(results: Results) -> TextTable:
     return table
 
 
-class Drawing(NamedTuple):
-    """A figure as it stands on the page."""
+def drawings(results: Results) -> list[dict[str, Any]]:
+    """Prepare all figures for the page, the key figure first; disallowed plugins' as stored.
 
-    name: str
-    svg: Any
-    heading: str
-    """its name, where the picture has no title"""
-    caption: str
-    """what to see in it"""
-
-
-def drawings(results: Results) -> list[Drawing]:
-    """Return all figures, the key figure first; disallowed plugins' as stored."""
+    Each has name, svg, heading (its name, where the picture has no title), caption (what to see in it).
+    """
     from markupsafe import Markup
 
     drawn = []
@@ -161,20 +146,16 @@ def drawings(results: Results) -> list[Drawing]:
         what = (inspect.getdoc(type(spec)) or "").partition("\n")[0] if spec is not None else ""
         caption = said or _caption(results, name, spec) or what
         svg = Markup(inline(content, name, ". ".join(filter(None, [title or name, what]))))
-        drawn.append(Drawing(name, svg, "" if title else f"{name}.", caption))
+        words = {"heading": "" if title else f"{name}.", "caption": caption}
+        drawn.append({"name": name, "svg": svg, **words})
     return drawn
 
 
 def _caption(results: Results, name: str, spec: FigureKind | None) -> str:
-    """Return the figure's caption, if it has one."""
     if spec is None:
         return ""
-    return results.attempt(
-        f"caption of figure {name}",
-        lambda: spec.with_best(results).default_caption(results),
-        "",
-        spec,
-    )
+    what = f"caption of figure {name}"
+    return results.attempt(what, lambda: spec.with_best(results).default_caption(results), "", spec)
 
 
 def key_picture(results: Results) -> bytes | None:
@@ -201,15 +182,8 @@ def _pictures(results: Results) -> Iterator[tuple[str, FigureKind | None, bytes]
 
 
 _TEMPLATES = Path(__file__).parent / "templates"
-VERDICTS = {
-    "equal": "good",
-    "agrees": "good",
-    "holds": "good",
-    "compatible": "fair",
-    "differs": "bad",
-    "fails": "bad",
-    "inconclusive": "open",
-}
+VERDICTS = dict.fromkeys(("equal", "agrees", "holds"), "good")
+VERDICTS |= {"compatible": "fair", "differs": "bad", "fails": "bad", "inconclusive": "open"}
 """Verdicts and how they look."""
 
 
@@ -219,12 +193,8 @@ def write_page(path: Path, template: str, live: bool = True, **context: Any) -> 
 
     script = "".join(map(_template_text, ("page.js", "curves.js") if live else ("page.js",)))
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    page = {
-        "style": Markup(_template_text("page.css")),
-        "script": Markup(script),
-        "script_digest": f"sha256-{digest}",
-        "verdicts": VERDICTS,
-    }
+    page: dict[str, Any] = {"script": Markup(script), "style": Markup(_template_text("page.css"))}
+    page |= {"script_digest": f"sha256-{digest}", "verdicts": VERDICTS}
     write_text(path, _environment().get_template(template).render(**page, **context))
     return path
 

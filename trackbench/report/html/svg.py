@@ -103,20 +103,20 @@ def _may_stay(tag: str, key: str, value: str) -> bool:
 
 
 def _is_harmless(value: str) -> bool:
-    """Return whether a value refers to nothing but ids of its own file."""
+    """Test whether a value refers to nothing but ids of its own file."""
     return _HARMLESS.fullmatch(_REFERENCE.sub("", value)) is not None
 
 
 @cache
 def _style(text: str) -> str:
-    """Return a style without properties that do not draw; any other style is left as it is."""
+    """Drop the properties of a style that do not draw; any other style is left as it is."""
     properties = [part.partition(":") for part in text.split(";") if part.strip()]
     good = [p for p in properties if _LOOKS.fullmatch(p[0].strip()) and _is_harmless(p[2])]
     return text if good == properties else ";".join(map("".join, good))
 
 
 def _renamed(key: str, value: str, name: str) -> str:
-    """Return an attribute's value with the ids in it renamed."""
+    """Rename the ids in an attribute's value."""
     if key == "id":
         return f"{name}-{value}"
     if key.rpartition("}")[2] == "href":

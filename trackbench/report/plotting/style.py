@@ -177,13 +177,8 @@ def legend_outside(figure: Figure, without: Collection[str] = ()) -> None:
     rows = -(-len(handles) // columns)
     lines = rows * (1 + max(label.count("\n") for label in handles))
     figure.set_figheight(figure.get_figheight() + _LINE_IN * lines + 0.1)
-    figure.legend(
-        handles.values(),
-        handles.keys(),
-        loc="outside lower center",
-        ncols=columns,
-        columnspacing=1.5,
-    )
+    place: Any = {"loc": "outside lower center", "ncols": columns, "columnspacing": 1.5}
+    figure.legend(handles.values(), handles.keys(), **place)
 
 
 _LETTERS_PER_IN = 11.5
@@ -192,7 +187,7 @@ _LETTER_IN, _LINE_IN, _HANDLE_IN = 0.066, 0.165, 0.55
 
 
 def _columns(labels: Sequence[str], width_in: float) -> int:
-    """Return the number of legend columns, which are filled downwards."""
+    """Choose the number of legend columns, which are filled downwards."""
     widths = [_HANDLE_IN + _LETTER_IN * max(map(len, b.split("\n"))) for b in labels]
     for rows in range(1, len(labels) + 1):
         if sum(max(widths[i : i + rows]) for i in range(0, len(labels), rows)) <= width_in:
@@ -201,13 +196,12 @@ def _columns(labels: Sequence[str], width_in: float) -> int:
 
 
 def _legend(figure: Figure, without: Collection[str]) -> dict[str, Any]:
-    """Return the lines by label; the first of each label."""
+    """Collect the lines by label; the first of each label."""
     handles: dict[str, Any] = {}
     for ax in figure.axes:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
-            if label in without:
-                continue
-            handles.setdefault(wrap_label(label), handle)
+            if label not in without:
+                handles.setdefault(wrap_label(label), handle)
     last = {label: handles.pop(label) for label in [SPREAD] if label in handles}
     return handles | last
 
@@ -251,6 +245,13 @@ def title(figure: Figure, text: str, points: int = 1) -> None:
         text = ""
     if text or part:
         figure.suptitle(": ".join(filter(None, [text, part])))
+
+
+def finished(figure: Figure, text: str, points: int = 1) -> Figure:
+    """Give the figure its heading and its legend."""
+    title(figure, text, points)
+    legend_outside(figure)
+    return figure
 
 
 def headings(texts: Sequence[str]) -> list[str]:

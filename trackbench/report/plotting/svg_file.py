@@ -113,12 +113,9 @@ def marked(content: str, figure: "Figure", labels: list[str]) -> str:
 
 
 def _panels(figure: "Figure") -> "list[Axes]":
-    """Return the axes with curves over numbers."""
-    return [
-        ax
-        for ax in figure.axes
-        if ax.axison and {ax.get_xscale(), ax.get_yscale()} <= set(_SCALES) and any(_curves(ax))
-    ]
+    """Find the axes with curves over numbers."""
+    visible = [ax for ax in figure.axes if ax.axison and any(_curves(ax))]
+    return [ax for ax in visible if {ax.get_xscale(), ax.get_yscale()} <= set(_SCALES)]
 
 
 def _curves(ax: "Axes") -> "Iterator[tuple[str, Line2D]]":
@@ -141,15 +138,13 @@ def _shapes(ax: "Axes") -> "Iterator[tuple[Artist, str]]":
 
 
 def _panel(figure: "Figure", ax: "Axes", labels: list[str]) -> dict[str, Any]:
-    """Return an axes' box in SVG points, its two axes, and its curves."""
+    """Describe an axes: its box in SVG points, its two axes, and its curves."""
     width, height = figure.get_size_inches() * _POINTS
     box = ax.get_position()
     corners = (box.x0 * width, (1 - box.y1) * height, box.x1 * width, (1 - box.y0) * height)
     panel: dict[str, Any] = {"box": [round(float(x), 2) for x in corners]}
-    for name, axis, alike in (
-        ("x", ax.xaxis, ax.get_shared_x_axes()),
-        ("y", ax.yaxis, ax.get_shared_y_axes()),
-    ):
+    shared = {"x": ax.get_shared_x_axes(), "y": ax.get_shared_y_axes()}
+    for (name, alike), axis in zip(shared.items(), (ax.xaxis, ax.yaxis), strict=True):
         first = min(figure.axes.index(other) for other in (ax, *alike.get_siblings(ax)))
         ends = [float(f"{end:.9g}") for end in axis.get_view_interval()]
         panel[name] = {"ends": ends, "log": axis.get_scale() == "log", "group": f"{name}{first}"}

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from trackbench.field_types import Digits
 from trackbench.registry import register
 from trackbench.report.findings import phrases
-from trackbench.report.findings.phrases import mean_of
-from trackbench.report.findings.ranking import Ranking, best_settings
+from trackbench.report.findings.phrases import head_of
+from trackbench.report.findings.ranking import best_settings
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
@@ -32,31 +32,22 @@ class BestSettings(TableKind):
         rankings = best_settings(results)
         where = [results.axis(path) for path in (rankings[0].scene if rankings else ())]
         heads = [*where, "Filter", "Best at", "No significant difference"]
-        value = mean_of(rankings[0].metric) if rankings else "Mean"
+        value = head_of("mean", rankings[0].metric) if rankings else "Mean"
         title = self.title or "Each filter's best values"
         table = Table(title, heads, [value, "Next"], self.digits)
         for standing in rankings:
-            if standing.best is not None:
-                keys = [*map(phrases.number, standing.scene.values()), *_keys(standing)]
-                table.add(keys, _cells(standing))
+            best, nearest = standing.best, standing.nearest
+            if best is None:
+                continue
+            ties = [rival.filter.setting for rival in standing.not_worse]
+            more = len(ties) - _MOST
+            shown = ", ".join(ties[:_MOST]) + (f", {more} more" if more > 0 else "")
+            keys = [*map(phrases.number, standing.scene.values()), best.label, best.setting]
+            cell = Cell(best.overall, len(best.lost) - best.losses, best.losses)
+            further = Cell.missing()
+            if nearest is not None:
+                further = Cell(nearest.difference.estimate, nearest.difference.runs, 0)
+            table.add([*keys, shown or "none"], [cell, further])
         if not table.keys:
             table.notes.append("Of one value none is the best.")
         return table
-
-
-def _keys(standing: Ranking) -> list[str]:
-    assert standing.best is not None
-    ties = [rival.filter.setting for rival in standing.not_worse]
-    more = len(ties) - _MOST
-    shown = ", ".join(ties[:_MOST]) + (f", {more} more" if more > 0 else "")
-    return [standing.best.label, standing.best.setting, shown or "none"]
-
-
-def _cells(standing: Ranking) -> list[Cell]:
-    best = standing.best
-    assert best is not None
-    cell = Cell(best.overall, len(best.lost) - best.losses, best.losses)
-    if standing.nearest is None:
-        return [cell, Cell.missing()]
-    difference = standing.nearest.difference
-    return [cell, Cell(difference.estimate, difference.runs, 0)]

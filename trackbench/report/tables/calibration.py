@@ -119,19 +119,16 @@ class CalibrationTable(TableKind):
                 row = [*(str(v) for v in point.values()), label]
                 for head, m in self.rows.items():
                     ranks = histogram(results, point, label, m)
-                    table.add([*row, head], _cells(ranks))
+                    numbers = (ranks.distance, ranks.p_distance, ranks.p)
+                    cells = [Cell(Estimate(x, np.nan), ranks.runs, 0) for x in numbers]
+                    table.add([*row, head], cells)
                     every.append((", ".join(row), head, ranks))
         table.notes += _verdict(judged(every, self.alpha), self.alpha)
         return table
 
 
-def _cells(ranks: Histogram) -> list[Cell]:
-    numbers = (ranks.distance, ranks.p_distance, ranks.p)
-    return [Cell(Estimate(x, np.nan), ranks.runs, 0) for x in numbers]
-
-
 def _verdict(uniformity: Uniformity, alpha: float) -> Iterator[str]:
-    """Return which ranks are not uniform, and which show no difference."""
+    """Yield which ranks are not uniform, and which show no difference."""
     by = f"by {uniformity.tests} tests, {alpha:g} for all of them (Holm)"
     if uniformity.bad:
         words = "; ".join(f"{label} in {joined(heads)}" for label, heads in uniformity.bad.items())

@@ -43,12 +43,8 @@ class Consistency(TableKind):
 
     def table(self, results: Results) -> Table:
         """Count the steps at which each filter stays in its bands."""
-        sized = [
-            "ANEES, median step",
-            "steps in its band",
-            "ANIS, median step",
-            "steps in its band ",
-        ]
+        sized = ["ANEES, median step", "steps in its band"]
+        sized += ["ANIS, median step", "steps in its band "]
         evaluators = {tuple(point.items()): Evaluator(results, point) for point in results.points()}
         refused = _refused(evaluators.values())
         keys = [*results.grid_heads, "Filter"]
@@ -73,7 +69,7 @@ class Consistency(TableKind):
 
 
 def degrees_of(rows: Columns, metric: str, n: int) -> Array:
-    """Return the degrees of freedom (K,) of a metric summed over the runs, at the steps that have it.
+    """Count the degrees of freedom (K,) of a metric summed over the runs, at the steps that have it.
 
     ``rows`` are those of one filter in per_step.csv. They are n for each run, less the components that
     are not measured or known exactly.
@@ -81,13 +77,12 @@ def degrees_of(rows: Columns, metric: str, n: int) -> Array:
     chosen, series = rows.where(metric=metric), metric.replace("anees", "nees", 1)
     unused = rows.where(metric=f"unused_{series}")
     less = dict(zip(unused["step"].tolist(), unused["value"].tolist(), strict=True))
-    return np.asarray(
-        chosen["runs"] * np.array([n - less.get(k, 0.0) for k in chosen["step"].tolist()])
-    )
+    each = np.array([n - less.get(k, 0.0) for k in chosen["step"].tolist()])
+    return np.asarray(chosen["runs"] * each)
 
 
 def _cells(value: Array, number: Array) -> list[Cell]:
-    """Return the median over the steps, and the share of steps inside the bands of such ``number``s."""
+    """Fill the median over the steps, and the share of steps inside the bands of such ``number``s."""
     if not len(value):
         return [Cell.missing(), Cell.missing()]
     # A band for each number of degrees of freedom that a step has.
@@ -144,7 +139,6 @@ _COLUMNS = {
     "Log score": "mean(log_score)",
     "Held-out log score": "mean(held_log_score)",
 }
-_REFUSED = {"Refused a run": "mean(gated)"}
 _ERRORS = {"Prediction": "predicted", "Held-out": "held"}
 
 
@@ -189,9 +183,9 @@ class Innovations(TableKind):
 
 
 def _refused(evaluators: Iterable[Evaluator]) -> dict[str, str]:
-    """Return the column of refused measurements, where any filter has a gate."""
+    """Find the column of refused measurements, where any filter has a gate."""
     metrics = {metric for evaluator in evaluators for _, metric in evaluator.stored}
-    return {head: metric for head, metric in _REFUSED.items() if metric in metrics}
+    return {"Refused a run": "mean(gated)"} if "mean(gated)" in metrics else {}
 
 
 def _innovation_cell(evaluator: Evaluator, label: str, metric: str) -> Cell:
@@ -200,7 +194,7 @@ def _innovation_cell(evaluator: Evaluator, label: str, metric: str) -> Cell:
 
 
 def _error_columns(results: Results) -> dict[str, str]:
-    """Return the heading and metric of a column for each component of the measurement."""
+    """Find a column for each component of the measurement: heading and metric."""
     columns = {}
     for head, kind in _ERRORS.items():
         for name in dict.fromkeys(results.columns("summary")["metric"]):
@@ -211,7 +205,7 @@ def _error_columns(results: Results) -> dict[str, str]:
 
 
 def _band_notes(results: Results, labels: list[str]) -> list[str]:
-    """Return the bands of a consistent filter, and where filters leave them."""
+    """Write the bands of a consistent filter, and where filters leave them."""
     said: dict[str, list[str]] = {}
     # Filters with equal bands share a sentence, and so do points.
     for point in results.points():
@@ -229,7 +223,7 @@ def _band_notes(results: Results, labels: list[str]) -> list[str]:
 
 
 def _note_on_bands(runs: dict[tuple[str, str], Array], label: str) -> list[str]:
-    """Return the sentence on a filter's bands; none for a filter without predictions."""
+    """Write the sentence on a filter's bands; none for a filter without predictions."""
     numbers = runs.get((label, "innovations"), np.empty(0))
     finite = ~np.isnan(numbers)
     if not finite.any():

@@ -96,7 +96,7 @@ class Claims(TableKind):
 
 
 def _compared(evidence: Evaluator, claim: ClaimRow) -> tuple[RunEstimate, str]:
-    """Return the difference of the two filters on common runs, and the verdict on the claim."""
+    """Compare the two filters on common runs; judge the claim."""
     mean = claim.metric._replace(statistic="mean")
     less, than = mean.of(claim.less), mean.of(claim.than)
     # mean(less - than) on common runs, negative where the claim holds
@@ -106,7 +106,7 @@ def _compared(evidence: Evaluator, claim: ClaimRow) -> tuple[RunEstimate, str]:
 
 
 def _ranges(names: list[str], words: list[str]) -> str:
-    """Return ``holds at 0, 0.1; inconclusive at 1; fails at 10``."""
+    """Write ``holds at 0, 0.1; inconclusive at 1; fails at 10``."""
     by_verdict: dict[str, list[str]] = {"holds": [], UNDECIDED: [], "fails": []}
     for name, word in zip(names, words, strict=True):
         by_verdict.get(word, by_verdict[UNDECIDED]).append(name)

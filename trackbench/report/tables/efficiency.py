@@ -176,7 +176,7 @@ class EqualCost(TableKind):
 
 
 def _cells(at: AtCost, reference: AtCost) -> list[Cell]:
-    """Return size, error, interpolation error, and the ratio to the named filter's error."""
+    """Fill size, error, interpolation error, and the ratio to the named filter's error."""
     value, difference = float(exp(at.error.value)), compare_at(at, reference).difference
     other = float(np.hypot(at.other, reference.other))
     ratio = float(exp(difference.value))
@@ -193,12 +193,11 @@ def _cells(at: AtCost, reference: AtCost) -> list[Cell]:
 
 
 def _compared(errors: dict[str, AtCost], higher: bool) -> tuple[list[str], list[str], list[str]]:
-    """Return the best filter, those that may be as good, and worse ones that lose fewer runs."""
+    """Find the best filter, those that may be as good, and worse ones that lose fewer runs."""
     sign = -1.0 if higher else 1.0
     order = sorted(errors, key=lambda name: sign * errors[name].error.value)
-    family = as_family(
-        {(a, b): compare_at(errors[b], errors[a]) for a, b in combinations(order, 2)}
-    )
+    pairs = {(a, b): compare_at(errors[b], errors[a]) for a, b in combinations(order, 2)}
+    family = as_family(pairs)
     best, open_, fewer = order[:1], list[str](), list[str]()
     for name in order[1:]:
         # Those behind a worse one are no ties. A worse filter may still lose fewer runs.

@@ -87,11 +87,8 @@ class Metrics(TableKind):
         slow = [label for label in labels if label in results.loops_over_runs]
         if slow and any("cpu_s" in str(m) for m in self.columns.values()):
             table.notes.append(f"Time of {', '.join(slow)}: one run after the other.")
-        table.notes += [
-            f"{row['filter']} failed: {row['reason']}"
-            for row in results.failed
-            if row["filter"] in labels
-        ]
+        failed = [row for row in results.failed if row["filter"] in labels]
+        table.notes += [f"{row['filter']} failed: {row['reason']}" for row in failed]
         return table
 
 
@@ -132,13 +129,13 @@ def _candidate(expressions: Evaluator, m: Measure) -> Iterator[Candidate]:
 
 
 def _cell(expressions: Evaluator, m: Measure) -> Cell:
-    """Return a row of summary.csv, or evaluate it, such as a ratio to another filter."""
+    """Read a row of summary.csv, or evaluate it, such as a ratio to another filter."""
     stored = None if m.is_share else expressions.stored.get((m.filter, str(m)))
     return Cell.of(stored or expressions.term(m), expressions.collapse(m))
 
 
 def _lost_notes(results: Results, point: GridPoint, labels: list[str]) -> Iterator[str]:
-    """Return why runs were lost, in words."""
+    """Yield why runs were lost, in words."""
     runs = results.runs(point)
     for label in labels:
         codes = runs.get((label, "lost"), np.empty(0))
@@ -169,9 +166,8 @@ def _tail_notes(
             x = column[1][np.isfinite(column[1])]
             if tail_index(influence(column[0], x)) < _LIGHT:
                 middle, (low, high) = STATISTICS["median"](x).value, interval("median", x)
-                medians[name, m.filter] = (
-                    f"{named(m.filter)} {middle:.3g} ({low:.3g} to {high:.3g})"
-                )
+                text = f"{named(m.filter)} {middle:.3g} ({low:.3g} to {high:.3g})"
+                medians[name, m.filter] = text
     where = "".join(f" at {k} = {v}" for k, v in expressions.point.items())
     for name in dict.fromkeys(name for name, _ in medians):
         texts = [text for (of, _), text in medians.items() if of == name]

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-from trackbench.core.arrays import Array
 from trackbench.evaluation.precision_check import (
     PrecisionCheck,
     PrecisionTarget,
@@ -33,16 +32,17 @@ class Precision(TableKind):
     def table(self, results: Results) -> Table:
         """Check every number of `until` at each number of runs at which the run looked."""
         config = results.config
-        wanted = [
-            PrecisionTarget.read(metric, error) for metric, error in config.get("until", {}).items()
-        ]
+        until = config.get("until", {}).items()
+        wanted = [PrecisionTarget.read(metric, error) for metric, error in until]
         stops = list(checkpoints(config["min_runs"], config["runs"]))
         heads = [*results.grid_heads, "Filter", "Number", "Standard error wanted", "Enough after"]
         table = Table(self.title, heads, ["Value"], self.digits)
         for point in results.points():
             sizes = results.facts(point).sizes
             for label in results.filters:
-                result = _result(results.runs(point), label)
+                runs_of = results.runs(point).items()
+                per_run = {metric: values for (of, metric), values in runs_of if of == label}
+                result = FilterResult(per_run, {}, {}, None, [])
                 for w in wanted if "lost" in result.per_run else ():
                     # The number at every look; the last look gives the cell.
                     looks: list[PrecisionCheck] = []
@@ -55,9 +55,3 @@ class Precision(TableKind):
                         keys = [label, w.metric, config["until"][w.metric], enough]
                         table.add([*map(str, point.values()), *map(str, keys)], [cell])
         return table
-
-
-def _result(runs: dict[tuple[str, str], Array], label: str) -> FilterResult:
-    """Return a filter's values from per_run.csv."""
-    per_run = {metric: values for (of, metric), values in runs.items() if of == label}
-    return FilterResult(per_run, {}, {}, None, [])

@@ -4,6 +4,7 @@
 """
 
 import itertools
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from math import comb, inf, isfinite, nan
 from typing import Any, Literal, NamedTuple
@@ -113,18 +114,15 @@ class Readings(TableKind):
         return table
 
     def _numbers(self, results: Results) -> list[PublishedNumber]:
-        """Return the printed numbers that the distance counts."""
         paths = results.config.get("published", [])
         published = read_published(results.folder, paths, self.of)
         wanted = results.filters if self.filters is None else self.filters
-        return [
-            number
-            for number in published.numbers
-            if set(number.labels) & set(wanted)
-            and not isinstance(number.value, str)
-            and number.expression is not None
-            and not number.expression.relation
-        ]
+        numbers = []
+        for number in published.numbers:
+            is_made = number.expression is None or number.expression.relation
+            if set(number.labels) & set(wanted) and not (isinstance(number.value, str) or is_made):
+                numbers.append(number)
+        return numbers
 
 
 def distance(numbers: list[Number]) -> Distance:
@@ -177,7 +175,7 @@ def ways_to_measure(
 
 
 def _by(statistic: str, number: PublishedNumber) -> PublishedNumber:
-    """Return the number as another statistic of the same errors; a variance stays one."""
+    """Take another statistic of the same errors; a variance stays one."""
     m = number.expression
     if not statistic or m is None or not _is_average(m):
         return number
@@ -185,7 +183,7 @@ def _by(statistic: str, number: PublishedNumber) -> PublishedNumber:
 
 
 def _is_average(m: Measure) -> bool:
-    """Return whether the expression is a statistic in the metric's unit over whole runs."""
+    """Test whether the expression is a statistic in the metric's unit over whole runs."""
     averages = [TIME_MEAN, *(name for name, s in STATISTICS.items() if s.power == 1)]
     return m.statistic in averages and not m.steps and not m.relation
 
@@ -226,19 +224,17 @@ def _notes(heads: list[str], tried: list[tuple[list[str], Distance]], numbers: i
     shown, nearest = tried[0]
     finite = [d.estimate for _, d in tried if isfinite(d.estimate.value)]
     lost = len(tried) - len(finite)
-    notes = [
-        f"{len(tried)} readings, {lost} of which lose most runs of a filter; {numbers} printed numbers."
-    ]
+    what = f"{len(tried)} readings, {lost} of which lose most runs of a filter"
+    notes = [f"{what}; {numbers} printed numbers."]
     if finite:
         pairs = {i: compare_estimates(d, nearest.estimate) for i, d in enumerate(finite)}
         # The nearest is one of many: the family is of all pairs.
         family = as_family(pairs, tests=comb(len(finite), 2))
         alike = sum(comparison.sign == 0 for comparison in family.values())
-        notes.append(
-            f"Nearest: {_named(heads, shown)}; distance {rounded(*nearest.estimate.estimate, 3)}, "
-            f"{nearest.near} of {numbers} numbers within 10 %. Not significantly farther, itself "
-            f"counted: {alike}."
-        )
+        what = f"distance {rounded(*nearest.estimate.estimate, 3)}"
+        what += f", {nearest.near} of {numbers} numbers within 10 %"
+        further = f"Not significantly farther, itself counted: {alike}"
+        notes.append(f"Nearest: {_named(heads, shown)}; {what}. {further}.")
         shown, most = max(tried, key=lambda reading: reading[1].near)
         if most.near > nearest.near:
             where = _named(heads, shown)
@@ -248,17 +244,6 @@ def _notes(heads: list[str], tried: list[tuple[list[str], Distance]], numbers: i
 
 def _named(heads: list[str], shown: list[str]) -> str:
     return ", ".join(f"{head} {value}" for head, value in zip(heads, shown, strict=True))
-
-
-class _Reading(NamedTuple):
-    """Values of the keys, and the verdict on every claim."""
-
-    shown: list[str]
-    verdicts: list[str]
-
-    def count(self, word: str) -> int:
-        """Count the claims with this verdict."""
-        return self.verdicts.count(word)
 
 
 @register("tables", "claim-readings")
@@ -286,17 +271,16 @@ class ClaimReadings(TableKind):
             note = f"Nothing is claimed in {self.of} that these filters measure."
             return Table(self.title, ["Rank"], [], digits=1, notes=[note])
         # Step 2: the most claims that hold come first, then the fewest that fail.
-        tried = [_Reading(shown, at) for (shown, _), at in zip(points, verdicts, strict=True)]
-        tried.sort(key=lambda r: (-r.count("holds"), r.count("fails")))
+        tried = [(shown, words) for (shown, _), words in zip(points, verdicts, strict=True)]
+        tried.sort(key=lambda reading: (-reading[1].count("holds"), reading[1].count("fails")))
         table = Table(self.title, ["Rank", *heads], [w.capitalize() for w in CLAIM_WORDS], digits=1)
-        for rank, reading in enumerate(tried[: self.rows], start=1):
-            cells = [Cell(Estimate(reading.count(w), float("nan")), 0, 0) for w in CLAIM_WORDS]
-            table.add([str(rank), *reading.shown], cells)
+        for rank, (shown, words) in enumerate(tried[: self.rows], start=1):
+            cells = [Cell(Estimate(words.count(w), nan), 0, 0) for w in CLAIM_WORDS]
+            table.add([str(rank), *shown], cells)
         table.notes += _claim_notes(heads, claims, tried)
         return table
 
     def _claims(self, results: Results) -> list[Claim]:
-        """Return the claims about the experiment's filters."""
         published = read_published(results.folder, results.config.get("published", []), self.of)
         claims = []
         for claim in published.claims:
@@ -309,7 +293,7 @@ class ClaimReadings(TableKind):
 def _judged(
     results: Results, claims: list[Claim], points: list[GridPoint]
 ) -> tuple[list[Claim], list[list[str]]]:
-    """Return the claims that any point measures, and the words on each of them at every point."""
+    """Judge at every point the claims that any point measures."""
     evidence = [Evaluator(results, point) for point in points]
     measured, by_claim = [], []
     for claim in claims:
@@ -320,14 +304,13 @@ def _judged(
     return measured, [list(words) for words in zip(*by_claim, strict=True)]
 
 
-def _claim_notes(heads: list[str], claims: list[Claim], tried: list[_Reading]) -> list[str]:
-    first, most = tried[0], tried[0].count("holds")
-    alike = sum(reading.count("holds") == most for reading in tried)
-    notes = [
-        f"{len(tried)} readings, {len(claims)} claims. Most hold at {_named(heads, first.shown)}: "
-        f"{most}; as many at {alike} of the readings."
-    ]
-    for claim, words in zip(claims, zip(*(r.verdicts for r in tried), strict=True), strict=True):
+def _claim_notes(
+    heads: list[str], claims: list[Claim], tried: list[tuple[list[str], list[str]]]
+) -> Iterator[str]:
+    first, hold = tried[0][0], [words.count("holds") for _, words in tried]
+    most = f"Most hold at {_named(heads, first)}: {hold[0]}; as many at {hold.count(hold[0])}"
+    yield f"{len(tried)} readings, {len(claims)} claims. {most} of the readings."
+    for i, claim in enumerate(claims):
+        words = [verdicts[i] for _, verdicts in tried]
         holds, fails = words.count("holds"), words.count("fails")
-        notes.append(f"{claim.claim}: holds at {holds}, fails at {fails} of the readings.")
-    return notes
+        yield f"{claim.claim}: holds at {holds}, fails at {fails} of the readings."

@@ -48,15 +48,13 @@ class TuningTable(TableKind):
         by = f"Tuned by {words_of(tuning['metric'])}, {_trained_on(results)}"
         table = Table(self.title or by, ["Filter", "Values found", "Trials"], _HEADS, self.digits)
         # Each tuned filter and the one as configured, on the runs of the results.
-        scores = {
-            label: tuple(_score(objective, runs, of) for of in (tuned_label(label), label))
-            for label in results.tuning
-        }
-        gains = {
-            label: compare_estimates(untuned, tuned)
-            for label, (tuned, untuned) in scores.items()
-            if tuned is not None and untuned is not None
-        }
+        scores, gains = {}, {}
+        for label in results.tuning:
+            tuned = _score(objective, runs, tuned_label(label))
+            untuned = _score(objective, runs, label)
+            scores[label] = tuned, untuned
+            if tuned is not None and untuned is not None:
+                gains[label] = compare_estimates(untuned, tuned)
         family = as_family(gains)
         for label, record in results.tuning.items():
             gain = family.get(label)
@@ -69,7 +67,7 @@ class TuningTable(TableKind):
 
 
 def _trained_on(results: Results) -> str:
-    """Return the training runs, or the part of recorded ones, and the runs held out."""
+    """Describe the training runs, or the part of recorded ones, and the runs held out."""
     config = results.config
     share = (config["scenario"].get("score") or {}).get("train")
     if share is not None:
@@ -88,7 +86,7 @@ def words_of(metric: str | dict[str, float]) -> str:
 def _score(
     objective: Objective, runs: dict[tuple[str, str], np.ndarray], label: str
 ) -> RunEstimate | None:
-    """Return a filter's score on the runs of the results; none if it was not run, or failed."""
+    """Score a filter on the runs of the results; None if it was not run, or failed."""
     mine = {metric: values for (of, metric), values in runs.items() if of == label}
     wanted = {*objective.metrics, "lost"}
     return objective.score(mine) if wanted <= mine.keys() else None

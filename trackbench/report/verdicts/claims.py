@@ -28,7 +28,7 @@ class ClaimVerdict(NamedTuple):
 
 
 def judge(claim: Claim, evidence: Evaluator | None) -> ClaimVerdict:
-    """Return the verdict on a claim: it holds if it does against every filter that it names."""
+    """Judge a claim: it holds if it does against every filter that it names."""
     if evidence is None or not claim.left or not claim.expression:
         return _unjudged(claim, no_results(claim, evidence))
     # Step 1: one test for each step and each filter on the right side.
@@ -62,16 +62,14 @@ def _unjudged(claim: Claim, why: str) -> ClaimVerdict:
 
 
 def _at_each_step(claim: Claim, whole: Evaluator) -> list[Claim]:
-    """Return the claim at each of its steps, or itself without steps."""
-    left, right = (
-        whole.at_each_step(m.of(claim.left)) if m else [None]
-        for m in (claim.expression, claim.right_expression)
-    )
+    """Repeat the claim at each of its steps."""
+    sides = []
+    for m in (claim.expression, claim.right_expression):
+        sides.append(whole.at_each_step(m.of(claim.left)) if m else [None])
     # A right side without steps is repeated at every step of the left side.
-    return [
-        replace(claim, expression=a, right_expression=b)
-        for a, b in zip(left, right if len(right) == len(left) else right * len(left), strict=True)
-    ]
+    left, right = sides
+    pairs = zip(left, right if len(right) == len(left) else right * len(left), strict=True)
+    return [replace(claim, expression=a, right_expression=b) for a, b in pairs]
 
 
 class _Test(NamedTuple):
@@ -110,7 +108,7 @@ def _test(expressions: Evaluator, claim: Claim, right: str) -> _Test:
 
 
 def _weakest(tests: list[_Test], terms: list[list[RunEstimate]], steps: int) -> list[float]:
-    """Return z of the weakest test by each part of the runs; none unless every test has parts."""
+    """Find z of the weakest test by each part of the runs; none unless every test has parts."""
     weakest = []
     for part in zip(*terms, strict=True) if all(terms) else ():
         zs = [test.in_favor(term) for test, term in zip(tests, part, strict=True)]
@@ -119,15 +117,18 @@ def _weakest(tests: list[_Test], terms: list[list[RunEstimate]], steps: int) -> 
 
 
 def _why(whole: Evaluator, test: _Test) -> str:
-    """Return both sides of a test, in words."""
     claim, right = test.claim, test.right
-    why = [_in_words(side.filter, whole.term(side)) for side in claim.sides(right)]
+    why = []
+    for side in claim.sides(right):
+        term = whole.term(side)
+        losses = f" ({term.losses})" if term.lost else ""
+        why.append(f"{side.filter} {term.value:.4g}{losses}")
     why += [] if right else [f"{test.target:g}"]
     return noted(", ".join(why), test.term.why)
 
 
 def _significance(verdict: Verdict) -> str:
-    """Return that an inconclusive claim is significant by the rule for filters, if it is."""
+    """Note that an inconclusive claim is significant by the rule for filters, if it is."""
     z = verdict.z
     if verdict.word != UNDECIDED or not (rules.is_significant(z) and verdict.is_short):
         return ""
@@ -136,7 +137,7 @@ def _significance(verdict: Verdict) -> str:
 
 
 def _size(evidence: Evaluator, test: _Test) -> str:
-    """Return that the printed size of a difference lies outside its 95 % interval, if it does."""
+    """Note that the printed size of a difference lies outside its 95 % interval, if it does."""
     claim = test.claim
     if claim.printed is None or not test.right or claim.expression is None:
         return ""
@@ -149,19 +150,15 @@ def _size(evidence: Evaluator, test: _Test) -> str:
 
 
 def _of_steps(weakest: _Test, zs: list[float]) -> str:
-    """Return the weakest of tests at many steps, and how many are significant."""
+    """Describe the weakest of tests at many steps, and how many are significant."""
     steps = weakest.claim.expression and weakest.claim.expression.steps
     surely = sum(rules.decided(z) > 0 for z in zs)
     where = f"at step {steps.first}; " if steps else ""
     return f"{where}{surely} of {len(zs)} comparisons hold by themselves"
 
 
-def _in_words(label: str, term: RunEstimate) -> str:
-    return f"{label} {term.value:.4g}" + (f" ({term.losses})" if term.lost else "")
-
-
 def _loses_more(expressions: Evaluator, claim: Claim, right: str) -> str:
-    """Return why a filter with a smaller error is no better: it loses more of the same runs."""
+    """Explain why a filter with a smaller error is no better: it loses more of the same runs."""
     a, b = (expressions.runs.get((label, "lost")) for label in (claim.left, right))
     # Only a claim that the left side is better is affected.
     better = ">" if claim.expression and claim.expression.family[0].more_is_better else "<"
@@ -191,5 +188,5 @@ def evidence_at(results: Results, text: str) -> Evaluator | None:
 
 
 def point_of(results: Results, text: str) -> GridPoint | None:
-    """Return the point that ``path=value; path=value`` picks; the first with results if it is empty."""
+    """Find the point that ``path=value; path=value`` picks; the first with results if it is empty."""
     return next((point for point in results.points() if picks(text, point)), None)

@@ -106,7 +106,7 @@ def _verdict(results: Results, row: PublishedNumber | Claim, left: str, right: s
 
 
 def _wanted(row: PublishedNumber | Claim) -> tuple[float, float] | None:
-    """Return ends of the ratios, or of the seconds, that a row speaks of; None of what is no ratio."""
+    """Find the ends of the ratios, or of the seconds, that a row speaks of; None of what is no ratio."""
     relation = row.expression.relation if row.expression else ""
     if not all(m.is_cpu_time for m in row.expressions):
         return None
@@ -124,7 +124,6 @@ def _wanted(row: PublishedNumber | Claim) -> tuple[float, float] | None:
 
 
 def _word(row: PublishedNumber | Claim, low: float, high: float, least: float, most: float) -> str:
-    """Return the verdict by the widened interval."""
     if isnan(low):
         return UNDECIDED
     outside = high <= least or low >= most
@@ -141,7 +140,7 @@ class _Stored(NamedTuple):
 
 
 def _stored(results: Results, point: dict[str, object]) -> dict[str, _Stored]:
-    """Return each filter's repeats and operations; of a folder without measured times none."""
+    """Read each filter's repeats and operations; of a folder without measured times none."""
     stored = {}
     for row in results.columns("timing", point).records():
         words = (f"{row.get(name, '-')} {name}" for name in ("likelihoods", "covariances"))

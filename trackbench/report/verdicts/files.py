@@ -61,12 +61,12 @@ def parts(verdicts: Iterable[Compared | ClaimVerdict]) -> list[Tally]:
     rows = list(verdicts)
     numbers = Counter(row.verdict.word for row in rows)
     fragile = Counter(row.verdict.word for row in rows if row.verdict.fragile)
-    words = ("equal", "agrees", "compatible", "differs", "holds", "fails", UNDECIDED)
-    return [
-        Tally(n, word, word.removesuffix("s") if n > 1 and word in _VERBS else word, fragile[word])
-        for word in words
-        if (n := numbers[word])
-    ]
+    tallies = []
+    for word in ("equal", "agrees", "compatible", "differs", "holds", "fails", UNDECIDED):
+        if n := numbers[word]:
+            verb = word.removesuffix("s") if n > 1 and word in _VERBS else word
+            tallies.append(Tally(n, word, verb, fragile[word]))
+    return tallies
 
 
 def bars(comparison: Verdicts) -> list[Bar]:
@@ -75,15 +75,13 @@ def bars(comparison: Verdicts) -> list[Bar]:
     # Words on a bias are counted apart from numbers.
     words = [row for row in best if isinstance(row.published.value, str)]
     numbers = [row for row in best if not isinstance(row.published.value, str)]
-    groups = (
-        (counted(len(numbers), "published number"), parts(numbers)),
-        (
-            counted(len(words), "published word") + " on a bias, by a margin chosen here",
-            parts(words),
-        ),
-        (counted(len(claims), "claim"), parts(claims)),
-    )
-    return [Bar(title, tallies) for title, tallies in groups if tallies]
+    margin = " on a bias, by a margin chosen here"
+    every = [
+        Bar(counted(len(numbers), "published number"), parts(numbers)),
+        Bar(counted(len(words), "published word") + margin, parts(words)),
+        Bar(counted(len(claims), "claim"), parts(claims)),
+    ]
+    return [bar for bar in every if bar.parts]
 
 
 NUMBER_HEADER = [
@@ -158,9 +156,8 @@ def summary_lines(comparison: Verdicts) -> list[str]:
     tried = [number for number in comparison.numbers if number.readings > 1]
     if tried:
         agree = sum(number.best.verdict.word == "agrees" for number in tried)
-        lines[0] += (
-            f"; {len(tried)} were tried under several readings, of which {agree} agree in one"
-        )
+        what = f"{len(tried)} were tried under several readings, of which {agree} agree in one"
+        lines[0] += f"; {what}"
     if comparison.left_out:
         lines.append(f"{counted(len(comparison.left_out), 'printed number')} left out")
     return lines
@@ -182,23 +179,24 @@ def _explained(table: TextTable, verdicts: Sequence[Verdict]) -> TextTable:
     if words & {"differs", "holds", "fails"}:
         lines["significant"] = HOW_DECIDED
     if any(verdict.fragile for verdict in verdicts):
-        lines["fragile"] = (
-            "another seed, one run fewer or three far ones more could change the verdict"
-        )
+        what = "another seed, one run fewer or three far ones more could change the verdict"
+        lines["fragile"] = what
     table.notes += [f"{word}: {meaning}." for word, meaning in lines.items()]
     return table
 
 
 def verdict_tables(comparison: Verdicts) -> list[TextTable]:
     """Return numbers per published table, agreement of orders, claims, numbers left out."""
-    tables = _number_tables(comparison)
-    tables += [_rank_table(comparison.ranks)] if comparison.ranks else []
-    tables += [_claim_table(comparison.claims)] if comparison.claims else []
-    return [*tables, _left_out_table(comparison)] if comparison.left_out else tables
+    left_out = TextTable("Left out", ["Table", "Filter", "Metric", "Published", "Why"])
+    for p in comparison.left_out:
+        cells = f"{p.paper}, {p.table}", p.filter, _place(p), printed(p), p.note
+        left_out.rows.append([*map(Text, cells)])
+    others = [_rank_table(comparison.ranks), _claim_table(comparison.claims), left_out]
+    return [*_number_tables(comparison), *(table for table in others if table.rows)]
 
 
 def _number_tables(comparison: Verdicts) -> list[TextTable]:
-    """Return a table of verdicts per published table, and of those with several readings all of them."""
+    """Tabulate verdicts per published table, and of those with several readings all of them."""
     places: dict[str, list[Reproduced]] = {}
     for number in comparison.numbers:
         published = number.best.published
@@ -244,7 +242,6 @@ def _parts(verdict: Verdict) -> str:
 
 
 def _claim_table(claims: list[ClaimVerdict]) -> TextTable:
-    """Return claims with verdict and z."""
     title = "Claims (z: standard errors in the claim's favor, weakest comparison)"
     heads = ["Claim", "Verdict", "z", "z without a batch", "Paired", "Weakest comparison; note"]
     table = TextTable(title, [*heads, "Source"])
@@ -257,21 +254,11 @@ def _claim_table(claims: list[ClaimVerdict]) -> TextTable:
 
 
 def _rank_table(ranks: list[Ranked]) -> TextTable:
-    """Return the agreement of orders per column."""
     heads = ["Table", "Column", "Filters", "Kendall's tau"]
     table = TextTable("Order of the filters, published against measured (1: the same)", heads)
     for r in ranks:
         cells = [Text(f"{r.paper}, {r.table}"), Text(r.metric), Text(str(r.filters), r.filters)]
         table.rows.append([*cells, Text(f"{r.tau:+.2f}", r.tau)])
-    return table
-
-
-def _left_out_table(comparison: Verdicts) -> TextTable:
-    """Return the printed numbers that nothing here measures, with the reason."""
-    table = TextTable("Left out", ["Table", "Filter", "Metric", "Published", "Why"])
-    for p in comparison.left_out:
-        cells = f"{p.paper}, {p.table}", p.filter, _place(p), printed(p), p.note
-        table.rows.append([*map(Text, cells)])
     return table
 
 
@@ -308,23 +295,20 @@ _MOST_REASONS = 5
 
 
 def reasons(comparison: Verdicts, runs: int) -> list[str]:
-    """Return why numbers and claims are inconclusive, a line each; ``runs`` of each filter."""
+    """Explain why numbers and claims are inconclusive, a line each; ``runs`` of each filter."""
+    lines = []
     rows: list[Compared | ClaimVerdict] = [number.best for number in comparison.numbers]
-    lines = [
-        f"inconclusive: {_name_of_row(row)}: {_reason(row, runs)}"
-        for row in [*rows, *comparison.claims]
-        if row.verdict.word == UNDECIDED
-    ]
+    for row in [*rows, *comparison.claims]:
+        if row.verdict.word == UNDECIDED:
+            name = row.claim.claim if isinstance(row, ClaimVerdict) else ""
+            if isinstance(row, Compared):
+                of = row.published
+                name = ", ".join(filter(None, (of.filter, of.metric, of.row)))
+            lines.append(f"inconclusive: {name}: {_reason(row, runs)}")
     more = len(lines) - _MOST_REASONS
     if more < 2:
         return lines
     return [*lines[:_MOST_REASONS], f"inconclusive: {more} more: comparison.md"]
-
-
-def _name_of_row(row: Compared | ClaimVerdict) -> str:
-    if isinstance(row, ClaimVerdict):
-        return row.claim.claim
-    return ", ".join(filter(None, (row.published.filter, row.published.metric, row.published.row)))
 
 
 def _reason(row: Compared | ClaimVerdict, runs: int) -> str:

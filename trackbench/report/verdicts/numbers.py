@@ -93,7 +93,7 @@ class Verdicts:
 
 
 def _rank(row: Compared) -> tuple[int, float]:
-    """Return the best verdict first; of equal ones the nearest value."""
+    """Sort the best verdict first; of equal ones the nearest value."""
     printed, value = row.published.value, row.measured.value
     off = abs(value - printed) if not isinstance(printed, str) and isfinite(value) else inf
     return NUMBER_WORDS.index(row.verdict.word), off
@@ -155,8 +155,12 @@ def _readings(number: PublishedNumber, evidence: Evaluator | None) -> Iterator[C
                 judged = replace(number, variance=measured.stderr**2 * measured.runs)
             measured = RunEstimate(number.factor * exact, 0.0, None, measured.runs)
         verdict = _verdict(judged, measured, label, evidence.results)
+        is_near = False
+        if verdict.word == "differs" and not isinstance(number.value, str):
+            off = rules.difference(number, measured.value)
+            is_near = abs(off) <= NEAR * abs(number.value)
         reasons = [
-            "differs by less than 10 %" if _is_near(number, measured, verdict) else "",
+            "differs by less than 10 %" if is_near else "",
             NOT_MEASURED if isnan(measured.value) and not measured.lost else "",
             measured.losses,
             "" if exact is None else "exact, without runs",
@@ -169,18 +173,10 @@ def _readings(number: PublishedNumber, evidence: Evaluator | None) -> Iterator[C
 def _verdict(
     number: PublishedNumber, measured: RunEstimate, label: str, results: Results
 ) -> Verdict:
-    """Return the verdict; a filter without random numbers on recorded data has the digits, or not."""
+    """Judge a number; a filter without random numbers on recorded data has the digits, or not."""
     value = measured.value
     if label in results.deterministic and not isinstance(number.value, str) and isfinite(value):
         stored = 0.5 * abs(value) * 10.0 ** (1 - DIGITS["per_run.csv"])
-        return Verdict(
-            "equal" if abs(rules.difference(number, value)) <= stored else "differs", nan
-        )
+        is_equal = abs(rules.difference(number, value)) <= stored
+        return Verdict("equal" if is_equal else "differs", nan)
     return rules.number_verdict(number, measured, measured.parts(results.batches))
-
-
-def _is_near(number: PublishedNumber, measured: RunEstimate, verdict: Verdict) -> bool:
-    """Return whether a number differs significantly from the printed one, but by a small share."""
-    if verdict.word != "differs" or isinstance(number.value, str):
-        return False
-    return abs(rules.difference(number, measured.value)) <= NEAR * abs(number.value)
