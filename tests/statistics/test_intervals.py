@@ -11,7 +11,6 @@ from trackbench.statistics.intervals import (
     deviations,
     holm,
     interval_of,
-    p_value,
     share_interval,
     share_z,
     spread,
@@ -164,11 +163,6 @@ def test_holm_is_the_stepwise_rule():
     # by hand: 0.005 * 4, 0.01 * 3, 0.03 * 2, then 0.04 * 1 may not fall below 0.06
     np.testing.assert_allclose(adjusted, [0.03, 0.06, 0.06, np.nan, 0.02])
     assert holm(np.array([0.9, 0.8]))[0] == 1.0
-
-
-def test_p_value_is_students():
-    assert p_value(2.2281388, 11) == pytest.approx(0.05, rel=1e-6)
-    assert p_value(-2.2281388, 11) == p_value(2.2281388, 11)
 
 
 def test_too_few_runs_have_no_interval():

@@ -47,10 +47,7 @@ def cos_sin(a: ArrayLike) -> tuple[Array, Array]:
     a = np.asarray(a, dtype=float)
     flat = np.ascontiguousarray(a).reshape(-1)
     c, s = np.empty(flat.shape), np.empty(flat.shape)
-    # Compute in pieces that fit the cache.
-    for i in range(0, len(flat), _PIECE):
-        piece = slice(i, i + _PIECE)
-        _elementary_kernels.cos_sin(flat[piece], c[piece], s[piece])
+    _in_pieces(_elementary_kernels.cos_sin, flat, c, s)
     return c.reshape(a.shape)[()], s.reshape(a.shape)[()]
 
 
@@ -59,10 +56,7 @@ def arctan2(y: Array, x: Array) -> Array:
     y, x = np.asarray(y, dtype=float), np.asarray(x, dtype=float)
     flat_y, flat_x = (np.ascontiguousarray(a).reshape(-1) for a in (y, x))
     out = np.empty(flat_y.shape)
-    # Compute in pieces that fit the cache.
-    for i in range(0, len(out), _PIECE):
-        piece = slice(i, i + _PIECE)
-        _elementary_kernels.arctan2(flat_y[piece], flat_x[piece], out[piece])
+    _in_pieces(_elementary_kernels.arctan2, flat_y, flat_x, out)
     return out.reshape(y.shape)[()]
 
 
@@ -185,14 +179,18 @@ def _piecewise(kernel: Elementwise, x: ArrayLike, out: Array | None) -> Array:
     if compiled.kernels or 0 < len(flat) <= _PIECE:
         kernel(flat, target)
     else:
-        for i in range(0, len(flat), _PIECE):
-            piece = slice(i, i + _PIECE)
-            kernel(flat[piece], target[piece])
+        _in_pieces(kernel, flat, target)
     if out is None:
         return target.reshape(x.shape)[()]
     if not in_place:
         out[...] = target.reshape(x.shape)
     return out
+
+
+def _in_pieces(kernel: Callable[..., None], *arrays: Array) -> None:
+    """Call a kernel on pieces that fit the cache."""
+    for i in range(0, len(arrays[0]), _PIECE):
+        kernel(*[a[i : i + _PIECE] for a in arrays])
 
 
 @lru_cache(maxsize=4096)

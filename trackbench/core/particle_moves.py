@@ -21,20 +21,9 @@ from trackbench.core.resampling import select
 
 
 def metropolis(gain: Array, temperature: float, rng: Streams) -> Mask:
-    """Accept every gain, and a loss with probability ``exp(gain / temperature)``.
+    """Accept every gain (M, N) of log-density, and a loss with probability ``exp(gain / temperature)``.
 
-    Parameters
-    ----------
-    gain : (M, N)
-        Increase of the log-density.
-    temperature : float
-        At 0 no loss is accepted.
-    rng : Streams
-
-    Returns
-    -------
-    (M, N)
-        Which moves are accepted.
+    At temperature 0 no loss is accepted.
     """
     # u < exp(gain / temperature) for a uniform u is gain > -temperature e, e = -log u exponential.
     loss: Array = rng.standard_gamma(1, gain.shape)
@@ -83,20 +72,9 @@ def independence_moves(
 
 
 def mutate(x: Array, F: float, rng: Streams) -> Array:
-    """Return mutants ``x_i + F (x_r1 - x_r2)``, r1 != r2 != i (hdepf paper, eq. 10).
+    """Make a mutant ``x_i + F (x_r1 - x_r2)`` of each of N >= 3 individuals x (n, M, N).
 
-    Parameters
-    ----------
-    x : (n, M, N)
-        Population, N >= 3.
-    F : float
-        Scale of the difference.
-    rng : Streams
-
-    Returns
-    -------
-    (n, M, N)
-        A mutant of each individual.
+    r1, r2 and i are all different (hdepf paper, eq. 10).
     """
     r1, r2 = distinct_pairs(x.shape[1], x.shape[2], rng)
     return x + F * (select(x, r1) - select(x, r2))
@@ -246,9 +224,7 @@ def _moved(x: Array, A: Array, e: Array, members: Mask | None) -> Array:
     return moved
 
 
-@lru_cache
-def _bandwidth_of_all(n: int, N: int, kernel: Kernel) -> Array:
-    return bandwidth(n, N, kernel)
+_bandwidth_of_all = lru_cache(bandwidth)
 
 
 def _spread(cov: Array) -> Array:

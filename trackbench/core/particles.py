@@ -5,7 +5,6 @@ A particle set is x (n, M, N) with log-weights (M, N): N particles in each of M 
 
 from collections.abc import Callable
 from functools import cache
-from types import ModuleType
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -40,10 +39,14 @@ class Particles(NamedTuple):
 
     def moments(self) -> Gaussian:
         """Return weighted mean and covariance, computed about the mean to keep digits."""
-        if compiled.kernels:
-            return self._compiled_moments(compiled.kernels)
-        # Step 1: m = sum_i w_i x_i.
         x = np.asarray(self.x, dtype=np.float64)
+        if compiled.kernels:
+            n, runs, _ = x.shape
+            mean, cov = np.empty((n, runs)), np.empty((n, n, runs))
+            w = np.ascontiguousarray(self.w, dtype=np.float64)
+            compiled.kernels.moments(np.ascontiguousarray(x), w, mean, cov, n)
+            return Gaussian(mean, cov)
+        # Step 1: m = sum_i w_i x_i.
         products = x * self.w
         mean = total(products)
         e = x - mean[..., None]
@@ -54,14 +57,6 @@ class Particles(NamedTuple):
             np.multiply(e[i], self.w, out=weighted)
             np.multiply(e[: i + 1], weighted, out=products[: i + 1])
             cov[i, : i + 1] = cov[: i + 1, i] = total(products[: i + 1])
-        return Gaussian(mean, cov)
-
-    def _compiled_moments(self, kernels: ModuleType) -> Gaussian:
-        n, runs, _ = self.x.shape
-        mean, cov = np.empty((n, runs)), np.empty((n, n, runs))
-        x = np.ascontiguousarray(self.x, dtype=np.float64)
-        w = np.ascontiguousarray(self.w, dtype=np.float64)
-        kernels.moments(x, w, mean, cov, n)
         return Gaussian(mean, cov)
 
 

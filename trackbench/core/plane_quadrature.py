@@ -229,7 +229,8 @@ def _parts(old: Plane, motion: Map, basis: Array, variances: Array) -> Array:
     moved = linalg.matvec(_inverse(basis), motion.f(old.box.nodes)).reshape(2, *old.box.shape)
     parts = []
     for axis in (0, 1):
-        gap = np.abs(np.diff(moved, axis=axis + 1))[:, _both(counts, axis)].max(axis=1)
+        both = counts[1:] & counts[:-1] if axis == 0 else counts[:, 1:] & counts[:, :-1]
+        gap = np.abs(np.diff(moved, axis=axis + 1))[:, both].max(axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):
             deviations = np.where(gap > 0.0, gap / np.sqrt(variances), 0.0)
         parts.append(max(np.ceil(deviations.max()), 1.0))
@@ -372,11 +373,6 @@ def _moments(x: Array, mass: Array) -> Gaussian:
     mean = total(mass * x)
     e = x - mean[:, None]
     return Gaussian(mean, total(mass * e[:, None] * e))
-
-
-def _both(likely: Mask, axis: int) -> Mask:
-    """Return whether a node and the next along an axis are both likely."""
-    return likely[1:] & likely[:-1] if axis == 0 else likely[:, 1:] & likely[:, :-1]
 
 
 def _log(density: Array) -> Array:

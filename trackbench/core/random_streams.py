@@ -107,7 +107,29 @@ class RunStreams:
         return rows[:count].reshape(size)
 
 
-class SideBySide:
+Draw: TypeAlias = Callable[[Generator, tuple[int, ...]], Array]
+
+
+class _Joined:
+    """Base of several generators that draw together, each a share of the size."""
+
+    def standard_normal(self, size: tuple[int, ...]) -> Array:
+        """Draw N(0, 1) variates."""
+        return self._join(lambda g, part: g.standard_normal(part), size)
+
+    def random(self, size: tuple[int, ...]) -> Array:
+        """Draw uniform variates in [0, 1)."""
+        return self._join(lambda g, part: g.random(part), size)
+
+    def standard_gamma(self, shape: float, size: tuple[int, ...]) -> Array:
+        """Draw Gamma(shape, rate 1) variates."""
+        return self._join(lambda g, part: g.standard_gamma(shape, part), size)
+
+    def _join(self, draw: Draw, size: tuple[int, ...]) -> Array:
+        raise NotImplementedError
+
+
+class SideBySide(_Joined):
     """Streams of several blocks of runs that are filtered together, each drawing for its own runs.
 
     ``size`` is ``(*draws, runs, N)``, the runs being those of all blocks one after another. A block's
@@ -117,21 +139,7 @@ class SideBySide:
     def __init__(self, blocks: Sequence[Generator], width: int) -> None:
         self.blocks, self.width = blocks, width
 
-    def standard_normal(self, size: tuple[int, ...]) -> Array:
-        """Return N(0, 1) variates."""
-        return self._join(lambda g, part: g.standard_normal(part), size)
-
-    def random(self, size: tuple[int, ...]) -> Array:
-        """Return uniform variates in [0, 1)."""
-        return self._join(lambda g, part: g.random(part), size)
-
-    def standard_gamma(self, shape: float, size: tuple[int, ...]) -> Array:
-        """Return Gamma(shape, rate 1) variates."""
-        return self._join(lambda g, part: g.standard_gamma(shape, part), size)
-
-    def _join(
-        self, draw: Callable[[Generator, tuple[int, ...]], Array], size: tuple[int, ...]
-    ) -> Array:
+    def _join(self, draw: Draw, size: tuple[int, ...]) -> Array:
         size = _shape(size)
         if len(size) < 2 or size[-2] != len(self.blocks) * self.width:
             raise ValueError(f"{size} is not for {len(self.blocks)} blocks of {self.width} runs")
@@ -159,7 +167,7 @@ def _generators_of(stream: Generator) -> Sequence[Generator]:
     return stream.blocks if isinstance(stream, SideBySide) else [stream]
 
 
-class SomeRuns:
+class SomeRuns(_Joined):
     """Streams of chosen runs of a block at one step, for draws that only some runs make.
 
     ``size`` is ``(*draws, runs, N)``. Each run has a substream of the block's, so its draws do not
@@ -169,21 +177,7 @@ class SomeRuns:
     def __init__(self, block: Generator, step: int, runs: Iterable[int]) -> None:
         self._generators = [_substream(block, step, int(run)) for run in runs]
 
-    def standard_normal(self, size: tuple[int, ...]) -> Array:
-        """Return N(0, 1) variates."""
-        return self._stack(lambda g, row: g.standard_normal(row), size)
-
-    def random(self, size: tuple[int, ...]) -> Array:
-        """Return uniform variates in [0, 1)."""
-        return self._stack(lambda g, row: g.random(row), size)
-
-    def standard_gamma(self, shape: float, size: tuple[int, ...]) -> Array:
-        """Return Gamma(shape, rate 1) variates."""
-        return self._stack(lambda g, row: g.standard_gamma(shape, row), size)
-
-    def _stack(
-        self, draw: Callable[[Generator, tuple[int, ...]], Array], size: tuple[int, ...]
-    ) -> Array:
+    def _join(self, draw: Draw, size: tuple[int, ...]) -> Array:
         size = _shape(size)
         if size[-2:-1] != (len(self._generators),):
             raise ValueError(f"{size} is not for {len(self._generators)} runs")
@@ -217,25 +211,12 @@ Streams: TypeAlias = Generator | RunStreams | SomeRuns
 
 
 def block_stream(seed: int, block: int) -> Generator:
-    """Return the stream of a filter's noise in one block, equal for all filters.
-
-    Parameters
-    ----------
-    seed : int
-        Seed of the experiment.
-    block : int
-        Number of the block, negative for training.
-
-    Returns
-    -------
-    Generator
-        SFC64 stream with portable normals and Erlang variates.
-    """
+    """Open the stream of a filter's noise in one block, equal for all filters."""
     return NoiseGenerator(SFC64(_sequence(seed, block, _FILTER, _TRAINING_FILTER)))
 
 
 def aside_stream(seed: int, block: int) -> Generator:
-    """Return the stream for extra steps, such as one-step predictions, beside the filter's own."""
+    """Open the stream for extra steps, such as one-step predictions, beside the filter's own."""
     return NoiseGenerator(SFC64(_sequence(seed, block, _ASIDE, _TRAINING_ASIDE)))
 
 

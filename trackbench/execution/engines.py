@@ -38,7 +38,7 @@ def start_forkserver(*modules: str) -> None:
         with _safe_path():
             resource_tracker.ensure_running()  # now, since it ends by hearing interrupts again
             _context().set_forkserver_preload([_FORKED, *modules])
-            with _block_sigint():
+            with blocked(signal.SIGINT):
                 ensure_running()
 
 
@@ -109,9 +109,12 @@ def is_worker_bootstrapping() -> bool:
 
 
 @contextmanager
-def _block_sigint() -> Iterator[None]:
-    """Block Ctrl-C for processes started meanwhile; this process receives it afterwards."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+def blocked(number: int) -> Iterator[None]:
+    """Block a signal for processes started meanwhile; this process receives it afterwards."""
+    if sys.platform == "win32":
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [number])
     try:
         yield
     finally:

@@ -4,8 +4,7 @@ import pickle
 import signal
 import sys
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -16,6 +15,7 @@ from trackbench.evaluation.run_block import run_stack
 from trackbench.execution import code_digests
 from trackbench.execution.block_file import BlockFile, write_block
 from trackbench.execution.code_digests import code_digest
+from trackbench.execution.engines import blocked
 from trackbench.extension_points import foreign_parts
 from trackbench.plugins.errors import FilterError, guarded, located_message
 from trackbench.plugins.load import Plugin, load_plugin
@@ -119,7 +119,7 @@ def _compute(
     try:
         results = compute(work.stack, plugins, expected)
         if stores:
-            with _undisturbed():
+            with blocked(signal.SIGTERM):  # until the files are complete
                 for files, result in zip(work.files, results, strict=True):
                     for used in result:
                         write_block(files[used], result[used])
@@ -139,16 +139,3 @@ def _peak_memory() -> int:
 
     unit = 1 if sys.platform == "darwin" else 1024
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
-
-
-@contextmanager
-def _undisturbed() -> Iterator[None]:
-    """Let a signal that ends this process wait until its file is complete, where the system can."""
-    if sys.platform == "win32":
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGTERM])
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)

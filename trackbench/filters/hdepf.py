@@ -194,17 +194,7 @@ class EvolutionFilter(ProposalFilter):
     def differential_evolution(
         self, x: Array, log_fitness: Callable[[Array], Array], rng: Streams
     ) -> Evolved:
-        """Evolve a population over G generations (section III.A).
-
-        Parameters
-        ----------
-        x : array (n, M, N)
-            First population: N individuals of n components in each of M runs.
-        log_fitness : callable
-            Log-fitness (M, N) of a population (n, M, N).
-        rng : Streams
-            Random numbers of the runs.
-        """
+        """Evolve a population x (n, M, N) over G generations by log-fitness (M, N) (section III.A)."""
         # Step 1: the first population, the particles or draws between their limits (eq. 9).
         lowest, highest = x.min(axis=-1, keepdims=True), x.max(axis=-1, keepdims=True)
         if self.reading.population == "uniform":

@@ -1,13 +1,14 @@
 """Interacting multiple model filter, with any motions and any filter of one Gaussian."""
 
 from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar, Literal, NamedTuple
+from types import SimpleNamespace
+from typing import Annotated, ClassVar, Literal, NamedTuple, cast
 
 import numpy as np
 from numpy.random import Generator
 
 from trackbench.core import linalg
-from trackbench.core.arrays import Array, Index
+from trackbench.core.arrays import Array, Mask
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.kalman import Innovation
 from trackbench.core.mixtures import (
@@ -46,8 +47,8 @@ class ModelBank(NamedTuple):
     innovations: tuple[Innovation, ...] = ()
     predicted: Array | None = None
     """weights of the models before the last measurement (r, M)"""
-    refused: Array | None = None
-    """1 for each run (M,) whose gates refused the last measurement"""
+    refused: Mask | None = None
+    """runs (M,) whose gates refused the last measurement"""
     measurement_weight: Array | None = None
     """mean weight of the last measurement's components (M,) in a robust update"""
 
@@ -107,13 +108,13 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         out: dict[str, str] = {}
         # Check the filter with each of the motions.
         for model in self.models(scenario.model):
-            out |= self.filter.conflicts(_WithModel(scenario, model))
+            out |= self.filter.conflicts(_with_model(scenario, model))
         return {f"filter.{key}".rstrip("."): what for key, what in out.items()}
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
         """Report also the keys of the models' filter that are idle with every motion."""
         first, *others = (
-            self.filter.idle_keys(_WithModel(scenario, model))
+            self.filter.idle_keys(_with_model(scenario, model))
             for model in self.models(scenario.model)
         )
         shared = set(first).intersection(*others)
@@ -171,7 +172,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         if self.filter.robust is not None:
             mean = total(predicted * np.stack(sensor_weights), axis=0)
             bank = bank._replace(measurement_weight=mean)
-        return bank._replace(refused=refused.astype(float))
+        return bank._replace(refused=refused)
 
     def smoothed(
         self, model: Model, states: list[ModelBank], k: int, rng: Generator
@@ -239,38 +240,15 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
     @property
     def diagnostic_names(self) -> frozenset[str]:
         """Names of `diagnostics`."""
-        keys = {"gated": self.filter.gate, "measurement_weight": self.filter.robust}
-        return frozenset({"nis", "mode", *(name for name, key in keys.items() if key is not None)})
+        return self.filter.diagnostic_names | {"mode"}
 
     def diagnostics(self, state: ModelBank) -> dict[str, Array]:
         """Return ``nis``, the models' mean; ``mode``, weight of all but the first; ``gated``."""
-        out = {"nis": state.nis, "mode": 1.0 - state.weights[0]}
-        if self.filter.gate:
-            out["gated"] = np.zeros(len(state.nis)) if state.refused is None else state.refused
-        if self.filter.robust:
-            weight = state.measurement_weight
-            out["measurement_weight"] = state.nis if weight is None else weight
-        return out
+        of_filter = self.filter.diagnostics_of(state.nis, state.refused, state.measurement_weight)
+        return {"nis": state.nis, "mode": 1.0 - state.weights[0]} | of_filter
 
 
-class _WithModel(Scene):
-    """A scenario with another model, for the hooks of the models' filter."""
-
-    def __init__(self, scenario: Scene, model: Model) -> None:
-        self._scenario, self._model = scenario, model
-
-    @property
-    def model(self) -> Model:
-        return self._model
-
-    @property
-    def steps(self) -> Index:
-        return self._scenario.steps
-
-    @property
-    def times(self) -> Array:
-        return self._scenario.times
-
-    @property
-    def prior_type(self) -> type[Distribution]:
-        return self._scenario.prior_type
+def _with_model(scenario: Scene, model: Model) -> Scene:
+    """Replace the model of a scenario, for the hooks of the models' filter."""
+    facts = {name: getattr(scenario, name) for name in ("steps", "times", "prior_type", "turns")}
+    return cast(Scene, SimpleNamespace(model=model, **facts))

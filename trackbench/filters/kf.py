@@ -196,15 +196,20 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
         keys = {"gated": self.gate, "measurement_weight": self.robust}
         return frozenset({"nis", *(name for name, key in keys.items() if key is not None)})
 
+    def diagnostics_of(
+        self, nis: Array, gated: Array | Mask | None, weight: Array | None
+    ) -> dict[str, Array]:
+        """Name NIS, refused measurements and mean weights (M,), as far as the filter has them."""
+        out = {"nis": nis}
+        if self.gate is not None:
+            out["gated"] = np.zeros(len(nis)) if gated is None else gated.astype(float)
+        if self.robust is not None:
+            out["measurement_weight"] = nis if weight is None else weight
+        return out
+
     def diagnostics(self, state: Tracked) -> dict[str, Array]:
         """Return ``nis`` of a used measurement; ``gated``: 1 where it was refused; its mean weight."""
-        out = {"nis": state.nis}
-        if self.gate is not None:
-            gated = np.zeros(len(state.nis)) if state.gated is None else state.gated.astype(float)
-            out["gated"] = gated
-        if self.robust is not None:
-            out["measurement_weight"] = state.nis if state.weight is None else state.weight
-        return out
+        return self.diagnostics_of(state.nis, state.gated, state.weight)
 
 
 @cache

@@ -38,21 +38,9 @@ class Program:
     """A running program that answers each line with one line."""
 
     def __init__(self, command: Sequence[str], hello: str, timeout: float) -> None:
-        """Start the program, and wait until it answers ``hello`` with ``ready``.
+        """Start the program, and wait until it answers the line ``hello`` with ``ready``.
 
-        Parameters
-        ----------
-        command : sequence of str
-            The program and its arguments.
-        hello : str
-            First line, without its end.
-        timeout : float
-            Seconds that an answer may take.
-
-        Raises
-        ------
-        ProgramError
-            If it cannot be started, or does not answer ``ready``.
+        An answer may take ``timeout`` seconds. Raises ProgramError if there is none.
         """
         self._timeout, self._start_s = timeout, 0.0
         self._error_lines: list[str] = []

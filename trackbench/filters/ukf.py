@@ -36,8 +36,9 @@ class SigmaPointFilter(NonlinearFilter):
         raise NotImplementedError
 
     def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
-        """Predict by sigma points of the state, update by sigma points of the prediction."""
-        return additive_step(model, state, z, k, self.assumed, self.rule)
+        """Predict and update by sigma points."""
+        step = augmented_step if self.augmented else additive_step
+        return step(model, state, z, k, self.assumed, self.rule)
 
     def transition(self, model: Model, state: Gaussian, k: int) -> Transition:
         """Return the prediction to step k by sigma points, and its covariance with x_{k-1}."""
@@ -77,11 +78,6 @@ class UKF(SigmaPointFilter):
             if self.rule.points(Gaussian(np.zeros(n), np.eye(n))).cov_weights[0] < 0.0:
                 out["form"] = "square-root needs a center weight >= 0; enlarge kappa or beta"
         return out
-
-    def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
-        """Predict and update by sigma points."""
-        step = augmented_step if self.augmented else additive_step
-        return step(model, state, z, k, self.assumed, self.rule)
 
     @property
     def augmented(self) -> bool:

@@ -110,7 +110,7 @@ class FaultContext(NamedTuple):
             earlier = np.concatenate([scans, z[:, : int(np.argmax(inside))]], axis=1)[rows]
             stretch = self._stretch(fault, z)._replace(before=_latest(earlier))
             # Draws depend on the name alone.
-            opened = cache(partial(_beside, rng, zlib.crc32(fault.name.encode())))
+            opened = cache(partial(cast(RunStreams, rng).beside, zlib.crc32(fault.name.encode())))
             stretch = stretch._replace(streams=opened)
             if fault.uses_noise:
                 # The errors as earlier faults have made them.
@@ -207,8 +207,3 @@ def _latest(z: Array) -> Array:
     for column in np.moveaxis(z, 1, 0):
         out = np.where(np.isnan(column), out, column)
     return out
-
-
-def _beside(rng: Streams, number: int) -> RunStreams:
-    """Open further streams of the runs, others for each number."""
-    return cast(RunStreams, rng).beside(number)

@@ -217,13 +217,6 @@ def two_sided(z: float) -> float:
     return float(2.0 * ndtr(-abs(z)))
 
 
-def p_value(z: float, runs: int) -> float:
-    """Return two-sided, from Student's t with ``runs - 1`` degrees of freedom."""
-    from scipy.special import stdtr
-
-    return float(2.0 * stdtr(max(runs - 1, 1), -abs(z)))
-
-
 def holm(p: Array, tests: int = 0) -> Array:
     """Return p-values (n,) adjusted for n, or for more ``tests`` (Holm 1979); NaN is no test."""
     adjusted = np.full(len(p), np.nan)

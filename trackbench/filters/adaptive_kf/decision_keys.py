@@ -154,22 +154,10 @@ CONFIRM_EVERY_ALARM = SecondDecision()
 
 @lru_cache(maxsize=256)
 def tail(eta: float, gamma: float) -> float:
-    """Return P(rho > eta) in the long run, ``sum_j A_j exp(-eta / (2 gamma^j))``.
+    """Sum P(rho > eta) in the long run, ``sum_j A_j exp(-eta / (2 gamma^j))``, 0 < gamma < 1.
 
     ``A_j = prod_{i != j} 1 / (1 - gamma^(i - j))`` alternate in sign and are as large as
     ``exp(2 / (1 - gamma))``, so the sum uses enough decimal digits for an exact cancellation.
-
-    Parameters
-    ----------
-    eta : float
-        Threshold on rho.
-    gamma : float
-        Fading factor, 0 < gamma < 1.
-
-    Returns
-    -------
-    float
-        Probability.
     """
     if eta <= 0.0:
         return 1.0

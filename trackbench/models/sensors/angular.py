@@ -62,6 +62,8 @@ class AngularSensor(SensorBase):
     any_state: ClassVar[bool] = False
     axes: ClassVar[int] = 2
     """number of axes of the space"""
+    standing: ClassVar[str] = ""
+    """the sensor in words, if it cannot move"""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -69,6 +71,8 @@ class AngularSensor(SensorBase):
             raise ValueError(f"at has {len(self.at)} numbers for {self.axes} axes")
         if self.at and self.platform is not None:
             raise ValueError("a sensor has a position `at` or a `platform`; remove one of them")
+        if self.platform is not None and self.standing:
+            raise ValueError(f"{self.standing} cannot move; remove `platform`")
 
     @property
     def at_origin(self) -> bool:

@@ -40,27 +40,35 @@ class LinearSensor(SensorBase):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Positions(LinearSensor):
-    """Base of the sensors of all positions, each with an independent error of one size."""
+class AlongAxes(LinearSensor):
+    """Base of the sensors that measure all axes, each with an independent error of one size."""
+
+    sigma: Positive
+    """standard deviation along each axis"""
+
+    @cached_property
+    def R(self) -> Array:
+        """Noise covariance (axes, axes)."""
+        return fixed(self.sigma * self.sigma * np.eye(len(self.components)))
+
+    def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
+        """Return signed errors (1, *batch) along each axis."""
+        e = mean[self.places] - truth[self.places]
+        return {name: e[i : i + 1] for i, name in enumerate(self.components)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Positions(AlongAxes):
+    """Base of the sensors of all positions."""
 
     sigma: Annotated[Positive, Unit("m")]
     """standard deviation along each axis, m"""
 
     axes: ClassVar[int]
 
-    @cached_property
-    def R(self) -> Array:
-        """Noise covariance (axes, axes), m^2."""
-        return fixed(self.sigma * self.sigma * np.eye(self.axes))
-
     def located(self, z: Array, k: int) -> Gaussian:
         """Return the measured position, which is the measurement."""
         return Gaussian(z, self.R)
-
-    def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
-        """Return signed errors (1, *batch) along each axis."""
-        e = mean[self.places] - truth[self.places]
-        return {name: e[i : i + 1] for i, name in enumerate(self.components)}
 
 
 @register("sensors", "position")
@@ -120,7 +128,7 @@ class PositionVelocity(LinearSensor):
 
 @register("sensors", "velocity")
 @dataclass(frozen=True, kw_only=True)
-class VelocitySensor(LinearSensor):
+class VelocitySensor(AlongAxes):
     """Both velocities of a planar target, as it reports them by speed and course."""
 
     sigma: Annotated[Positive, Unit("m/s")]
@@ -128,15 +136,6 @@ class VelocitySensor(LinearSensor):
 
     components: ClassVar[tuple[str, ...]] = ("vx", "vy")
     places: ClassVar[slice] = slice(1, 4, 2)
-
-    @cached_property
-    def R(self) -> Array:
-        """Noise covariance (2, 2), (m/s)^2."""
-        return fixed(self.sigma * self.sigma * np.eye(2))
-
-    def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
-        """Return signed errors (1, *batch) along each axis."""
-        return {name: (mean - truth)[i : i + 1] for name, i in (("vx", 1), ("vy", 3))}
 
 
 @register("sensors", "scalar")

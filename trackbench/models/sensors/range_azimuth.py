@@ -117,6 +117,8 @@ class RangeAzimuth(Radar):
     """
 
     components: ClassVar[tuple[str, ...]] = ("range", "azimuth")
+    jacobian = Radar.polar_jacobian
+    reading = Radar._reading
 
     @cached_property
     def R(self) -> Array:
@@ -126,10 +128,6 @@ class RangeAzimuth(Radar):
     def measurement(self, x: Array, k: int) -> Gaussian:
         """Return N((range, azimuth), R) for x (n, *batch)."""
         return Gaussian(self.polar(x, k), self.R)
-
-    def jacobian(self, x: Array, k: int) -> Array:
-        """Return d(range, azimuth)/dx (2, n, *batch)."""
-        return self.polar_jacobian(x, k)
 
     def residual(self, z: Array, x: Array, k: int) -> Gaussian:
         """Return ``innovation(z, polar(x))`` (2, M, N) of particles x (n, M, N), and R."""
@@ -141,10 +139,6 @@ class RangeAzimuth(Radar):
         np.subtract(z[0][:, None], r, out=nu[0])
         np.negative(arctan2(across, along), out=nu[1])
         return Gaussian(nu, self.R)
-
-    def reading(self, z: Array) -> Polar:
-        """Return the measurement with its variances."""
-        return self._reading(z)
 
 
 @register("sensors", "polar-position")
@@ -194,11 +188,7 @@ class RangeAzimuthDoppler(Radar):
     """standard deviation of the range rate, m/s"""
 
     components: ClassVar[tuple[str, ...]] = ("range", "azimuth", "range_rate")
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.platform is not None:
-            raise ValueError("a radar with Doppler cannot move; remove `platform`")
+    standing: ClassVar[str] = "a radar with Doppler"
 
     @cached_property
     def R(self) -> Array:
@@ -244,11 +234,7 @@ class RangeAzimuthElevation(AngularSensor):
     components: ClassVar[tuple[str, ...]] = ("range", "azimuth", "elevation")
     angles: ClassVar[tuple[int, ...]] = (1, 2)
     axes: ClassVar[int] = 3
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.platform is not None:
-            raise ValueError("a radar in space cannot move; remove `platform`")
+    standing: ClassVar[str] = "a radar in space"
 
     @cached_property
     def R(self) -> Array:

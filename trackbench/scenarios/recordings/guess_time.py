@@ -14,32 +14,15 @@ from trackbench.scenarios.recordings.column_mapping import UNITS
 from trackbench.scenarios.recordings.csv_tables import instant, is_instant, number, parsed
 from trackbench.scenarios.recordings.rows import usual_interval
 
-_DAYS = (
-    *("%d/%m/%Y", "%m/%d/%Y", "%d.%m.%Y", "%d-%m-%Y", "%m-%d-%Y", "%Y/%m/%d", "%Y.%m.%d", "%Y%m%d"),
-    *(
-        "%d/%m/%y",
-        "%m/%d/%y",
-        "%d.%m.%y",
-        "%d-%b-%Y",
-        "%d-%b-%y",
-        "%d %b %Y",
-        "%b %d %Y",
-        "%b %d, %Y",
-    ),
-    "%Y-%m-%d",
+_DAY_FORMS = (
+    "%d/%m/%Y|%m/%d/%Y|%d.%m.%Y|%d-%m-%Y|%m-%d-%Y|%Y/%m/%d|%Y.%m.%d|%Y%m%d|%d/%m/%y|%m/%d/%y|"
+    "%d.%m.%y|%d-%b-%Y|%d-%b-%y|%d %b %Y|%b %d %Y|%b %d, %Y|%Y-%m-%d"
 )
-_TIMES = (
-    *(
-        "%H:%M:%S",
-        "%H:%M:%S.%f",
-        "%H:%M:%S,%f",
-        "%I:%M:%S %p",
-        "%I:%M:%S.%f %p",
-        "%H:%M",
-        "%I:%M %p",
-    ),
-    *("%H%M%S", "%H%M%S.%f", "%H:%M:%S:%f", "%H.%M.%S"),
+_TIME_FORMS = (
+    "%H:%M:%S|%H:%M:%S.%f|%H:%M:%S,%f|%I:%M:%S %p|%I:%M:%S.%f %p|%H:%M|%I:%M %p|"
+    "%H%M%S|%H%M%S.%f|%H:%M:%S:%f|%H.%M.%S"
 )
+_DAYS, _TIMES = _DAY_FORMS.split("|"), _TIME_FORMS.split("|")
 _FORMS = [
     *_TIMES,
     *_DAYS,
