@@ -97,7 +97,7 @@ class CsvFiles:
         heads = [f"{head},{step},{time}" for step, time in times]
         for of_series in columns:
             lines: list[list[str]] = []
-            at, runs = [heads[i] for i in of_series.positions.tolist()], of_series.runs.tolist()
+            at, runs = [heads[i] for i in of_series.positions], _texts(of_series.runs, file)
             for metric, estimates in of_series.metrics.items():
                 if is_stored(stored, measured(metric).base):
                     name, value, stderr = cells([metric]), *(_texts(x, file) for x in estimates)
@@ -124,10 +124,11 @@ class CsvFiles:
 
 def _texts(values: Array, file: str) -> list[str]:
     """Return numbers as the file has them."""
+    bits = np.ascontiguousarray(values).view(np.int64)
+    if len(values) > 1 and (bits == bits[0]).all():
+        return _texts(values[:1], file) * len(values)
     if values.dtype.kind != "f":
         return [str(x) for x in values.tolist()]
-    if np.isnan(values).all():
-        return ["nan"] * len(values)
     return shortened(values.tolist(), DIGITS[file])
 
 
