@@ -9,6 +9,7 @@ from scipy.stats import chi2, multivariate_normal
 
 from tests.conftest import make_filter, track
 from tests.linear_problem import LINEAR
+from trackbench.core import compiled
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.evaluation.block import BlockTask, simulate
@@ -16,6 +17,7 @@ from trackbench.evaluation.predictive_scores import LAGS, held_out
 from trackbench.evaluation.run_block import run_block
 from trackbench.evaluation.run_filter import run_filter
 from trackbench.filters.base import Filter
+from trackbench.filters.ekf import EKF
 from trackbench.filters.kf import KF
 from trackbench.filters.robust import StudentT
 from trackbench.models.motions.kinematic import WhiteAcceleration
@@ -252,11 +254,17 @@ def test_stored_predictions_are_the_estimates_of_steps_without_a_measurement(kin
         )
 
 
-def test_scores_of_all_steps_at_once_are_those_of_single_steps(monkeypatch: Any) -> None:
-    task = BlockTask(LINEAR, KF(), 1, index=0, width=3, runs_used=3, predictive_metrics=BOTH)
-    together = run_filter(task, task.data).diagnostics
-    monkeypatch.setattr(KF, "all_steps", Filter.all_steps)
-    single = run_filter(task, task.data).diagnostics
-    assert single.keys() == together.keys()
-    for name, rows in single.items():
-        np.testing.assert_array_equal(together[name], rows)
+@pytest.mark.parametrize("tracker", [KF(), EKF()])
+def test_all_steps_at_once_are_the_single_steps(tracker: KF | EKF, monkeypatch: Any) -> None:
+    task = BlockTask(LINEAR, tracker, 1, index=0, width=3, runs_used=3, predictive_metrics=BOTH)
+    start = tracker.init(LINEAR.model, task.data.prior, np.random.default_rng(0))
+    z, steps_of = task.data.measurements, type(tracker).all_steps
+    assert (steps_of(tracker, LINEAR.model, start, z, 1) is None) == (compiled.kernels is None)
+    together = run_filter(task, task.data)
+    monkeypatch.setattr(type(tracker), "all_steps", Filter.all_steps)
+    single = run_filter(task, task.data)
+    np.testing.assert_array_equal(together.mean, single.mean)
+    np.testing.assert_array_equal(together.nees, single.nees)
+    assert single.diagnostics.keys() == together.diagnostics.keys()
+    for name, rows in single.diagnostics.items():
+        np.testing.assert_array_equal(together.diagnostics[name], rows)

@@ -15,8 +15,9 @@ from trackbench.core.kalman import Updated
 from trackbench.core.smoothing import Transition
 from trackbench.core.unscented import PointRule, Unscented, gauss_hermite
 from trackbench.field_types import Count, NonNegative, Positive
+from trackbench.filters.base import Steps
 from trackbench.filters.cmkf import polar_moments
-from trackbench.filters.kf import MAX_ORDER, MERWE_DEMO, NonlinearFilter
+from trackbench.filters.kf import MAX_ORDER, MERWE_DEMO, NonlinearFilter, Tracked, constant_steps
 from trackbench.models.base import Differentiable, DifferentiableSensor, Model, Scene, jacobian_at
 from trackbench.models.gaussian_steps import (
     AssumedNoise,
@@ -55,6 +56,13 @@ class EKF(NonlinearFilter):
         linear = all(part.jacobian(x, k).ndim == 2 for part in (motion, sensor))
         why = "as motion and sensor are linear"
         return super().idle_keys(scenario) | ({"order": why} if linear else {})
+
+    def all_steps(self, model: Model, state: Tracked, z: Array, k: int) -> Steps | None:
+        """Return the Kalman filter's steps, bit for bit, where it is that with one covariance."""
+        mean, cov = state.posterior.mean, with_trailing(state.posterior.cov, 1, leading=2)
+        if type(self) is not EKF or self != EKF(smooth=self.smooth) or (cov != cov[..., :1]).any():
+            return None
+        return constant_steps(model, state._replace(posterior=Gaussian(mean, cov[..., 0])), z)
 
     def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
         """Predict and update by the derivatives."""

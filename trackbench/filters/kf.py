@@ -291,25 +291,30 @@ class KF(GaussianFilter):
 
     def all_steps(self, model: Model, state: Tracked, z: Array, k: int) -> Steps | None:
         """Return the steps with all measurements of a constant linear model, in one call."""
-        motion, sensor = model
         plain = type(self) is KF and self == KF(smooth=self.smooth)
-        if not (plain and isinstance(motion, Linear) and isinstance(sensor, LinearSensor)):
-            return None
-        H = sensor.H(len(motion.F))
-        tracked = kalman.track(state.posterior, motion.F, motion.Q, H, sensor.R, z)
-        if tracked is None:
-            return None
-        x, nu, nis = tracked
+        return constant_steps(model, state, z) if plain else None
 
-        def at(i: int) -> Tracked:
-            posterior = Gaussian(x.mean[:, i], x.cov[:, :, i, 0])
-            return Tracked(posterior, nis[i], Innovation(nu.nu[:, i], nu.S[:, :, i, 0]))
 
-        def together() -> Tracked:
-            mean = np.concatenate([state.posterior.mean[:, None], x.mean[:, :-1]], axis=1)
-            first = state.posterior.cov[..., None, None]
-            before = Gaussian(mean, np.concatenate([first, x.cov[:, :, :-1]], axis=2))
-            predicted = kalman.predict(before, motion.F, motion.Q)
-            return Tracked(x, nis, nu._replace(predicted=predicted))
+def constant_steps(model: Model, state: Tracked, z: Array) -> Steps | None:
+    """Return the Kalman filter's steps; None unless the model is linear, constant and small."""
+    motion, sensor = model
+    if not (isinstance(motion, Linear) and isinstance(sensor, LinearSensor)):
+        return None
+    H = sensor.H(len(motion.F))
+    tracked = kalman.track(state.posterior, motion.F, motion.Q, H, sensor.R, z)
+    if tracked is None:
+        return None
+    x, nu, nis = tracked
 
-        return Steps(x, {"nis": nis}, at, together)
+    def at(i: int) -> Tracked:
+        posterior = Gaussian(x.mean[:, i], x.cov[:, :, i, 0])
+        return Tracked(posterior, nis[i], Innovation(nu.nu[:, i], nu.S[:, :, i, 0]))
+
+    def together() -> Tracked:
+        mean = np.concatenate([state.posterior.mean[:, None], x.mean[:, :-1]], axis=1)
+        first = state.posterior.cov[..., None, None]
+        before = Gaussian(mean, np.concatenate([first, x.cov[:, :, :-1]], axis=2))
+        predicted = kalman.predict(before, motion.F, motion.Q)
+        return Tracked(x, nis, nu._replace(predicted=predicted))
+
+    return Steps(x, {"nis": nis}, at, together)

@@ -11,7 +11,7 @@ import numpy as np
 from trackbench.atomic_files import CsvWriter, Row, atomic_write, cells, shortened
 from trackbench.config.experiment import Experiment
 from trackbench.config.metric_names import is_stored, stored_metrics
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, Index
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.consistency_and_calibration import sizes
 from trackbench.evaluation.exact_errors import exact_series
@@ -94,10 +94,10 @@ class CsvFiles:
         scenario = self._experiment.points[point].scenario
         stored = stored_metrics(self._experiment.settings, file)
         times = zip(scenario.steps.tolist(), _texts(scenario.times, file), strict=True)
-        heads = [f"{head},{step},{time}" for step, time in times]
+        heads = np.array([f"{head},{step},{time}" for step, time in times], dtype=object)
         for of_series in columns:
             lines: list[list[str]] = []
-            at, runs = [heads[i] for i in of_series.positions.tolist()], of_series.runs.tolist()
+            at, runs = heads[of_series.positions].tolist(), _texts(of_series.runs, file)
             for metric, estimates in of_series.metrics.items():
                 if is_stored(stored, measured(metric).base):
                     name, value, stderr = cells([metric]), *(_texts(x, file) for x in estimates)
@@ -122,11 +122,13 @@ class CsvFiles:
         return cells(self._cells(point, label))
 
 
-def _texts(values: Array, file: str) -> list[str]:
+def _texts(values: Array | Index, file: str) -> list[str]:
+    """Write numbers as the file has them."""
+    bits = np.ascontiguousarray(values).view(np.int64)
+    if len(values) > 1 and (bits == bits[0]).all():
+        return _texts(values[:1], file) * len(values)
     if values.dtype.kind != "f":
         return [str(x) for x in values.tolist()]
-    if np.isnan(values).all():
-        return ["nan"] * len(values)
     return shortened(values.tolist(), DIGITS[file])
 
 

@@ -15,6 +15,7 @@ from trackbench.evaluation.summary import FilterResult
 from trackbench.execution.plan import Key
 from trackbench.models.sensors.angular import AngularSensor
 from trackbench.models.sensors.base import Sensors, StackedSensor
+from trackbench.models.sensors.position import LinearSensor
 from trackbench.results.point_facts import array_prefix
 from trackbench.scenarios.base import Scenario
 from trackbench.scenarios.starts.base import position_part
@@ -119,6 +120,8 @@ def measured_positions(scenario: Scenario, z: Array) -> Array | None:
     if located is None:
         return None
     one, rows = located
+    if isinstance(one, LinearSensor):
+        return one.located(z[rows], 0).mean  # equal at every step
     steps = enumerate(scenario.steps[1:])
     return np.stack([one.located(z[rows, i], int(k)).mean for i, k in steps], axis=1)
 

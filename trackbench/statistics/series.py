@@ -9,6 +9,7 @@ of first order (Andrews and Monahan 1992, Econometrica 60, 953); the mean over i
 Student's t with nu degrees of freedom. ``docs/statistics.md`` has the levels that simulations gave.
 """
 
+from functools import lru_cache
 from math import pi, sqrt
 from typing import NamedTuple
 
@@ -62,9 +63,15 @@ def series_mean(series: Array) -> SeriesMean:
     # Step 2: long-run variance of u by cosines, and of d by 1 / (1 - r)^2.
     nu = max(4, int(0.2 * T ** (2.0 / 3.0)))
     n = len(u)
-    phase = pi * np.outer(np.arange(1, nu + 1), np.arange(n) + 0.5) / n
-    weights = sqrt(2.0 / n) * dot(cos_sin(phase)[0], u)
+    weights = sqrt(2.0 / n) * dot(_cosines(nu, n), u)
     variance = float(total(weights * weights)) / nu / (1.0 - r) ** 2
     # Step 3: t = mean / sqrt(variance / T) has Student's distribution of nu degrees of freedom.
     stderr = sqrt(variance / T)
     return SeriesMean(mean, stderr, normal_of_t(mean / stderr, nu), nu)
+
+
+@lru_cache(maxsize=2)
+def _cosines(nu: int, n: int) -> Array:
+    """Return ``cos(pi j (k + 1/2) / n)`` (nu, n), which all series of a recording's steps share."""
+    middles = np.arange(n) + 0.5
+    return np.stack([cos_sin(pi * (j * middles) / n)[0] for j in range(1, nu + 1)])
