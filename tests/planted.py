@@ -10,7 +10,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import yaml
 
-from trackbench.adapters import FilterPy, PerRun
+from trackbench.adapters import PerRun
 from trackbench.adapters.per_run import loop_over_runs
 from trackbench.config.load import load
 from trackbench.contract.problems import ModelDraws
@@ -96,8 +96,9 @@ class HandEKF(Filter[Track]):
     def step(self, model: Any, state: Track, z: Array, k: int, rng: Any) -> Track:
         bug, runs = self.bug, z.shape[1]
         x, P = state.x, state.P
-        moved = model.motion.transition(x, k)
-        F, Q = model.motion.jacobian(x, k), moved.cov
+        at = max(k - 1, 1) if bug == "other interval" else k
+        moved = model.motion.transition(x, at)
+        F, Q = model.motion.jacobian(x, at), moved.cov
         if F.ndim == 2:
             F, Q = (np.repeat(A[..., None], runs, axis=2) for A in (F, Q))
         x, dt = moved.mean, F[0, 1, 0]
@@ -142,6 +143,10 @@ class HandEKF(Filter[Track]):
         else:
             P = P - mul(K, S, turned(K))
             P = 0.5 * (P + turned(P))
+        if bug == "uncorrelated":
+            P = P * np.eye(4)[..., None]
+        if bug == "speed limit":
+            x[1::2] = np.clip(x[1::2], -80.0, 80.0)
         if bug == "float32":
             x, P = (np.float64(np.float32(A)) for A in (x, P))
         nis = np.where(missing, np.nan, (nu * mul(inverse(S), nu[:, None])[:, 0]).sum(axis=0))
@@ -198,7 +203,10 @@ class HandPF(Filter[Cloud]):
                 mean[::2] += x[1::2]
             x = mean + {"dt ignored": 1.0, "Q forgotten": 0.0, "Q times dt": dt}[bug] * noise
         else:
-            x = model.motion.transition(x, k).sample(rng)
+            moved = model.motion.transition(x, k)
+            x = moved.sample(rng)
+            if bug == "velocity without noise":
+                x[1::2] = moved.mean[1::2]
         if bug == "global noise":
             x = x + np.random.normal(size=x.shape)
         if bug == "missing is zero":
@@ -234,6 +242,8 @@ class HandPF(Filter[Cloud]):
         return Cloud(x, w, shown, state.shown)
 
     def moments(self, x: Array, w: Array) -> Gaussian:
+        if self.bug == "weights ignored":
+            w = np.full_like(w, 1.0 / x.shape[-1])
         m = (w * x).sum(axis=-1)
         e = x - m[..., None]
         P = (w * e[:, None] * e).sum(axis=-1)
@@ -319,6 +329,8 @@ class HandKF(PerRun):
                 self.P = self.P - K @ S @ K.T
         if bug == "float32":
             self.x, self.P = (np.float64(np.float32(A)) for A in (self.x, self.P))
+        if bug == "fixed gain":
+            self.P = self.first = getattr(self, "first", self.P)
         shown = (self.x, predicted) if bug == "stale covariance" else (self.x, self.P)
         return before if bug == "late" else shown
 
@@ -343,40 +355,3 @@ class HandUKF(HandKF):
         if self.bug != "no wrap":
             e[1] = (e[1] + np.pi) % (2.0 * np.pi) - np.pi
         return e
-
-
-class HandFilterPy(FilterPy):
-    """filterpy's Kalman filter with constants of its own."""
-
-    bug: ClassVar[str] = ""
-    state: ClassVar[tuple[str, ...]] = ("px", "vx", "py", "vy")
-    measured: ClassVar[tuple[str, ...]] = ("x", "y")
-    q: float = 4.0
-    sigma: float = 15.0
-
-    def make(self, dt: float) -> Any:
-        from filterpy.kalman import KalmanFilter
-
-        kf, bug = KalmanFilter(dim_x=4, dim_z=2), self.bug
-        kf.F, kf.Q = model_of(dt, self.q, bug)
-        places = [2, 0] if bug == "axes swapped" else [0, 2]
-        kf.H = np.eye(4)[places]
-        kf.R = np.eye(2) * (self.sigma if bug == "sigma" else self.sigma**2)
-        return kf
-
-    def step(self, z: Array | None, dt: float) -> tuple[Array, Array]:
-        before = self._object.x.copy(), self._object.P.copy()
-        if self.bug == "missing is zero" and z is None:
-            z = np.zeros(2)
-        if self.bug == "global noise":
-            x = self._object.x
-            self._object.x = x + np.random.normal(size=x.shape)
-        prior = self.predict(dt)[1].copy()
-        P = prior if z is None else self.update(z)[1]
-        if z is not None and self.bug == "gain forgotten":
-            self._object.P = prior
-        if z is not None and self.bug == "not symmetric":
-            self._object.P = P = prior - self._object.K @ self._object.H
-        if z is not None and self.bug == "not definite":
-            self._object.P = P = 2.0 * P - prior - 0.1 * np.eye(4)
-        return before if self.bug == "late" else (self._object.x, self._object.P)

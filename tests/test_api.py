@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 
 import trackbench
-from tests.commands import spawned
 from tests.commands import trackbench as command
 from tests.papers import merwe_text
 from trackbench import api, registry
@@ -41,22 +40,6 @@ def test_run_and_load(config: Path, tmp_path: Path) -> None:
     assert done.returncode == 0
     for name in ("per_run.csv", "per_step.csv", "summary.csv"):
         assert (tmp_path / "cli" / name).read_bytes() == (tmp_path / "api" / name).read_bytes()
-
-
-def test_the_folder_may_be_a_word(config: Path, tmp_path: Path) -> None:
-    report = trackbench.run(config, runs=2, engine="serial", out=str(tmp_path / "w"), quiet=True)
-    assert report.folder == tmp_path / "w"
-    assert (tmp_path / "w" / "summary.csv").is_file()
-
-
-def test_load_of_something_else(tmp_path: Path) -> None:
-    with pytest.raises(UserError):
-        trackbench.load(tmp_path)
-
-
-def test_there_is_nothing_else() -> None:
-    with pytest.raises(AttributeError, match="no attribute 'walk'"):
-        _ = trackbench.walk
 
 
 def test_a_script_without_its_guard_is_told_so(config: Path, tmp_path: Path) -> None:
@@ -124,7 +107,7 @@ def test_quick_runs_never_replace_more_runs(tmp_path: Path) -> None:
     """They go beside; with --force, and where there are no more runs, into the folder itself."""
     text = "name: q\nruns: 30\nscenario: SCENE\nfilters: {F: {kind: ekf}}\n"
     (tmp_path / "q.yaml").write_text(text.replace("SCENE", merwe_text(T=5)))
-    run = partial(spawned, "run", "q.yaml", "--workers", "1", "--format", "tex", cwd=tmp_path)
+    run = partial(command, "run", "q.yaml", "--workers", "1", "--format", "tex", cwd=tmp_path)
     stored = tmp_path / "results" / "q" / "per_run.csv"
     for words, runs, beside in (
         ([], 30, 0),

@@ -37,8 +37,8 @@ class Constants(PerRun, kind="constants"):
         return m, P
 '''
 SHIPPED = {
-    **{kind: f"{{kind: {kind}}}" for kind in ("kf", "ekf", "ukf", "enkf")},
-    "pf": "{kind: pf, N: 1000}",
+    "position": {"kf": "{kind: kf}", "enkf": "{kind: enkf}"},
+    "radar": {"ekf": "{kind: ekf}", "ukf": "{kind: ukf}", "pf": "{kind: pf, N: 1000}"},
 }
 ON = """name: on
 seed: 3
@@ -67,14 +67,14 @@ def test_a_filter_of_the_first_interval_is_found(when: str, verdict: str, tmp_pa
         assert found.why.startswith("fits at equal intervals and not at unequal ones: RMSE ")
 
 
-@pytest.mark.parametrize("sensor", ["position", "radar"])
+@pytest.mark.parametrize("sensor", SHIPPED)
 def test_filters_of_the_package_use_each_interval(sensor: str, tmp_path: Path) -> None:
-    text = ON + "".join(f"  {kind}: {keys}\n" for kind, keys in SHIPPED.items())
+    text = ON + "".join(f"  {kind}: {keys}\n" for kind, keys in SHIPPED[sensor].items())
     if sensor == "radar":
         text = text.replace(
             "{kind: position, sigma: 20, detection: 0.8}",
             "{kind: range-azimuth, sigma_range: 20, sigma_azimuth_mrad: 3}",
-        ).replace("  kf: {kind: kf}\n", "")
+        )
     (tmp_path / "on.yaml").write_text(text)
     point = load(tmp_path / "on.yaml").points[0]
     name, check = CHECKS["interval"]
@@ -84,4 +84,4 @@ def test_filters_of_the_package_use_each_interval(sensor: str, tmp_path: Path) -
     ]
     verdicts = [finding.verdict for finding in findings]
     assert "bad" not in verdicts, findings
-    assert verdicts.count("good") >= len(verdicts) - 2
+    assert verdicts.count("good") >= len(verdicts) - 1

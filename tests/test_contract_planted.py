@@ -7,28 +7,27 @@ from typing import Any
 
 import pytest
 
-from tests import planted, planted_later
+from tests import planted
 from tests.commands import trackbench
-from tests.planted import HandEKF, HandFilterPy, HandKF, HandPF, HandUKF, problem, with_bug
+from tests.planted import HandEKF, HandKF, HandPF, HandUKF, problem, with_bug
 from trackbench.adapters import PerRun
-from trackbench.adapters.per_run import loop_over_runs
 from trackbench.contract import Finding, check_filter
 from trackbench.contract.diagnosis import misfit
 from trackbench.contract.problems import RADAR, UNEQUAL, ModelDraws, why_not
 from trackbench.registry import kinds
 
 COMMON = ("missing is zero", "not definite", "not symmetric", "sigma", "dt ignored", "axes swapped")
-COMMON = (*COMMON, "global noise", "late")
-KALMAN = ("Q times dt", "F transposed", "sign of innovation", "stale covariance", "prior ignored")
-KALMAN = (*KALMAN, "R forgotten", "Q forgotten", "float32", "half Joseph")
-PARTICLES = ("weights not normalized", "weights stay", "weights squared", "mean of squares")
-PARTICLES = (*PARTICLES, "Q times dt", "Q forgotten", "no wrap")
+COMMON = (*COMMON, "global noise", "late", "prior ignored", "Q times dt", "Q forgotten")
+KALMAN = ("F transposed", "sign of innovation", "stale covariance", "R forgotten", "float32")
+KALMAN = (*KALMAN, "half Joseph", "gain forgotten")
+EKF = ("degrees", "no wrap", "runs mixed", "in place", "uncorrelated", "speed limit")
+PARTICLES = ("degrees", "no wrap", "runs mixed", "weights not normalized", "weights stay")
+PARTICLES = (*PARTICLES, "weights squared", "weights ignored", "mean of squares")
 BUGS: dict[type[Any], tuple[str, ...]] = {
-    HandEKF: (*COMMON, "gain forgotten", "degrees", *KALMAN, "no wrap", "runs mixed", "in place"),
-    HandPF: (*COMMON, "degrees", "prior ignored", "runs mixed", *PARTICLES),
-    HandKF: (*COMMON, "gain forgotten", *KALMAN),
-    HandUKF: (*COMMON, "gain forgotten", "degrees", *KALMAN, "no wrap"),
-    HandFilterPy: (*COMMON, "gain forgotten", "Q times dt", "F transposed", "Q forgotten"),
+    HandEKF: (*COMMON, *KALMAN, *EKF, "other interval"),
+    HandPF: (*COMMON, *PARTICLES, "velocity without noise"),
+    HandKF: (*COMMON, *KALMAN, "fixed gain"),
+    HandUKF: ("degrees", "no wrap", "axes swapped", "sigma"),  # else the code of HandKF
 }
 MODEL_NEEDED = {"sigma", "Q times dt", "Q forgotten", "R forgotten", "half Joseph", "no wrap"}
 """Mistakes in constants, which no problem but the filter's shows."""
@@ -53,21 +52,14 @@ def problem_of(base: type[Any]) -> ModelDraws | None:
     return problem(text) if issubclass(base, PerRun) else None
 
 
-def skip_without_filterpy(base: type[Any]) -> None:
-    if base is HandFilterPy:
-        pytest.importorskip("filterpy")
-
-
 @pytest.mark.parametrize("base", BUGS)
 def test_a_right_filter_is_good(base: type[Any]) -> None:
-    skip_without_filterpy(base)
     assert not found(with_bug(base, ""))
     assert not found(with_bug(base, ""), problem_of(base))
 
 
 @pytest.mark.parametrize(("base", "bug"), [(b, bug) for b, bugs in BUGS.items() for bug in bugs])
 def test_a_mistake_is_found(base: type[Any], bug: str) -> None:
-    skip_without_filterpy(base)
     cls = with_bug(base, bug)
     assert is_bad(cls, problem_of(base))
     if issubclass(base, PerRun) and bug not in MODEL_NEEDED:
@@ -95,25 +87,10 @@ def test_the_cause_is_named(base: type[Any], bug: str, cause: str) -> None:
     assert any(f.verdict == "bad" and cause in f.why for f in findings(with_bug(base, bug), None))
 
 
-LATER = [c for _, c in inspect.getmembers(planted_later, inspect.isclass)]
-LATER = [c for c in LATER if c.__module__ == planted_later.__name__]
+RANDOM = ("apf", "enkf", "pf")
 
 
-def test_nine_in_ten_of_later_mistakes_are_found() -> None:
-    """A Jacobian at a state that is off by 2 % changes next to nothing: it is not found."""
-    missed = set()
-    for base in LATER:
-        cls = loop_over_runs(base) if issubclass(base, PerRun) else base
-        if not is_bad(cls, problem_of(base)):
-            missed.add(base.__name__)
-    assert len(LATER) >= 10
-    assert len(missed) <= 0.1 * len(LATER), missed
-
-
-RANDOM = ("apf", "edh", "enkf", "gpf", "jitter-pf", "pf", "rpf")
-
-
-@pytest.mark.parametrize("kind", [*RANDOM, "ckf", "cmkf", "ekf", "iplf", "mcaekf", "ukf"])
+@pytest.mark.parametrize("kind", [*RANDOM, "cmkf", "ekf", "ukf"])
 def test_shipped_filters_fit_at_another_seed(kind: str) -> None:
     tracker: Any = kinds("filters")[kind]()
     tracker = replace(tracker, N=1000) if kind in RANDOM else tracker

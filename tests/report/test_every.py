@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
+from tests.commands import ran
 from tests.papers import merwe_text
 from trackbench import api
 from trackbench.config.published import Claim
 from trackbench.errors import UserError
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
-from trackbench.report.results import Results
 from trackbench.report.verdicts.claims import judge
 from trackbench.statistics import intervals as inference
-from trackbench.statistics.rules import claim_verdict, weakest
+from trackbench.statistics.rules import weakest
 from trackbench.verify import verify
 
 CONFIG = """
@@ -33,12 +33,6 @@ p,lower at every step,every,Exact,rmse@3..last,<,1,None
 p,lower in every run,every,Exact,"win_rate(rmse, None)",>,0.97,
 p,lower at every step than itself,every,Exact,rmse@2..4,<,1,Exact
 """
-
-
-def test_an_exact_claim_is_shown_by_all_runs_and_contradicted_by_no_batch():
-    assert claim_verdict(4.4, [2.7] * 4, exact=True).word == "holds"
-    assert claim_verdict(4.4, [2.7, 2.7, -3.5, 2.7], exact=True).word == "inconclusive"
-    assert claim_verdict(-np.inf, [0.0, -np.inf], exact=True).word == "fails"
 
 
 def test_one_of_many_steps_fails_only_beyond_what_chance_gives_of_so_many():
@@ -77,10 +71,8 @@ def test_the_grammar_of_many_steps():
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
     folder = tmp_path_factory.mktemp("every")
-    (folder / "c.yaml").write_text(CONFIG)
     (folder / "claims.csv").write_text(CLAIMS)
-    api.run(folder / "c.yaml", out=folder / "out", workers=1, quiet=True, formats=())
-    return Results(folder / "out")
+    return ran(folder, CONFIG).results
 
 
 def test_runs_have_shares_of_every_step_of_the_filters_that_are_compared(results):

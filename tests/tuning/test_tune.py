@@ -2,6 +2,7 @@
 
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -50,6 +51,12 @@ def config(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def report(config: Path) -> api.Report:
     return trackbench.run(config, out=config.parent / "out", workers=1, quiet=True, formats=["svg"])
+
+
+def rerun(config: Path, folder: Path, **changes: Any) -> api.Report:
+    """Run once more into another folder, without figures."""
+    options = api.Options(workers=1, quiet=True, formats=())
+    return trackbench.run(config, options, out=folder / "out", **changes)
 
 
 def _files(folder: Path) -> dict[str, bytes]:
@@ -127,13 +134,13 @@ def test_the_same_bytes_for_any_workers_and_from_nothing(
     report: api.Report, config: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, workers: int
 ) -> None:
     monkeypatch.setenv("TRACKBENCH_CACHE", str(tmp_path / "cache"))
-    again = trackbench.run(config, out=tmp_path / "out", workers=workers, quiet=True)
+    again = rerun(config, tmp_path, workers=workers)
     assert _files(again.folder) == _files(report.folder)
 
 
 def test_fresh_and_resumed(report: api.Report, config: Path, tmp_path: Path) -> None:
     for fresh in (True, False):
-        again = trackbench.run(config, out=tmp_path / "out", workers=1, quiet=True, fresh=fresh)
+        again = rerun(config, tmp_path, fresh=fresh)
         assert _files(again.folder) == _files(report.folder)
     manifest = again.results.manifest
     assert manifest["blocks"] == {"computed": 0, "reused": 4}  # one of each filter
@@ -142,7 +149,7 @@ def test_fresh_and_resumed(report: api.Report, config: Path, tmp_path: Path) -> 
 def test_another_filter_beside_it_changes_nothing(
     report: api.Report, config: Path, tmp_path: Path
 ) -> None:
-    alone = trackbench.run(config, out=tmp_path / "out", only=["Kind"], workers=1, quiet=True)
+    alone = rerun(config, tmp_path, only=["Kind"])
     assert list(alone.results.tuning) == ["Kind"]
     mine = [
         line for line in (report.folder / "tuning.csv").read_text().splitlines() if "Kind" in line
@@ -152,9 +159,7 @@ def test_another_filter_beside_it_changes_nothing(
 
 
 def test_the_tuned_config_gives_the_same_again(report: api.Report, tmp_path: Path) -> None:
-    again = trackbench.run(
-        report.folder / "config.yaml", out=tmp_path / "out", workers=1, quiet=True
-    )
+    again = rerun(report.folder / "config.yaml", tmp_path)
     assert _files(again.folder) == _files(report.folder)
     assert not verify(report.folder, 20)
     figure = (report.folder / "figures" / "tuning-KF.svg").read_bytes()
@@ -201,27 +206,25 @@ def test_what_should_be_known_is_said(config: Path, tmp_path: Path) -> None:
         "tune.Kind={assume.motion.q: 0.4..0.45}",
         "scenario.score.lost_beyond=7",
     ]
-    report = trackbench.run(config, out=tmp_path / "out", set=changes, workers=1, quiet=True)
+    report = rerun(config, tmp_path, set=changes)
     notes = "\n".join(report.tables["tuning"].notes)
     assert "KF: assume.motion.q is at its upper bound, 0.05: let it go further." in notes
     assert "Kind: assume.motion.q hardly matters: from 0.4 to 0.45" in notes
     assert "of 80 training runs are lost with the best values." in notes
     changes = ["tune.Kind={assume.motion.q: [0.4, 50]}", "only=[Kind]"]
-    report = trackbench.run(config, out=tmp_path / "out", set=changes, workers=1, quiet=True)
+    report = rerun(config, tmp_path, set=changes)
     said = "Kind: tuned, it is not significantly better on the runs of the results than as it was."
     assert said in report.tables["tuning"].notes
 
 
 def test_a_run_takes_the_old_tuning_away(config: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    trackbench.run(config, out=out, workers=1, quiet=True)
-    trackbench.run(config, out=out, workers=1, quiet=True, set=["tune={}"])
-    assert not (out / "tuning.csv").exists()
+    rerun(config, tmp_path)
+    assert not (rerun(config, tmp_path, set=["tune={}"]).folder / "tuning.csv").exists()
 
 
 def test_by_anees_it_is_consistent(config: Path, tmp_path: Path) -> None:
     changes = ["tuning.metric=anees", "only=[KF]"]
-    report = trackbench.run(config, out=tmp_path / "out", set=changes, workers=1, quiet=True)
+    report = rerun(config, tmp_path, set=changes)
     assert report.results.tuning["KF"].best.objective < 0.05
     (_, anees), (_, tuned) = report.tables["rmse"].cells
     assert anees.estimate.value > 1.5
