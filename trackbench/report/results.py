@@ -27,12 +27,13 @@ from trackbench.models.sensors.base import Assume
 from trackbench.plugins.errors import PluginError, message_of, package_line, plugin_code
 from trackbench.registry import Group, kinds
 from trackbench.report.findings import phrases
-from trackbench.report.paired import Pair, pairs_at, primary_metrics
+from trackbench.report.paired import Pair, compared_statistic, pairs_of, primary_metrics
 from trackbench.report.plotting import style
 from trackbench.report.table import Table, results_html
 from trackbench.results.folder import ResultsFolder
 from trackbench.results.folder_contents import DEFAULT, TRACK
 from trackbench.results.point_facts import GridPoint
+from trackbench.statistics.comparison import Sample
 from trackbench.statistics.series import LEAST_STEPS
 
 if TYPE_CHECKING:
@@ -187,8 +188,14 @@ class Results(ResultsFolder):
         """Every pair of filters on common runs, by point of the grid."""
         every = []
         for point in self.points():
-            runs, steps = self.runs(point), self.judged_steps(point)
-            every.append((point, pairs_at(runs, self.labels, steps, self.config)))
+            runs, steps, pairs = self.runs(point), self.judged_steps(point), list[Pair]()
+            for metric in primary_metrics(list(dict.fromkeys(m for _, m in runs))):
+                statistic, samples = compared_statistic(self.config, metric), {}
+                for key in ((label, metric) for label in self.labels):
+                    if key in runs:
+                        samples[key[0]] = Sample.of(runs[key], statistic, steps.get(key))
+                pairs += pairs_of(metric, samples)
+            every.append((point, pairs))
         return every
 
     @property
