@@ -22,6 +22,7 @@ from trackbench.errors import Mark, Problem, RunError, UserError, counted
 from trackbench.evaluation.metric_expression import measure, measured
 from trackbench.extension_points import is_foreign
 from trackbench.field_types import Unit, UnitIf, annotations_of, part_group
+from trackbench.filters.base import WrongReturnError
 from trackbench.metrics import unit_of
 from trackbench.models.sensors.base import Assume
 from trackbench.plugins.errors import PluginError, message_of, package_line, plugin_code
@@ -300,14 +301,6 @@ class PartialReportError(RunError):
         self.lines, self.written = list(lines), list(written)
 
 
-class WrongOutputError(RunError):
-    """Wrong return value of a ``method`` of a table or figure."""
-
-    def __init__(self, method: str, what: str) -> None:
-        super().__init__(what)
-        self.method = method
-
-
 @contextmanager
 def catch_errors(part: Any = None) -> Iterator[None]:
     """Raise OutputError for an exception of a plugin's table or figure, and for a bug of the package.
@@ -326,25 +319,25 @@ def catch_errors(part: Any = None) -> Iterator[None]:
 
 
 def as_table(table: object, part: Any) -> Table:
-    """Return the table of a kind; raises WrongOutputError if it is none, or cannot be written."""
+    """Return the table of a kind; raises WrongReturnError if it is none, or cannot be written."""
     if not isinstance(table, Table):
-        raise WrongOutputError("table", f"table gives a {type(table).__name__}, not a Table")
+        raise WrongReturnError("table", f"table gives a {type(table).__name__}, not a Table")
     try:
         table.csv_rows(), table.markdown(), table.texts().tex("")
     except Exception as error:
         if not is_foreign(part):
             raise
         what = f"the table cannot be written: {message_of(error)}"
-        raise WrongOutputError("table", what) from None
+        raise WrongReturnError("table", what) from None
     return table
 
 
 def as_figure(figure: object) -> "Figure":
-    """Return a plugin's figure; raises WrongOutputError if it is none."""
+    """Return a plugin's figure; raises WrongReturnError if it is none."""
     from matplotlib.figure import Figure
 
     if not isinstance(figure, Figure):
-        raise WrongOutputError("draw", f"draw gives a {type(figure).__name__}, not a Figure")
+        raise WrongReturnError("draw", f"draw gives a {type(figure).__name__}, not a Figure")
     return figure
 
 
