@@ -380,5 +380,8 @@ def own_values(results: Results, point: GridPoint, label: str) -> GridPoint:
 
 def named_form(label: str, keys: GridPoint, others: Sequence[GridPoint]) -> str:
     """Name a filter by its label and the keys that differ between its forms."""
-    differing = {k: v for k, v in keys.items() if any(other.get(k) != v for other in others)}
+    differing = {}
+    for key, value in keys.items():
+        if any(other.get(key) != value for other in others):
+            differing[key] = value
     return f"{label} ({phrases.heading(differing)})" if differing else label
