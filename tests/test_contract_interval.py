@@ -79,7 +79,7 @@ def test_filters_of_the_package_use_each_interval(sensor: str, tmp_path: Path) -
     point = load(tmp_path / "on.yaml").points[0]
     name, check = CHECKS["interval"]
     findings = [
-        run_check(name, check, tracker, ModelDraws(base=point.assumed_scenario(label)), seed=1)
+        run_check(name, check, tracker, ModelDraws(base=point.assumed_scenario(label)))
         for label, tracker in point.filters.items()
     ]
     verdicts = [finding.verdict for finding in findings]

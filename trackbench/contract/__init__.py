@@ -169,22 +169,12 @@ def check_filter(
     tracker: AnyFilter | None = None,
     scenarios: Sequence[Scenario] = (),
     on: ModelDraws | None = None,
-    seed: int = 1,
 ) -> Iterator[Finding]:
-    """Check a filter class; a check runs when its finding is asked for.
+    """Check a registered filter class; a check runs when its finding is asked for.
 
-    Parameters
-    ----------
-    cls : type
-        The registered class.
-    tracker : Filter, optional
-        An instance to check; default: one with the default keys.
-    scenarios : sequence of Scenario
-        Further scenarios to try, if the filter cannot run on the contract's.
-    on : ModelDraws, optional
-        The problem that the filter's constants belong to; default: the contract's problems.
-    seed : int
-        Seed of the data that are compared with reference filters.
+    ``tracker`` is the instance to check, by default one with the default keys. Further ``scenarios`` are
+    tried if the filter cannot run on the contract's. ``on`` is the problem that the filter's constants
+    belong to, in place of the contract's.
     """
     name = "has a default for every key"
     keys = fields(cls) if is_dataclass(cls) else ()
@@ -210,7 +200,7 @@ def check_filter(
         if key in exempt:
             yield Finding(name, "left out", exempt[key])
         else:
-            yield run_check(name, check, tracker, scenario, seed)
+            yield run_check(name, check, tracker, scenario)
 
 
 def _exemptions(tracker: AnyFilter, scenario: Scenario, why_not_linear: str) -> dict[str, str]:
@@ -248,14 +238,12 @@ def report(findings: dict[str, list[Finding]]) -> Iterator[str]:
         yield from (f"  {finding}" for finding in of_kind)
 
 
-def run_check(
-    name: str, check: Check, tracker: AnyFilter, scenario: Scenario, seed: int
-) -> Finding:
+def run_check(name: str, check: Check, tracker: AnyFilter, scenario: Scenario) -> Finding:
     """Run one check, in which an exception of the filter is a breach."""
     try:
         with guarded(), np.errstate(all="ignore"), catch_warnings():
             simplefilter("ignore")
-            check(tracker, scenario, seed)
+            check(tracker, scenario)
     except LeftOutError as error:
         return Finding(name, "left out", str(error))
     except ContractError as error:

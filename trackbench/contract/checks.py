@@ -33,8 +33,8 @@ from trackbench.filters.base import AnyFilter, declares_diagnostics, has_likelih
 from trackbench.filters.ekf import EKF
 from trackbench.scenarios.base import Scenario
 
-Check: TypeAlias = Callable[[AnyFilter, Scenario, int], None]
-"""A check of the contract with a seed of its data, which raises ContractError."""
+Check: TypeAlias = Callable[[AnyFilter, Scenario], None]
+"""A check of the contract, which raises ContractError."""
 
 _RUNS = 200
 _LOOPED_RUNS = 80  # of a filter that loops over its runs in Python
@@ -55,7 +55,7 @@ def alike(a: Estimates, b: Estimates) -> bool:
     return np.array_equal(a.mean, b.mean) and np.array_equal(a.cov, b.cov)
 
 
-def _check_shapes(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
+def _check_shapes(tracker: AnyFilter, scenario: Scenario) -> None:
     runs, rng, single = 5, new_rng(), True
     data = simulate(scenario, runs)
     n = data.truth.shape[0]
@@ -104,7 +104,7 @@ def _check_shapes(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
         raise ContractError("the estimates have the digits of float32: compute in float64")
 
 
-def _check_purity(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
+def _check_purity(tracker: AnyFilter, scenario: Scenario) -> None:
     data = simulate(scenario, 5)
     prior = deepcopy(data.prior)
     state = tracker.init(scenario.model, data.prior, new_rng())
@@ -131,7 +131,7 @@ def _equal(a: object, b: object) -> bool:
     return True
 
 
-def _check_repeats(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
+def _check_repeats(tracker: AnyFilter, scenario: Scenario) -> None:
     data = simulate(scenario, 3)
     before = random.getstate(), np.random.get_state(legacy=False)
     first, second = (run_filter(tracker, scenario, data) for _ in range(2))
@@ -144,7 +144,7 @@ def _check_repeats(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
         raise ContractError(f"{what}: noise comes from {source} alone")
 
 
-def _check_independence(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
+def _check_independence(tracker: AnyFilter, scenario: Scenario) -> None:
     runs = 6
     data = simulate(scenario, runs)
     whole = run_filter(tracker, scenario, data)
@@ -166,7 +166,7 @@ def _check_independence(tracker: AnyFilter, scenario: Scenario, seed: int) -> No
             raise ContractError("the first run has another estimate without the other runs")
 
 
-def _check_covariance(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
+def _check_covariance(tracker: AnyFilter, scenario: Scenario) -> None:
     P = run_filter(tracker, scenario, simulate(scenario, 20)).cov
     # Correlations, so that units do not matter; a component that is known or collapsed has none.
     sd = np.sqrt(np.abs(linalg.diagonal(P)))
@@ -182,7 +182,7 @@ def _check_covariance(tracker: AnyFilter, scenario: Scenario, seed: int) -> None
         raise ContractError(f"not positive definite: {what}")
 
 
-def _check_gaps(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
+def _check_gaps(tracker: AnyFilter, scenario: Scenario) -> None:
     data = simulate(scenario, 6)
     z = data.measurements
     gaps = np.zeros(z.shape, dtype=bool)
@@ -207,9 +207,9 @@ def _check_gaps(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
         raise ContractError(f"{what}: does the update reduce it?")
 
 
-def _check_interval(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
+def _check_interval(tracker: AnyFilter, scenario: Scenario) -> None:
     if isinstance(scenario, ModelDraws):
-        _check_unequal_intervals(tracker, scenario, seed)
+        _check_unequal_intervals(tracker, scenario)
         return
     problem = radar if scenario is RADAR else planar
     data = simulate(problem(), 3)
@@ -223,7 +223,7 @@ def _check_interval(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
             raise ContractError(f"{what} A filter of one interval is checked with `--on CONFIG`")
 
 
-def _check_unequal_intervals(tracker: AnyFilter, scenario: ModelDraws, seed: int) -> None:
+def _check_unequal_intervals(tracker: AnyFilter, scenario: ModelDraws) -> None:
     """Check that a filter that fits a config's problem fits it at unequal intervals, too."""
     other = at_unequal_intervals(scenario)
     if other is None:
@@ -233,9 +233,9 @@ def _check_unequal_intervals(tracker: AnyFilter, scenario: ModelDraws, seed: int
     if "mode" in run_filter(tracker, other, simulate(other, 2)).series:
         raise LeftOutError("has several motions: it reports the diagnostic `mode`")
     tracker, runs = _of_many_particles(tracker), _runs_for(tracker)
-    if misfit(tracker, scenario, runs, seed):
+    if misfit(tracker, scenario, runs):
         raise LeftOutError("the errors do not fit at equal intervals, either")
-    if what := misfit(tracker, other, runs, seed):
+    if what := misfit(tracker, other, runs):
         raise ContractError(f"fits at equal intervals and not at unequal ones: {what}")
 
 
@@ -250,14 +250,14 @@ def _of_many_particles(tracker: AnyFilter) -> AnyFilter:
     return tracker
 
 
-def _check_tracks(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
+def _check_tracks(tracker: AnyFilter, scenario: Scenario) -> None:
     # A filter that names no components may be one of positions or of a radar.
     causes = [mistaken_track(tracker, p) for p in (PLANAR, PRECISE) if runs_on(tracker, p)]
     if causes and all(causes):
         raise ContractError(causes[0])
 
 
-def _check_consistency(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
+def _check_consistency(tracker: AnyFilter, scenario: Scenario) -> None:
     if "mode" in run_filter(tracker, scenario, simulate(scenario, 2)).series:
         raise LeftOutError("has several motions: it reports the diagnostic `mode`")
     problems = [scenario]
@@ -269,11 +269,11 @@ def _check_consistency(tracker: AnyFilter, scenario: Scenario, seed: int) -> Non
     tracker = _of_many_particles(tracker)
     for problem in problems:
         drawn = problem if isinstance(problem, ModelDraws) else ModelDraws(base=problem)
-        if what := misfit(tracker, drawn, _runs_for(tracker), seed):
+        if what := misfit(tracker, drawn, _runs_for(tracker)):
             raise ContractError(what)
 
 
-def _check_against_kalman(tracker: AnyFilter, scenario: Scenario, seed: int) -> None:
+def _check_against_kalman(tracker: AnyFilter, scenario: Scenario) -> None:
     problem = UNEQUAL if runs_on(tracker, UNEQUAL) else PLANAR
     data = with_gaps(simulate(problem, _LOOPED_RUNS if tracker.loops_over_runs else _RUNS))
     # On a linear model the EKF is the Kalman filter.

@@ -60,7 +60,7 @@ def score(of: Estimates, reference: Estimates, data: Simulation) -> Scores:
     )
 
 
-def misfit(tracker: AnyFilter, scenario: Scenario, runs: int, seed: int) -> str:
+def misfit(tracker: AnyFilter, scenario: Scenario, runs: int, seed: int = 1) -> str:
     """Describe how a filter differs from the package's on a problem drawn from its model."""
     data = with_gaps(simulate(scenario, runs, seed=seed))
     tested, sensor = run_filter(tracker, scenario, data), scenario.model.sensor

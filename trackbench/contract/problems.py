@@ -173,7 +173,9 @@ def run_filter(tracker: AnyFilter, scenario: Scenario, data: Simulation) -> Esti
             rows[-1]["log_likelihood"] = log_likelihood
     covs = np.stack([per_run_moments(g).cov for g in estimates], axis=2)
     means = np.stack([g.mean for g in estimates], axis=1)
-    series = {name: np.array([row[name] for row in rows]) for name in rows[-1]}
+    series = {}
+    for name in rows[-1]:
+        series[name] = np.array([row[name] for row in rows])
     drawn = _words(rng) != _words(new_rng()) or depends_on_seed(tracker, scenario)
     return Estimates(means, covs, drawn, series)
 

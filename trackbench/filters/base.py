@@ -291,7 +291,7 @@ def has_likelihood(tracker: AnyFilter) -> bool:
 
 
 class WrongReturnError(ValueError):
-    """Return value of a filter's ``method`` that breaks the interface."""
+    """Return value of the ``method`` of a filter, table or figure that breaks the interface."""
 
     def __init__(self, method: str, what: str) -> None:
         super().__init__(what)

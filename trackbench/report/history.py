@@ -54,7 +54,10 @@ def history(every: Sequence[Results], metric: str = "") -> list[Table]:
         labels = list(dict.fromkeys(keys[0] for keys in table.keys))
         order = sorted(range(len(table.keys)), key=lambda i: labels.index(table.keys[i][0]))
         table.keys, table.cells = [table.keys[i] for i in order], [table.cells[i] for i in order]
-    series = [table for table in tables.values() if len({keys[1] for keys in table.keys}) > 1]
+    series = []
+    for table in tables.values():
+        folders = {keys[1] for keys in table.keys}
+        series += [table] if len(folders) > 1 else []
     if len(tables) > 1 and not series:
         raise UserError("no experiment has several of these folders")
     return series or [*tables.values()]

@@ -1,9 +1,8 @@
 """Differences of every two filters on common runs, with the word of the rule for filters; paired.csv."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import measured
 from trackbench.results.folder_contents import TRACK
 from trackbench.statistics.comparison import Comparison, Sample, compare_all
@@ -63,28 +62,6 @@ def compared_statistic(config: Mapping[str, Any], metric: str) -> str:
     by_default = not config.get("tables") and {*(config.get("figures") or ())} <= {TRACK}
     default = "rms" if by_default and measured(metric).is_error else "mean"
     return compared_statistics(config).get(metric, default)
-
-
-def pairs_at(
-    runs: Mapping[tuple[str, str], Array],
-    labels: Sequence[str],
-    steps: Mapping[tuple[str, str], Array],
-    config: Mapping[str, Any],
-) -> list[Pair]:
-    """Pair filters at one point of the grid, metric after metric, from values by (filter, metric).
-
-    ``steps`` are those of the only run, if it is a recording.
-    """
-    pairs: list[Pair] = []
-    for metric in primary_metrics(list(dict.fromkeys(m for _, m in runs))):
-        statistic = compared_statistic(config, metric)
-        samples = {}
-        for label in labels:
-            key = label, metric
-            if key in runs:
-                samples[label] = Sample.of(runs[key], statistic, steps.get(key))
-        pairs += pairs_of(metric, samples)
-    return pairs
 
 
 def pairs_of(metric: str, samples: Mapping[str, Sample]) -> list[Pair]:

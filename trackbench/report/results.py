@@ -22,17 +22,19 @@ from trackbench.errors import Mark, Problem, RunError, UserError, counted
 from trackbench.evaluation.metric_expression import measure, measured
 from trackbench.extension_points import is_foreign
 from trackbench.field_types import Unit, UnitIf, annotations_of, part_group
+from trackbench.filters.base import WrongReturnError
 from trackbench.metrics import unit_of
 from trackbench.models.sensors.base import Assume
 from trackbench.plugins.errors import PluginError, message_of, package_line, plugin_code
 from trackbench.registry import Group, kinds
 from trackbench.report.findings import phrases
-from trackbench.report.paired import Pair, pairs_at, primary_metrics
+from trackbench.report.paired import Pair, compared_statistic, pairs_of, primary_metrics
 from trackbench.report.plotting import style
 from trackbench.report.table import Table, results_html
 from trackbench.results.folder import ResultsFolder
 from trackbench.results.folder_contents import DEFAULT, TRACK
 from trackbench.results.point_facts import GridPoint
+from trackbench.statistics.comparison import Sample
 from trackbench.statistics.series import LEAST_STEPS
 
 if TYPE_CHECKING:
@@ -187,8 +189,14 @@ class Results(ResultsFolder):
         """Every pair of filters on common runs, by point of the grid."""
         every = []
         for point in self.points():
-            runs, steps = self.runs(point), self.judged_steps(point)
-            every.append((point, pairs_at(runs, self.labels, steps, self.config)))
+            runs, steps, pairs = self.runs(point), self.judged_steps(point), list[Pair]()
+            for metric in primary_metrics(list(dict.fromkeys(m for _, m in runs))):
+                statistic, samples = compared_statistic(self.config, metric), {}
+                for key in ((label, metric) for label in self.labels):
+                    if key in runs:
+                        samples[key[0]] = Sample.of(runs[key], statistic, steps.get(key))
+                pairs += pairs_of(metric, samples)
+            every.append((point, pairs))
         return every
 
     @property
@@ -293,14 +301,6 @@ class PartialReportError(RunError):
         self.lines, self.written = list(lines), list(written)
 
 
-class WrongOutputError(RunError):
-    """Wrong return value of a ``method`` of a table or figure."""
-
-    def __init__(self, method: str, what: str) -> None:
-        super().__init__(what)
-        self.method = method
-
-
 @contextmanager
 def catch_errors(part: Any = None) -> Iterator[None]:
     """Raise OutputError for an exception of a plugin's table or figure, and for a bug of the package.
@@ -319,25 +319,25 @@ def catch_errors(part: Any = None) -> Iterator[None]:
 
 
 def as_table(table: object, part: Any) -> Table:
-    """Return the table of a kind; raises WrongOutputError if it is none, or cannot be written."""
+    """Return the table of a kind; raises WrongReturnError if it is none, or cannot be written."""
     if not isinstance(table, Table):
-        raise WrongOutputError("table", f"table gives a {type(table).__name__}, not a Table")
+        raise WrongReturnError("table", f"table gives a {type(table).__name__}, not a Table")
     try:
         table.csv_rows(), table.markdown(), table.texts().tex("")
     except Exception as error:
         if not is_foreign(part):
             raise
         what = f"the table cannot be written: {message_of(error)}"
-        raise WrongOutputError("table", what) from None
+        raise WrongReturnError("table", what) from None
     return table
 
 
 def as_figure(figure: object) -> "Figure":
-    """Return a plugin's figure; raises WrongOutputError if it is none."""
+    """Return a plugin's figure; raises WrongReturnError if it is none."""
     from matplotlib.figure import Figure
 
     if not isinstance(figure, Figure):
-        raise WrongOutputError("draw", f"draw gives a {type(figure).__name__}, not a Figure")
+        raise WrongReturnError("draw", f"draw gives a {type(figure).__name__}, not a Figure")
     return figure
 
 
@@ -380,5 +380,8 @@ def own_values(results: Results, point: GridPoint, label: str) -> GridPoint:
 
 def named_form(label: str, keys: GridPoint, others: Sequence[GridPoint]) -> str:
     """Name a filter by its label and the keys that differ between its forms."""
-    differing = {k: v for k, v in keys.items() if any(other.get(k) != v for other in others)}
+    differing = {}
+    for key, value in keys.items():
+        if any(other.get(key) != value for other in others):
+            differing[key] = value
     return f"{label} ({phrases.heading(differing)})" if differing else label

@@ -52,7 +52,9 @@ class TextTable:
 
     def aligned(self) -> str:
         """Return the table for a terminal: numbers to the right, words to the left."""
-        lines = [self.heads, *([cell.text for cell in row] for row in self.rows)]
+        lines = [self.heads]
+        for row in self.rows:
+            lines.append([cell.text for cell in row])
         widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
         lines.insert(1, ["-" * width for width in widths])
         sides = ["<" if self._words(i) else ">" for i in range(len(widths))]

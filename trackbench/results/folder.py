@@ -137,7 +137,10 @@ class ResultsFolder:
         config = self.config
         grid, every = config["grid"], config.get("product", True)
         places = combinations(grid, config["filters"], config.get("reference"), every)
-        return [{path: grid[path][i] for path, i in zip(grid, at, strict=True)} for at in places]
+        points = []
+        for at in places:
+            points.append({path: grid[path][i] for path, i in zip(grid, at, strict=True)})
+        return points
 
     @cached_property
     def manifest(self) -> dict[str, Any]:

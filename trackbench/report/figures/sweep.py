@@ -156,6 +156,23 @@ _WIDE, _WIDE_X = 10.0, 50.0
 _FEW = 3  # filters that are not varied and drawn all
 
 
+class _Section:
+    """summary.csv where all paths but the shown ones have their first values."""
+
+    def __init__(self, results: Results, paths: Sequence[str]) -> None:
+        self.results, self.paths = results, paths
+        points = results.points()
+        first_values = {p: v for p, v in points[0].items() if p not in paths}
+        self._rows = results.columns("summary", first_values)
+        self.values = {path: list(dict.fromkeys(self._rows[path].tolist())) for path in paths}
+
+    def of(self, label: str, metric: Measure) -> list[tuple[Any, ...]]:
+        """Return values of the paths, value and standard error where there is a number."""
+        rows = self._rows.where(filter=label, metric=str(metric))
+        every = rows.tuples([*self.paths, "value", "stderr"])
+        return [row for row in every if np.isfinite(row[-2])]
+
+
 @register("figures", "sweep")
 @dataclass(frozen=True, kw_only=True)
 class SweepFigure(FigureKind):
@@ -196,11 +213,71 @@ class SweepFigure(FigureKind):
 
     def draw(self, results: Results) -> Figure:
         """Return panels of metrics, or of filters."""
-        section, metrics = _Section(results, self.paths), self._metrics(results)
-        labels, varied = self._labels(results)
+        section, (labels, varied) = _Section(results, self.paths), self._labels(results)
         if len(self.paths) == 2:
-            return _heat_maps(section, *self.paths, varied, metrics, self.title)
-        return _lines(section, self.paths[0], labels, varied, metrics, self.title)
+            return self._heat_maps(section, varied)
+        return self._lines(section, labels, varied)
+
+    def _lines(self, section: _Section, labels: list[str], varied: list[str]) -> Figure:
+        path, metrics = self.paths[0], self._metrics(section.results)
+        figure, axes = style.panel_grid(len(metrics), _ROW_IN, 0.6)
+        values = section.values[path]
+        numeric = all(map(is_number, values))
+        for ax, (words, metric) in zip(axes, metrics.items(), strict=False):
+            marked = None if is_of_scenario(path) else metric
+            heights: list[float] = []
+            for label in _drawn(section, labels, varied, metric):
+                rows, look = section.of(label, metric), section.results.line_style(label)
+                heights += [float(row[-2]) for row in rows]
+                if rows and label not in varied:
+                    ax.axhline(rows[0][-2], label=label, **look | {"linewidth": 0.9})
+                elif rows:
+                    x, y, stderr = zip(*rows, strict=True)
+                    places = x if numeric else [values.index(value) for value in x]
+                    estimates = np.array([places, y, stderr], dtype=float)
+                    dotted = look | {"marker": "o", "markersize": 3}
+                    _line(ax, estimates, label, dotted, marked, 6, capsize=2)
+            if not numeric:
+                ax.set_xticks(range(len(values)), [str(v) for v in values])
+            elif scales.spans(values, _WIDE_X):
+                ax.set_xscale("log")
+            if scales.spans(heights, _WIDE):
+                scales.plain_log_axis(ax.yaxis, most=np.inf)
+            ax.set(xlabel=section.results.axis(path), ylabel=words)
+        return style.finished(figure, self.title)
+
+    def _heat_maps(self, section: _Section, labels: list[str]) -> Figure:
+        """Draw a panel per filter, on one color scale; the best value is framed."""
+        (x, y), metrics = self.paths, self._metrics(section.results)
+        words, metric = next(iter(metrics.items()), ("", measured("mean(rmse)")))
+        # Fields of the filters that have any number, and their common color scale.
+        across, down = section.values[x], section.values[y]
+        fields: dict[str, Array] = {}
+        for label in labels:
+            values = np.full((len(down), len(across)), np.nan)
+            for a, b, value, _ in section.of(label, metric):
+                values[down.index(b), across.index(a)] = value
+            fields |= {label: values} if np.isfinite(values).any() else {}
+        figure, axes = style.panel_grid(len(fields), _ROW_IN, 0.6)
+        finite = np.concatenate([f[np.isfinite(f)] for f in fields.values()] or [np.zeros(1)])
+        for ax, (label, values) in zip(axes, fields.items(), strict=False):
+            ends = {"vmin": finite.min(), "vmax": finite.max()}
+            image = ax.imshow(values, origin="lower", aspect="auto", **ends)
+            ax.set_xticks(range(len(across)), [phrases.number(v) for v in across])
+            ax.set_yticks(range(len(down)), [phrases.number(v) for v in down])
+            ax.set_title(style.wrap_label(label))
+            ax.grid(visible=False)
+            if max(values.shape) <= (_MOST_TEXT if len(axes) == 1 else _MOST_TEXT // 2):
+                write_cells(ax, values, "{:.3g}".format, image, 8)
+            # Frame the best value, unless the points are different scenarios.
+            if not any(map(is_of_scenario, section.paths)):
+                _frame(ax, np.unravel_index(best_place(values.ravel(), metric), values.shape))
+        figure.supxlabel(section.results.axis(x))
+        figure.supylabel(section.results.axis(y))
+        style.title(figure, self.title)
+        if fields:
+            figure.colorbar(image, ax=axes, label=words)
+        return figure
 
     def _metrics(self, results: Results) -> dict[str, Measure]:
         return self.metrics or shown_metrics(results)
@@ -226,58 +303,6 @@ def _vary(results: Results, paths: Sequence[str], label: str) -> bool:
     return any(is_of_scenario(path) or label in filters_of(path, filters) for path in paths)
 
 
-class _Section:
-    """summary.csv where all paths but the shown ones have their first values."""
-
-    def __init__(self, results: Results, paths: Sequence[str]) -> None:
-        self.results, self.paths = results, paths
-        points = results.points()
-        first_values = {p: v for p, v in points[0].items() if p not in paths}
-        self._rows = results.columns("summary", first_values)
-        self.values = {path: list(dict.fromkeys(self._rows[path].tolist())) for path in paths}
-
-    def of(self, label: str, metric: Measure) -> list[tuple[Any, ...]]:
-        """Return values of the paths, value and standard error where there is a number."""
-        rows = self._rows.where(filter=label, metric=str(metric))
-        every = rows.tuples([*self.paths, "value", "stderr"])
-        return [row for row in every if np.isfinite(row[-2])]
-
-
-def _lines(
-    section: _Section,
-    path: str,
-    labels: list[str],
-    varied: list[str],
-    metrics: dict[str, Measure],
-    title: str,
-) -> Figure:
-    figure, axes = style.panel_grid(len(metrics), _ROW_IN, 0.6)
-    values = section.values[path]
-    numeric = all(map(is_number, values))
-    for ax, (words, metric) in zip(axes, metrics.items(), strict=False):
-        marked = None if is_of_scenario(path) else metric
-        heights: list[float] = []
-        for label in _drawn(section, labels, varied, metric):
-            rows, look = section.of(label, metric), section.results.line_style(label)
-            heights += [float(row[-2]) for row in rows]
-            if rows and label not in varied:
-                ax.axhline(rows[0][-2], label=label, **look | {"linewidth": 0.9})
-            elif rows:
-                x, y, stderr = zip(*rows, strict=True)
-                places = x if numeric else [values.index(value) for value in x]
-                estimates = np.array([places, y, stderr], dtype=float)
-                dotted = look | {"marker": "o", "markersize": 3}
-                _line(ax, estimates, label, dotted, marked, 6, capsize=2)
-        if not numeric:
-            ax.set_xticks(range(len(values)), [str(v) for v in values])
-        elif scales.spans(values, _WIDE_X):
-            ax.set_xscale("log")
-        if scales.spans(heights, _WIDE):
-            scales.plain_log_axis(ax.yaxis, most=np.inf)
-        ax.set(xlabel=section.results.axis(path), ylabel=words)
-    return style.finished(figure, title)
-
-
 def _drawn(section: _Section, labels: list[str], varied: list[str], metric: Measure) -> list[str]:
     """Choose the filters that vary and those that do not; of many the best."""
     levels = {}
@@ -289,41 +314,6 @@ def _drawn(section: _Section, labels: list[str], varied: list[str], metric: Meas
         return [b for b in labels if b in varied or b in levels]
     best = [*levels][best_place(np.array([*levels.values()]), metric)]
     return [b for b in labels if b in varied or b == best]
-
-
-def _heat_maps(
-    section: _Section, x: str, y: str, labels: list[str], metrics: dict[str, Measure], title: str
-) -> Figure:
-    """Draw a panel per filter, on one color scale; the best value is framed."""
-    words, metric = next(iter(metrics.items()), ("", measured("mean(rmse)")))
-    # Fields of the filters that have any number, and their common color scale.
-    across, down = section.values[x], section.values[y]
-    fields: dict[str, Array] = {}
-    for label in labels:
-        values = np.full((len(down), len(across)), np.nan)
-        for a, b, value, _ in section.of(label, metric):
-            values[down.index(b), across.index(a)] = value
-        fields |= {label: values} if np.isfinite(values).any() else {}
-    figure, axes = style.panel_grid(len(fields), _ROW_IN, 0.6)
-    finite = np.concatenate([f[np.isfinite(f)] for f in fields.values()] or [np.zeros(1)])
-    for ax, (label, values) in zip(axes, fields.items(), strict=False):
-        ends = {"vmin": finite.min(), "vmax": finite.max()}
-        image = ax.imshow(values, origin="lower", aspect="auto", **ends)
-        ax.set_xticks(range(len(across)), [phrases.number(v) for v in across])
-        ax.set_yticks(range(len(down)), [phrases.number(v) for v in down])
-        ax.set_title(style.wrap_label(label))
-        ax.grid(visible=False)
-        if max(values.shape) <= (_MOST_TEXT if len(axes) == 1 else _MOST_TEXT // 2):
-            write_cells(ax, values, "{:.3g}".format, image, 8)
-        # Frame the best value, unless the points are different scenarios.
-        if not any(map(is_of_scenario, section.paths)):
-            _frame(ax, np.unravel_index(best_place(values.ravel(), metric), values.shape))
-    figure.supxlabel(section.results.axis(x))
-    figure.supylabel(section.results.axis(y))
-    style.title(figure, title)
-    if fields:
-        figure.colorbar(image, ax=axes, label=words)
-    return figure
 
 
 def _frame(ax: Axes, at: tuple[Any, ...]) -> None:

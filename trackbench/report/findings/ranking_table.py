@@ -228,7 +228,7 @@ def _without_empty(results: Results, table: TextTable) -> TextTable:
     has_nees = any(name == "nees" for _, name in results.runs(results.points()[0]))
     heads = [table.heads[i] for i in shown]
     table.heads = ["ANIS" if head == _ANEES and not has_nees else head for head in heads]
-    table.rows = [[row[i] for i in shown] for row in table.rows]
+    table.rows = [[*map(row.__getitem__, shown)] for row in table.rows]
     return table
 
 
