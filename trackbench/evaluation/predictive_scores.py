@@ -94,6 +94,8 @@ class PredictionScorer:
         self._held_out = held_out(measurements, hold_out) if hold_out else None
         self.visible = visible_to_filter(measurements, hold_out)
         self._rows: dict[str, list[Array]] = {}
+        self._held: dict[str, list[Array]] = {}
+        self._held_steps: list[int] = []
         self._pending: list[tuple[Gaussian, Array, int]] = []
         self._innovations: list[Innovation] = []
         self._refused: list[Mask] = []
@@ -117,7 +119,8 @@ class PredictionScorer:
             return
         z = self.visible[:, i]
         if "score" in self._wanted:
-            self._note(self._scores(step.after, _measured(z)))
+            for name, row in self._scores(step.after, _measured(z)).items():
+                self._rows.setdefault(name, []).append(row)
         if "prediction" in self._wanted:
             predicted = per_run_moments(self._prediction(step, z))
             self._pending.append((predicted, z, step.k))
@@ -125,8 +128,10 @@ class PredictionScorer:
                 self._predict_pending()
             refused = np.zeros(z.shape[1]) if step.refused is None else step.refused
             self._refused.append(refused > 0.0)
-        if self._held_out is not None:
+        # The first step names the series, which are NaN where nothing is held out.
+        if self._held_out is not None and (i == 0 or self._held_out[i].any()):
             self._score_held_out(step, np.where(self._held_out[i], self._all[:, i], np.nan))
+            self._held_steps.append(i)
 
     def add_steps(self, ahead: Steps, part: slice, steps: Sequence[int]) -> bool:
         """Add the steps that used the measurements of a part; False if each must be added alone."""
@@ -154,6 +159,9 @@ class PredictionScorer:
     def series(self) -> dict[str, Array]:
         """Return values (T + 1, M) by the name of their series; of the first state there are none."""
         rows = {name: np.stack(values) for name, values in self._rows.items()}
+        for name, values in self._held.items():
+            rows[name] = np.full(self._all.shape[1:], np.nan)
+            rows[name][self._held_steps] = values
         self._predict_pending()
         if self._innovations:
             scores = {_SCORE: rows.pop(_SCORE)} if _SCORE in rows else {}
@@ -219,22 +227,20 @@ class PredictionScorer:
         nu = z  # of nothing there is no error
         if measured.any():
             nu = predicted_innovation(self._model, step.estimate, z, step.k).nu
-        self._note(self._errors("held", nu))
+        series = self._errors("held", nu)
         if has_likelihood(self._tracker):
             scores = {_SCORE: np.full(len(measured), np.nan)}
             if measured.any():
                 # Log-likelihood by a step aside that is given the measurement.
                 scores = self._scores(self._aside(step, freeze(z))[0], measured)
-            self._note({f"held_{_SCORE}": scores[_SCORE]})
+            series[f"held_{_SCORE}"] = scores[_SCORE]
+        for name, row in series.items():
+            self._held.setdefault(name, []).append(row)
 
     def _errors(self, head: str, nu: Array) -> dict[str, Array]:
         names = self._model.sensor.components
         squares = {f"squared_{head}_{c}": e * e for c, e in zip(names, nu, strict=True)}
         return squares | {f"error_{head}_{c}": e for c, e in zip(names, nu, strict=True)}
-
-    def _note(self, values: dict[str, Array]) -> None:
-        for name, row in values.items():
-            self._rows.setdefault(name, []).append(row)
 
 
 def _finite(stored: Gaussian | None) -> Gaussian | None:

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from typing import Literal, NamedTuple, TextIO
 
@@ -258,7 +259,7 @@ def table_rows(path: str, layout: Layout) -> Iterator[tuple[int, list[str]]]:
 
 def _rows(path: str, text: TextIO, layout: Layout) -> Iterator[tuple[int, list[str]]]:
     separator, width = layout.separator, len(layout.names)
-    every = islice(iter(lambda: text.readline(_LONGEST_LINE), ""), layout.before, None)
+    every = islice(iter(partial(text.readline, _LONGEST_LINE), ""), layout.before, None)
     lines = ("\n" if line.startswith(_COMMENTS) else line for line in every)
     if separator == " ":
         separator, lines = "\t", (_by_tabs(line, layout.joined) for line in lines)
