@@ -55,7 +55,7 @@ def _listing(word: str | None, config: Path | None, allow_plugins: bool) -> str:
         return groups_with_counts()
     others = {"statistics": metrics.statistics, "metrics": metrics.metrics}
     others |= {"experiments": experiments, "problems": problems}
-    return others[word]() if word in others else listing((word,))
+    return others[word]() if word in others else listing(word)
 
 
 def describe(

@@ -26,14 +26,11 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 
-def listing(groups: Sequence[str]) -> str:
-    """List the kinds of each group with the first line of their documentation."""
-    parts = []
-    for group in groups:
-        docs = documentation(cast(Group, group))
-        rows = columns((kind, _paragraphs(doc)[0]) for kind, doc in docs.items())
-        parts.append("\n".join([f"{group}:", *rows]))
-    return "\n\n".join(parts)
+def listing(group: str) -> str:
+    """List the kinds of a group with the first line of their documentation."""
+    docs = documentation(cast(Group, group))
+    rows = columns((kind, _paragraphs(doc)[0]) for kind, doc in docs.items())
+    return "\n".join([f"{group}:", *rows])
 
 
 def groups_with_counts() -> str:

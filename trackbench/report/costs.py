@@ -10,7 +10,7 @@ formula, with the nearest further size on either side, the larger of both (Abram
 
 import json
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -165,12 +165,10 @@ def curves(
         # Sizes at which the filter did not fail.
         in_order = [spots[size] for size in sorted(spots)]
         good = [s for s in in_order if 0.0 < s.cost.value < np.inf and 0.0 < s.error.value < np.inf]
-        every.append(Curve(label, keys, tuple(good)))
-    named = []
-    for curve in filter(lambda curve: curve.spots, every):
-        forms = [other.keys for other in every if other.label == curve.label]
-        named.append(replace(curve, name=named_form(curve.label, curve.keys, forms)))
-    return named
+        forms = [of_other for (other, _), (of_other, _) in groups.items() if other == label]
+        if good:
+            every.append(Curve(label, keys, tuple(good), named_form(label, keys, forms)))
+    return every
 
 
 @ignore_float_errors

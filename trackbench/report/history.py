@@ -57,7 +57,8 @@ def history(every: Sequence[Results], metric: str = "") -> list[Table]:
     series = []
     for table in tables.values():
         folders = {keys[1] for keys in table.keys}
-        series += [table] if len(folders) > 1 else []
+        if len(folders) > 1:
+            series.append(table)
     if len(tables) > 1 and not series:
         raise UserError("no experiment has several of these folders")
     return series or [*tables.values()]

@@ -88,7 +88,8 @@ def open_with_notes(folder: Path, allow_plugins: bool = False) -> Results:
     lines, recorded = changed_files(results), results.manifest.get("plugins", {})
     for plugin in load_plugins(results.source, folder, allowed=True) if allow_plugins else ():
         name = Path(plugin.path).name
-        lines += [f"{folder}: {name} was {_CHANGED}"] * (recorded.get(name) != plugin.digest)
+        if recorded.get(name) != plugin.digest:
+            lines.append(f"{folder}: {name} was {_CHANGED}")
     groups: tuple[Group, ...] = ("tables", "figures")
     for group in groups:
         for name, kind in results.unavailable_kinds(group).items():
@@ -137,6 +138,7 @@ def _lines(folder: Path, damage: Damage) -> list[str]:
     ends = ((damage.missing, ("is", "are"), "missing"), (damage.changed, ("was", "were"), _CHANGED))
     lines = []
     for names, verbs, what in ends:
-        few = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
-        lines += [f"{folder}: {few} {verbs[len(names) > 1]} {what}: {RUN_AGAIN}"] if names else []
+        if names:
+            few = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+            lines.append(f"{folder}: {few} {verbs[len(names) > 1]} {what}: {RUN_AGAIN}")
     return lines

@@ -257,7 +257,8 @@ class SweepFigure(FigureKind):
             values = np.full((len(down), len(across)), np.nan)
             for a, b, value, _ in section.of(label, metric):
                 values[down.index(b), across.index(a)] = value
-            fields |= {label: values} if np.isfinite(values).any() else {}
+            if np.isfinite(values).any():
+                fields[label] = values
         figure, axes = style.panel_grid(len(fields), _ROW_IN, 0.6)
         finite = np.concatenate([f[np.isfinite(f)] for f in fields.values()] or [np.zeros(1)])
         for ax, (label, values) in zip(axes, fields.items(), strict=False):

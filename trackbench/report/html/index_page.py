@@ -232,7 +232,8 @@ def _ledger(folder: Path, experiments: Overview, everything: Verdicts) -> str:
         for results, comparison in group:
             name = results.folder.relative_to(folder).as_posix()
             parts.append(f"### [{results.config['name']}]({name}/): {results.title}")
-            result = f"Result: {_result(results)}".removesuffix("Result: ")
-            parts += [f"- {line}" for line in (result, *summary_lines(comparison)) if line]
+            result = _result(results)
+            lines = [*([f"Result: {result}"] if result else []), *summary_lines(comparison)]
+            parts += [f"- {line}" for line in lines]
             parts += [table.markdown().rstrip() for table in verdict_tables(comparison)]
     return "\n\n".join(parts) + "\n"

@@ -15,7 +15,6 @@ from typing import NamedTuple
 
 from trackbench.atomic_files import ensure_folder, remove, within, write_csv
 from trackbench.config.published import Claim, Published, PublishedNumber
-from trackbench.core.arrays import Array
 from trackbench.report.expressions import repeats_of
 from trackbench.report.results import Results
 from trackbench.report.table import Text, TextTable
@@ -90,10 +89,14 @@ def _verdicts(results: Results, row: PublishedNumber | Claim) -> Iterator[TimeVe
 
 def _verdict(results: Results, row: PublishedNumber | Claim, left: str, right: str) -> TimeVerdict:
     point, wanted = point_of(results, row.point), _wanted(row)
-    stored = {} if point is None else _stored(results, point)
-    labels = [label for label in (left, right) if label]
-    operations = "; ".join(f"{b} {stored[b].operations}" for b in labels if b in stored)
-    seconds = [stored[b].seconds for b in labels if b in stored]
+    # Each filter's repeats and operations; of a folder without measured times none.
+    records = results.columns("timing", point).records() if point is not None else ()
+    stored = {record["filter"]: record for record in records}
+    labels, seconds, operations = [label for label in (left, right) if label], [], []
+    for label in (b for b in labels if b in stored):
+        seconds.append(repeats_of(stored[label]))
+        words = (f"{stored[label].get(n, '-')} {n}" for n in ("likelihoods", "covariances"))
+        operations.append(f"{label} {', '.join(words)}")
     value, low, high, word = nan, nan, nan, UNDECIDED
     lengths = {len(s) for s in seconds}
     if wanted and len(seconds) == len(labels) > 0 and len(lengths) == 1 and lengths.pop() > 1:
@@ -102,7 +105,7 @@ def _verdict(results: Results, row: PublishedNumber | Claim, left: str, right: s
         value, (low, high) = median(ratios).value, interval("median", ratios)
         word = _word(row, low / SCATTER, high * SCATTER, *wanted)
     ends = wanted or (nan, nan)
-    return TimeVerdict(row, word, value, low, high, ends, " / ".join(labels), operations)
+    return TimeVerdict(row, word, value, low, high, ends, " / ".join(labels), "; ".join(operations))
 
 
 def _wanted(row: PublishedNumber | Claim) -> tuple[float, float] | None:
@@ -134,20 +137,6 @@ def _word(row: PublishedNumber | Claim, low: float, high: float, least: float, m
     return "holds" if least <= low and high <= most else UNDECIDED
 
 
-class _Stored(NamedTuple):
-    seconds: Array
-    operations: str
-
-
-def _stored(results: Results, point: dict[str, object]) -> dict[str, _Stored]:
-    """Read each filter's repeats and operations; of a folder without measured times none."""
-    stored = {}
-    for row in results.columns("timing", point).records():
-        words = (f"{row.get(name, '-')} {name}" for name in ("likelihoods", "covariances"))
-        stored[row["filter"]] = _Stored(repeats_of(row), ", ".join(words))
-    return stored
-
-
 def write_time_verdicts(results: Results) -> None:
     """Write them, or take away an old file if nothing is published about times."""
     verdicts, path = time_verdicts(results), results.target / TIME_VERDICTS
@@ -155,13 +144,11 @@ def write_time_verdicts(results: Results) -> None:
         remove(path)
         return
     ensure_folder(within(results.target, "run"))
-    write_csv(path, HEADER, map(_cells, verdicts))
-
-
-def _cells(v: TimeVerdict) -> list[object]:
-    ratio = [v.measured, v.low, v.high, *v.wanted]
-    of_row = [v.row.paper, v.row.source, v.row.note]
-    return [v.statement, v.word, *ratio, v.filters, v.operations, *of_row]
+    rows = []
+    for v in verdicts:
+        cells = [v.statement, v.word, v.measured, v.low, v.high, *v.wanted]
+        rows.append([*cells, v.filters, v.operations, v.row.paper, v.row.source, v.row.note])
+    write_csv(path, HEADER, rows)
 
 
 def time_tables(verdicts: Iterable[TimeVerdict]) -> list[TextTable]:
