@@ -63,7 +63,7 @@ def _cached(function: F) -> F:
 
 @_cached
 def adapter(cls: type[T], documented: bool = False) -> TypeAdapter[T]:
-    """Return the strict validator of a dataclass: unknown keys are mistakes.
+    """Build the strict validator of a dataclass: unknown keys are mistakes.
 
     ``documented`` adds the docstrings of attributes to its JSON schema, which takes time.
     """
@@ -78,7 +78,7 @@ def adapter(cls: type[T], documented: bool = False) -> TypeAdapter[T]:
 
 
 def help_texts(cls: type) -> dict[str, str]:
-    """Return the meaning of each key: the docstring under the field, in the class or a base."""
+    """Look up the meaning of each key: the docstring under the field, in the class or a base."""
     texts: dict[str, str] = {}
     for base in filter(is_dataclass, reversed(cls.__mro__)):
         keys = adapter(base, documented=True).json_schema().get("properties", {})
@@ -88,7 +88,7 @@ def help_texts(cls: type) -> dict[str, str]:
 
 @_cached
 def hints_of(cls: type) -> dict[str, object]:
-    """Return the types of a dataclass's keys, with what they are annotated with."""
+    """Look up the types of a dataclass's keys, with what they are annotated with."""
     return get_type_hints(cls, include_extras=True)
 
 
@@ -120,7 +120,7 @@ def _configure(hint: object, config: ConfigDict, done: set[type]) -> None:
 def build(
     cls: type[T], source: Source, keys: Keys, data: object = None, also: Sequence[str] = ()
 ) -> T | None:
-    """Return the dataclass from the mapping at ``keys``, or None, with its mistakes in ``source``.
+    """Build the dataclass from the mapping at ``keys``; None with its mistakes in ``source``.
 
     ``data`` replaces that mapping. ``also`` names keys that stand beside those of the dataclass.
     """
@@ -145,7 +145,7 @@ def build(
 
 
 def unknown(word: str, known: list[str]) -> str:
-    """Return ``did you mean ...?``, or the first 40 known words."""
+    """Suggest ``did you mean ...?``, or list the first 40 known words."""
     alike = [k for k in known if sorted(k.lower()) == sorted(word.lower())]  # efk is ekf, not epf
     near = alike or get_close_matches(word, known, 1, 0.5)
     shown = ", ".join(known[:40]) + (f", {len(known) - 40} more" if len(known) > 40 else "")
@@ -153,7 +153,7 @@ def unknown(word: str, known: list[str]) -> str:
 
 
 def _without_unions(problems: Collection[Problem]) -> list[Problem]:
-    """Return one line for an invalid value, for which the validator of a union has several.
+    """Merge the lines on an invalid value, for which the validator of a union has several.
 
     A mistaken item of a list is reported without the remark that the list is no word, and a mapping of
     no known kind without the remark that it is no number.
@@ -204,7 +204,7 @@ def _problems(
 
 
 def _dataclass_at(cls: type, path: Keys, tags: Keys) -> type[Any] | None:
-    """Return the dataclass of a mapping within one of ``cls``, if it is unique or tagged by its kind."""
+    """Find the dataclass of a mapping within one of ``cls``, if it is unique or tagged by its kind."""
     for key in path:
         if isinstance(key, int):
             continue
@@ -218,14 +218,14 @@ def _dataclass_at(cls: type, path: Keys, tags: Keys) -> type[Any] | None:
 
 
 def dataclasses_in(hint: object) -> list[type[Any]]:
-    """Return the dataclasses that a value of this type, or an item of it, may be."""
+    """Find the dataclasses that a value of this type, or an item of it, may be."""
     if isinstance(hint, type) and is_dataclass(hint):
         return [hint]
     return [cls for option in get_args(hint) for cls in dataclasses_in(option)]
 
 
 def _describe(kind: str, ctx: Mapping[str, object], value: object, message: str) -> str:
-    """Return in words what the validator found wrong with a value."""
+    """Describe in words what the validator found wrong with a value."""
     shown = _show(value)
     if kind == "value_error":
         return str(ctx["error"])
@@ -266,7 +266,7 @@ def _show(value: object) -> str:
 
 
 def build_kind(group: Group, source: Source, keys: Keys) -> Any:
-    """Return the registered dataclass that the mapping at ``keys`` asks for by its ``kind``."""
+    """Build the registered dataclass that the mapping at ``keys`` asks for by its ``kind``."""
     return _component(group, source.at(keys), source, keys)
 
 
@@ -321,7 +321,7 @@ class _Reader(NamedTuple):
     """components that it has built"""
 
     def read(self, group: Group, key: str, value: object, hint: object) -> object:
-        """Return what the key holds: a component, several, or None where its type allows these."""
+        """Build what the key holds: a component, several, or None where its type allows these."""
         keys = (*self.keys, key)
         if value is None and _may_be(hint, type(None)):
             return None
@@ -332,7 +332,7 @@ class _Reader(NamedTuple):
         return self._components(group, {(*keys, i): item for i, item in enumerate(value)})
 
     def _components(self, group: Group, entries: Mapping[Keys, object]) -> tuple[Part, ...]:
-        """Return a component for each entry, or raise if the source has mistakes of one."""
+        """Build a component for each entry, or raise if the source has mistakes of one."""
         built = [self._part(group, entry, keys) for keys, entry in entries.items()]
         parts = [part for part in built if part is not None]
         if not parts or len(parts) < len(entries):
@@ -342,7 +342,7 @@ class _Reader(NamedTuple):
         return tuple(parts)
 
     def _part(self, group: Group, value: object, keys: Keys) -> Part | None:
-        """Return the component of a mapping; a word is a kind without keys of its own."""
+        """Build the component of a mapping; a word is a kind without keys of its own."""
         if isinstance(value, str):
             value = {"kind": value}
             if self.source.has(keys):
@@ -352,7 +352,7 @@ class _Reader(NamedTuple):
 
 
 def _may_be(hint: object, cls: type) -> bool:
-    """Return whether a key of this type may hold an instance of the class."""
+    """Test whether a key of this type may hold an instance of the class."""
     return any(cls in (option, get_origin(option)) for option in (hint, *get_args(hint)))
 
 
@@ -374,7 +374,7 @@ def _make_paths_absolute(cls: type, source: Source, keys: Keys, values: dict[str
 def _with_preset(
     cls: type[Part], entry: Mapping[str, object], source: Source, keys: Keys
 ) -> dict[str, object]:
-    """Return the values of a component's keys, those of its preset below them."""
+    """Put the values of a component's keys over those of its preset."""
     presets, data = cls.presets, {k: v for k, v in entry.items() if k != "kind"}
     name = data.pop("preset", None) if presets else None
     if name is None:

@@ -56,7 +56,7 @@ _NEEDS = {
 
 
 def chosen_labels(source: Source, settings: Settings) -> list[str]:
-    """Return the labels of the filters to run; labels named at the top level must exist."""
+    """Choose the labels of the filters to run; labels named at the top level must exist."""
     known = list(settings.filters)
     if not known:
         source.add_problem(("filters",), "name at least one filter")
@@ -79,7 +79,7 @@ def chosen_labels(source: Source, settings: Settings) -> list[str]:
 
 
 def has(scenario: Scenario, need: str) -> bool:
-    """Return whether a scenario has what a filter needs: ``prior.first``, ``motion.T|F``."""
+    """Test whether a scenario has what a filter needs: ``prior.first``, ``motion.T|F``."""
     part, _, name = need.partition(".")
     if part == "state":
         return scenario.components == position_velocity_names(2)
@@ -113,7 +113,7 @@ def check_fit(source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenario
 
 
 def _remedy(scenario: Scenario, need: str) -> str:
-    """Return what to do about a requirement that a scenario does not meet."""
+    """Explain what to do about a requirement that a scenario does not meet."""
     component = need.partition(".")[0]
     if component == "sensor":
         parts = walk_parts(scenario.true_sensor)
@@ -126,7 +126,7 @@ def _remedy(scenario: Scenario, need: str) -> str:
 
 
 def check_assumed(source: Source, point: Point, label: str) -> Scenario | None:
-    """Return the scenario as this filter models it; None, with a problem added, if impossible."""
+    """Check the scenario as this filter models it; None, with a problem added, if impossible."""
     keys = ("filters", label, "assume")
     try:
         with plugin_code(point.assumed.get(label)):
@@ -169,7 +169,7 @@ def check_idle(source: Source, points: list[Point]) -> None:
 
 
 def _is_usual(tracker: AnyFilter, path: list[str]) -> bool:
-    """Return whether a key has its default, or what a preset gives it."""
+    """Test whether a key has its default, or what a preset gives it."""
     # Step down the path, in the filter and in each of its presets.
     part: object = tracker
     usual = list(tracker.presets.values())
@@ -310,7 +310,7 @@ def check_figures(
 
 
 def with_recorded_runs(source: Source, settings: Settings, points: list[Point]) -> Settings:
-    """Return the number of runs: all recorded ones unless the config asks for fewer."""
+    """Choose the number of runs: all recorded ones unless the config asks for fewer."""
     counts = [p.scenario.recorded_runs for p in points]
     most = min((count for count in counts if count is not None), default=None)
     if most is None:

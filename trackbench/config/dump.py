@@ -25,7 +25,7 @@ PlainData: TypeAlias = dict[str, Any]
 
 
 def resolved(experiment: Experiment, folder: Path) -> PlainData:
-    """Return the config as plain data with every default; a grid keeps its list of values.
+    """Write out the config as plain data with every default; a grid keeps its list of values.
 
     If the grid or tuning varies a component's kind or preset, defaults differ from point to point, and
     the component has only the keys that the config sets. A filter that ``only`` leaves out stays, so
@@ -81,7 +81,7 @@ def entry_keys(assume: Assume, shown: Callable[[str], str] = str) -> PlainData:
 
 
 def data_files(experiment: Experiment, folder: Path) -> dict[str, Path]:
-    """Return the data files that a results folder has, by name: those from Python, and its own."""
+    """List the data files that a results folder has, by name: those from Python, and its own."""
     names: dict[str, Path] = {}
 
     def read(path: str) -> str:
@@ -93,13 +93,13 @@ def data_files(experiment: Experiment, folder: Path) -> dict[str, Path]:
 
 
 def data_from_python(experiment: Experiment, folder: Path) -> list[str]:
-    """Return the names of the data files that the run writes into the folder."""
+    """Name the data files that the run writes into the folder."""
     named = data_files(experiment, folder).items()
     return [name for name, path in named if path.resolve() != (folder / name).resolve()]
 
 
 def _with_varied_defaults(experiment: Experiment) -> set[Keys]:
-    """Return the paths of components whose kind or preset the grid or tuning varies."""
+    """Find the paths of components whose kind or preset the grid or tuning varies."""
     settings = experiment.settings
     paths = list(chain.from_iterable(map(single_paths, settings.grid)))
     for label, keys in settings.tune.items():
@@ -111,7 +111,7 @@ def _with_varied_defaults(experiment: Experiment) -> set[Keys]:
 
 
 def _only_set(full: object, config: object) -> object:
-    """Return ``full`` with only the keys that the config sets."""
+    """Reduce ``full`` to the keys that the config sets."""
     if isinstance(full, dict) and isinstance(config, dict):
         return {key: _only_set(full.get(key, value), value) for key, value in config.items()}
     if isinstance(full, list) and isinstance(config, list):
@@ -120,7 +120,7 @@ def _only_set(full: object, config: object) -> object:
 
 
 def as_yaml(data: object) -> str:
-    """Return plain data as YAML in its order; `yaml_source.read` returns the same data."""
+    """Write plain data as YAML in its order; `yaml_source.read` returns the same data."""
     return yaml.dump(
         data,
         Dumper=_Dumper,
@@ -133,7 +133,7 @@ def as_yaml(data: object) -> str:
 
 class _Dumper(yaml.SafeDumper):
     def represent_word(self, word: str) -> yaml.ScalarNode:
-        """Return the node of a word, in quotes if YAML 1.2 would read it as a number, such as 1e5."""
+        """Represent a word, in quotes if YAML 1.2 would read it as a number, such as 1e5."""
         quote = "'" if scalar(word) != word else None
         if "\x85" in word:  # a line break in YAML, which only double quotes can express
             quote = '"'
@@ -144,7 +144,7 @@ _Dumper.add_representer(str, _Dumper.represent_word)
 
 
 def as_config(part: Part | Assume, shown: Callable[[str], str] = str) -> PlainData:
-    """Return a registered dataclass as the mapping that makes it; ``shown`` is how paths are written."""
+    """Write a registered dataclass as the mapping that makes it; ``shown`` is how paths are written."""
     files = file_keys(type(part))
     out: PlainData = {"kind": part.kind} if isinstance(part, Part) else {}
     for key in (field for field in fields(part) if field.init):

@@ -22,7 +22,7 @@ Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$",
 
 
 def _error(value: float | str) -> float | str:
-    """Return a standard error, or a share of its number; raises ValueError."""
+    """Check a standard error, or a share of its number; raises ValueError."""
     number = 0.0
     if not isinstance(value, str):
         number = value
@@ -134,7 +134,7 @@ class Settings:
 def labels_to_run(
     filters: Iterable[str], only: Collection[str], reference: str | None
 ) -> list[str]:
-    """Return all filters in their order, or those of ``only`` and the reference."""
+    """Select all filters in their order, or those of ``only`` and the reference."""
     return [label for label in filters if not only or label in only or label == reference]
 
 
@@ -249,7 +249,7 @@ class Experiment:
         return (min(a for a, _ in spans), max(b for _, b in spans)) if spans else None
 
     def title_of(self, key: tuple[int, str]) -> str:
-        """Return a filter at a grid point, for people."""
+        """Name a filter at a grid point, for people."""
         values = self.points[key[0]].values
         at_point = ", ".join(f"{path} = {value}" for path, value in values.items())
         return f"{key[1]} at {at_point}" if at_point else key[1]

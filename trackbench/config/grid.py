@@ -22,12 +22,12 @@ Places: TypeAlias = tuple[int, ...]
 
 
 def single_paths(path: str) -> list[str]:
-    """Return the paths of a grid's key, which take a value together: the same one, or each its own."""
+    """Split a grid's key into paths that take a value together: the same one, or each its own."""
     return path.split(" & ")
 
 
 def values_of(path: str, value: object) -> list[object]:
-    """Return the value of each path: a common value, or each its own from a list."""
+    """Split a value between the paths: a common value, or each its own from a list."""
     paths = single_paths(path)
     if len(paths) > 1 and isinstance(value, list) and len(value) == len(paths):
         return value
@@ -35,7 +35,7 @@ def values_of(path: str, value: object) -> list[object]:
 
 
 def filters_of(path: str, labels: Iterable[str]) -> list[str]:
-    """Return labels of the filters of which a grid's key varies something; a label may have dots."""
+    """Find the filters of which a grid's key varies something; a label may have dots."""
     varied = []
     for single in single_paths(path):
         matches = [label for label in labels if single.startswith(f"filters.{label}.")]
@@ -44,14 +44,14 @@ def filters_of(path: str, labels: Iterable[str]) -> list[str]:
 
 
 def is_of_scenario(path: str) -> bool:
-    """Return whether a grid's key varies something of the scenario."""
+    """Test whether a grid's key varies something of the scenario."""
     return any(single.startswith("scenario.") for single in single_paths(path))
 
 
 def independent_filter_paths(
     grid: Iterable[str], labels: Collection[str], reference: str | None
 ) -> list[list[str]]:
-    """Return paths that vary filters by themselves, together where they have a filter in common."""
+    """Group paths that vary filters by themselves, together where they have a filter in common."""
     # Each group: its filters, and the paths that vary them.
     groups: list[tuple[set[str], list[str]]] = []
     for path in grid:
@@ -82,7 +82,7 @@ def combinations(
     reference: str | None,
     every: bool,
 ) -> list[Places]:
-    """Return the points in the order of their values: every combination, or one filter group at a time.
+    """Order the points by their values: every combination, or one filter group at a time.
 
     While one group is varied, the others keep their first values.
     """
@@ -113,7 +113,7 @@ _MOST_POINTS = 10_000
 def grid_points(
     source: Source, settings: Settings
 ) -> list[tuple[dict[str, object], dict[str, Mark]]]:
-    """Return each point's values by path, with their positions."""
+    """List each point's values by path, with their positions."""
     grid = settings.grid
     if not _is_possible(source, settings):
         return []
@@ -186,7 +186,7 @@ def add_axis(source: Source, text: str) -> None:
 
 
 def axis_values(text: str, mark: Mark) -> Sequence[object]:
-    """Return the values of one axis: a list, or a range that is linear or logarithmic."""
+    """Read the values of one axis: a list, or a range that is linear or logarithmic."""
     match = _RANGE.fullmatch(text)
     if match is None:
         if ".." in text:

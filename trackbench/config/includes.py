@@ -78,7 +78,7 @@ def override(source: Source, keys: Keys, value: object, mark: Mark) -> None:
 
 
 def assignment(source: Source, text: str) -> tuple[Keys, object, Mark]:
-    """Return ``PATH=VALUE`` as keys, value and a mark; a label in the path may have an ``=`` itself.
+    """Parse ``PATH=VALUE`` to keys, value and a mark; a label in the path may have an ``=`` itself.
 
     The value is read as in a file: ``null``, ``""``, ``[1, 2]`` and ``{kind: pf}`` are no words.
     """
@@ -109,7 +109,7 @@ def split_assignment(source: Source, text: str, option: str) -> tuple[Keys, str,
 
 
 def split_path(source: Source, path: str) -> Keys:
-    """Return a dotted path as keys; a key that has dots itself (a label) is recognized if it exists."""
+    """Split a dotted path into keys; a key that has dots itself (a label) is recognized if it exists."""
     keys: Keys = ()
     data: object = source.data
     while path:
@@ -166,7 +166,7 @@ def _inline(source: Source, keys: Keys, folder: Path, depth: int) -> None:
 def deep_merge(
     base: Mapping[str, object], top: Mapping[str, object], by_kind: bool = False
 ) -> MarkedMapping:
-    """Return ``base`` with the keys of ``top``; a mapping in both is merged in the same way.
+    """Merge the keys of ``top`` into ``base``; a mapping in both is merged in the same way.
 
     ``by_kind``: a mapping of another kind, and so with other keys, replaces that of the base.
     """

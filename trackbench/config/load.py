@@ -136,7 +136,7 @@ def load(
 
 
 def _with_unread(unread: dict[str, list[Problem]], error: UserError) -> UserError:
-    """Return the mistakes found, but of a part that could not be read only why."""
+    """Drop the mistakes inside a part that could not be read; keep the reason why it could not."""
     parts = tuple(f"{part}." for part in unread)
     problems = [p for p in error.problems if isinstance(p, Problem)]
     elsewhere = [p for p in problems if not f"{p.path}.".startswith(parts)]
@@ -164,7 +164,7 @@ def _set_only(source: Source, labels: Sequence[str]) -> None:
 def _validate_with_plugin_errors(
     source: Source, folder: Path, plugins: tuple[Plugin, ...]
 ) -> Experiment:
-    """Return the experiment; an unexpected error of a plugin becomes a mistake with its line."""
+    """Validate; an unexpected error of a plugin becomes a mistake with its line."""
     try:
         with guarded():
             return _validated(source, folder, plugins)
@@ -178,7 +178,7 @@ def _validate_with_plugin_errors(
 
 
 def _settings(source: Source, whole: Settings | None) -> Settings:
-    """Return the settings without their mistakes; raises UserError if none are left."""
+    """Drop the mistakes of the settings; raises UserError if none are left."""
     settings = whole or _without_mistakes(source)
     if settings is not None and not settings.filters:  # of which no label can be known
         source.add_problem(("filters",), "name at least one filter")
@@ -241,7 +241,7 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
 
 
 def _without_mistakes(source: Source) -> Settings | None:
-    """Return the settings without their mistakes, if no other part of the file depends on them."""
+    """Drop the mistakes of the settings, if no other part of the file depends on them."""
     mistaken = {p.path.partition(".")[0] for p in source.problems}
     known = [key.name for key in fields(Settings)]
     # An unknown key is left out, unless it may be a misspelt one that other parts depend on.
@@ -287,7 +287,7 @@ def _sections(source: Source) -> None:
 
 
 def _exhibits(group: Group, source: Source, points: list[Point]) -> dict[str, Any]:
-    """Return the tables or figures, without those that have mistakes.
+    """Build the tables or figures, without those that have mistakes.
 
     One whose kind shows an error by default, and names none, shows the scenario's first error.
     """

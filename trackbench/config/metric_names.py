@@ -36,7 +36,7 @@ _PROBE_PARTICLES = 10
 
 
 def stored_metrics(settings: Settings, file: str) -> frozenset[str] | None:
-    """Return base names of the metrics that a CSV file stores; None stands for all metrics."""
+    """Name the metrics that a CSV file stores, without statistics; None stands for all metrics."""
     if file == "per_step.csv" and settings.per_step is not None:
         return frozenset(measured(name).base for name in settings.per_step)
     names = settings.metrics
@@ -45,7 +45,7 @@ def stored_metrics(settings: Settings, file: str) -> frozenset[str] | None:
 
 
 def is_stored(stored: frozenset[str] | None, base: str) -> bool:
-    """Return whether a file with these `stored_metrics` has the metric of this base name."""
+    """Test whether a file with these `stored_metrics` has the metric of this base name."""
     return base in stored if stored is not None else not metric_of(base)[0].on_request
 
 
@@ -128,14 +128,14 @@ class Names:
         self.summary |= frozenset().union(*map(_summary_names, per_run))
 
     def could_be_diagnostic(self, name: str) -> bool:
-        """Return whether a filter of unknown diagnostics may have this one."""
+        """Test whether a filter of unknown diagnostics may have this one."""
         is_any_foreign = any(map(is_foreign, self.unprobed))
         return bool(self.unprobed) and not is_reserved(name) and (name in METRICS or is_any_foreign)
 
 
 @cache
 def _summary_names(name: str) -> frozenset[str]:
-    """Return the rows of summary.csv that a metric of a run is made into."""
+    """Name the rows of summary.csv that a metric of a run is made into."""
     of = measured(name)
     means = [in_window(n, of.window) for m, n in metrics_of(of.metric) if m.per_component]
     return frozenset((*means, *(f"{statistic}({name})" for statistic in STATISTICS)))
@@ -147,7 +147,7 @@ def names_of(
     left_out: dict[str, AnyFilter],
     with_diagnostics: bool,
 ) -> Names:
-    """Return the names of all filters, of those that are not run too, at every scenario.
+    """Collect the names of all filters, of those that are not run too, at every scenario.
 
     ``with_diagnostics`` adds the filters' diagnostics, at the first point of each scenario and the last.
     """
@@ -190,12 +190,12 @@ def _kind(settings: Settings, label: str) -> type:
 
 
 def _numbers(tracker: AnyFilter) -> set[str]:
-    """Return the keys of a filter that are numbers."""
+    """Name the keys of a filter that are numbers."""
     return {key for key, x in field_values(tracker).items() if type(x) in (int, float)}
 
 
 def _predictive_series(settings: Settings, scenario: Scenario, tracker: Made) -> list[str]:
-    """Return the series that exist on request."""
+    """Name the series that exist on request."""
     scores = tracker is not None and has_likelihood(tracker)
     names = predictive_series(scenario.true_sensor.components, scores, settings.hold_out)
     if scenario.has_truth:
@@ -222,7 +222,7 @@ def _series(settings: Settings, scenario: Scenario, label: str, tracker: Made) -
 
 
 def _diagnostics(settings: Settings, scenario: Scenario, tracker: Made) -> set[str]:
-    """Return a filter's diagnostics, if undeclared from the first step of one run."""
+    """Name a filter's diagnostics, if undeclared from the first step of one run."""
     if tracker is None:
         raise ValueError("mistaken")
     if declares_diagnostics(type(tracker)):

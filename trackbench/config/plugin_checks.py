@@ -61,7 +61,7 @@ NO_FILTER = "is neither the path of a Python file nor of a program that can be e
 
 
 def is_program(path: Path) -> bool:
-    """Return whether a path is that of a file that can be executed."""
+    """Test whether a path is that of a file that can be executed."""
     return path.is_file() and os.access(path, os.X_OK)
 
 
@@ -120,13 +120,13 @@ def load_plugins(
 
 
 def _texts(source: Source, key: str) -> list[str]:
-    """Return the words in a list of the config; the validation of the whole reports other values."""
+    """Read the words in a list of the config; the validation of the whole reports other values."""
     words = source.data.get(key) or []
     return [word for word in words if isinstance(word, str)] if isinstance(words, list) else []
 
 
 def _missing(source: Source, files: Sequence[Path]) -> list[Problem]:
-    """Return a mistake for each declared file that does not exist."""
+    """List a mistake for each declared file that does not exist."""
     what = "no such file or folder; write its path from the config's folder"
     missing = [i for i, file in enumerate(files) if not file.exists()]
     return [source.problem(("files", i), f"{files[i]}: {what}") for i in missing]
@@ -216,7 +216,7 @@ def _is_plain(value: object) -> bool:
 
 
 def exhibit_conflicts(part: Exhibit, points: Sequence[Point]) -> dict[str, str]:
-    """Return the conflicts of a table or figure; for plugins also what would stop the runner."""
+    """Collect the conflicts of a table or figure; for plugins also what would stop the runner."""
     if not is_foreign(part):
         return part.conflicts(points)
     try:

@@ -21,7 +21,8 @@ from trackbench.config import shipped_experiments
 from trackbench.config.build import build, unknown
 from trackbench.errors import Mark, Problem, UserError, reason
 from trackbench.evaluation.metric_expression import Measure
-from trackbench.field_types import FORMULA, Count, Finite, Natural, NonNegative, Positive, decimals
+from trackbench.field_types import FORMULA, Finite, NonNegative, Positive, decimals
+from trackbench.statistics.rules import Printed
 from trackbench.yaml_source import (
     MarkedMapping,
     Source,
@@ -33,27 +34,30 @@ from trackbench.yaml_source import (
 
 
 def split(text: str) -> list[str]:
-    """Return parts between semicolons."""
+    """Split at semicolons."""
     return [part.strip() for part in text.split(";") if part.strip()]
 
 
 def picks(point: str, values: Mapping[str, object]) -> bool:
-    """Return whether ``path=value; path=value`` picks the point of a grid that has these values.
+    """Test whether ``path=value; path=value`` picks the point of a grid that has these values.
 
     Paths that vary together are one path with a list of values: ``a.N & b.N=[10, 5]``.
     """
-    return all(any(_picks_value(part, *pair) for pair in values.items()) for part in split(point))
 
+    def is_picked(part: str) -> bool:
+        # A label in the path may contain "=".
+        for path, value in values.items():
+            rest = part.removeprefix(path).lstrip()
+            is_path = part.startswith(path) and rest.startswith("=")
+            if is_path and scalar(rest[1:].strip()) in (value, str(value)):
+                return True
+        return False
 
-def _picks_value(part: str, path: str, value: object) -> bool:
-    """Return whether a part is ``path=value``; a label in the path may contain ``=``."""
-    rest = part.removeprefix(path).lstrip()
-    picked = scalar(rest[1:].strip())
-    return part.startswith(path) and rest.startswith("=") and picked in (value, str(value))
+    return all(map(is_picked, split(point)))
 
 
 @dataclass(frozen=True, kw_only=True)
-class PublishedNumber:
+class PublishedNumber(Printed):
     """One number that a paper prints."""
 
     paper: str
@@ -66,18 +70,6 @@ class PublishedNumber:
     """the filter's name, as printed"""
     metric: str
     """what the number is, as printed"""
-    value: Finite | Literal["biased", "unbiased"]
-    """the number; a word where the paper prints a word"""
-    digits: Natural = 0
-    """decimals that are printed; default: those of the ``value`` as written, so 2 of 0.20"""
-    runs: Count | None = None
-    """the paper's Monte Carlo runs"""
-    variance: Positive | None = None
-    """variance over the paper's runs, where it prints one; so its own standard error is known"""
-    margin: NonNegative = 0.0
-    """how far from zero a value may be and still count as unbiased"""
-    chosen: str = ""
-    """what the paper leaves out and was chosen so that this number comes out: it decides nothing"""
     experiment: str = ""
     """experiments that measure it, separated by semicolons"""
     label: str = ""
@@ -198,7 +190,7 @@ def read_published(
     points: Sequence[Mapping[str, object]] | None = None,
     also: Sequence[str] = (),
 ) -> Published:
-    """Return the rows for one experiment; raises UserError with every mistake in the files.
+    """Read the rows for one experiment; raises UserError with every mistake in the files.
 
     Rows may name ``labels`` and the grid's ``points`` only, if they are given: a run with ``--only``
     leaves labels out, one with ``--grid`` points. With ``labels`` there must be a row for the experiment
@@ -308,7 +300,7 @@ def _read(name: str, text: str, known: _Known, published: Published) -> list[Pro
 
 
 def _source(name: str, line: int, cls: type, header: list[str], cells: list[str]) -> Source:
-    """Return one row as a mapping with positions, without the spaces around cells.
+    """Read one row as a mapping with positions, without the spaces around cells.
 
     Empty cells are left out, numbers are read as in YAML.
     """

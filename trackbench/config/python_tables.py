@@ -53,7 +53,7 @@ def put_tables(source: Source, tables: Mapping[str, object]) -> None:
 def _components(
     source: Source, key: str, target: Mapping[str, Any], tables: int
 ) -> list[Sequence[str]]:
-    """Return the components of each table in order; empty if a sensor cannot be built."""
+    """List the components of each table in order; empty if a sensor cannot be built."""
     if key == "truth":
         axes = target.get("axes", 2)
         of_plane = position_velocity_names(axes) if axes in (1, 2, 3) else ("x",)
@@ -69,7 +69,7 @@ def _components(
 
 
 def _frame(value: object, components: Sequence[str], mark: Mark) -> "pd.DataFrame":
-    """Return the table with a column for each component; raises UserError."""
+    """Build the table with a column for each component; raises UserError."""
     import pandas as pd
 
     if isinstance(value, pd.DataFrame):
@@ -129,7 +129,7 @@ def path_from(path: str, folder: Path) -> str:
 
 
 def without_folders(text: str) -> str:
-    """Return a message in which files of tables from Python have their names alone."""
+    """Strip folders from a message: files of tables from Python have their names alone."""
     if not _temporary.cache_info().currsize:
         return text
     return re.sub(re.escape(str(_folder())) + "/[0-9a-f]+/", "", text)

@@ -128,7 +128,7 @@ def _in_value(value: object, hint: object, keys: Keys) -> Iterator[MetricRequest
 
 
 def _unknown(request: MetricRequest, names: Names, settings: Settings) -> str | None:
-    """Return the problem of an unknown metric, if the config names it."""
+    """Explain why a metric is unknown, if the config names it."""
     role, word = _where(request, settings)
     if role == "efficiency" and settings.reference is None:
         return f"{word!r} compares with the reference filter; name one under `reference`"
@@ -163,7 +163,7 @@ def _unknown(request: MetricRequest, names: Names, settings: Settings) -> str | 
 
 
 def _left_out(request: MetricRequest, names: Names, settings: Settings) -> str | None:
-    """Return the problem of a metric that its file does not store."""
+    """Explain that a metric is one that its file does not store."""
     role, word = _where(request, settings)
     if role == "efficiency":
         return _missing_parts(request.measure, settings)
@@ -180,7 +180,7 @@ def _left_out(request: MetricRequest, names: Names, settings: Settings) -> str |
 
 
 def _missing_parts(m: Measure, settings: Settings) -> str | None:
-    """Return the problem of an expression whose parts are not stored."""
+    """Explain which parts of an expression are not stored."""
     stored = stored_metrics(settings, "summary.csv")
     missing = [] if stored is None else [p.base for p in m.made_of() if p.base not in stored]
     if not missing:
@@ -243,7 +243,7 @@ def _measures(experiment: Experiment) -> Iterator[Measure]:
 
 
 def takes_times(experiment: Experiment) -> bool:
-    """Return whether a table, a figure, a published number or a claim names CPU times."""
+    """Test whether a table, a figure, a published number or a claim names CPU times."""
     return any(m.is_cpu_time for m in _measures(experiment))
 
 
@@ -270,7 +270,7 @@ class Contributions:
 
 
 def requested_contributions(experiment: Experiment) -> Contributions:
-    """Return the contributions that tables, figures and published files request."""
+    """Collect the contributions that tables, figures and published files request."""
     measures = [request.measure for request in requests_of(experiment.parts)]
     measures += experiment.published.expressions
     everywhere = {m.plain for m in measures if not m.is_many and series_of(m.plain) is not None}

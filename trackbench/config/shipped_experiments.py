@@ -42,19 +42,19 @@ class ShippedProblem(NamedTuple):
 
 
 def folder() -> Path:
-    """Return the folder of the shipped experiments, their parts and the published numbers."""
+    """Find the folder of the shipped experiments, their parts and the published numbers."""
     home = Path(str(resources.files("trackbench")))
     inside = home / "experiments"
     return inside if inside.is_dir() else home.parent / "experiments"
 
 
 def names() -> list[str]:
-    """Return every shipped experiment's name, sorted."""
+    """List every shipped experiment's name, sorted."""
     return sorted(path.stem for path in folder().glob("[!_]*.yaml"))
 
 
 def listed() -> list[Shipped]:
-    """Return every shipped experiment, sorted by name. YAML is not imported to look at three lines."""
+    """List every shipped experiment, sorted by name. YAML is not imported to look at three lines."""
     with (folder() / _TIMES).open(encoding="utf-8", newline="") as file:
         times = {row["experiment"]: float(row["cpu_s"]) for row in csv.DictReader(file)}
     texts = {name: _file(name).read_text(encoding="utf-8") for name in names()}
@@ -65,7 +65,7 @@ def listed() -> list[Shipped]:
 
 
 def problems() -> list[ShippedProblem]:
-    """Return every standard problem, sorted by name."""
+    """List every standard problem, sorted by name."""
     shipped = []
     for name, title, paper, cpu_s in listed():
         text = _file(name).read_text(encoding="utf-8")
@@ -91,7 +91,7 @@ def _published_numbers(name: str, files: str) -> int:
 
 
 def located(config: Path, note: Callable[[str], None]) -> Path:
-    """Return the file of a config: of that path, or else the shipped experiment of that name.
+    """Find the file of a config: of that path, or else the shipped experiment of that name.
 
     Raises UserError for a word that is neither; says so if it is both.
     """
@@ -106,7 +106,7 @@ def located(config: Path, note: Callable[[str], None]) -> Path:
 
 
 def named(name: str) -> Path:
-    """Return the file of the shipped experiment; raises UserError if there is none of this name."""
+    """Find the file of the shipped experiment; raises UserError if there is none of this name."""
     if name in names():
         return _file(name)
     from trackbench.config.build import unknown
@@ -136,7 +136,7 @@ def copied(name: str, target: Path) -> list[Path]:
 
 
 def with_parts(file: Path, files: frozenset[Path] = frozenset()) -> frozenset[Path]:
-    """Return a YAML file and every file that it names, directly or through another; some may not exist.
+    """Collect a YAML file and every file that it names, directly or through another; some may not exist.
 
     Raises UserError if one of them is no YAML.
     """

@@ -157,7 +157,7 @@ class Trial:
 
 
 def make_trial(source: Source, point: Point, label: str, values: Chosen) -> Trial | list[Problem]:
-    """Return the filter with these values; the reasons if there is none."""
+    """Build the filter with these values; the reasons if there is none."""
     # Build the filter and its model, and check both as the config's own.
     changed = with_values(source, label, values)
     tracker = build_kind("filters", changed, ("filters", label))
@@ -178,7 +178,7 @@ _MOST_KEYS = 5
 def with_defaults(
     source: Source, settings: Settings, points: list[Point], training: Point | None
 ) -> Settings:
-    """Return the metric and runs written out, if anything is tuned by them."""
+    """Fill in tuning's default metric and number of runs, if anything is tuned by them."""
     if training is None:
         return settings
     tuning, scenario = settings.tuning, training.scenario
@@ -194,7 +194,7 @@ def with_defaults(
 def tuned_axes(
     source: Source, settings: Settings, points: list[Point], training: Point | None
 ) -> dict[str, tuple[Axis, ...]]:
-    """Return the axes of the keys of each filter that is tuned and run."""
+    """Read the axes of the keys of each filter that is tuned and run."""
     if not settings.tune:
         return {}
     before, axes_by_label = len(source.problems), dict[str, tuple[Axis, ...]]()
@@ -251,7 +251,7 @@ def _check(source: Source, settings: Settings, points: list[Point], training: Po
 
 
 def _with_types(source: Source, point: Point, label: str, axes: list[Axis]) -> tuple[Axis, ...]:
-    """Return the axes, of whole numbers where no others are valid; check both ends and all choices."""
+    """Make axes whole where no other numbers are valid; check both ends and all choices."""
     # Step 1: an axis between whole numbers is whole if the filter rejects a value between them.
     middle: dict[str, object] = {axis.key: axis.at(0.5) for axis in axes}
     typed = []
@@ -279,7 +279,7 @@ NOISE, PATH, RUNS, TIME = "noise", "noise and path", "recordings", "time"
 
 
 def training_point(source: Source, point: Point) -> Point | None:
-    """Return the point with the scenario that training simulates; None if its keys are mistaken."""
+    """Build the point with the scenario that training simulates; None if its keys are mistaken."""
     changes = source.at(KEYS) if source.has(KEYS) else None
     if changes is None:
         return point
@@ -298,13 +298,13 @@ def training_point(source: Source, point: Point) -> Point | None:
 
 
 def same_recordings(a: Point, b: Point) -> bool:
-    """Return whether two points take their runs from the same recorded data."""
+    """Test whether two points take their runs from the same recorded data."""
     first, second = (as_config(point.scenario).get("target") for point in (a, b))
     return a.scenario.recorded_runs is not None and first == second
 
 
 def held_out(experiment: Experiment) -> str:
-    """Return the judged data outside training; the paths of two runs are compared."""
+    """Name the judged data outside training; the paths of two runs are compared."""
     judged, training = experiment.points[0], experiment.training
     assert training is not None
     if same_recordings(judged, training):
@@ -322,7 +322,7 @@ def held_out(experiment: Experiment) -> str:
 
 
 def training_cautions(experiment: Experiment) -> list[str]:
-    """Return a sentence on filters that are tuned on the very path that judges them."""
+    """Warn of filters that are tuned on the very path that judges them."""
     if not experiment.tuned or held_out(experiment) != NOISE:
         return []
     return [

@@ -106,7 +106,7 @@ class Axis:
 
 
 def read_axis(key: str, written: object) -> Axis:
-    """Return the axis of a key; raises ValueError in words."""
+    """Read the axis of a key; raises ValueError in words."""
     if isinstance(written, list):
         if len(written) < 2:
             raise ValueError("a list of choices has at least two")
@@ -182,18 +182,18 @@ class Objective(NamedTuple):
 
 
 def as_expression(word: str) -> str:
-    """Return the term as tables write it."""
+    """Write the term as tables do."""
     m = _read(word)
     return word if m.family[0].per_component else str(m)
 
 
 def objective_label(word: str) -> str:
-    """Return the term as it is added up: what is made large has a minus."""
+    """Write the term as it is added up: what is made large has a minus."""
     return f"-{word}" if _is_made_large(_read(word)) else word
 
 
 def _read(word: str) -> Measure:
-    """Return the term; of ANEES and of log scores the mean is meant."""
+    """Parse the term; of ANEES and of log scores the mean is meant."""
     m = measured(word)
     plain = m.is_row and (m.family[0].per_component or m.family[0].is_score)
     return m._replace(statistic="mean") if plain else m

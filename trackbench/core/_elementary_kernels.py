@@ -44,7 +44,7 @@ class Constants(NamedTuple):
 
 @cache
 def constants() -> Constants:
-    """Return the constants, computed at the first call like the tables."""
+    """Compute the constants, at the first call like the tables."""
     log_2 = (_log_ratio(4, 3) + _log_ratio(3, 2)) / _ONE
     step = log_2 / POWERS  # of the exponent from one entry to the next
     width = 1.0 / LOGS
@@ -250,18 +250,9 @@ def _arctan2_anywhere(y: Array, x: Array, out: Array) -> None:
 
 @cache
 def exp_constants() -> Array:
-    """Return the constants of `exp_of_moderate` for the C kernel."""
+    """Join the constants of `exp_of_moderate` for the C kernel."""
     const = constants()
     return fixed(np.array([const.per_power, const.step, const.step_squared]))
-
-
-@cache
-def log_table() -> Array:
-    """Return what C kernels need for natural logarithms: four constants, then `logarithms` in pairs."""
-    const = constants()
-    per_bit = const.log_2 * 2.0**-_MANTISSA
-    numbers = [const.log_linear, const.log_square, per_bit, const.log_2]
-    return fixed(np.concatenate([numbers, np.stack(logarithms(), axis=1).ravel()]))
 
 
 @cache
@@ -276,8 +267,17 @@ def _pi() -> Array:
 
 
 @cache
+def log_table() -> Array:
+    """Join what C kernels need for natural logarithms: four constants, then `logarithms` in pairs."""
+    const = constants()
+    per_bit = const.log_2 * 2.0**-_MANTISSA
+    numbers = [const.log_linear, const.log_square, per_bit, const.log_2]
+    return fixed(np.concatenate([numbers, np.stack(logarithms(), axis=1).ravel()]))
+
+
+@cache
 def powers_of_two() -> Array:
-    """Return ``2^(j / POWERS)``, j = 0 ... POWERS - 1."""
+    """Tabulate ``2^(j / POWERS)``, j = 0 ... POWERS - 1."""
     step = 2 << _BITS
     # 2^(1 / POWERS) by repeated square roots of 2, in fixed-point numbers.
     for _ in range(POWERS.bit_length() - 1):
@@ -292,7 +292,7 @@ def powers_of_two() -> Array:
 
 @cache
 def logarithms() -> tuple[Array, Array]:
-    """Return ``log c`` and ``1 / c`` of the lower edges c of LOGS cells from 3/4 to 3/2.
+    """Tabulate ``log c`` and ``1 / c`` of the lower edges c of LOGS cells from 3/4 to 3/2.
 
     Half of the cells lie below one; the cells above it are twice as wide, as floats are.
     """
@@ -311,7 +311,7 @@ def logarithms() -> tuple[Array, Array]:
 
 @cache
 def circle() -> tuple[Array, Array]:
-    """Return the cosine and sine of ``2 pi j / TURNS``, j = 0 ... TURNS - 1."""
+    """Tabulate the cosine and sine of ``2 pi j / TURNS``, j = 0 ... TURNS - 1."""
     # Step 1: rotate by one entry at a time through a quarter of the circle.
     angle = 2 * pi_bits() // TURNS
     step_c, step_s = _series(angle, 0), _series(angle, 1)
@@ -329,7 +329,7 @@ def circle() -> tuple[Array, Array]:
 
 @cache
 def arctangents() -> Array:
-    """Return ``arctan(j / SLOPES)``, j = 0 ... SLOPES."""
+    """Tabulate ``arctan(j / SLOPES)``, j = 0 ... SLOPES."""
     entries = [0]
     for j in range(SLOPES):  # arctan b - arctan a = arctan((b - a) / (1 + a b))
         entries.append(entries[-1] + _arctan(SLOPES, SLOPES * SLOPES + j * (j + 1)))
@@ -338,12 +338,12 @@ def arctangents() -> Array:
 
 @cache
 def pi_bits() -> int:
-    """Return ``pi 2^160`` (Machin 1706)."""
+    """Compute ``pi 2^160`` (Machin 1706)."""
     return 4 * (4 * _arctan(1, 5) - _arctan(1, 239))
 
 
 def parts(bits: int, divisor: int, widths: list[int]) -> list[float]:
-    """Return ``bits / divisor`` as a sum of floats of so many bits each, and one more for the rest."""
+    """Split ``bits / divisor`` into floats of so many bits each, and one more for the rest."""
     rest, out = bits // divisor, []
     for width in widths:
         drop = max(rest.bit_length() - width, 0)
@@ -355,7 +355,7 @@ def parts(bits: int, divisor: int, widths: list[int]) -> list[float]:
 
 
 def _log_ratio(b: int, a: int) -> int:
-    """Return ``log(b / a) = 2 artanh((b - a) / (b + a))``."""
+    """Compute ``log(b / a) = 2 artanh((b - a) / (b + a))``."""
     term = ((b - a) << _BITS) // (b + a)
     square, total, n = term * term >> _BITS, 0, 1
     while term:
@@ -365,7 +365,7 @@ def _log_ratio(b: int, a: int) -> int:
 
 
 def _arctan(b: int, a: int) -> int:
-    """Return ``arctan(b / a)``."""
+    """Compute ``arctan(b / a)``."""
     term = (b << _BITS) // a
     square, total, n, sign = term * term >> _BITS, 0, 1, 1
     while term:
@@ -375,7 +375,7 @@ def _arctan(b: int, a: int) -> int:
 
 
 def _series(angle: int, first: int) -> int:
-    """Return the cosine (first = 0) or sine (1) of a small angle."""
+    """Sum the series of the cosine (first = 0) or sine (1) of a small angle."""
     term = angle if first else _ONE
     square, total, n = angle * angle >> _BITS, 0, first
     # The next term is -term angle^2 / ((n + 1) (n + 2)).

@@ -18,7 +18,7 @@ _TURN = 2.0 * np.pi
 
 
 def wrap_angle(angle: Array) -> Array:
-    """Return angles wrapped to (-pi, pi]."""
+    """Wrap angles to (-pi, pi]."""
     # Return early if every angle is inside already.
     if angle.max(initial=0.0) < np.pi and angle.min(initial=0.0) > -np.pi:
         return angle
@@ -26,7 +26,7 @@ def wrap_angle(angle: Array) -> Array:
 
 
 def near(x: Array, other: Array, rows: Sequence[int]) -> Array:
-    """Return states x (n, *batch), the angles in ``rows`` shifted by whole turns to near another's."""
+    """Shift the angles in ``rows`` of states x (n, *batch) by whole turns to near another's."""
     if not rows:
         return x
     out = np.array(np.broadcast_to(x, np.broadcast_shapes(x.shape, other.shape)))
@@ -36,7 +36,7 @@ def near(x: Array, other: Array, rows: Sequence[int]) -> Array:
 
 
 def particles_together(cloud: Particles, mean: Array, rows: Sequence[int]) -> Particles:
-    """Return particles whose angles lie within half a turn of their mean direction.
+    """Shift the particles' angles to within half a turn of their mean direction.
 
     The direction is ``atan2(sum w sin a, sum w cos a)``, on the turn of ``mean`` (n, M).
     """
@@ -49,7 +49,7 @@ def particles_together(cloud: Particles, mean: Array, rows: Sequence[int]) -> Pa
 
 
 def moments_together(estimate: Gaussian, cloud: Particles, together: Particles) -> Gaussian:
-    """Return the estimate, and the moments of shifted particles in the runs where any is shifted."""
+    """Replace the estimate by the moments of shifted particles in the runs where any is shifted."""
     shifted = (cloud.x != together.x).any(axis=(0, 2))
     if not shifted.any():
         return estimate

@@ -27,7 +27,7 @@ A = TypeVar("A", bound=np.ndarray[Any, Any])
 
 
 def with_trailing(a: Array, batch_ndim: int, leading: int = 1) -> Array:
-    """Return ``a`` with axes of length one appended until it has ``batch_ndim`` batch axes.
+    """Append axes of length one to ``a`` until it has ``batch_ndim`` batch axes.
 
     ``leading`` is the number of component axes (1 for a vector, 2 for a matrix).
     """
@@ -41,7 +41,7 @@ def with_axes_of(like: Array, a: Array) -> Array:
 
 
 def as_slice(rows: Sequence[int]) -> slice | Sequence[int]:
-    """Return evenly spaced row numbers as a slice, which needs no copy, and others as a list."""
+    """Turn evenly spaced row numbers into a slice, which needs no copy, and others into a list."""
     step = rows[1] - rows[0] if len(rows) > 1 else 1
     regular = len(rows) > 0 and step > 0 and [*rows] == [*range(rows[0], rows[-1] + 1, step)]
     return slice(rows[0], rows[-1] + 1, step) if regular else [*rows]
@@ -54,19 +54,19 @@ def settled_row(above: Mask) -> Index:
 
 
 def any_nan(a: Array) -> bool:
-    """Return whether any entry is NaN."""
+    """Test whether any entry is NaN."""
     nan_or_none = compiled.kernels.any_nan(a) if compiled.kernels else None
     return bool(np.isnan(a).any()) if nan_or_none is None else bool(nan_or_none)
 
 
 def all_finite(a: Array) -> bool:
-    """Return whether all entries are finite numbers."""
+    """Test whether all entries are finite numbers."""
     not_finite = compiled.kernels.any_not_finite(a) if compiled.kernels else None
     return bool(np.isfinite(a).all()) if not_finite is None else not not_finite
 
 
 def choose(mask: Mask, a: Array, b: Array) -> Array:
-    """Return a where the mask (*batch) is set, else b, for arrays (n, *batch) or (*batch)."""
+    """Take a where the mask (*batch) is set, else b, for arrays (n, *batch) or (*batch)."""
     alike = a.shape == b.shape and a.shape[a.ndim - mask.ndim :] == mask.shape
     if compiled.kernels and alike and a.dtype == b.dtype == np.float64 and mask.dtype == np.bool_:
         out = np.empty(a.shape)
@@ -76,7 +76,7 @@ def choose(mask: Mask, a: Array, b: Array) -> Array:
 
 
 def fixed(a: A) -> A:
-    """Return the array in memory that cannot be made writable, for results that are shared.
+    """Move the array to memory that cannot be made writable, for results that are shared.
 
     numpy refuses ``setflags(write=True)`` for an array over `bytes`, for its base and for its views.
     """
@@ -91,7 +91,7 @@ def fixed(a: A) -> A:
 
 
 def _owner(a: Any) -> Any:
-    """Return the object whose memory a view shows."""
+    """Find the object whose memory a view shows."""
     owner = a
     while isinstance(owner, np.ndarray) and owner.base is not None:
         owner = owner.base
@@ -99,7 +99,7 @@ def _owner(a: Any) -> Any:
 
 
 def freeze(whole: T) -> T:
-    """Return ``whole`` with every array in its collections and attributes `fixed`.
+    """Replace every array in the collections and attributes of ``whole`` by a `fixed` one.
 
     Tuples are rebuilt; lists, dictionaries and objects keep their identity.
     """
@@ -107,7 +107,7 @@ def freeze(whole: T) -> T:
 
 
 def _freeze(whole: Any, done: dict[int, Any]) -> Any:
-    """Return ``whole`` with `fixed` arrays; ``done`` maps identities to (original, result)."""
+    """Compute ``whole`` with `fixed` arrays; ``done`` maps identities to (original, result)."""
     if id(whole) in done:
         return done[id(whole)][1]
     # Enter the object before its parts, which may refer to it. The reference keeps its identity valid.
@@ -133,7 +133,7 @@ def _freeze(whole: Any, done: dict[int, Any]) -> Any:
 
 
 def _parts_of(whole: Any) -> list[tuple[Any, Any]]:
-    """Return the name and value of each item or attribute."""
+    """List the name and value of each item or attribute."""
     if isinstance(whole, tuple | list):
         return list(enumerate(whole))
     if isinstance(whole, dict):
@@ -239,7 +239,7 @@ def _store(cache: dict[Any, Any], key: Any, value: Any) -> None:
 
 
 def cached_results() -> list[Any]:
-    """Return all cached results."""
+    """List all cached results."""
     return [*chain.from_iterable(cache.values() for cache in _caches)]
 
 
@@ -255,7 +255,7 @@ class LatestResults(Generic[T]):
         self._results: dict[tuple[Hashable, ...], T] = {}
 
     def __call__(self, *key: Hashable) -> T:
-        """Return the cached result of these arguments, or compute it."""
+        """Look up the cached result of these arguments, or compute it."""
         result = self._results.pop(key, None)
         if result is None:
             surplus = max(0, len(self._results) + 1 - self.size)
@@ -266,7 +266,7 @@ class LatestResults(Generic[T]):
         return result
 
     def cached(self, *key: Hashable) -> T | None:
-        """Return the result of these arguments if it is cached."""
+        """Look up the result of these arguments without computing it."""
         return self._results.get(key)
 
     def cache_clear(self) -> None:

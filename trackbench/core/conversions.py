@@ -32,20 +32,20 @@ class Polar(NamedTuple):
 
 
 def convert(conversion: Conversion, z: Polar, predicted: Polar | None = None) -> Gaussian:
-    """Return the Cartesian position (2, M) and covariance (2, 2, M); `ducm` uses ``predicted``."""
+    """Convert to the Cartesian position (2, M) and covariance (2, 2, M); `ducm` uses ``predicted``."""
     if conversion == "ducm":
         return ducm(z, predicted)
     return {"ccm": ccm, "ucm": ucm, "mucm": mucm}[conversion](z)
 
 
 def ccm(z: Polar) -> Gaussian:
-    """Return the conventional conversion: first-order covariance at z (banana paper, eqs. 1-2)."""
+    """Convert by the conventional conversion: first-order covariance at z (banana paper, eqs. 1-2)."""
     cross = np.square(z.r) * z.azimuth_variance
     return Gaussian(position(z.r, z.a), rotate_covariance(z.range_variance, cross, z.a))
 
 
 def ucm(z: Polar) -> Gaussian:
-    """Return the unbiased conversion, divided by the mean shrinkage (Mo et al. 1998).
+    """Convert without bias: divide by the mean shrinkage (Mo et al. 1998).
 
     The covariance is that of the error given the measurement.
     """
@@ -58,7 +58,7 @@ def ucm(z: Polar) -> Gaussian:
 
 
 def mucm(z: Polar) -> Gaussian:
-    """Return the modified unbiased conversion (Duan et al. 2004): moments given the measurement."""
+    """Convert by the modified unbiased conversion (Duan et al. 2004): moments given the measurement."""
     s, v = z.azimuth_variance, z.range_variance
     # Variances along and across the line of sight.
     square, excess = np.square(z.r), 2.0 * np.square(sinh(0.5 * s))  # cosh s - 1
@@ -68,7 +68,7 @@ def mucm(z: Polar) -> Gaussian:
 
 
 def ducm(z: Polar, predicted: Polar | None = None) -> Gaussian:
-    """Return the decorrelated unbiased conversion (Bordonaro, Willett & Bar-Shalom 2014).
+    """Convert by the decorrelated unbiased conversion (Bordonaro, Willett & Bar-Shalom 2014).
 
     The mean is that of `ucm`. The covariance is averaged over the prediction, which is independent of
     the measurement's error, or over the measurement where its azimuth is at least as certain.
@@ -89,13 +89,13 @@ def ducm(z: Polar, predicted: Polar | None = None) -> Gaussian:
 
 
 def position(r: Array, a: Array) -> Array:
-    """Return ``r (cos a, sin a)`` (2, *batch)."""
+    """Compute ``r (cos a, sin a)`` (2, *batch)."""
     c, s = cos_sin(a)
     return np.stack([r * c, r * s])
 
 
 def rotate_covariance(radial: Array | float, cross: Array | float, a: Array) -> Array:
-    """Return ``radial u u' + cross w w'`` (2, 2, *batch), u = (cos a, sin a), w = (-sin a, cos a)."""
+    """Compute ``radial u u' + cross w w'`` (2, 2, *batch), u = (cos a, sin a), w = (-sin a, cos a)."""
     c, s = cos_sin(a)
     both = (cross - radial) * c * s
     return np.array(
@@ -112,7 +112,7 @@ class Geodetic(NamedTuple):
 
 
 def earth_centered(place: Geodetic) -> Array:
-    """Return Cartesian coordinates (3, ...) fixed to the Earth, m (Groves 2013, section 2.4.3)."""
+    """Convert to Cartesian coordinates (3, ...) fixed to the Earth, m (Groves 2013, section 2.4.3)."""
     (c, s), (cos_lon, sin_lon) = cos_sin(place.latitude), cos_sin(place.longitude)
     radius = SEMI_MAJOR_AXIS / np.sqrt(1.0 - _ECCENTRICITY_SQUARED * s * s)  # of curvature
     # Distance from the Earth's axis, and height above the equatorial plane.
@@ -122,7 +122,7 @@ def earth_centered(place: Geodetic) -> Array:
 
 
 def east_north_up(places: Geodetic, origin: Geodetic) -> Array:
-    """Return positions (3, R), m, in the local plane of the origin (Groves 2013, 2.5.2)."""
+    """Convert to positions (3, R), m, in the local plane of the origin (Groves 2013, 2.5.2)."""
     at = Geodetic(*(np.asarray([part], dtype=float) for part in origin))
     dx, dy, dz = earth_centered(places) - earth_centered(at)
     (c, s), (cos_lon, sin_lon) = cos_sin(at.latitude), cos_sin(at.longitude)

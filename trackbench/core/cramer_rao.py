@@ -9,7 +9,7 @@ from trackbench.core.arrays import Array, with_axes_of
 
 
 def posterior_cramer_rao(initial: Array, F: Array, Q: Array, information: Iterable[Array]) -> Array:
-    """Return lower bounds on the mean squared error matrix of a linear motion with Gaussian noise.
+    """Bound the mean squared error matrix of a linear motion with Gaussian noise from below.
 
     ``J_{k+1} = (Q + F J_k^-1 F')^-1 + E[H' R^-1 H]``, which is their eq. 21 with D11 = F' Q^-1 F in a
     form that also accepts a singular Q.
@@ -37,7 +37,7 @@ def posterior_cramer_rao(initial: Array, F: Array, Q: Array, information: Iterab
 
 
 def largest_deviation(cov: Array) -> float:
-    """Return the largest standard deviation in any direction of a covariance (n, n); in 3D a bound."""
+    """Bound the standard deviation in any direction of a covariance (n, n); in 2D it is the largest."""
     if len(cov) != 2:
         return float(np.sqrt(np.diagonal(cov).sum()))
     # The larger eigenvalue of [[a, b], [b, d]] is (a + d) / 2 + sqrt((a - d)^2 / 4 + b^2).

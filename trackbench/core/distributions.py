@@ -47,7 +47,7 @@ class Distribution(Protocol):
         """Return one draw per batch member, shape (n, *batch, *trailing)."""
 
     def log_prob(self, x: Array) -> Array:
-        """Return the log-density at x (n, ...); shape of the broadcast batch."""
+        """Evaluate the log-density at x (n, ...); shape of the broadcast batch."""
 
 
 @runtime_checkable
@@ -59,7 +59,7 @@ class Covering(Protocol):
 
 
 def draw_covering(prior: Distribution, rng: Streams, N: int) -> tuple[Array, Array]:
-    """Return N draws (n, M, N) and their log-weights (M, N), by ``prior.cover`` if it has one."""
+    """Draw N states (n, M, N) with log-weights (M, N), by ``prior.cover`` if it has one."""
     if isinstance(prior, Covering):
         return prior.cover(rng, N)
     x = prior.sample(rng, N)
@@ -92,7 +92,7 @@ class Gaussian(Symmetric):
         return linalg.cholesky(self.cov)
 
     def sample(self, rng: Streams, *trailing: int) -> Array:
-        """Return ``mean + L e`` with e standard normal."""
+        """Draw ``mean + L e`` with e standard normal."""
         shape = self.mean.shape + trailing
         noise = rng.standard_normal(shape)
         # A covariance without a Cholesky factor needs the semidefinite root.
@@ -105,7 +105,7 @@ class Gaussian(Symmetric):
         return x
 
     def log_prob(self, x: Array) -> Array:
-        """Return the log-density, ``-(e' P^-1 e + log det P + n log 2 pi) / 2``."""
+        """Evaluate the log-density, ``-(e' P^-1 e + log det P + n log 2 pi) / 2``."""
         return zero_mean_log_prob(x - self.mean, self.cov, self._root)
 
 
@@ -117,7 +117,7 @@ class Factored(Gaussian):
 
 
 def from_root(mean: Array, root: Array) -> Factored:
-    """Return N(mean, L L') with its lower factor."""
+    """Make N(mean, L L') of its lower factor."""
     return Factored(mean, linalg.matmul(root, linalg.transpose(root)), root)
 
 
@@ -127,13 +127,13 @@ def root_of(state: Gaussian) -> Array:
 
 
 def per_run_moments(of: Distribution) -> Gaussian:
-    """Return the moments with a covariance per run (n, n, M), which is read-only if runs share one."""
+    """Give each run a covariance of its own (n, n, M), which is read-only if runs share one."""
     n, runs = of.mean.shape
     return Gaussian(of.mean, np.broadcast_to(with_trailing(of.cov, 1, leading=2), (n, n, runs)))
 
 
 def zero_mean_log_prob(e: Array, cov: Array, root: Array | None = None) -> Array:
-    """Return the log-density of N(0, cov) at e (n, *batch); ``root`` is the Cholesky factor if known."""
+    """Evaluate log N(e; 0, cov) (*batch), e (n, *batch); ``root`` is the Cholesky factor if known."""
     # Step 1: e' P^-1 e / 2 as the sum of squares of (sqrt(2) L)^-1 e.
     L = linalg.cholesky(cov) if root is None else root
     log_norm = 0.5 * len(e) * LOG_2PI
@@ -183,13 +183,13 @@ class Gamma:
         return max(self.shape - 1.0, 0.0) / self.rate
 
     def draw(self, rng: Streams, size: tuple[int, ...]) -> Array:
-        """Return variates of the given size."""
+        """Draw variates of the given size."""
         x: Array = rng.standard_gamma(self.shape, size)
         x *= 1.0 / self.rate
         return x
 
     def density(self, v: Array) -> Array:
-        """Return the density at v; for v <= 0 zero, or its formula's value if ``smooth``."""
+        """Evaluate the density at v; for v <= 0 zero, or its formula's value if ``smooth``."""
         base = v if self.smooth else np.maximum(v, 0.0)
         # p(v) = exp(log_norm - rate v) v^(shape - 1)
         density = base * -self.rate
@@ -204,7 +204,7 @@ class Gamma:
         return self.shape == int(self.shape)
 
     def log_density(self, v: Array) -> Array:
-        """Return the log-density at v, -inf for v <= 0."""
+        """Evaluate the log-density at v, -inf for v <= 0."""
         # log p(v) = (shape - 1) log v - rate v + log_norm
         if compiled.kernels and v.dtype == np.float64:
             out, v = np.empty(v.shape), np.ascontiguousarray(v)
@@ -247,18 +247,18 @@ class Shifted:
         return self.noise.cov
 
     def sample(self, rng: Streams, *trailing: int) -> Array:
-        """Return ``loc`` plus a fresh variate per batch member."""
+        """Draw ``loc`` plus a fresh variate per batch member."""
         shape = self.loc.shape + trailing
         x = self.noise.draw(rng, shape)
         x += with_trailing(self.loc, len(shape) - 1)
         return x
 
     def prob(self, x: Array) -> Array:
-        """Return the density at x; below ``loc`` as `Gamma.density`."""
+        """Evaluate the density at x; below ``loc`` as `Gamma.density`."""
         return self.noise.density(x[0] - self.loc[0])
 
     def log_prob(self, x: Array) -> Array:
-        """Return the log-density at x, -inf below ``loc``."""
+        """Evaluate the log-density at x, -inf below ``loc``."""
         return self.noise.log_density(x[0] - self.loc[0])
 
 
@@ -274,7 +274,7 @@ class PointMass(Symmetric):
         return np.zeros((len(self.mean),) * 2)
 
     def sample(self, rng: Streams, *trailing: int) -> Array:
-        """Return the value, repeated along the trailing axes."""
+        """Repeat the value along the trailing axes."""
         shape = self.mean.shape + trailing
         return np.broadcast_to(with_trailing(self.mean, len(shape) - 1), shape).copy()
 
@@ -305,13 +305,13 @@ class Uniform(Symmetric):
         return np.diag(np.square(self.high - self.low) / 12.0)
 
     def sample(self, rng: Streams, *trailing: int) -> Array:
-        """Return ``low + (high - low) u`` (n, M, *trailing) with u uniform in [0, 1)."""
+        """Draw ``low + (high - low) u`` (n, M, *trailing) with u uniform in [0, 1)."""
         u = rng.random((len(self.low), self.runs, *trailing))
         low, width = (with_trailing(v, u.ndim - 1) for v in (self.low, self.high - self.low))
         return low + width * u
 
     def log_prob(self, x: Array) -> Array:
-        """Return ``-sum log(high - low)`` within the limits and -inf outside."""
+        """Compute ``-sum log(high - low)`` within the limits and -inf outside."""
         low, high = (with_trailing(v, x.ndim - 1) for v in (self.low, self.high))
         inside = ((x >= low) & (x <= high)).all(axis=0)
         width = self.high - self.low

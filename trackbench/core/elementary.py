@@ -26,7 +26,7 @@ _HALF_A_BIT = 2.0**-55
 
 
 def exp(x: ArrayLike, out: Array | None = None) -> Array:
-    """Return ``e^x``; zero below -708. ``out`` may be x itself."""
+    """Compute ``e^x``; zero below -708. ``out`` may be x itself."""
     return _piecewise(_elementary_kernels.exp, x, out)
 
 
@@ -36,12 +36,12 @@ def exp_of_moderate(x: Array) -> Array:
 
 
 def log(x: ArrayLike, out: Array | None = None) -> Array:
-    """Return the natural logarithm. ``out`` may be x itself."""
+    """Compute the natural logarithm. ``out`` may be x itself."""
     return _piecewise(_elementary_kernels.log, x, out)
 
 
 def cos_sin(a: ArrayLike) -> tuple[Array, Array]:
-    """Return the cosine and sine of angles, rad."""
+    """Compute the cosine and sine of angles, rad."""
     if isinstance(a, float):
         return _cos_sin_of_number(a)
     a = np.asarray(a, dtype=float)
@@ -52,7 +52,7 @@ def cos_sin(a: ArrayLike) -> tuple[Array, Array]:
 
 
 def arctan2(y: Array, x: Array) -> Array:
-    """Return the angle of (x, y) in [-pi, pi]; y and x have one shape; arctan2(+-0, -0) is +-0."""
+    """Compute the angle of (x, y) in [-pi, pi]; y and x have one shape; arctan2(+-0, -0) is +-0."""
     y, x = np.asarray(y, dtype=float), np.asarray(x, dtype=float)
     flat_y, flat_x = (np.ascontiguousarray(a).reshape(-1) for a in (y, x))
     out = np.empty(flat_y.shape)
@@ -61,7 +61,7 @@ def arctan2(y: Array, x: Array) -> Array:
 
 
 def expm1(x: ArrayLike) -> Array:
-    """Return ``e^x - 1`` without the loss of digits near zero."""
+    """Compute ``e^x - 1`` without the loss of digits near zero."""
     x = np.asarray(x, dtype=float)
     small = np.clip(x, -0.5, 0.5)
     series = np.ones_like(small)
@@ -72,12 +72,12 @@ def expm1(x: ArrayLike) -> Array:
 
 
 def sinh(x: ArrayLike) -> Array:
-    """Return the hyperbolic sine."""
+    """Compute the hyperbolic sine."""
     return 0.5 * (expm1(x) - expm1(-np.asarray(x, dtype=float)))
 
 
 def logaddexp(a: Array, b: ArrayLike) -> Array:
-    """Return ``log(e^a + e^b)``."""
+    """Compute ``log(e^a + e^b)``."""
     larger, smaller = np.maximum(a, b), np.minimum(a, b)
     with np.errstate(invalid="ignore"):
         # Two infinities of one sign have the difference zero.
@@ -86,7 +86,7 @@ def logaddexp(a: Array, b: ArrayLike) -> Array:
 
 
 def power(x: ArrayLike, y: float) -> Array:
-    """Return ``x^y`` for x >= 0; a whole y of up to 16 by multiplication."""
+    """Compute ``x^y`` for x >= 0; a whole y of up to 16 by multiplication."""
     # x^y = x x ... x
     if y == int(y) and 0 <= y <= 16:
         x = np.asarray(x, dtype=float)
@@ -100,7 +100,7 @@ def power(x: ArrayLike, y: float) -> Array:
 
 
 def log_gamma(x: float) -> float:
-    """Return log Gamma(x) for x > 0: Stirling's series, with recursion below 10."""
+    """Compute log Gamma(x) for x > 0 by Stirling's series, with recursion below 10."""
     # Step 1: Gamma(x) = Gamma(x + n) / (x (x + 1) ... (x + n - 1)) moves the argument above 10.
     divisor = 1.0
     while x < 10.0:
@@ -115,13 +115,13 @@ def log_gamma(x: float) -> float:
 
 
 def normal_density(z: ArrayLike) -> Array:
-    """Return ``exp(-z^2 / 2) / sqrt(2 pi)``."""
+    """Compute ``exp(-z^2 / 2) / sqrt(2 pi)``."""
     z = np.asarray(z, dtype=float)
     return exp(-0.5 * (z * z)) * _normal_factor()
 
 
 def normal_cdf(z: ArrayLike) -> Array:
-    """Return the probability that a standard normal is below z; NaN where z is.
+    """Compute the probability that a standard normal is below z; NaN where z is.
 
     ``1/2 + density(z) (z + z^3 / 3 + z^5 / (3 5) + ...)`` (Marsaglia 2004, J. Statist. Softw. 11(4)).
     """
@@ -139,7 +139,7 @@ def normal_cdf(z: ArrayLike) -> Array:
 
 
 def chi_square_cdf(x: ArrayLike, n: int) -> Array:
-    """Return the chi-square distribution function of n degrees of freedom at x >= 0.
+    """Compute the chi-square distribution function of n degrees of freedom at x >= 0.
 
     It is a finite sum (Abramowitz & Stegun 1964, eqs. 26.4.4 and 26.4.5).
     """

@@ -43,7 +43,7 @@ class Hypotheses(NamedTuple):
     def update(
         self, k: int, F: Array, g: Array, posterior: Gaussian, innovation: Innovation, R: Array
     ) -> "Hypotheses":
-        """Return the hypotheses after step k of the quiescent filter.
+        """Update the hypotheses after step k of the quiescent filter.
 
         Parameters
         ----------
@@ -85,7 +85,7 @@ class Hypotheses(NamedTuple):
         return Hypotheses(response, information, score, self.with_start(k).since)
 
     def with_start(self, k: int) -> "Hypotheses":
-        """Return hypotheses with ``since`` set, if step k is the first."""
+        """Set ``since``, if step k is the first."""
         return self._replace(since=np.where(self.since < 0, k - 1, self.since))
 
     def add_onset(self, k: int) -> "Hypotheses":
@@ -106,7 +106,7 @@ class Hypotheses(NamedTuple):
         )
 
     def significance(self) -> Array:
-        """Return zeta (W, M), zero where there is no information yet."""
+        """Sum zeta (W, M) over the axes, zero where there is no information yet."""
         # zeta = sum over the axes of d^2 L
         L = 1.0 / np.where(self.information > 0.0, self.information, np.inf)
         square = np.square(self.score)
@@ -124,7 +124,7 @@ class Hypotheses(NamedTuple):
         return np.maximum(k - np.minimum(age, self.width), self.since) % self.width
 
     def select(self, slot: Index, runs: Index) -> "Input":
-        """Return response and estimated input of ``runs`` (m,), each at its slot (m,)."""
+        """Select response and estimated input of ``runs`` (m,), each at its slot (m,)."""
         # Least squares: u = L d
         L = 1.0 / self.information[:, slot, runs]
         return Input(self.response[:, :, slot, runs], L * self.score[:, slot, runs], L)
@@ -138,12 +138,12 @@ class Input(NamedTuple):
     variance: Array
 
     def correct(self, state: Gaussian) -> Gaussian:
-        """Return ``N(x + M u, P + M L M')``: the quiescent state with the input's effect added."""
+        """Correct the quiescent state by the input's effect: ``N(x + M u, P + M L M')``."""
         M, L = self.response, self.variance
         return Gaussian(state.mean + M * self.u, state.cov + M[:, None] * L * M[None])
 
     def augment(self, state: Gaussian) -> Gaussian:
-        """Return ``[x + M u; u]`` with ``[P + M L M', M L; L M', L]``: the input is a component."""
+        """Add the input as a component: ``[x + M u; u]`` with ``[P + M L M', M L; L M', L]``."""
         corrected, (M, u, L) = self.correct(state), self
         ML = np.broadcast_to(M * L, corrected.cov[:, 0].shape)
         # Stack the blocks [P + M L M', M L] and [L M', L].

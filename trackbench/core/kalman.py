@@ -39,7 +39,7 @@ class Innovation(NamedTuple):
         return np.where(missing.all(axis=0), np.nan, nis)
 
     def nis_and_scale(self) -> tuple[Array, Array, Array]:
-        """Return NIS (*batch), and mantissa and exponent of sqrt(det S), from one Cholesky factor."""
+        """Compute NIS (*batch), and mantissa and exponent of sqrt(det S), from one Cholesky factor."""
         L = linalg.cholesky(self.S) if self.root is None else self.root
         known = np.where(np.isnan(self.nu), 0.0, self.nu) if any_nan(self.nu) else self.nu
         return linalg.mahalanobis(known, self.S, L), *linalg.root_determinant(L)
@@ -66,7 +66,7 @@ Updated: TypeAlias = tuple[Gaussian, Innovation]
 
 
 def predict(state: Gaussian, F: Array, Q: Array, mean: Array | None = None) -> Gaussian:
-    """Return the prediction ``N(F m, F P F' + Q)``.
+    """Predict: ``N(F m, F P F' + Q)``.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def update(predicted: Gaussian, nu: Array, H: Array, R: Array) -> Updated:
 def track(
     prior: Gaussian, F: Array, Q: Array, H: Array, R: Array, z: Array
 ) -> tuple[Gaussian, Innovation, Array] | None:
-    """Return posteriors, innovations and NIS of all steps of a linear model with constant matrices.
+    """Filter all steps of a linear model with constant matrices: posteriors, innovations and NIS.
 
     The bytes are those of `predict`, `update` and `Innovation.nis` step by step, in a fraction of the
     time for few runs.
@@ -175,7 +175,7 @@ def track(
 
 
 def update_roots(m: Array, nu: Array, dx: Array, dz: Array, R: Array) -> tuple[Factored, Array]:
-    """Return the posterior, and the root of S, of ``P = dx dx'``, ``C = dx dz'``, ``S = dz dz' + R``.
+    """Update by roots: posterior, and root of S, of ``P = dx dx'``, ``C = dx dz'``, ``S = dz dz' + R``.
 
     ``[dz R^1/2; dx 0] = [S^1/2 0; G P^1/2] Q'``, mean ``m + G S^-1/2 nu`` (Kaminski, Bryson & Schmidt
     1971; for points Arasaratnam & Haykin 2009, appendix).
@@ -191,7 +191,7 @@ def update_roots(m: Array, nu: Array, dx: Array, dz: Array, R: Array) -> tuple[F
 
 
 def drop_missing(H: Array, R: Array, missing: Mask) -> tuple[Array, Array]:
-    """Return H without the rows, R without the rows and columns, of missing components (n_z, *batch).
+    """Leave missing components (n_z, *batch) out of H (rows) and of R (rows and columns).
 
     The shapes stay as they are: a row of H becomes zero. Constant matrices stay constant if the same
     components are missing in all runs.
@@ -205,7 +205,7 @@ def drop_missing(H: Array, R: Array, missing: Mask) -> tuple[Array, Array]:
 
 
 def drop_missing_cov(R: Array, missing: Mask) -> Array:
-    """Return R without the rows and columns of missing components (n_z, *batch).
+    """Leave missing components (n_z, *batch) out of the rows and columns of R.
 
     They become those of a unit matrix: the variance has no effect, because H is zero there.
     """
@@ -216,7 +216,7 @@ def drop_missing_cov(R: Array, missing: Mask) -> Array:
 
 
 def log_prob_of_measured(nu: Array, cov: Array, missing: Mask, root: Array | None = None) -> Array:
-    """Return log N(nu; 0, cov) (*batch) of the measured components of nu (n_z, *batch)."""
+    """Evaluate log N(nu; 0, cov) (*batch) of the measured components of nu (n_z, *batch)."""
     value = zero_mean_log_prob(np.where(missing, 0.0, nu), cov, root)
     # Each missing component has entered with the density of N(0, 1) at zero.
     value += 0.5 * LOG_2PI * missing.sum(axis=0)
@@ -224,7 +224,7 @@ def log_prob_of_measured(nu: Array, cov: Array, missing: Mask, root: Array | Non
 
 
 def update_with_gain(predicted: Gaussian, nu: Array, K: Array, H: Array, R: Array) -> Gaussian:
-    """Return the update by any gain K; a run with a missing component keeps its prediction."""
+    """Update by any gain K; a run with a missing component keeps its prediction."""
     if any_nan(nu):
         missing = np.isnan(nu).any(axis=0) & np.isfinite(predicted.mean).all(axis=0)
         # K = 0 leaves mean and covariance at the prediction.
@@ -242,7 +242,7 @@ def _with_gain(predicted: Gaussian, nu: Array, K: Array, H: Array, R: Array) -> 
 
 @once
 def gain(P: Array, H: Array, R: Array) -> tuple[Array, Array]:
-    """Return ``S = H P H' + R`` and ``K = P H' S^-1``."""
+    """Compute ``S = H P H' + R`` and ``K = P H' S^-1``."""
     if compiled.kernels:
         n_z, n, *batch = len(H), *P.shape[1:]
         S, K = np.empty((n_z, n_z, *batch)), np.empty((n, n_z, *batch))
@@ -258,7 +258,7 @@ def gain(P: Array, H: Array, R: Array) -> tuple[Array, Array]:
 
 @once
 def _joseph(P: Array, K: Array, H: Array, R: Array) -> Array:
-    """Return ``(I - K H) P (I - K H)' + K R K'``."""
+    """Compute ``(I - K H) P (I - K H)' + K R K'``."""
     if compiled.kernels:
         out = np.empty(P.shape)
         if compiled.kernels.joseph(P, H, R, K, out):
@@ -268,7 +268,7 @@ def _joseph(P: Array, K: Array, H: Array, R: Array) -> Array:
 
 
 def condition(predicted: Gaussian, nu: Array, C: Array, S: Array) -> Gaussian:
-    """Return mean ``m + K nu`` and covariance ``P - K S K'`` with ``K = C S^-1``, C = cov(x, z)."""
+    """Condition on nu: mean ``m + K nu``, covariance ``P - K S K'``, ``K = C S^-1``, C = cov(x, z)."""
     m, P = predicted.mean, predicted.cov
     if compiled.kernels:
         mean, cov = np.empty(m.shape), np.empty(P.shape)

@@ -21,7 +21,7 @@ _SWEEPS = 40  # of rotations; convergence is quadratic, after some ten
 
 
 def matvec(A: Array, x: Array) -> Array:
-    """Return ``A x`` for A (n, m) or (n, m, *batch) and x (m, *batch); shape (n, *batch)."""
+    """Compute ``A x`` for A (n, m) or (n, m, *batch) and x (m, *batch); shape (n, *batch)."""
     if compiled.kernels and x.ndim > 1:
         out = np.empty((len(A), *x.shape[1:]))
         if compiled.kernels.product(A, x, out, 1):
@@ -32,7 +32,7 @@ def matvec(A: Array, x: Array) -> Array:
 
 
 def lower_product(L: Array, x: Array) -> Array:
-    """Return ``L x`` for a lower triangle per run L (n, n, M) and particles x (n, M, N)."""
+    """Compute ``L x`` for a lower triangle per run L (n, n, M) and particles x (n, M, N)."""
     out = np.empty_like(x)
     for i, row in enumerate(out):
         np.multiply(L[i, 0][:, None], x[0], out=row)
@@ -42,7 +42,7 @@ def lower_product(L: Array, x: Array) -> Array:
 
 
 def matmul(A: Array, B: Array) -> Array:
-    """Return ``A B`` for A (n, m[, *batch]) and B (m, p[, *batch]); shape (n, p[, *batch])."""
+    """Compute ``A B`` for A (n, m[, *batch]) and B (m, p[, *batch]); shape (n, p[, *batch])."""
     if compiled.kernels:
         out = np.empty((len(A), B.shape[1], *(A if A.ndim > 2 else B).shape[2:]))
         if compiled.kernels.product(A, B, out, 0):
@@ -58,12 +58,12 @@ def matmul(A: Array, B: Array) -> Array:
 
 
 def transpose(A: Array) -> Array:
-    """Return ``A'``: the first two axes swapped (a view)."""
+    """Swap the first two axes: ``A'`` (a view)."""
     return A.swapaxes(0, 1)
 
 
 def sandwich(F: Array, P: Array) -> Array:
-    """Return ``F P F'`` for symmetric P, exactly symmetric."""
+    """Compute ``F P F'`` for symmetric P, exactly symmetric."""
     if compiled.kernels:
         out = np.empty((len(F), len(F), *(F if F.ndim > 2 else P).shape[2:]))
         if compiled.kernels.sandwich(F, P, out):
@@ -73,19 +73,19 @@ def sandwich(F: Array, P: Array) -> Array:
 
 
 def symmetrize(P: Array) -> Array:
-    """Return ``(P + P') / 2``."""
+    """Compute ``(P + P') / 2``."""
     if len(P) == 1:
         return P.copy()
     return 0.5 * (P + transpose(P))
 
 
 def outer(a: Array, b: Array) -> Array:
-    """Return ``a b'`` for vectors (n, *batch) and (m, *batch)."""
+    """Compute ``a b'`` for vectors (n, *batch) and (m, *batch)."""
     return np.asarray(a[:, None] * b[None, :])
 
 
 def identity_minus(A: Array) -> Array:
-    """Return ``I - A`` for square A."""
+    """Compute ``I - A`` for square A."""
     out = -A
     for i in range(A.shape[0]):
         out[i, i] += 1.0
@@ -93,18 +93,18 @@ def identity_minus(A: Array) -> Array:
 
 
 def diagonal(A: Array) -> Array:
-    """Return the diagonal as a vector (n, *batch)."""
+    """Stack the diagonal to a vector (n, *batch)."""
     return np.stack([A[i, i] for i in range(A.shape[0])])
 
 
 def trace(A: Array) -> Array:
-    """Return the sum of the diagonal (*batch)."""
+    """Sum the diagonal (*batch)."""
     return _sum_of(list(diagonal(A)))
 
 
 @once
 def cholesky(P: Array) -> Array:
-    """Return lower L with ``L L' = P``; a batch member that is not positive definite becomes NaN.
+    """Factor ``P = L L'``, L lower; a batch member that is not positive definite becomes NaN.
 
     A component with variance zero gets a column of zeros. The rounding error is invariant under
     diagonal scaling, so meters beside meters per second need no scaling.
@@ -121,7 +121,7 @@ def cholesky(P: Array) -> Array:
 
 @once
 def root(P: Array) -> Array:
-    """Return lower L with ``L L' = P`` of a covariance that may be singular, as ``q G G'`` is.
+    """Factor ``P = L L'``, L lower, of a covariance that may be singular, as ``q G G'`` is.
 
     It serves draws and sigma points; a matrix to be inverted needs `cholesky`.
     """
@@ -130,12 +130,12 @@ def root(P: Array) -> Array:
 
 
 def root_in_range(P: Array) -> Array:
-    """Return lower L with ``L L' = P``, with a column of zeros where only rounding is left of P."""
+    """Factor ``P = L L'``, L lower, with a column of zeros where only rounding is left of P."""
     return _factor(P, SINGULAR)
 
 
 def _factor(P: Array, tolerance: float) -> Array:
-    """Return the Cholesky factor; a pivot below this share of its variance has a zero column."""
+    """Factor by Cholesky; a pivot below this share of its variance has a zero column."""
     if P.ndim == 2:
         return _factor_of_one(P, tolerance)
     n = P.shape[0]
@@ -165,7 +165,7 @@ def _factor(P: Array, tolerance: float) -> Array:
 
 
 def _factor_of_one(P: Array, tolerance: float) -> Array:
-    """Return the factor of a constant matrix by Python floats, ten times as fast as by arrays."""
+    """Factor a constant matrix by Python floats, ten times as fast as by arrays."""
     rows, n = P.tolist(), len(P)
     L = [[0.0] * n for _ in range(n)]
     for j in range(n):
@@ -185,14 +185,14 @@ def _factor_of_one(P: Array, tolerance: float) -> Array:
 
 
 def _minus_products(value: float, a: list[float], b: list[float], n: int) -> float:
-    """Return ``value`` minus the first n products, in order (`sum` differs from Python 3.12 on)."""
+    """Subtract the first n products from ``value``, in order (`sum` differs from Python 3.12 on)."""
     for i in range(n):
         value -= a[i] * b[i]
     return value
 
 
 def root_determinant(L: Array) -> tuple[Array, Array]:
-    """Return the product (*batch) of a triangle's diagonal as ``m 2^e``: mantissa m and exponent e.
+    """Multiply a triangle's diagonal (*batch) to ``m 2^e``: mantissa m and exponent e.
 
     The product of many small pivots is below the range of floats; its exponent is not.
     """
@@ -204,17 +204,17 @@ def root_determinant(L: Array) -> tuple[Array, Array]:
 
 
 def is_singular(P: Array) -> bool:
-    """Return whether a covariance (n, n) leaves a direction without spread."""
+    """Test whether a covariance (n, n) leaves a direction without spread."""
     return bool((np.diagonal(root_in_range(P)) == 0.0).any())
 
 
 def solve_lower(L: Array, b: Array) -> Array:
-    """Return ``L^-1 b`` for lower triangular L (n, n[, *batch]) and b (n, ...)."""
+    """Compute ``L^-1 b`` for lower triangular L (n, n[, *batch]) and b (n, ...)."""
     return b * (1.0 / L[0]) if len(L) == 1 else np.array(whiten(L, b))
 
 
 def whiten(L: Array, b: Array) -> list[Array]:
-    """Return the rows of ``L^-1 b`` as new arrays."""
+    """Solve ``L y = b``; the rows of y are new arrays."""
     if compiled.kernels and b.ndim > 1:
         out = np.empty(b.shape)
         if compiled.kernels.whiten(L, b, out):
@@ -231,7 +231,7 @@ def whiten(L: Array, b: Array) -> list[Array]:
 
 
 def inverse(S: Array) -> Array:
-    """Return ``S^-1`` of a symmetric positive definite S (n, n[, *batch])."""
+    """Compute ``S^-1`` of a symmetric positive definite S (n, n[, *batch])."""
     if S.shape[0] == 1:
         return np.asarray(1.0 / S)
     if S.shape[0] == 2:
@@ -257,7 +257,7 @@ def _inverse_of_two(S: Array) -> Array:
 
 
 def mahalanobis(e: Array, P: Array, root: Array | None = None) -> Array:
-    """Return ``e' P^-1 e`` (*batch) for e (n, *batch) and P (n, n[, *batch]), or its lower root."""
+    """Compute ``e' P^-1 e`` (*batch) for e (n, *batch) and P (n, n[, *batch]), or its lower root."""
     if root is None and len(P) == 1:
         return np.asarray(e[0] * e[0] / np.where(P[0, 0] > 0.0, P[0, 0], np.nan))
     L = cholesky(P) if root is None else root
@@ -269,7 +269,7 @@ def mahalanobis(e: Array, P: Array, root: Array | None = None) -> Array:
 
 
 def distance(e: Array, P: Array) -> Array:
-    """Return ``e' P^-1 e`` (*batch); infinite for a finite error and a singular P."""
+    """Compute ``e' P^-1 e`` (*batch); infinite for a finite error and a singular P."""
     squared = mahalanobis(e, P)
     if not np.isnan(squared).any():
         return squared
@@ -300,7 +300,7 @@ def _sum_of(terms: list[Array]) -> Array:
 
 
 def solve_singular(P: Array, C: Array) -> Array:
-    """Return ``P^-1 C`` for C (n, m[, *batch]) and a covariance P (n, n[, *batch]).
+    """Compute ``P^-1 C`` for C (n, m[, *batch]) and a covariance P (n, n[, *batch]).
 
     It is zero along directions in which P is singular.
     """
@@ -323,7 +323,7 @@ def solve_singular(P: Array, C: Array) -> Array:
 
 
 def eigen(A: Array) -> tuple[Array, Array]:
-    """Return eigenvalues w (n, *batch) and vectors V of symmetric A (n, n[, *batch]), A = V diag(w) V'.
+    """Decompose symmetric A (n, n[, *batch]) = V diag(w) V': eigenvalues w (n, *batch), vectors V.
 
     Cyclic Jacobi rotations (Golub & Van Loan 2013, section 8.5) of each batch member by itself.
     """
@@ -365,7 +365,7 @@ def _rotate(A: Array, V: Array, p: int, q: int) -> bool:
 
 
 def beside(*blocks: Array) -> Array:
-    """Return ``[A B ...]`` of matrices (n, m[, *batch]) with the batch axes of all."""
+    """Put matrices (n, m[, *batch]) beside each other, ``[A B ...]``, with the batch axes of all."""
     batch = np.broadcast_shapes(*(A.shape[2:] for A in blocks))
     wide = [with_trailing(A, len(batch), leading=2) for A in blocks]
     return np.concatenate([np.broadcast_to(A, (*A.shape[:2], *batch)) for A in wide], axis=1)
@@ -373,7 +373,7 @@ def beside(*blocks: Array) -> Array:
 
 @once
 def triangular(A: Array) -> Array:
-    """Return lower L with ``L L' = A A'`` for A (n, m[, *batch]), m >= n, without forming A A'.
+    """Factor ``A A' = L L'``, L lower, for A (n, m[, *batch]), m >= n, without forming A A'.
 
     Householder reflections make ``A Q = [L 0]`` (Golub & Van Loan 2013, section 5.2).
     """

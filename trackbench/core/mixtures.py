@@ -49,7 +49,7 @@ def predict_weights(weights: Array, transition: Array) -> tuple[Array, Array]:
 def update_weights(
     predicted: Array, nis: Array, mantissa: Array | float = 1.0, exponent: Array | int = 0
 ) -> Array:
-    """Return model probabilities after Gaussian likelihoods ``exp(-nis / 2) / sqrt(det S)``.
+    """Update model probabilities by Gaussian likelihoods ``exp(-nis / 2) / sqrt(det S)``.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def log_mixture(weights: Array, log_densities: Array) -> Array:
 def combine(
     states: Sequence[Gaussian], weights: Array, without_spread: Sequence[Sequence[int]] = ()
 ) -> Gaussian:
-    """Return the moments of a mixture of Gaussians.
+    """Combine a mixture of Gaussians to its moments.
 
     ``m = sum_j w_j m_j`` and ``P = sum_j w_j (P_j + (m_j - m) (m_j - m)')``.
 
@@ -122,7 +122,7 @@ def combine(
 def given_later(
     predicted: Sequence[Gaussian], mixing: Array, later: Gaussian
 ) -> tuple[list[Gaussian], Array]:
-    """Return each of r predictions given later measurements too, and the log (r, M) of their likelihood.
+    """Condition each of r predictions on later measurements, with the log (r, M) of their likelihood.
 
     The likelihood is ``later(x) / mixed(x)``, by the smoothed and the predicted mixture of all r
     (Heskes & Zoeter 2002). It is taken as 1 in a run where it would widen a prediction.
@@ -192,7 +192,7 @@ class GaussianMixture(Symmetric):
         return x
 
     def log_prob(self, x: Array) -> Array:
-        """Return ``log sum_j w_j N(x; m_j, P_j)``."""
+        """Compute ``log sum_j w_j N(x; m_j, P_j)``."""
         axes = x.ndim - 1
         logs = [Gaussian(with_trailing(p.mean, axes), p.cov).log_prob(x) for p in self.parts]
         return log_mixture(with_trailing(self.weights, axes), np.stack(logs))
@@ -213,7 +213,7 @@ class GaussianMixture(Symmetric):
 
 
 def pad(state: Gaussian, like: Gaussian, shared: Common, unbiased: bool) -> Gaussian:
-    """Return a state (n, M) in the components of another model's state, to mix with it.
+    """Fill a state (n, M) up to the components of another model's state, to mix with it.
 
     Components that only the other model has come from its mean and covariance if ``unbiased`` (Yuan,
     Bar-Shalom et al. 2012), and else are zero. Components that only this state has are dropped.
@@ -243,6 +243,6 @@ def _block(components: tuple[int, ...]) -> tuple[Index, ...]:
 
 @cache
 def common_components(of: tuple[str, ...], like: tuple[str, ...]) -> Common:
-    """Return the positions of the components that two models share."""
+    """Find the positions of the components that two models share."""
     names = [name for name in like if name in of]
     return tuple(of.index(name) for name in names), tuple(like.index(name) for name in names)

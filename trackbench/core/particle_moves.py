@@ -89,7 +89,7 @@ def crossover(x: Array, mutant: Array, CR: float, rng: Streams) -> Array:
 
 
 def distinct_pairs(runs: int, N: int, rng: Streams) -> tuple[Index, Index]:
-    """Return flat indices r1, r2 (M, N), uniform over pairs with r1, r2, i all different; N >= 3."""
+    """Draw flat indices r1, r2 (M, N), uniform over pairs with r1, r2, i all different; N >= 3."""
     # Step 1: draw r1 = i + steps[0], 1 <= steps[0] <= N - 1.
     u = rng.random((2, runs, N))
     if compiled.kernels:
@@ -128,7 +128,7 @@ class Mode(NamedTuple):
 
 
 def displaced(x: Array, T: float, nu: Array, K: float) -> Array:
-    """Return particles x (4, M, N) of (px, vx, py, vy) after a time T, as a new array.
+    """Move particles x (4, M, N) of (px, vx, py, vy) by a time T, into a new array.
 
     ``p' = p + T v + nu`` and ``v' = v + K nu`` along each axis, with displacements nu (2, M, N).
     """
@@ -143,7 +143,7 @@ def displaced(x: Array, T: float, nu: Array, K: float) -> Array:
 
 
 def bandwidth(n: int, N: Array | int, kernel: Kernel) -> Array:
-    """Return the optimal bandwidth for N particles, () or (M,), in n dimensions.
+    """Choose the optimal bandwidth for N particles, () or (M,), in n dimensions.
 
     Epanechnikov: ``[8 (n + 4) (2 sqrt pi)^n / c_n]^(1/(n+4)) N^(-1/(n+4))`` with c_n the volume of the
     unit ball; Gaussian: ``[4 / (n + 2)]^(1/(n+4)) N^(-1/(n+4))``.
@@ -164,7 +164,7 @@ def _unit_ball(n: int) -> float:
 
 
 def kernel_draws(kernel: Kernel, shape: tuple[int, ...], rng: Streams) -> Array:
-    """Return draws (n, *batch) from the standard kernel.
+    """Draw (n, *batch) from the standard kernel.
 
     An Epanechnikov draw is the first n coordinates of a uniform point on the sphere in n + 4
     dimensions: each dropped pair of coordinates raises the power of ``1 - r^2`` by one, from -1.
@@ -185,7 +185,7 @@ def kernel_draws(kernel: Kernel, shape: tuple[int, ...], rng: Streams) -> Array:
 
 
 def jitter(x: Array, cov: Array, kernel: Kernel, rng: Streams, scale: float = 1.0) -> Array:
-    """Return ``x + scale h A e`` for particles x (n, M, N) with covariance ``A A'`` (n, n, M).
+    """Move particles x (n, M, N) with covariance ``A A'`` (n, n, M) to ``x + scale h A e``.
 
     A run whose covariance is singular keeps its particles.
     """
@@ -210,7 +210,7 @@ def jitter_modes(
 
 
 def _moved(x: Array, A: Array, e: Array, members: Mask | None) -> Array:
-    """Return ``x + A e`` for a lower triangle per run A (n, n, M), where the members (M, N) are set."""
+    """Move the members (M, N) to ``x + A e`` for a lower triangle per run A (n, n, M)."""
     mask = np.zeros(0, np.bool_) if members is None else members  # empty: all are members
     fits = A.shape[2:] == x.shape[1:2] and mask.shape in ((0,), x.shape[1:])
     alike = x.dtype == A.dtype == e.dtype == np.float64 and mask.dtype == np.bool_
@@ -228,7 +228,7 @@ _bandwidth_of_all = lru_cache(bandwidth)
 
 
 def _spread(cov: Array) -> Array:
-    """Return the Cholesky factor (n, n, M), zero for a singular covariance."""
+    """Factor a covariance (n, n, M) by Cholesky, zero where it is singular."""
     A = linalg.cholesky(cov)
     if all_finite(A):
         return A

@@ -34,11 +34,11 @@ class Particles(NamedTuple):
         return dot(self.x, self.w)
 
     def expectation(self, g: Callable[[Array], dict[str, Array]]) -> dict[str, Array]:
-        """Return weighted means (M,) of functions g (M, N) of the particles."""
+        """Average functions g (M, N) of the particles by their weights (M,)."""
         return {name: dot(self.w, v) for name, v in g(self.x).items()}
 
     def moments(self) -> Gaussian:
-        """Return weighted mean and covariance, computed about the mean to keep digits."""
+        """Compute weighted mean and covariance, about the mean to keep digits."""
         x = np.asarray(self.x, dtype=np.float64)
         if compiled.kernels:
             n, runs, _ = x.shape
@@ -111,7 +111,7 @@ def equal_weights(runs: int, N: int) -> Array:
 
 
 def read_likelihood(log_likelihood: Array, reading: WeightReading) -> Array:
-    """Return a log-likelihood as a program with another arithmetic computes it.
+    """Read a log-likelihood as a program with another arithmetic computes it.
 
     ``log``: unchanged. ``naive``: exp() in float64, zero below 5e-324. ``floor``: likelihood + 1e-99,
     the guard of van der Merwe's public demo. The last two exist to reproduce published numbers.
@@ -124,7 +124,7 @@ def read_likelihood(log_likelihood: Array, reading: WeightReading) -> Array:
 
 
 def normalize(log_w: Array) -> Weights:
-    """Return normalized weights from log-weights (M, N).
+    """Normalize log-weights (M, N) to weights.
 
     A run whose log-weights are all -inf gets equal weights and is marked as collapsed. A run with a NaN
     or +inf among them becomes NaN as a whole, which marks it as diverged.
@@ -166,7 +166,7 @@ def _constants() -> Array:
 
 
 def _row_maxima(a: Array) -> Array:
-    """Return the largest entry of each row (M,), six times as fast as numpy for short rows."""
+    """Find the largest entry of each row (M,), six times as fast as numpy for short rows."""
     if a.shape[-1] < _SHORT:
         return np.asarray(np.ascontiguousarray(a.T).max(axis=0))
     return np.asarray(a.max(axis=-1))

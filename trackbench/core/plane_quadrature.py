@@ -79,7 +79,7 @@ class Box:
         return np.asarray((v - self.low[:, None]) / self.step[:, None] - 0.5)
 
     def part(self, first: Array, last: Array, n: int) -> "Box":
-        """Return a box of n by n nodes over the cells from first to last of each axis."""
+        """Cut a box of n by n nodes out of the cells from first to last of each axis."""
         high = self.low + (last + 1) * self.step
         low = self.low + first * self.step
         return Box(self.basis, low, (high - low) / n, (n, n))
@@ -110,7 +110,7 @@ class Plane:
 
 
 def over_prior(prior: Gaussian, n: int) -> Plane:
-    """Return a prior N(mean (2,), cov) on n by n nodes over 8.5 standard deviations."""
+    """Put a prior N(mean (2,), cov) on n by n nodes over 8.5 standard deviations."""
     basis = linalg.cholesky(prior.cov)
     span = np.full(2, np.sqrt(2.0 * _DEPTH))
     center = linalg.matvec(_inverse(basis), prior.mean)
@@ -122,7 +122,7 @@ def over_prior(prior: Gaussian, n: int) -> Plane:
 def condition(
     old: Plane | Array, motion: Map, log_likelihood: Callable[[Array], Array], n: int
 ) -> Plane:
-    """Return the posterior on n by n nodes after one step of the motion and one measurement.
+    """Condition on one step of the motion and one measurement, on n by n nodes.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def condition(
 
 
 def _predicted_box(old: Plane | Array, motion: Map, n: int) -> tuple[Box, Array]:
-    """Return a box of n by n nodes around the prediction, and the noise's variances on its axes."""
+    """Lay a box of n by n nodes around the prediction, with the noise's variances on its axes."""
     if isinstance(old, Plane):
         likely = old.within(_DEPTH)
         moved, mass = motion.f(old.box.nodes[:, likely]), old.mass[likely]
@@ -184,7 +184,7 @@ def _predicted_box(old: Plane | Array, motion: Map, n: int) -> tuple[Box, Array]
 def _predictor(
     old: Plane | Array, motion: Map, box: Box, variances: Array
 ) -> tuple[Callable[[Box], Array], Array]:
-    """Return the way to compute the prediction's log-density in a part of the box, and that in all."""
+    """Choose the way to compute the prediction's log-density in a part of the box; use it for all."""
     if not isinstance(old, Plane):
         if not np.all(variances > 0.0):
             raise UnresolvedError("a known first state needs noise of both components")
@@ -213,7 +213,7 @@ def _predictor(
 
 
 def _of_known(state: Array, motion: Map, variances: Array, box: Box) -> Array:
-    """Return log N(x'; f(x), Q) of a known state x (2,), in the axes of the box."""
+    """Evaluate log N(x'; f(x), Q) of a known state x (2,), in the axes of the box."""
     v = linalg.matvec(_inverse(box.basis), box.nodes - motion.f(state[:, None]))
     return np.asarray(-0.5 * total(v * v / variances[:, None], axis=0) - _scale(box, variances))
 
@@ -224,7 +224,7 @@ def _scale(box: Box, variances: Array) -> Array:
 
 
 def _parts(old: Plane, motion: Map, basis: Array, variances: Array) -> Array:
-    """Return how many parts of a cell (2,) have images within a standard deviation of the noise."""
+    """Count the parts of a cell (2,) that have images within a standard deviation of the noise."""
     counts = old.within(_RELEVANT).reshape(old.box.shape)
     moved = linalg.matvec(_inverse(basis), motion.f(old.box.nodes)).reshape(2, *old.box.shape)
     parts = []
@@ -238,7 +238,7 @@ def _parts(old: Plane, motion: Map, basis: Array, variances: Array) -> Array:
 
 
 def _keeps_orientation(old: Plane, motion: Map) -> bool:
-    """Return whether the Jacobian's determinant has one sign at all nodes that count."""
+    """Test whether the Jacobian's determinant has one sign at all nodes that count."""
     counts = old.within(_RELEVANT)
     determinants = _determinant(motion.jacobian(old.box.nodes[:, counts]))
     return bool((determinants > 0.0).all() or (determinants < 0.0).all())
@@ -259,7 +259,7 @@ def _by_sums(old: Plane, motion: Map, variances: Array, box: Box) -> Array:
 
 
 def _by_inverse(old: Plane, motion: Map, variances: Array, box: Box) -> Array:
-    """Return the log-density by the inverse of the map, convolved with the noise.
+    """Move the log-density by the inverse of the map, and convolve it with the noise.
 
     Without noise it is ``p(f^-1(x')) / |det F|`` at x', F the Jacobian at f^-1(x').
     """
@@ -284,7 +284,7 @@ def _by_inverse(old: Plane, motion: Map, variances: Array, box: Box) -> Array:
 
 
 def _origins(old: Plane, motion: Map, target: Array) -> tuple[Array, Array]:
-    """Return f^-1 (2, N) of states and the Jacobians there, by Newton's method."""
+    """Solve f(x) = target (2, N) by Newton's method; give the Jacobians there as well."""
     # Start from the map's linear part at the mean.
     mean = old.moments.mean[:, None]
     x = mean + linalg.matvec(_inverse(motion.jacobian(mean)), target - motion.f(mean))
@@ -297,7 +297,7 @@ def _origins(old: Plane, motion: Map, target: Array) -> tuple[Array, Array]:
 
 
 def _interpolate(plane: Plane, x: Array) -> Array:
-    """Return the log-density (N,) at states: that of its Gaussian, and the interpolated difference.
+    """Interpolate the log-density (N,) at states: that of its Gaussian, and the difference from it.
 
     Beyond the box the difference is that at its edge, so the tails stay smooth.
     """
@@ -329,7 +329,7 @@ def _normal_part(normal: Gaussian, x: Array) -> Array:
 
 
 def _blurred(log_density: Array, first: int, n: int, spread: float) -> Array:
-    """Return n rows from the first, convolved along the columns with noise of so many rows."""
+    """Convolve n rows from the first along the columns with noise of so many rows."""
     unblurred = log_density[first : first + n]
     if spread == 0.0:
         return unblurred
@@ -350,7 +350,7 @@ def _blurred(log_density: Array, first: int, n: int, spread: float) -> Array:
 
 
 def _sum_of_products(a: Array, b: Array) -> Array:
-    """Return ``sum_j a_j b_j'`` (n, p) of rows a (m, n) and b (m, p), in order."""
+    """Compute ``sum_j a_j b_j'`` (n, p) of rows a (m, n) and b (m, p), in order."""
     out = np.zeros((a.shape[1], b.shape[1]))
     for column, row in zip(a, b, strict=True):
         out += column[:, None] * row
@@ -358,7 +358,7 @@ def _sum_of_products(a: Array, b: Array) -> Array:
 
 
 def _lagrange(t: Array) -> list[Array]:
-    """Return the weights of six neighbors at `_OFFSETS` for the polynomial at t in [0, 1]."""
+    """Weigh six neighbors at `_OFFSETS` for the polynomial at t in [0, 1]."""
     weights = []
     for i in _OFFSETS:
         weight = np.ones_like(t)
@@ -384,5 +384,5 @@ def _determinant(A: Array) -> Array:
 
 
 def _inverse(A: Array) -> Array:
-    """Return the inverse of a matrix (2, 2[, N]) that need not be symmetric."""
+    """Invert a matrix (2, 2[, N]) that need not be symmetric."""
     return np.array([[A[1, 1], -A[0, 1]], [-A[1, 0], A[0, 0]]]) / _determinant(A)

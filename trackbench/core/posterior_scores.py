@@ -32,7 +32,7 @@ _WITHIN_ROUNDING = 100.0  # squared error, in units of rounding, of a state with
 
 @np.errstate(all="ignore")  # the root of a singular matrix is not finite
 def distance_in_range(e: Array, P: Array, at: Array) -> tuple[Array, Array | None]:
-    """Return ``e' P^+ e`` (*batch) and the rank of P (*batch), None if it is full everywhere.
+    """Compute ``e' P^+ e`` (*batch) and the rank of P (*batch), None if it is full everywhere.
 
     P (n, n[, *batch]) may be singular. The distance of an error in its range is then a chi-square of as
     many degrees of freedom as P has directions with spread; that of an error outside is infinite.
@@ -61,7 +61,7 @@ def distance_in_range(e: Array, P: Array, at: Array) -> tuple[Array, Array | Non
 
 
 def _whiten(L: Array, b: Array) -> Array:
-    """Return y with ``L y = b`` in the range of a lower triangle L, zero in its columns of zeros."""
+    """Solve ``L y = b`` in the range of a lower triangle L, zero in its columns of zeros."""
     y = np.zeros(np.broadcast_shapes(b.shape, L.shape[1:]))
     for i, pivot in enumerate(linalg.diagonal(L)):
         rest = b[i]
@@ -74,7 +74,7 @@ def _whiten(L: Array, b: Array) -> Array:
 def by_rank(
     function: Callable[[Array, int], Array], squared: Array, n: int, rank: Array | None
 ) -> Array:
-    """Return a function of squared distances and their degrees of freedom, NaN where there are none."""
+    """Apply a function to squared distances and their degrees of freedom, NaN where there are none."""
     value = function(squared, n)
     if rank is None:
         return value
@@ -150,12 +150,12 @@ class ParticlePosterior(Posterior):
     particles: Particles
 
     def below(self, x: Array) -> Array:
-        """Return the weight of the particles below, and half of that at x."""
+        """Sum the weight of the particles below, and half of that at x."""
         particles, at = self.particles.x[: len(x)], x[..., None]
         return _probability(dot(self.particles.w, (particles < at) + 0.5 * (particles == at)), x)
 
     def within(self, x: Array) -> Array:
-        """Return the weight of the particles nearer than x, each by the moments of all others and x."""
+        """Sum the weight of the particles nearer than x, each by the moments of all others and x."""
         of_x, of_each = self._distances(x)
         weight = dot(self.particles.w, (of_each < of_x[:, None]).astype(float))
         # An infinite distance is that of an x outside particles without spread.
@@ -200,7 +200,7 @@ class ParticlePosterior(Posterior):
             return of_x, np.maximum(pooled, _LEAST) / np.maximum(rest, _LEAST)
 
     def crps(self, x: Array) -> Array:
-        """Return ``E|X - x| - E|X - X'| / 2``, X and X' particles (Gneiting & Raftery 2007, eq. 21).
+        """Compute ``E|X - x| - E|X - X'| / 2``, X and X' particles (Gneiting & Raftery 2007, eq. 21).
 
         X' may be X: for N equal draws from the truth's law the mean is 1 + 1 / N times that law's score
         (Ferro 2014).
@@ -230,18 +230,18 @@ class LinePosterior(Posterior):
     panels: quadrature.Posterior
 
     def below(self, x: Array) -> Array:
-        """Return the density's integral up to x, by its interpolating polynomials."""
+        """Integrate the density up to x, by its interpolating polynomials."""
         return np.clip(quadrature.mass_below(self.panels, x[0]), 0.0, 1.0)[None]
 
     def within(self, x: Array) -> Array:
-        """Return the density's integral over the interval about the mean that ends at x."""
+        """Integrate the density over the interval about the mean that ends at x."""
         mean = quadrature.moments(self.panels).mean[0]
         reach = np.abs(x[0] - mean)
         inside = quadrature.mass_below(self.panels, mean + reach)
         return np.clip(inside - quadrature.mass_below(self.panels, mean - reach), 0.0, 1.0)
 
     def crps(self, x: Array) -> Array:
-        """Return ``E|X - x| - E|X - X'| / 2``, by the interpolating polynomials."""
+        """Compute ``E|X - x| - E|X - X'| / 2``, by the interpolating polynomials."""
         to_x = quadrature.distance_from(self.panels, x[0])
         return (to_x - quadrature.half_distance_within(self.panels))[None]
 
@@ -253,7 +253,7 @@ class PlanePosterior(Posterior):
     planes: tuple[Plane, ...]
 
     def below(self, x: Array) -> Array:
-        """Return the mass below each component of x, of cells taken as normal."""
+        """Sum the mass below each component of x, of cells taken as normal."""
         columns = []
         for plane, at in zip(self.planes, x.T, strict=True):
             # The standard deviation of a cell, uniform along both of its sides.
@@ -264,7 +264,7 @@ class PlanePosterior(Posterior):
         return np.stack(columns, axis=-1)
 
     def within(self, x: Array) -> Array:
-        """Return the mass of the nodes nearer to the mean than x."""
+        """Sum the mass of the nodes nearer to the mean than x."""
         masses = []
         for plane, at in zip(self.planes, x.T, strict=True):
             n, normal = len(at), plane.moments
@@ -274,7 +274,7 @@ class PlanePosterior(Posterior):
         return np.array(masses)
 
     def crps(self, x: Array) -> Array:
-        """Return the score of the nodes as weighted particles."""
+        """Score the nodes as weighted particles."""
         each = [
             ParticlePosterior(Particles(plane.box.nodes[:, None], plane.mass[None]))
             for plane in self.planes
@@ -283,11 +283,11 @@ class PlanePosterior(Posterior):
 
 
 def _probability(weight: Array, of: Array) -> Array:
-    """Return a sum of weights, at most one despite rounding; NaN where ``of`` is."""
+    """Limit a sum of weights to one despite rounding; NaN where ``of`` is."""
     return np.where(np.isnan(of), np.nan, np.minimum(weight, 1.0))
 
 
 def _ratio(error: Array, sd: Array) -> Array:
-    """Return error over standard deviation; infinite without a deviation, 0 without an error."""
+    """Divide error by standard deviation; infinite without a deviation, 0 without an error."""
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.where(error == 0.0, 0.0, error / sd)

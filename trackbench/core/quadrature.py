@@ -62,12 +62,12 @@ Transition = Callable[[Array], Callable[[Array], Array]]
 
 
 def point_mass(x: Array) -> Posterior:
-    """Return all mass at x (1, M): a panel of one node and no width."""
+    """Put all mass at x (1, M): a panel of one node and no width."""
     return (Panel(x[0], x[0], x, np.ones_like(x)),)
 
 
 def moments(posterior: Posterior) -> Gaussian:
-    """Return the mean (1, M) and variance (1, 1, M)."""
+    """Compute the mean (1, M) and variance (1, 1, M)."""
     x = np.concatenate([panel.x for panel in posterior])
     p = np.concatenate([panel.mass for panel in posterior])
     mean = total(p * x, axis=0)
@@ -75,7 +75,7 @@ def moments(posterior: Posterior) -> Gaussian:
 
 
 def hull(posterior: Posterior) -> Interval:
-    """Return the smallest interval (M,), (M,) that contains every nonempty panel."""
+    """Find the smallest interval (M,), (M,) that contains every nonempty panel."""
     nonempty = [(panel.half > 0.0) | panel.is_point for panel in posterior]
     low = [np.where(m, p.low, np.inf) for m, p in zip(nonempty, posterior, strict=True)]
     high = [np.where(m, p.high, -np.inf) for m, p in zip(nonempty, posterior, strict=True)]
@@ -83,7 +83,7 @@ def hull(posterior: Posterior) -> Interval:
 
 
 def nodes_between(intervals: Sequence[Interval], support: Interval, n: int) -> Posterior:
-    """Return panels of n nodes over each interval cut to the support, with density one.
+    """Lay panels of n nodes over each interval cut to the support, with density one.
 
     A panel that is empty in some runs has width zero there; one that is empty in all is left out.
     """
@@ -103,7 +103,7 @@ def nodes_between(intervals: Sequence[Interval], support: Interval, n: int) -> P
 
 
 def refined(posterior: Posterior, n: int) -> Posterior:
-    """Return the density at n nodes of each panel that has fewer, by its interpolating polynomial."""
+    """Interpolate the density at n nodes of each panel that has fewer, by its polynomial."""
     return tuple(
         panel
         if panel.is_point or len(panel.x) >= n
@@ -130,7 +130,7 @@ def condition(
     origins: Callable[[Array], Interval],
     likelihood: Callable[[Array], Array],
 ) -> Posterior:
-    """Return the posterior on new panels, ``p(z | x') int p(x' | x) p(x) dx / p(z)``.
+    """Condition on new panels, ``p(z | x') int p(x' | x) p(x) dx / p(z)``.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ def condition(
 
 
 def _push_forward(panel: Panel, x_new: Array, transition: Transition, origins: Interval) -> Array:
-    """Return the integral of the transition density over one panel of the prior, at x_new (J, M)."""
+    """Integrate the transition density over one panel of the prior, at x_new (J, M)."""
     if panel.is_point:
         return np.asarray(transition(panel.x)(x_new) * panel.density)
     n, middle = len(panel.x), len(x_new) // 2
@@ -193,12 +193,12 @@ def _push_forward(panel: Panel, x_new: Array, transition: Transition, origins: I
 
 
 def mass_below(posterior: Posterior, x: Array) -> Array:
-    """Return the probability (M,) below x (M,), by each panel's interpolating polynomial."""
+    """Sum the probability (M,) below x (M,), by each panel's interpolating polynomial."""
     return np.asarray(sum(_up_to(panel, x, panel.density) for panel in posterior))
 
 
 def distance_from(posterior: Posterior, x: Array) -> Array:
-    """Return ``E|X - x|`` (M,) for x (M,): E[X - x] less twice its part below x."""
+    """Compute ``E|X - x|`` (M,) for x (M,): E[X - x] less twice its part below x."""
     terms = []
     for panel in posterior:
         e = panel.x - x
@@ -208,7 +208,7 @@ def distance_from(posterior: Posterior, x: Array) -> Array:
 
 
 def half_distance_within(posterior: Posterior) -> Array:
-    """Return ``E|X - X'| / 2`` (M,) for two independent draws, by panels that do not overlap."""
+    """Compute ``E|X - X'| / 2`` (M,) for two independent draws, by panels that do not overlap."""
     # Two draws from different panels differ by the difference of the panels' means.
     parts = [(total(p.mass, axis=0), total(p.mass * p.x, axis=0)) for p in posterior]
     across = []
@@ -218,7 +218,7 @@ def half_distance_within(posterior: Posterior) -> Array:
 
 
 def _half_distance_in(panel: Panel) -> Array:
-    """Return the integral of ``F (m - F)`` over a panel of mass m, F the mass below."""
+    """Integrate ``F (m - F)`` over a panel of mass m, F the mass below."""
     if panel.is_point:
         return np.zeros_like(panel.low)
     n = len(panel.x)
@@ -230,7 +230,7 @@ def _half_distance_in(panel: Panel) -> Array:
 
 
 def _up_to(panel: Panel, x: Array, values: Array) -> Array:
-    """Return the integral (M,) of values (n, M) at a panel's nodes up to x (M,)."""
+    """Integrate values (n, M) at a panel's nodes up to x (M,)."""
     if panel.is_point:
         return np.where(panel.low < x, values[0], 0.0)
     weights = weights_up_to(_place_in(panel, x), len(panel.x))
@@ -238,13 +238,13 @@ def _up_to(panel: Panel, x: Array, values: Array) -> Array:
 
 
 def _place_in(panel: Panel, x: Array) -> Array:
-    """Return the place of x in a panel, from -1 to 1; its nearer end outside, NaN without width."""
+    """Place x in a panel, from -1 to 1; its nearer end outside, NaN without width."""
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.clip((x - 0.5 * (panel.low + panel.high)) / panel.half, -1.0, 1.0)
 
 
 def weights_up_to(t: Array, n: int) -> Array:
-    """Return weights (*t.shape, n) of the n-point rule for the integral from -1 to t.
+    """Weigh the nodes of the n-point rule (*t.shape, n) for the integral from -1 to t.
 
     The interpolating polynomial has Legendre coefficients ``(2 m + 1) / 2 sum_i w_i P_m(x_i) g_i``
     and ``(2 m + 1) int_-1^t P_m = P_{m+1}(t) - P_{m-1}(t)``; at t = 1 these are Gauss's weights.

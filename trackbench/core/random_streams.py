@@ -59,7 +59,7 @@ class RunStreams:
         self._waiting: dict[tuple[str, float], Array] = {}
 
     def standard_normal(self, size: tuple[int, ...]) -> Array:
-        """Return N(0, 1) variates."""
+        """Draw N(0, 1) variates."""
         return self._take(
             ("normal", 0.0),
             lambda: box_muller(self._columns(lambda g: g.bit_generator.random_raw(_CHUNK))),
@@ -67,11 +67,11 @@ class RunStreams:
         )
 
     def random(self, size: tuple[int, ...]) -> Array:
-        """Return uniform variates in [0, 1)."""
+        """Draw uniform variates in [0, 1)."""
         return self._take(("uniform", 0.0), lambda: self._columns(lambda g: g.random(_CHUNK)), size)
 
     def standard_gamma(self, shape: float, size: tuple[int, ...]) -> Array:
-        """Return Gamma(shape, rate 1) variates; by numpy unless the shape is a small whole number."""
+        """Draw Gamma(shape, rate 1) variates; by numpy unless the shape is a small whole number."""
         # Gamma(n) of whole n is the sum of n exponentials, -log of a product of uniforms.
         if is_erlang(shape):
             return erlang(self.random((int(shape), *_shape(size))))
@@ -82,18 +82,18 @@ class RunStreams:
         )
 
     def beside(self, number: int) -> "RunStreams":
-        """Return further streams of these runs, other ones for each number, beside the data's."""
+        """Open further streams of these runs, other ones for each number, beside the data's."""
         first = _BESIDE + 2 * number
         return RunStreams(self.seed, self.runs, (first, first + 1))
 
     def _columns(self, draw: Callable[[Generator], NDArray[D]]) -> NDArray[D]:
-        """Return a chunk of every run (_CHUNK, M)."""
+        """Draw a chunk of every run (_CHUNK, M)."""
         return np.stack([draw(g) for g in self._generators], axis=1)
 
     def _take(
         self, kind: tuple[str, float], more: Callable[[], Array], size: tuple[int, ...]
     ) -> Array:
-        """Return the next variates of a kind; ``more`` draws (_CHUNK, M) of them."""
+        """Take the next variates of a kind; ``more`` draws (_CHUNK, M) of them."""
         runs = len(self._generators)
         size = _shape(size)
         if size[-1:] != (runs,):
@@ -148,12 +148,12 @@ class SideBySide(_Joined):
 
 
 def side_by_side(blocks: Sequence[Generator], width: int) -> Generator:
-    """Return one stream for blocks of so many runs; typed as numpy's, whose draws it has three of."""
+    """Join the streams of blocks of so many runs; typed as numpy's, whose draws it has three of."""
     return blocks[0] if len(blocks) == 1 else cast(Generator, SideBySide(blocks, width))
 
 
 def position_of(stream: Generator) -> list[Any]:
-    """Return the place in a block's stream, or in those of several blocks, for `put_back`."""
+    """Note the place in a block's stream, or in those of several blocks, for `put_back`."""
     return [g.bit_generator.state for g in _generators_of(stream)]
 
 
@@ -187,7 +187,7 @@ class SomeRuns(_Joined):
 
 
 def _substream(block: Generator | SideBySide, step: int, run: int) -> Generator:
-    """Return the stream of a run at a step, by its number within its block."""
+    """Open the stream of a run at a step, by its number within its block."""
     if isinstance(block, SideBySide):
         number, run = divmod(run, block.width)
         block = block.blocks[number]
@@ -199,7 +199,7 @@ def _substream(block: Generator | SideBySide, step: int, run: int) -> Generator:
 
 
 def run_seeds(block: Generator, runs: int) -> list[int]:
-    """Return a number of 32 bits for each run of a block, to seed generators outside of Python."""
+    """Derive a number of 32 bits for each run of a block, to seed generators outside of Python."""
     seed = block.bit_generator.seed_seq
     assert isinstance(seed, SeedSequence)
     keys = ((*seed.spawn_key, run) for run in range(runs))
@@ -248,7 +248,7 @@ class NoiseGenerator(Generator):
         return type(self), (self.bit_generator,)
 
     def standard_normal(self, size: Any = None, *args: Any, **kwargs: Any) -> Any:
-        """Return N(0, 1) variates; by numpy for another dtype or output array."""
+        """Draw N(0, 1) variates; by numpy for another dtype or output array."""
         if args or kwargs:
             return super().standard_normal(size, *args, **kwargs)
         shape = _shape(size)
@@ -265,7 +265,7 @@ class NoiseGenerator(Generator):
         return out[: prod(shape)].reshape(shape)[()]
 
     def standard_gamma(self, shape: Any, size: Any = None, *args: Any, **kwargs: Any) -> Any:
-        """Return Gamma(shape, rate 1) variates; by numpy unless the shape is a small whole number."""
+        """Draw Gamma(shape, rate 1) variates; by numpy unless the shape is a small whole number."""
         if args or kwargs or not is_erlang(shape):
             return super().standard_gamma(shape, size, *args, **kwargs)
         whole, count = int(shape), prod(_shape(size))
@@ -285,19 +285,19 @@ class NoiseGenerator(Generator):
         return out.reshape(_shape(size))[()]
 
     def _look_up(self, table: Singles, words: int) -> Singles:
-        """Return four entries of the table for each word."""
+        """Look up four entries of the table for each word."""
         index = self.bit_generator.random_raw(words).view(np.uint16)
         drawn: Singles = table.take(index, mode="clip")
         return drawn
 
 
 def is_erlang(shape: Any) -> bool:
-    """Return whether a gamma variate of this shape is drawn as a sum of exponentials."""
+    """Test whether a gamma variate of this shape is drawn as a sum of exponentials."""
     return isinstance(shape, int | float) and shape in range(1, ERLANG + 1)
 
 
 def box_muller(words: Words) -> Array:
-    """Return N(0, 1) variates (n, M) from 64-bit words (n, M), n even (Box & Muller 1958)."""
+    """Transform 64-bit words (n, M), n even, to N(0, 1) variates (Box & Muller 1958)."""
     # r = sqrt(-2 log u1); r cos(2 pi u2) and r sin(2 pi u2) are independent normals.
     half = len(words) // 2
     r = np.sqrt(-2.0 * elementary.log(_open_unit(words[:half])))
@@ -306,7 +306,7 @@ def box_muller(words: Words) -> Array:
 
 
 def erlang(u: Array) -> Array:
-    """Return Gamma(n, rate 1) variates (...) from uniform ones (n, ...) in [0, 1)."""
+    """Transform uniform variates (n, ...) in [0, 1) to Gamma(n, rate 1) variates (...)."""
     product = 1.0 - u[0]  # in (0, 1]: its logarithm is finite
     for more in u[1:]:
         product *= 1.0 - more
@@ -315,7 +315,7 @@ def erlang(u: Array) -> Array:
 
 @cache
 def halved_normals() -> Singles:
-    """Return half of the normal's quantiles at the middles of 2^16 cells of equal probability."""
+    """Tabulate half of the normal's quantiles at the middles of 2^16 cells of equal probability."""
     # Step 1: the positive quantiles; the outermost is moved to give the table the normal's kurtosis.
     quantile = NormalDist().inv_cdf
     z = np.array([quantile((i + 0.5) / _CELLS) for i in range(_CELLS // 2, _CELLS)])
@@ -327,14 +327,14 @@ def halved_normals() -> Singles:
 
 @cache
 def exponentials() -> Singles:
-    """Return means of a standard exponential over 2^16 cells of equal probability."""
+    """Tabulate means of a standard exponential over 2^16 cells of equal probability."""
     u = np.arange(1, _CELLS + 1) / _CELLS
     primitive = np.concatenate([[0.0], u - u * elementary.log(u)])  # of -log u
     return _table(np.diff(primitive) * _CELLS)
 
 
 def _table(entries: Array) -> Singles:
-    """Return a table in float32, which takes half the cache of float64."""
+    """Store a table in float32, which takes half the cache of float64."""
     return fixed(entries.astype(np.float32))
 
 
@@ -353,7 +353,7 @@ def _hadamard(t: Singles, out: Array) -> None:
 
 
 def _open_unit(words: Words) -> Array:
-    """Return numbers strictly between zero and one, on a lattice of 2^52."""
+    """Map words to numbers strictly between zero and one, on a lattice of 2^52."""
     return ((words >> np.uint64(12)).astype(float) + 0.5) * 2.0**-52
 
 

@@ -61,7 +61,7 @@ def ancestors(
 
 
 def select(values: NDArray[D], index: Index) -> NDArray[D]:
-    """Return ``values`` (..., M, N) at flat indices (M, size) from `ancestors`."""
+    """Select ``values`` (..., M, N) at flat indices (M, size) from `ancestors`."""
     if compiled.kernels and values.dtype == np.float64 and values.size and index.size:
         out = np.empty((*values.shape[:-2], *index.shape))
         compiled.kernels.select(np.ascontiguousarray(values), np.ascontiguousarray(index), out)
@@ -77,7 +77,7 @@ def systematic(w: Array, rng: Streams, size: int) -> Index:
 
 
 def _systematic_edges(w: Array, rng: Streams, size: int) -> Index:
-    """Return the number of offspring up to each particle (M, N), counted on from run to run.
+    """Count the offspring up to each particle (M, N), on from run to run.
 
     Within a run it is ``floor(size C_i + 1 - u)``. One cumulative sum of fixed-point integers over all
     runs is four times as fast as float sums row by row.
@@ -147,7 +147,7 @@ SCHEMES: dict[Scheme, Callable[[Array, Streams, int], Index]] = {
 
 
 def _cumulative(w: Array) -> Array:
-    """Return cumulative weights; equal steps where a run's weights are not finite."""
+    """Accumulate weights; equal steps where a run's weights are not finite."""
     cdf = np.cumsum(w, axis=-1)
     diverged = ~np.isfinite(cdf[:, -1])
     if diverged.any():

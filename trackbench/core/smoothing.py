@@ -38,7 +38,7 @@ class Transition:
 def backwards(
     filtered: Sequence[S], one_back: Callable[[int, S], S], lag: int | None = None
 ) -> list[S]:
-    """Return the smoothed state of every step, from all measurements or from ``lag`` later ones.
+    """Smooth the state of every step, from all measurements or from ``lag`` later ones.
 
     ``one_back(k, later)`` returns state k given the measurements that ``later``, of step k + 1, uses.
     """
@@ -61,7 +61,7 @@ def backwards(
 
 
 def smooth_step(posterior: Gaussian, transition: Transition, later: Gaussian) -> Gaussian:
-    """Return the smoothed x_k (Rauch-Tung-Striebel) from ``later``, the smoothed x_{k+1}."""
+    """Smooth x_k (Rauch-Tung-Striebel) from ``later``, the smoothed x_{k+1}."""
     predicted, G = transition.predicted, transition.gain
     # m + G (m_later - m_pred), P + G (P_later - P_pred) G'
     mean = posterior.mean + linalg.matvec(G, later.mean - predicted.mean)
@@ -72,7 +72,7 @@ def smooth_step(posterior: Gaussian, transition: Transition, later: Gaussian) ->
 def smooth(
     posteriors: Sequence[Gaussian], transitions: Sequence[Transition], lag: int | None = None
 ) -> list[Gaussian]:
-    """Return the distribution of the state at each step given also later measurements.
+    """Smooth the distribution of the state at each step by later measurements.
 
     Parameters
     ----------

@@ -66,7 +66,7 @@ class WindowSums:
 
 
 def dot(a: Array, b: Array) -> Array:
-    """Return ``sum_j a_j b_j`` over the last axis."""
+    """Compute ``sum_j a_j b_j`` over the last axis."""
     if compiled.kernels and a.dtype == b.dtype == np.float64:
         if a.ndim < b.ndim:
             a, b = b, a
@@ -79,7 +79,7 @@ def dot(a: Array, b: Array) -> Array:
 
 
 def product(A: Array, B: Array) -> Array:
-    """Return ``A B`` (r, ..., p) of A (r, ..., n) and B (n, p), to some 45 bits.
+    """Compute ``A B`` (r, ..., p) of A (r, ..., n) and B (n, p), to some 45 bits.
 
     Each factor is split into two with 23 bits (Ozaki et al. 2012). Sums of 128 products of these are
     exact, so BLAS may add them in any order. Longer sums are cut into such pieces.
@@ -102,12 +102,12 @@ def product(A: Array, B: Array) -> Array:
 
 
 def mean(a: Array, axis: Literal[0, -1] = -1) -> Array:
-    """Return the mean over the first or the last axis, which must not be empty."""
+    """Average over the first or the last axis, which must not be empty."""
     return total(a, axis) / a.shape[axis]
 
 
 def _by_blocks(rows: Array, block: int) -> Array:
-    """Return the sums (r, block) of the blocks of each of r rows; the last block may be shorter."""
+    """Sum the blocks of each of r rows to (r, block); the last block may be shorter."""
     n = rows.shape[1]
     whole = n - n % block
     # Add the whole blocks elementwise.
@@ -119,7 +119,7 @@ def _by_blocks(rows: Array, block: int) -> Array:
 
 
 def _halves(rows: Array) -> tuple[Array, Array]:
-    """Return the leading 23 bits of each number, counted from its row's largest, and the next 23."""
+    """Split each number into its leading 23 bits, counted from its row's largest, and the next 23."""
     largest = np.maximum(rows.max(axis=1), -rows.min(axis=1))
     _, exponent = np.frexp(np.where(np.isfinite(largest), largest, 0.0)[:, None])
     out, rest = [], rows

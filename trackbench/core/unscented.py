@@ -34,7 +34,7 @@ class Unscented:
     kappa: float
 
     def points(self, of: Gaussian) -> "SigmaPoints":
-        """Return the 2 n + 1 sigma points of N(m, P).
+        """Place the 2 n + 1 sigma points of N(m, P).
 
         Parameters
         ----------
@@ -64,7 +64,7 @@ class Unscented:
         return SigmaPoints(x, *_weights(self, n))
 
     def scalar_points(self, state: Gaussian) -> "ScalarPoints | None":
-        """Return the state's sigma points of (x, v, n): a scalar, and noises v ~ N(0, Q), n ~ N(0, R).
+        """Place the state's sigma points of (x, v, n): a scalar, and noises v ~ N(0, Q), n ~ N(0, R).
 
         They are those of `points` for the covariance diag(P, Q, R), found without its root. Returns
         None if the state has several components, or without C kernels.
@@ -83,7 +83,7 @@ class Unscented:
 
 @cache
 def _weights(rule: Unscented, n: int) -> tuple[Array, Array]:
-    """Return the weights (2 n + 1,) of the mean and of the covariance."""
+    """Compute the weights (2 n + 1,) of the mean and of the covariance."""
     spread = rule.spread(n)
     center = 1.0 - n / spread  # lambda / (n + lambda)
     weights = np.full(2 * n + 1, 0.5 / spread)
@@ -110,7 +110,7 @@ class GaussHermite:
         return [(x, norm / _hermite(n - 1, x) ** 2) for x in _hermite_roots(n)]
 
     def points(self, of: Gaussian) -> "SigmaPoints":
-        """Return order^n points of N(mean, cov): mean (n, *batch), cov (n, n, *batch).
+        """Place order^n points of N(mean, cov): mean (n, *batch), cov (n, n, *batch).
 
         The mean is the first point, for an even order as one more of weight zero.
         """
@@ -132,7 +132,7 @@ def gauss_hermite(order: int) -> GaussHermite:
 
 
 def _hermite(n: int, x: float) -> float:
-    """Return He_n(x), by ``He_{k+1} = x He_k - k He_{k-1}``."""
+    """Evaluate He_n(x), by ``He_{k+1} = x He_k - k He_{k-1}``."""
     previous, current = 0.0, 1.0
     # He_{k+1} = x He_k - k He_{k-1}
     for k in range(n):
@@ -141,7 +141,7 @@ def _hermite(n: int, x: float) -> float:
 
 
 def _hermite_roots(n: int) -> list[float]:
-    """Return the roots of He_n, by bisection between the roots of He_{n-1}."""
+    """Find the roots of He_n, by bisection between the roots of He_{n-1}."""
     if n == 0:
         return []
     edge = 2.0 * sqrt(n)
@@ -166,11 +166,11 @@ class SigmaPoints(NamedTuple):
     cov_weights: Array
 
     def mean(self, values: Array) -> Array:
-        """Return the weighted mean of transformed points (m, P, *batch); shape (m, *batch)."""
+        """Average transformed points (m, P, *batch) by their weights; shape (m, *batch)."""
         return _weighted(self.weights, values)
 
     def cross(self, a: Array, a_mean: Array, b: Array, b_mean: Array) -> Array:
-        """Return the weighted sum of ``(a - a_mean) (b - b_mean)'`` over points (n, P, *batch)."""
+        """Sum the weighted ``(a - a_mean) (b - b_mean)'`` over points (n, P, *batch)."""
         batch, arrays = a_mean.shape[1:], (self.cov_weights, a, a_mean, b, b_mean)
         alike = (
             a.shape[1:] == b.shape[1:] == (len(self.weights), *batch) and b_mean.shape[1:] == batch
@@ -183,7 +183,7 @@ class SigmaPoints(NamedTuple):
         return np.stack([_weighted(self.cov_weights, row * b) for row in a])
 
     def moments(self, values: Array, noise: Array | None = None, roots: bool = False) -> Gaussian:
-        """Return moments of transformed points plus this noise, with a root if ``roots``."""
+        """Compute moments of transformed points plus this noise, with a root if ``roots``."""
         mean = self.mean(values)
         if roots:
             spread = self.columns(values - mean[:, None])
@@ -193,7 +193,7 @@ class SigmaPoints(NamedTuple):
         return Gaussian(mean, cov if noise is None else cov + with_axes_of(cov, noise))
 
     def columns(self, deviation: Array) -> Array:
-        """Return D with ``D D'`` the weighted sum of squares of deviations (m, P, *batch)."""
+        """Scale deviations (m, P, *batch) to D with ``D D'`` the weighted sum of their squares."""
         return deviation * with_trailing(np.sqrt(self.cov_weights), deviation.ndim - 2)
 
 

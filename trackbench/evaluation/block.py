@@ -166,7 +166,7 @@ simulate = LatestResults(_simulate, size=2)
 def _simulate_copies(
     scenario: Scenario, seed: int, first_run: int, width: int, copies: int
 ) -> Simulation:
-    """Return the same runs several times, with the prior's moments."""
+    """Repeat the same runs several times, with the prior's moments."""
     data = simulate(scenario, seed, first_run, width)
 
     def repeated(rows: Any) -> Any:

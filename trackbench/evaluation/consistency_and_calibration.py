@@ -100,7 +100,7 @@ class ConsistencySeries:
 
 
 def _side_by_side(covs: Sequence[Array]) -> Array:
-    """Return the covariances (n, n, S, M) of S steps; (n, n, S, 1) if the runs share all of them."""
+    """Stack the covariances (n, n, S, M) of S steps; (n, n, S, 1) if the runs share all of them."""
     if all(cov.ndim == 2 for cov in covs):
         return np.stack(covs, axis=2)[..., None]
     covs = [with_trailing(cov, 1, leading=2) for cov in covs]
@@ -141,7 +141,7 @@ _EULER = 0.5772156649015329
 
 
 def calibration_series(components: Sequence[str], exact: bool) -> list[str]:
-    """Return the names of all series on request; ``exact``: with the likelihood of a reference."""
+    """Name all series on request; ``exact``: with the likelihood of a reference."""
     quantities = (*components, _NEES)
     out = [f"pit_{q}" for q in quantities] + [f"coverage_{p}" for p in LEVELS] + ["nci"]
     out += [f"crps_{c}" for c in components]
@@ -150,7 +150,7 @@ def calibration_series(components: Sequence[str], exact: bool) -> list[str]:
 
 
 def bars(quantity: str) -> list[str]:
-    """Return metrics of the share of steps at which a quantity's rank is in each tenth."""
+    """Name metrics of the share of steps at which a quantity's rank is in each tenth."""
     return [f"rank_{quantity}_{b}" for b in range(1, TENTHS + 1)]
 
 
@@ -206,7 +206,7 @@ class Calibration:
 
 
 def likelihood_ratio(scores: Mapping[str, Array], exact: Mapping[str, Array]) -> dict[str, Array]:
-    """Return the ratio (T + 1, M) of both filters' likelihoods of all measurements so far.
+    """Compare both filters' likelihoods of all measurements so far: their ratio (T + 1, M).
 
     A particle filter's estimate of the likelihood is unbiased, so that its mean is one (Del Moral 2004,
     section 7.4.2); what weighs or moves particles otherwise is not. Nothing if either has no likelihood.

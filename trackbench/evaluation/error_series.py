@@ -36,7 +36,7 @@ class StepSums(NamedTuple):
     number: Array
 
     def plus(self, other: "StepSums") -> "StepSums":
-        """Return the sums over both sets of runs."""
+        """Add the sums over both sets of runs."""
         return StepSums(*(a + b for a, b in zip(self, other, strict=True)))
 
 
@@ -76,7 +76,7 @@ def series(
 def _errors(
     scenario: Scenario, mean: Array, other: Array, squared: str, signed: str = ""
 ) -> dict[str, Array]:
-    """Return the squared norm of each error vector; of scalar errors the signed value, too."""
+    """Sum the squares of each error vector; of scalar errors keep the signed value, too."""
     out: dict[str, Array] = {}
     for quantity, error in scenario.errors(mean, other).items():
         error = np.asarray(error, dtype=np.float64)
@@ -155,7 +155,7 @@ class SeriesSums:
     def of(
         cls, values: Mapping[str, Array], windows: Mapping[str, Mask], counts: Collection[str]
     ) -> "SeriesSums":
-        """Return the sums of whole series."""
+        """Sum whole series."""
         sums = cls(windows, counts)
         for name, rows in values.items():
             sums.add(name, rows, 0)
@@ -179,11 +179,12 @@ class SeriesSums:
         self._of_steps[series].append(step_sums(rows, np.full(rows.shape[1], NOT_LOST)))
 
     def over_runs(self) -> dict[str, StepSums]:
-        """Return the sums over all runs at each step, lost runs too; -0.0 becomes 0.0."""
-        return {
-            name: StepSums(*(np.concatenate(part) + 0.0 for part in zip(*pieces, strict=True)))
-            for name, pieces in self._of_steps.items()
-        }
+        """Sum over all runs at each step, lost runs too; -0.0 becomes 0.0."""
+        out = {}
+        for name, pieces in self._of_steps.items():
+            parts = map(np.concatenate, zip(*pieces, strict=True))
+            out[name] = StepSums(*(part + 0.0 for part in parts))
+        return out
 
     def over_windows(self, values: Mapping[str, Array]) -> dict[str, Array]:
         """Return each metric's numbers per run (M,) by window; ``values`` are the whole series."""
@@ -238,7 +239,7 @@ def lost_runs(scenario: Scenario, values: dict[str, Array], finite: Mask) -> Arr
 
 
 def step_sums(rows: Array, lost: Array) -> StepSums:
-    """Return sums over the runs that are not lost and whose value exists."""
+    """Sum over the runs that are not lost and whose value exists."""
     not_lost = lost == NOT_LOST
     if not_lost.all() and not any_nan(rows):
         return StepSums(total(rows), dot(rows, rows), np.full(len(rows), float(rows.shape[1])))
@@ -250,7 +251,7 @@ def step_sums(rows: Array, lost: Array) -> StepSums:
 
 
 def with_unused(steps: dict[str, StepSums]) -> dict[str, StepSums]:
-    """Return the sums with those of the components that each NEES and NIS lacks, of none as zeros."""
+    """Add the sums of the components that each NEES and NIS lacks, of none as zeros."""
     out = dict(steps)
     for name, sums in steps.items():
         if name == "nis" or name.partition("_")[0] == "nees":

@@ -57,7 +57,7 @@ def _run(task: BlockTask, streams: _FixedNormals, runs: int) -> tuple[Simulation
 @lru_cache(maxsize=64)
 @np.errstate(all="ignore")
 def why_not_exact(task: BlockTask) -> str | None:
-    """Return the reason why a filter has no exact errors; None if it has."""
+    """Explain why a filter has no exact errors; None if it has."""
     tracker = task.filter
     adapts = isinstance(tracker, GaussianFilter) and (tracker.gate or tracker.robust)
     if not tracker.is_linear or adapts:
@@ -84,7 +84,7 @@ def _dense(rows: Index) -> Array:
 
 
 def _is_affine(x: Array) -> bool:
-    """Return whether f(a + b) + f(0) = f(a) + f(b), of values (..., 4) at 0, a, b and a + b."""
+    """Test whether f(a + b) + f(0) = f(a) + f(b), of values (..., 4) at 0, a, b and a + b."""
     known = x[~np.isnan(x).all(axis=-1)]
     difference = known[..., 3] + known[..., 0] - known[..., 1] - known[..., 2]
     return bool(np.all(np.abs(difference) <= 1e-9 * np.abs(known).max(initial=0.0)))

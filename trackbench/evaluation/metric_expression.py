@@ -44,7 +44,7 @@ class Steps(NamedTuple):
         return f"@{self.first}" + (f"..{self.last}" if self.last else "")
 
     def among(self, steps: Iterable[int]) -> list[int]:
-        """Return the steps that the expression selects among the given ones."""
+        """Select the steps of the expression among the given ones."""
         end = float("inf") if self.last == "last" else int(self.last)
         return [k for k in steps if int(self.first) <= k <= end]
 
@@ -65,7 +65,7 @@ class Measure(NamedTuple):
     """label of the filter that it is of, once that is known"""
 
     def __str__(self) -> str:
-        """Return the expression without its filter."""
+        """Write the expression without its filter."""
         text = f"{self.statistic}({self.name})" if self.statistic else self.name
         return f"{self.relation}({text}, {self.other})" if self.relation else text
 
@@ -144,11 +144,11 @@ class Measure(NamedTuple):
         return self.steps is not None and bool(self.steps.last)
 
     def of(self, label: str) -> "Measure":
-        """Return the expression for a filter."""
+        """Name the filter that the expression is of."""
         return self._replace(filter=label)
 
     def beside(self, relation: Literal["gain", "ratio", "minus"], other: str) -> "Measure":
-        """Return the expression relative to another filter."""
+        """Relate the expression to another filter."""
         return self._replace(relation=relation, other=other)
 
     def at_each(self, steps: Iterable[int]) -> list["Measure"]:
@@ -220,5 +220,5 @@ _ROLES = ("per_run", "per_step", "rank", "summary", "expression", "comparison")
 
 
 def exact_label(label: str) -> str:
-    """Return the label under which the exact errors of a filter stand in tables and figures."""
+    """Label the exact errors of a filter in tables and figures."""
     return f"{label}, exact"

@@ -26,7 +26,7 @@ class PrecisionTarget(NamedTuple):
 
     @classmethod
     def read(cls, metric: str, error: float | str) -> "PrecisionTarget":
-        """Return ``1%`` or a number."""
+        """Read ``1%`` or a number."""
         if isinstance(error, str):
             return cls(metric, float(error.removesuffix("%")) / 100.0, relative=True)
         return cls(metric, float(error), relative=False)

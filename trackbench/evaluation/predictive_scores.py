@@ -48,7 +48,7 @@ def held_out(measurements: Array, every: int) -> Mask:
 
 
 def visible_to_filter(measurements: Array, hold_out: int | None) -> Array:
-    """Return the measurements with NaN in place of those that are held out."""
+    """Replace the measurements that are held out by NaN."""
     if not hold_out:
         return measurements
     return freeze(np.where(held_out(measurements, hold_out), np.nan, measurements))

@@ -244,7 +244,7 @@ def exact_rows(
 
 
 def is_exact(of: Measure) -> bool:
-    """Return whether a measure follows from means of squares; ``mean(rmse)``, of roots, does not."""
+    """Test whether a measure follows from means of squares; ``mean(rmse)``, of roots, does not."""
     m = of.family[0]
     return (m.series or m.name) in QUADRATIC and of.statistic in ("", TIME_MEAN, m.over_steps)
 

@@ -133,13 +133,16 @@ def kolmogorov_band(M: int, level: float = 0.95) -> float:
     """Return the distance that M uniform values exceed with probability 1 - level (Stephens 1970)."""
     from scipy.special import kolmogi
 
-    root = np.sqrt(M)
-    return float(kolmogi(1.0 - level) / (root + 0.12 + 0.11 / root))
+    return float(kolmogi(1.0 - level) / _stephens(M))
 
 
 def kolmogorov_p(distance: float, M: int) -> float:
     """Return the probability of a larger distance of M uniform values (Stephens 1970, JRSS B 32)."""
     from scipy.special import kolmogorov as beyond
 
+    return float(beyond(distance * _stephens(M)))
+
+
+def _stephens(M: int) -> float:
     root = np.sqrt(M)
-    return float(beyond(distance * (root + 0.12 + 0.11 / root)))
+    return root + 0.12 + 0.11 / root

@@ -127,7 +127,7 @@ class BlockStore:
         return decode(content, key)
 
     def has_file(self, task: BlockTask) -> bool:
-        """Return whether a file exists for the task, good or damaged."""
+        """Test whether a file exists for the task, good or damaged."""
         return self._file(block_key(task, task.runs_used)).is_file()
 
     def put(self, task: BlockTask, results: dict[int, BlockResult]) -> None:

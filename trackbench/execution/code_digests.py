@@ -132,7 +132,7 @@ def numpy_arithmetic() -> str:
 
 
 def uses_numpy_arithmetic(*parts: Any) -> bool:
-    """Return whether scenarios or filters compute with numpy's functions.
+    """Test whether scenarios or filters compute with numpy's functions.
 
     Plugins do, and so does gamma noise of a shape that numpy draws.
     """

@@ -104,7 +104,7 @@ def result_of(future: Future[T]) -> T:
 
 
 def is_worker_bootstrapping() -> bool:
-    """Return whether this process is a worker that still imports its parent's script."""
+    """Test whether this process is a worker that still imports its parent's script."""
     return bool(getattr(multiprocessing.current_process(), "_inheriting", False))
 
 

@@ -56,14 +56,13 @@ class Plan:
 
     def first(self, runs: int) -> "Plan":
         """Return the plan reduced to its first ``runs`` runs, with the same blocks."""
-        tasks = {
-            key: [
-                replace(task, runs_used=min(task.runs_used, runs - task.first_run))
-                for task in blocks
-                if task.first_run < runs
-            ]
-            for key, blocks in self.tasks.items()
-        }
+
+        def used(task: BlockTask) -> BlockTask:
+            return replace(task, runs_used=min(task.runs_used, runs - task.first_run))
+
+        tasks: dict[Key, list[BlockTask]] = {}
+        for key, blocks in self.tasks.items():
+            tasks[key] = [used(task) for task in blocks if task.first_run < runs]
         return replace(self, tasks=tasks)
 
 
@@ -73,35 +72,35 @@ def make_plan(experiment: Experiment, save_tracks: bool = False, looks: Sequence
     shown = settings.runs if save_tracks else min(experiment.shown_runs, settings.runs)
     series, predictions = _kept_series(experiment), requested_predictions(experiment)
     particles, covariances = experiment.shown_particles, experiment.shown_covariances or save_tracks
-    tasks = {}
+    tasks: dict[Key, list[BlockTask]] = {}
     for i, point in enumerate(experiment.points):
         reference = point.filters.get(settings.reference) if settings.reference else None
         for label, tracker in point.filters.items():
             # Consecutive blocks of this width; the last one may be trimmed.
             width = _width(settings, tracker, point.scenario)
-            tasks[i, label] = [
-                BlockTask(
-                    scenario=point.scenario,
-                    filter=tracker,
-                    assume=point.assumed.get(label),
-                    seed=settings.seed,
-                    index=block,
-                    width=width,
-                    runs_used=min(width, settings.runs - block * width),
-                    reference=None if label == settings.reference else reference,
-                    reference_assume=point.assumed.get(settings.reference or ""),
-                    runs_with_tracks=shown,
-                    keep_covariance=covariances,
-                    particle_steps=particles,
-                    keep_steps=series,
-                    extra_run_counts=tuple(
-                        n - block * width for n in looks if 0 < n - block * width < width
-                    ),
-                    predictive_metrics=predictions,
-                    hold_out=settings.hold_out,
-                )
-                for block in range(ceil(settings.runs / width))
-            ]
+            first = BlockTask(
+                scenario=point.scenario,
+                filter=tracker,
+                assume=point.assumed.get(label),
+                seed=settings.seed,
+                index=0,
+                width=width,
+                runs_used=width,
+                reference=None if label == settings.reference else reference,
+                reference_assume=point.assumed.get(settings.reference or ""),
+                runs_with_tracks=shown,
+                keep_covariance=covariances,
+                particle_steps=particles,
+                keep_steps=series,
+                predictive_metrics=predictions,
+                hold_out=settings.hold_out,
+            )
+            tasks[i, label] = []
+            for begin in range(0, settings.runs, width):
+                stops = tuple(n - begin for n in looks if 0 < n - begin < width)
+                used = min(width, settings.runs - begin)
+                block = replace(first, index=begin // width, runs_used=used, extra_run_counts=stops)
+                tasks[i, label].append(block)
     return Plan(tasks, experiment.plugins, settings.name)
 
 

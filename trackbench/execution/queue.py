@@ -128,7 +128,8 @@ class Queue:
         while self._waiting or self._running:
             while self._waiting and len(self._running) < self._limit():
                 batch = self._batch(least_seconds)
-                plugins, works = self._plugins[batch[0][0]], [self._work(stack) for stack in batch]
+                plugins, files = self._plugins[batch[0][0]], self._store.files
+                works = [Work(pickle.dumps(stack), [*map(files, stack)]) for stack in batch]
                 future = executor.submit(compute_batch, works, plugins, expected, shared)
                 self._running[future] = [self._waiting.popleft() for _ in batch]
                 with postponed():
@@ -158,9 +159,6 @@ class Queue:
                 taken_back = future.cancel()
             if taken_back:
                 self._waiting.extendleft(reversed(self._running.pop(future)))
-
-    def _work(self, stack: Stack) -> Work:
-        return Work(pickle.dumps(stack), [self._store.files(task) for task in stack])
 
     def _finish(self, stack: Stack, computed: Computed) -> Iterator[tuple[BlockTask, BlockOutcome]]:
         # Memory that a worker has taken once stays with it: the first block of a filter counts.
@@ -309,5 +307,5 @@ def _kind() -> Any:
 
 
 def _in_notebook() -> bool:
-    """Return whether an IPython kernel runs this process."""
+    """Test whether an IPython kernel runs this process."""
     return "ipykernel" in sys.modules and sys.modules["IPython"].get_ipython() is not None

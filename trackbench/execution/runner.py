@@ -206,16 +206,16 @@ def next_batch(experiment: Experiment, most: int, outcome: Outcome) -> Experimen
     done = [runs for runs in stops if runs <= settings.runs]
     if len(done) == len(stops):
         return None
+
+    def share(check: PrecisionCheck) -> float:
+        return check.share if isfinite(check.share) else inf
+
     left, *earlier = [[*imprecise(experiment, outcome, runs)] for runs in done[:-3:-1]]
     if not left and earlier and not earlier[0]:
         return None
-    worst = max((check for _, check in left), key=_finite_share, default=None)
+    worst = max((check for _, check in left), key=share, default=None)
     outcome.still = f"{worst.wanted.metric}: {worst.share:.2g} x the error wanted" if worst else ""
     return with_runs(experiment, stops[len(done)])
-
-
-def _finite_share(check: PrecisionCheck) -> float:
-    return check.share if isfinite(check.share) else inf
 
 
 def imprecise(

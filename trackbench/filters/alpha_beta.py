@@ -82,7 +82,7 @@ class AlphaBeta(InnovationFilter[Smoothed]):
         return K
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Smoothed:
-        """Return the prior of position and velocity, which counts as two measurements."""
+        """Start from the prior of position and velocity, which counts as two measurements."""
         first = Gaussian(prior.mean[:4], prior.cov[:4, :4])
         return Smoothed(first, np.array(2), np.full(prior.mean.shape[1], np.nan))
 

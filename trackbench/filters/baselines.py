@@ -49,7 +49,7 @@ class Inversion(Filter[Gaussian]):
         return per_run_moments(prior)
 
     def step(self, model: Model, state: Gaussian, z: Array, k: int, rng: Generator) -> Gaussian:
-        """Return h^-1(z) with variance R / h'^2; the prediction where z is missing."""
+        """Invert z to h^-1(z) with variance R / h'^2; predict where z is missing."""
         sensor = cast(SquareThenLine, model.sensor)
         # x = h^-1(z), with variance R / h'(x)^2
         x = sensor.inverse(z, k)

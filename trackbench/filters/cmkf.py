@@ -46,7 +46,7 @@ class CMKF(GaussianFilter):
         return {"start": "as this scenario does not start from two scans of a radar"}
 
     def initialize(self, model: Model, prior: Distribution) -> Gaussian:
-        """Return two-point differencing of converted scans; without scans the prior's moments."""
+        """Difference two converted scans; without scans start from the prior's moments."""
         if not isinstance(prior, Convertible):
             return per_run_moments(prior)
         return prior.gaussian(self.start or self.conversion)
@@ -70,7 +70,7 @@ class CMKF(GaussianFilter):
 
 
 def polar_moments(sensor: RangeAzimuth, state: Gaussian, k: int) -> Polar:
-    """Return range and azimuth of N(mean, cov) at step k, with variances to first order."""
+    """Transform N(mean, cov) at step k to range and azimuth, with variances to first order."""
     r, a = sensor.polar(state.mean, k)
     spread = linalg.sandwich(sensor.jacobian(state.mean, k), state.cov)
     return Polar(r, a, spread[0, 0], spread[1, 1])
@@ -104,7 +104,7 @@ class Converted(Filter[LastTwoScans]):
         return {}
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> LastTwoScans:
-        """Return the first two scans."""
+        """Start from the first two scans."""
         assert isinstance(prior, TwoPoint)
         return LastTwoScans(prior, prior.gaussian(self.conversion))
 

@@ -69,7 +69,7 @@ class EKF(NonlinearFilter):
         return extended_step(model, state, z, k, self.assumed, self.order)
 
     def transition(self, model: Model, state: Gaussian, k: int) -> Transition:
-        """Return the prediction to step k by the derivatives, and its covariance with x_{k-1}."""
+        """Predict to step k by the derivatives, with the covariance with x_{k-1}."""
         return extended_transition(model, state, k, self.assumed, self.order)
 
 
@@ -160,7 +160,7 @@ class IPLF(NonlinearFilter):
         return _CUBATURE if self.order is None else gauss_hermite(self.order)
 
     def transition(self, model: Model, state: Gaussian, k: int) -> Transition:
-        """Return the prediction to step k by the rule's points, and its covariance with x_{k-1}."""
+        """Predict to step k by the rule's points, with the covariance with x_{k-1}."""
         return point_transition(model, state, k, self.assumed, self.rule, augmented=False)
 
     def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:

@@ -164,7 +164,7 @@ class EnKF(SmoothingFilter[Ensemble], EnsembleFilter):
     def smoothed(
         self, model: Model, states: list[Ensemble], k: int, rng: Generator
     ) -> list[Ensemble]:
-        """Return members of every step by the ensemble RTS smoother (Raanes 2016)."""
+        """Smooth the members of every step by the ensemble RTS smoother (Raanes 2016)."""
 
         def one_back(i: int, later: Array) -> Array:
             x, predicted = states[i].x, states[i + 1].predicted
@@ -181,7 +181,7 @@ class EnKF(SmoothingFilter[Ensemble], EnsembleFilter):
     def _perturbed(
         self, x: Array, dz: Array, nu: Array, K: Array, R: Array, rng: Generator
     ) -> Array:
-        """Return x_i + K (z + e_i - z_i), e_i ~ N(0, R)."""
+        """Move the members to x_i + K (z + e_i - z_i), e_i ~ N(0, R)."""
         error = Gaussian(np.zeros_like(nu), R).sample(rng, self.N)
         if self.centered:
             # Without their mean the errors have (N - 1) / N of the variance.
@@ -191,7 +191,7 @@ class EnKF(SmoothingFilter[Ensemble], EnsembleFilter):
 
 
 def _transformed(dx: Array, dz: Array, S: Array, R: Array) -> Array:
-    """Return the deviations dx T, T = (I + dz' R^-1 dz / (N - 1))^-1/2 the symmetric root."""
+    """Transform the deviations to dx T, T = (I + dz' R^-1 dz / (N - 1))^-1/2 the symmetric root."""
     # E = I - W W' = L^-1 R L'^-1 = V diag(w) V'.
     L = linalg.cholesky(S)
     whitened = linalg.solve_lower(L[..., None], dz)
@@ -211,7 +211,7 @@ def _transformed(dx: Array, dz: Array, S: Array, R: Array) -> Array:
 
 
 def _rotated(dx: Array, rng: Generator) -> Array:
-    """Return deviations dx (n, M, N) of mean zero times a random orthogonal matrix that keeps it.
+    """Rotate deviations dx (n, M, N) of mean zero by a random orthogonal matrix that keeps it.
 
     The matrix is uniform: a product of reflections (Stewart 1980) in the space of mean zero.
     """
@@ -232,7 +232,7 @@ def _rotated(dx: Array, rng: Generator) -> Array:
 
 
 def _reflected(y: Array, v: Array) -> Array:
-    """Return ``y (I - 2 v v' / v'v)`` for rows y (n, M, m) and v (m,) or (M, m)."""
+    """Reflect rows y (n, M, m) in v (m,) or (M, m): ``y (I - 2 v v' / v'v)``."""
     return y - (2.0 * dot(y, v) / dot(v, v))[..., None] * v
 
 
@@ -298,7 +298,7 @@ def _flow(
 
 
 def _step_lengths(steps: int) -> list[float]:
-    """Return the lengths of the steps in pseudo-time, which sum to one."""
+    """Divide pseudo-time into steps, whose lengths sum to one."""
     lengths = [_GROWTH**i for i in range(steps)]
     whole = 0.0
     for length in lengths:

@@ -292,7 +292,7 @@ def _compare(again: Array, state: ProgramState, run: int) -> None:
 
 
 def _stamps(tracker: External) -> list[tuple[int, ...]]:
-    """Return times and sizes of the files of a program, to notice a change while it runs."""
+    """Note times and sizes of the files of a program, to notice a change while it runs."""
     paths = (Path(shutil.which(word) or word) for word in (*tracker.command, *tracker.files))
     stats = [path.stat() for path in paths if path.is_file()]
     return [(stat.st_ino, stat.st_size, stat.st_mtime_ns) for stat in stats]

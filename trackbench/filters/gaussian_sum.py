@@ -154,13 +154,13 @@ def _split_positions(prior: Distribution, one: Array, two: Array, width: float) 
 
 
 def _shifted(scan: Array, azimuth: Array) -> Array:
-    """Return the scan (2, M) with each of C angles added to its azimuth (2, M C)."""
+    """Add each of C angles to the azimuth of the scan (2, M): (2, M C)."""
     r, a = scan
     return np.stack([np.repeat(r, len(azimuth)), (a[:, None] + azimuth).ravel()])
 
 
 def _prune(mean: Array, w: Array, number: int) -> Array:
-    """Return weights (M, C): zero but for the heaviest components of either sign of the cross speed."""
+    """Set weights (M, C) to zero but for the heaviest components of either sign of the cross speed."""
     px, vx, py, vy = mean[:4]
     out = np.zeros_like(w)
     # The sign of px vy - py vx is that of the cross speed.
@@ -174,7 +174,7 @@ def _prune(mean: Array, w: Array, number: int) -> Array:
 
 
 def _compact(mixture: Mixture) -> Mixture:
-    """Return the components with a weight, heaviest first, with normalized weights."""
+    """Keep the components with a weight, heaviest first, with normalized weights."""
     # The run with the most weighted components sets their number.
     number = max(1, int((mixture.w > 0.0).sum(axis=-1).max()))
     index: Index = np.argsort(-mixture.w, axis=-1, kind="stable")[:, :number]

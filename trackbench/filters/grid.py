@@ -163,7 +163,7 @@ class Grid(Filter[Resolved]):
         raise WrongReturnError("step", f"{what}; raise `nodes`{way_on}, or narrow the start")
 
     def _has_dense_nodes(self, model: Model, old: quadrature.Posterior, k: int) -> bool:
-        """Return whether the transitions from neighboring nodes overlap."""
+        """Test whether the transitions from neighboring nodes overlap."""
         for panel in old:
             transition = model.motion.transition(panel.x[None], k)
             gaps = np.abs(np.diff(transition.mean[0], axis=0))
@@ -218,7 +218,7 @@ class Grid(Filter[Resolved]):
         return LinePosterior(state.posterior)
 
     def log_likelihood(self, state: Resolved) -> Array:
-        """Return log p(z_k | z_1..k-1) (M,), exact."""
+        """Evaluate log p(z_k | z_1..k-1) (M,), exact."""
         first = state.posterior[0]
         unknown = np.full(first.low.shape, np.nan)
         return unknown if first.evidence is None else elementary.log(first.evidence)
@@ -230,7 +230,7 @@ def _counts(nodes: int) -> tuple[int, int]:
 
 
 def _difference(both: Resolved) -> float:
-    """Return the largest difference of means and variances from the check, over all runs."""
+    """Compare means and variances with the check: the largest difference over all runs."""
     ours, check = map(quadrature.moments, both)
     variance, other = ours.cov[0, 0], check.cov[0, 0]
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -242,7 +242,7 @@ def _difference(both: Resolved) -> float:
 
 
 def _with_density(panel: quadrature.Panel, prior: Distribution) -> quadrature.Panel:
-    """Return the panel with the prior's density at its nodes (n, M)."""
+    """Fill the panel with the prior's density at its nodes (n, M)."""
     density = elementary.exp(prior.log_prob(panel.x[None]))
     if not np.isfinite(density).all():
         raise WrongReturnError("init", "a part of the prior has no density: raise its `sigma`")
@@ -252,7 +252,7 @@ def _with_density(panel: quadrature.Panel, prior: Distribution) -> quadrature.Pa
 def _support_if_missing(
     z: Array, reach: list[quadrature.Interval], support: quadrature.Interval, parts: int
 ) -> list[quadrature.Interval]:
-    """Return the intervals; without a measurement they are parts of the support, and empty ones."""
+    """Divide the support where a measurement is missing; elsewhere keep the intervals."""
     missing = np.isnan(z).any(axis=0)
     if not missing.any():
         return reach
@@ -278,7 +278,7 @@ def _parts(motion: SampledMotion) -> int:
 def _support(
     motion: SampledMotion, old: quadrature.Posterior, k: int, deviations: float | None
 ) -> quadrature.Interval:
-    """Return the interval (M,), (M,) that the prediction from a posterior reaches."""
+    """Find the interval (M,), (M,) that the prediction from a posterior reaches."""
     low, high = quadrature.hull(old)
     if deviations is not None:
         # Leave out states in the posterior's far tails.
@@ -299,7 +299,7 @@ def _support(
 def _likely_intervals(
     sensor: Sensor, z: Array, deviations: float, k: int, support: quadrature.Interval
 ) -> list[quadrature.Interval]:
-    """Return intervals of the support with all states within so many deviations of z (n_z, M).
+    """Find intervals of the support with all states within so many deviations of z (n_z, M).
 
     Between two neighbors of the searched states a likely one may lie unseen only where the distance
     from z has a local minimum there; these are included.
@@ -326,7 +326,7 @@ def _likely_intervals(
 
 
 def _ends(states: Array, inside: Mask) -> quadrature.Interval:
-    """Return the first and last state (M,) of a stretch; an empty interval where it is empty."""
+    """Find the first and last state (M,) of a stretch; an empty interval where it is empty."""
     nonempty = inside.any(axis=0)
     first = np.argmax(inside, axis=0)
     last = len(inside) - 1 - np.argmax(inside[::-1], axis=0)

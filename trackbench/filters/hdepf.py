@@ -59,7 +59,7 @@ class Reading:
     """estimate from the evolved particles, or from the weighted ones before the evolution"""
 
     def compared(self, log_fitness: Array) -> Array:
-        """Return what selection compares (M, N)."""
+        """Transform log-fitness (M, N) to what selection compares."""
         if self.fitness == "log":
             return log_fitness
         if self.fitness == "raw":
@@ -81,11 +81,11 @@ class Greedy:
     """Selection of strictly better trials: ``>=`` would walk where all fitness has underflowed."""
 
     def accept(self, gain: Array, rng: Streams) -> Mask:
-        """Return where the gain is positive."""
+        """Accept where the gain is positive."""
         return np.asarray(gain > 0.0)
 
     def cool(self) -> "Greedy":
-        """Return this rule, which has no temperature."""
+        """Keep this rule, which has no temperature."""
         return self
 
 
@@ -96,11 +96,11 @@ class Metropolis(NamedTuple):
     rho: float
 
     def accept(self, gain: Array, rng: Streams) -> Mask:
-        """Return which trials (M, N) the Metropolis criterion accepts."""
+        """Accept trials (M, N) by the Metropolis criterion."""
         return metropolis(gain, self.T, rng)
 
     def cool(self) -> "Metropolis":
-        """Return the rule at the temperature ``rho T``."""
+        """Lower the temperature to ``rho T``."""
         return self._replace(T=self.T * self.rho)
 
 
@@ -239,7 +239,7 @@ class EvolutionFilter(ProposalFilter):
 
 
 def _spread(x: Array) -> Array:
-    """Return the root mean square distance from the center (M,)."""
+    """Compute the root mean square distance from the center (M,)."""
     with np.errstate(over="ignore", invalid="ignore"):
         return np.sqrt(total(mean(np.square(x - mean(x)[..., None])), axis=0))
 

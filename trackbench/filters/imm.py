@@ -26,7 +26,7 @@ from trackbench.field_types import InvalidKeyError, Registered
 from trackbench.filters.base import FixedLag, SmoothingFilter
 from trackbench.filters.ekf import EKF
 from trackbench.filters.jump_markov import JumpMarkov, shared_components
-from trackbench.filters.kf import GaussianFilter, gate_limits
+from trackbench.filters.kf import GaussianFilter, gate_limits, of_refusals
 from trackbench.models.base import Model, Scene, extra_std
 from trackbench.models.priors import augment_gaussian
 from trackbench.registry import register
@@ -122,7 +122,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         return super().idle_keys(scenario) | of_all
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> ModelBank:
-        """Return the prior in every model."""
+        """Start every model from the prior."""
         n, runs = len(shared_components(model.motion)), prior.mean.shape[1]
         first = self.filter.initialize(model, prior)
         first = Gaussian(first.mean[:n], first.cov[:n, :n])
@@ -177,7 +177,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
     def smoothed(
         self, model: Model, states: list[ModelBank], k: int, rng: Generator
     ) -> list[ModelBank]:
-        """Return states and weights of the models at every step (Heskes & Zoeter 2002)."""
+        """Smooth states and weights of the models at every step (Heskes & Zoeter 2002)."""
         models = self.models(model)
 
         def one_back(step: int, later: ModelBank) -> ModelBank:
@@ -205,7 +205,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         return backwards(states, one_back, self.lag)
 
     def _move(self, of: Model, state: Gaussian, to: Model, like: Gaussian, k: int) -> Transition:
-        """Return the prediction to step k of a model's state by another, and their covariance."""
+        """Predict a model's state to step k by another model, with the covariance of both."""
         names, others = of.motion.components, to.motion.components
         shared = common_components(names, others)
         y = per_run_moments(pad(state, like, shared, self.mixing == "unbiased"))
@@ -218,7 +218,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         return replace(transition, cross=linalg.matmul(Transition(y, cross).gain, transition.cross))
 
     def _without_spread(self, names: list[tuple[str, ...]], j: int) -> list[list[int]]:
-        """Return the components of model j that each state lacks, if they enter without spread."""
+        """List the components of model j that each state lacks, if they enter without spread."""
         if self.mixing != "zero-mean":
             return []
         missing = []
@@ -243,9 +243,9 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         return self.filter.diagnostic_names | {"mode"}
 
     def diagnostics(self, state: ModelBank) -> dict[str, Array]:
-        """Return ``nis``, the models' mean; ``mode``, weight of all but the first; ``gated``."""
-        of_filter = self.filter.diagnostics_of(state.nis, state.refused, state.measurement_weight)
-        return {"nis": state.nis, "mode": 1.0 - state.weights[0]} | of_filter
+        """Report ``nis``, the models' mean; ``mode``, weight of all but the first; ``gated``."""
+        refusals = of_refusals(self.filter, state.nis, state.refused, state.measurement_weight)
+        return {"nis": state.nis, "mode": 1.0 - state.weights[0]} | refusals
 
 
 def _with_model(scenario: Scene, model: Model) -> Scene:

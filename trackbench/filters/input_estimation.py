@@ -115,13 +115,13 @@ class InputEstimation(Filter[Corrected]):
         return both_axes(state.filter)
 
     def log_likelihood(self, state: Corrected) -> Array:
-        """Return log N(innovation; 0, S) (M,) of the filter before a correction."""
+        """Evaluate log N(innovation; 0, S) (M,) of the filter before a correction."""
         if state.innovation is None:
             return np.full(state.nis.shape, np.nan)
         log_likelihood = sum_over_axes(state.innovation.log_likelihood)
         return np.where(is_missing(state.innovation), np.nan, log_likelihood)
 
     def diagnostics(self, state: Corrected) -> dict[str, Array]:
-        """Return ``nis``, ``alarm_age_s``, and ``mode`` and ``alarm``: 1 where just corrected."""
+        """Report ``nis``, ``alarm_age_s``, and ``mode`` and ``alarm``: 1 where just corrected."""
         alarm = state.alarm.astype(float)
         return {"nis": state.nis, "mode": alarm, "alarm": alarm, "alarm_age_s": state.age}

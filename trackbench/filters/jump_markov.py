@@ -150,7 +150,7 @@ class MultipleModelPF(JumpMarkov[PFState], ParticleFilter):
         )
 
     def diagnostics(self, state: PFState) -> dict[str, Array]:
-        """Return also ``mode``: share of particles that follow another motion than the first."""
+        """Report also ``mode``: share of particles that follow another motion than the first."""
         assert state.mode is not None
         others = (state.mode != 0).sum(axis=-1) / state.mode.shape[-1]
         return super().diagnostics(state) | {"mode": others}
@@ -198,7 +198,7 @@ def _rows_of(models: list[Model]) -> list[list[int]]:
 
 
 def _propagate(models: list[Model], x: Array, mode: Index, k: int, rng: Streams) -> Array:
-    """Return states (n + e, M, N), each moved by its particle's motion."""
+    """Move states (n + e, M, N), each by its particle's motion."""
     out = x.copy()
     for j, (rows, (motion, _)) in enumerate(zip(_rows_of(models), models, strict=True)):
         out[rows] = np.where(mode == j, motion.transition(x[rows], k).sample(rng), out[rows])

@@ -59,7 +59,7 @@ class DefensiveMixture(NamedTuple):
         return choose(from_prior, self.transition.sample(rng), x)
 
     def log_prob(self, x: Array) -> Array:
-        """Return the log-density (M, N) of the mixture."""
+        """Evaluate the log-density (M, N) of the mixture."""
         kalman = log(1.0 - self.share) + self.kalman.log_prob(x)
         return logaddexp(kalman, log(self.share) + self.transition.log_prob(x))
 
@@ -115,7 +115,7 @@ class ProposalFilter(Filter[PFState]):
         return frozenset({"collapsed_steps", "ess", "distinct_particles"}) | self._extra_diagnostics
 
     def diagnostics(self, state: PFState) -> dict[str, Array]:
-        """Return ``collapsed_steps``, ``ess`` and ``distinct_particles``.
+        """Report ``collapsed_steps``, ``ess`` and ``distinct_particles``.
 
         ``collapsed_steps``: 1 where every weight was zero and the particles got equal weights. ``ess``:
         effective sample size of the draws. ``distinct_particles``: particles that are no copies after
@@ -137,7 +137,7 @@ class ProposalFilter(Filter[PFState]):
     def _log_target(
         self, model: Model, origin: Array, z: Array, k: int
     ) -> Callable[[Array], Array]:
-        """Return log p(z_k | x) + log p(x | origin) as a function of x: a particle's posterior."""
+        """Join log p(z_k | x) + log p(x | origin) to a function of x: a particle's posterior."""
         arithmetic, transition = self._weight_reading
         prior = model.motion.transition(origin, k)
 

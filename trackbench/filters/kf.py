@@ -82,7 +82,7 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
     deterministic: ClassVar[bool] = True
 
     def initialize(self, model: Model, prior: Distribution) -> Gaussian:
-        """Return the first state: the prior's moments."""
+        """Start from the prior's moments."""
         return Gaussian(prior.mean, prior.cov)
 
     def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
@@ -116,26 +116,26 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
         return posterior, innovation, weighted.mean_weight(z)
 
     def log_ratio(self, innovation: Innovation, nis: Array) -> Array:
-        """Return the log-density (M,) of an innovation, less that of N(0, S): 0 unless robust."""
+        """Evaluate the log-density (M,) of an innovation, less that of N(0, S): 0 unless robust."""
         if self.robust is None:
             return np.zeros(nis.shape)
         return self.robust.log_ratio(nis, (~np.isnan(innovation.nu)).sum(axis=0))
 
     def log_density(self, innovation: Innovation) -> Array:
-        """Return the log-density (M,) of an innovation: N(0, S), or a robust update's law of scale S."""
+        """Evaluate the log-density (M,) of an innovation: N(0, S), or a robust law of scale S."""
         value = innovation.log_likelihood
         if self.robust is None:
             return value
         return value + self.log_ratio(innovation, innovation.nis)
 
     def log_likelihood(self, state: Tracked) -> Array:
-        """Return log p(z_k | z_1..k-1) (M,) of the last measurement by `log_density`."""
+        """Evaluate log p(z_k | z_1..k-1) (M,) of the last measurement by `log_density`."""
         if state.innovation is None:
             return np.full(state.nis.shape, np.nan)
         return self.log_density(state.innovation)
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Tracked:
-        """Return the first state, without an innovation."""
+        """Start without an innovation."""
         return Tracked(self.initialize(model, prior), np.full(prior.mean.shape[1], np.nan))
 
     def step(self, model: Model, state: Tracked, z: Array, k: int, rng: Generator) -> Tracked:
@@ -158,7 +158,7 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
         return Tracked(posterior, np.where(gated, np.nan, nis), innovation, gated, weight)
 
     def prepared(self, state: Gaussian) -> Gaussian:
-        """Return a posterior as the next prediction takes it: N(m, a^2 P), with its factor if needed."""
+        """Prepare a posterior for the next prediction: N(m, a^2 P), with its factor if needed."""
         if self.form == "square-root":
             return from_root(state.mean, self.fading * root_of(state))
         if self.fading == 1.0:
@@ -172,7 +172,7 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
     def smoothed(
         self, model: Model, states: list[Tracked], k: int, rng: Generator
     ) -> list[Tracked]:
-        """Return the posteriors of every step by the Rauch-Tung-Striebel recursion."""
+        """Smooth the posteriors of every step by the Rauch-Tung-Striebel recursion."""
         posteriors = [per_run_moments(state.posterior) for state in states]
         transitions = [
             self.faded_transition(model, x, k + 1 + i) for i, x in enumerate(posteriors[:-1])
@@ -181,13 +181,13 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
         return [s._replace(posterior=x) for s, x in zip(states, smoothed, strict=True)]
 
     def faded_transition(self, model: Model, state: Gaussian, k: int) -> Transition:
-        """Return the prediction to step k that `step` makes, and its covariance with the posterior."""
+        """Predict to step k as `step` does, with the covariance with the posterior."""
         # cov(x', f(x')) of the faded x' ~ N(m, a^2 P) is a^2 cov(x, f(x')).
         step = self.transition(model, self.prepared(state), k)
         return Transition(step.predicted, step.cross / (self.fading * self.fading))
 
     def transition(self, model: Model, state: Gaussian, k: int) -> Transition:
-        """Return the prediction to step k from a posterior, and its covariance with it."""
+        """Predict to step k from a posterior, with the covariance with it."""
         return extended_transition(model, state, k, MODEL_NOISE)
 
     @property
@@ -196,20 +196,21 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
         keys = {"gated": self.gate, "measurement_weight": self.robust}
         return frozenset({"nis", *(name for name, key in keys.items() if key is not None)})
 
-    def diagnostics_of(
-        self, nis: Array, gated: Array | Mask | None, weight: Array | None
-    ) -> dict[str, Array]:
-        """Name NIS, refused measurements and mean weights (M,), as far as the filter has them."""
-        out = {"nis": nis}
-        if self.gate is not None:
-            out["gated"] = np.zeros(len(nis)) if gated is None else gated.astype(float)
-        if self.robust is not None:
-            out["measurement_weight"] = nis if weight is None else weight
-        return out
-
     def diagnostics(self, state: Tracked) -> dict[str, Array]:
-        """Return ``nis`` of a used measurement; ``gated``: 1 where it was refused; its mean weight."""
-        return self.diagnostics_of(state.nis, state.gated, state.weight)
+        """Report ``nis`` of a used measurement; ``gated``: 1 where it was refused; its mean weight."""
+        return {"nis": state.nis} | of_refusals(self, state.nis, state.gated, state.weight)
+
+
+def of_refusals(
+    tracker: GaussianFilter, nis: Array, gated: Mask | None, weight: Array | None
+) -> dict[str, Array]:
+    """Name refused measurements and their mean weights (M,), if the filter has a gate or weights."""
+    out = {}
+    if tracker.gate is not None:
+        out["gated"] = np.zeros(len(nis)) if gated is None else gated.astype(float)
+    if tracker.robust is not None:
+        out["measurement_weight"] = nis if weight is None else weight
+    return out
 
 
 @cache
@@ -256,7 +257,7 @@ class NonlinearFilter(GaussianFilter):
         return idle_noise_mean(scenario)
 
     def initialize(self, model: Model, prior: Distribution) -> Gaussian:
-        """Return the prior's moments, or those of two-point differencing."""
+        """Start from the prior's moments, or from those of two-point differencing."""
         # The converted scans replace the prior; P0 replaces its covariance.
         if self.start is not None and isinstance(prior, Convertible):
             prior = prior.gaussian(self.start)
@@ -270,7 +271,7 @@ class NonlinearFilter(GaussianFilter):
         return AssumedNoise(self.Q, self.R, self.noise_mean)
 
     def transition(self, model: Model, state: Gaussian, k: int) -> Transition:
-        """Return the prediction to step k by the motion's Jacobian, and its covariance with x_{k-1}."""
+        """Predict to step k by the motion's Jacobian, with the covariance with x_{k-1}."""
         return extended_transition(model, state, k, self.assumed)
 
 
@@ -290,7 +291,7 @@ class KF(GaussianFilter):
         return extended_step(model, state, z, k, MODEL_NOISE)
 
     def all_steps(self, model: Model, state: Tracked, z: Array, k: int) -> Steps | None:
-        """Return the steps with all measurements of a constant linear model, in one call."""
+        """Filter all measurements of a constant linear model in one call."""
         plain = type(self) is KF and self == KF(smooth=self.smooth)
         return constant_steps(model, state, z) if plain else None
 

@@ -66,7 +66,7 @@ class CrossSpeedModes(NamedTuple):
 
 
 def split_by_cross_speed_sign(frame: Particles) -> CrossSpeedModes | None:
-    """Return the modes of weighted particles; None if all have one sign."""
+    """Split weighted particles into modes; None if all have one sign."""
     up = frame.x[1] > 0.0
     if (up == up[:, :1]).all():
         return None
@@ -226,7 +226,7 @@ class LineOfSight(ParticleFilter):
 
 
 def _propagate(motion: Linear, state: PFState, rng: Generator) -> tuple[Array, Array]:
-    """Return the particles (px, vx, py, vy) one step on, and the covariance of (r, r').
+    """Move the particles (px, vx, py, vy) one step on, and the covariance of (r, r').
 
     Noise across the line of sight is drawn; noise along it goes to the covariance.
     """
@@ -275,7 +275,7 @@ def _kalman_gain(P: Array, variance: float, missing: Mask) -> tuple[Array, Array
 
 
 def _add_range_covariance(moments: Gaussian, P: Array) -> Gaussian:
-    """Return the moments of the particles, plus the covariance P along the mean line of sight.
+    """Add the covariance P along the mean line of sight to the moments of the particles.
 
     The particles' own lines of sight differ, which turns P. This changes the covariance by less than
     sigma_range^2 / r^2 of the particles' covariance across.
@@ -290,7 +290,7 @@ def _add_range_covariance(moments: Gaussian, P: Array) -> Gaussian:
 
 
 def _to_frame(azimuth: Array, x: Array) -> Array:
-    """Return (2 tan(d / 2), v_c, r, r') of states (px, vx, py, vy), d the angle from an azimuth.
+    """Transform states (px, vx, py, vy) to (2 tan(d / 2), v_c, r, r'), d the angle from an azimuth.
 
     2 tan(d / 2) equals the angle to third order, has no cut within the particles, and goes back
     without a cosine.
@@ -315,7 +315,7 @@ def _to_frame(azimuth: Array, x: Array) -> Array:
 
 
 def _from_frame(azimuth: Array, frame: Array) -> Array:
-    """Return states (px, vx, py, vy) from line-of-sight coordinates about an azimuth."""
+    """Transform line-of-sight coordinates about an azimuth to states (px, vx, py, vy)."""
     t, v_c, r, v_r = 0.5 * frame[0], *frame[1:]
     # cos d = 2 / (1 + t^2) - 1,  sin d = 2 t / (1 + t^2),  t = tan(d / 2)
     part = 1.0 / (1.0 + t * t)
@@ -327,7 +327,7 @@ def _from_frame(azimuth: Array, frame: Array) -> Array:
 
 
 def _to_cartesian(c: Array, s: Array, v_c: Array, r: Array, v_r: Array) -> Array:
-    """Return (px, vx, py, vy) of range r, range rate and cross speed, u = (c, s) the line of sight."""
+    """Transform range, range rate and cross speed to (px, vx, py, vy), u = (c, s) the line of sight."""
     out = np.empty((4, *r.shape))
     # p = r u
     np.multiply(r, c, out=out[0])

@@ -103,7 +103,7 @@ class MPF(ParticleFilter):
 
 
 def _propagate(motion: Linear, state: PFState, rng: Generator) -> tuple[Array, Array]:
-    """Return the particles (px, E vx, py, E vy) one step on, and their velocity variance C'."""
+    """Move the particles (px, E vx, py, E vy) one step on, and their velocity variance C'."""
     x, C = state.particles.x, state.P
     assert C is not None
     T, Q = motion.F[0, 1], motion.Q
@@ -121,7 +121,7 @@ def _propagate(motion: Linear, state: PFState, rng: Generator) -> tuple[Array, A
 
 
 def _add_velocity_variance(moments: Gaussian, C: Array) -> Gaussian:
-    """Return the mixture's moments: the covariance of the particles, plus C of each velocity."""
+    """Add C of each velocity to the covariance of the particles."""
     cov = moments.cov.copy()
     cov[1, 1] += C
     cov[3, 3] += C

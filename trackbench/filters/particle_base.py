@@ -92,7 +92,7 @@ class WeightedParticlesFilter(Filter[PFState]):
         return state.log_likelihood
 
     def diagnostics(self, state: PFState) -> dict[str, Array]:
-        """Return ``collapsed_steps`` and ``ess``.
+        """Report ``collapsed_steps`` and ``ess``.
 
         ``collapsed_steps``: 1 where every weight was zero and the particles got equal weights. ``ess``:
         effective sample size before resampling, as a share of N.
@@ -140,7 +140,7 @@ class ParticleFilter(WeightedParticlesFilter):
     def _weigh(
         self, model: Model, state: PFState, z: Array, x: Array, k: int
     ) -> tuple[Array, Mask, tuple[Evidence, ...]]:
-        """Return weights (M, N) of the moved particles x, collapsed runs, and the evidence."""
+        """Weigh the moved particles x: weights (M, N), collapsed runs, and the evidence."""
         log_w = self._log_likelihood(model, z, x, k)
         # w_k = w_{k-1} p(z | x); equal weights w_{k-1} drop out.
         equal = isinstance(state.log_w, float) and state.log_w == 0.0  # as resampling leaves them
@@ -178,7 +178,7 @@ class SimulatingSmoother(SmoothingFilter[PFState], ParticleFilter):
     def smoothed(
         self, model: Model, states: list[PFState], k: int, rng: Generator
     ) -> list[PFState]:
-        """Return equally weighted trajectories in place of the particles of every step."""
+        """Replace the particles of every step by equally weighted trajectories."""
 
         def one_back(i: int, later: Array) -> Array:
             cloud = states[i].weighted

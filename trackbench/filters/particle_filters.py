@@ -66,13 +66,13 @@ class PF(SimulatingSmoother):
         )
 
     def diagnostics(self, state: PFState) -> dict[str, Array]:
-        """Return also ``distinct_particles``: share of particles that are no copies after resampling."""
+        """Report also ``distinct_particles``: share of particles that are no copies after resampling."""
         return super().diagnostics(state) | {
             "distinct_particles": particles.distinct_share(state.particles.x[0])
         }
 
     def _move(self, model: Model, joint: Particles, z: Array, k: int, rng: Generator) -> Particles:
-        """Return children (n, M, N) moved from their parents, of (children, parents) (2 n, M, N)."""
+        """Move children (n, M, N) from their parents, of (children, parents) (2 n, M, N)."""
         # The transition from the parents is both proposal and prior: only likelihoods remain.
         x, parents = np.split(joint.x, 2)
         transition = model.motion.transition(parents, k)

@@ -10,7 +10,7 @@ from numpy.random import Generator
 
 from trackbench.core import linalg, plane_quadrature
 from trackbench.core.arrays import Array
-from trackbench.core.distributions import Distribution, Gaussian
+from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.plane_quadrature import Map, Plane, UnresolvedError
 from trackbench.core.posterior_scores import PlanePosterior, Posterior
 from trackbench.core.sums import mean
@@ -61,7 +61,7 @@ class PlaneGrid(Filter[Planes]):
         return {}
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Planes:
-        """Return the prior of each run, on nodes or as a known state.
+        """Put the prior of each run on nodes, or keep a known state.
 
         Raises WrongReturnError if the prior has no density and is no known state either.
         """
@@ -69,7 +69,8 @@ class PlaneGrid(Filter[Planes]):
         if not np.any(prior.cov):
             known = tuple(prior.mean[:, run] for run in runs)
             return Planes(known, known)
-        each = [Gaussian(prior.mean[:, run], _of_run(prior.cov, run)) for run in runs]
+        every = per_run_moments(prior)
+        each = [Gaussian(every.mean[:, run], every.cov[..., run]) for run in runs]
         if any(linalg.is_singular(p.cov) for p in each):
             raise WrongReturnError("init", "a part of the prior has no density: raise its `sigma`")
         fine, coarse = self._node_counts
@@ -83,7 +84,7 @@ class PlaneGrid(Filter[Planes]):
         return self.nodes, self.nodes // 2
 
     def step(self, model: Model, state: Planes, z: Array, k: int, rng: Generator) -> Planes:
-        """Return the posterior of each run after the measurement z (n_z, M) of step k.
+        """Condition each run on the measurement z (n_z, M) of step k.
 
         Raises WrongReturnError if half as many nodes give other moments.
         """
@@ -118,7 +119,7 @@ class PlaneGrid(Filter[Planes]):
         return PlanePosterior(planes) if len(planes) == len(state.posteriors) else None
 
     def log_likelihood(self, state: Planes) -> Array:
-        """Return log p(z_k | z_1..k-1) (M,), exact; NaN before the first measurement."""
+        """Evaluate log p(z_k | z_1..k-1) (M,), exact; NaN before the first measurement."""
         return np.array([s.evidence if isinstance(s, Plane) else np.nan for s in state.posteriors])
 
 
@@ -131,7 +132,7 @@ def _moments(states: Iterable[State]) -> Gaussian:
 
 
 def _map(motion: SampledMotion, state: Gaussian, k: int) -> Map:
-    """Return the motion to step k as a map with additive noise.
+    """Express the motion to step k as a map with additive noise.
 
     The steps of its derivatives are relative to the spread of the state and of the noise.
     """
@@ -144,12 +145,8 @@ def _map(motion: SampledMotion, state: Gaussian, k: int) -> Map:
     return Map(f, lambda x: central_differences(f, x, spread=spread), Q)
 
 
-def _of_run(cov: Array, run: int) -> Array:
-    return cov if cov.ndim == 2 else cov[..., run]
-
-
 def _difference(both: Planes) -> float:
-    """Return the largest difference from the check, in standard deviations."""
+    """Compare with the check: the largest difference, in standard deviations."""
     ours, check = _moments(both.posteriors), _moments(both.checks)
     sd = np.sqrt(linalg.diagonal(ours.cov))
     means = np.abs(check.mean - ours.mean) / sd

@@ -131,12 +131,9 @@ class Program:
     def _broken(self, what: str, answered: int) -> ProgramError:
         """Kill the program; return the error, with the last line of the program's errors."""
         self.kill()
-        return ProgramError(f"the program {what}{self._last_words}", answered)
-
-    @property
-    def _last_words(self) -> str:
-        lines = self._error_lines
-        return f"; its last line on stderr: {_shown(lines[-1])}" if lines else ""
+        if lines := self._error_lines:
+            what += f"; its last line on stderr: {_shown(lines[-1])}"
+        return ProgramError(f"the program {what}", answered)
 
     def _clock(self) -> float:
         """Read the CPU seconds of the program; on other systems than Linux 0."""

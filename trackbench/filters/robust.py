@@ -44,10 +44,10 @@ class RobustUpdate:
 
     @abstractmethod
     def log_ratio(self, nis: Array, n: Index) -> Array:
-        """Return log p(nu) - log N(nu; 0, S) of innovations with n measured components, by their NIS."""
+        """Evaluate log p(nu) - log N(nu; 0, S) of n measured components, by their NIS."""
 
     def weights(self, sensor: Sensor, posterior: Gaussian, z: Array, k: int) -> Array:
-        """Return the sensors' weights (sensors, M), 1 without a measurement or with a singular R."""
+        """Weigh the sensors (sensors, M): 1 without a measurement or with a singular R."""
         posterior = per_run_moments(posterior)
         R = with_trailing(sensor.measurement(posterior.mean, k).cov, 1, leading=2)
         # Step 1: residuals z - h(x) at the mean, or at cubature points of the posterior.
@@ -167,7 +167,7 @@ class Reweighted:
             self._weights[rows] = weight
 
     def mean_weight(self, z: Array) -> Array:
-        """Return the mean weight (M,) of the components that are measured, NaN without any."""
+        """Average the weights (M,) of the components that are measured, NaN without any."""
         known = ~np.isnan(z)
         with np.errstate(invalid="ignore"):
             return np.asarray(total(np.where(known, self._weights, 0.0), 0) / known.sum(axis=0))

@@ -41,7 +41,7 @@ class SigmaPointFilter(NonlinearFilter):
         return step(model, state, z, k, self.assumed, self.rule)
 
     def transition(self, model: Model, state: Gaussian, k: int) -> Transition:
-        """Return the prediction to step k by sigma points, and its covariance with x_{k-1}."""
+        """Predict to step k by sigma points, with the covariance with x_{k-1}."""
         return point_transition(model, state, k, self.assumed, self.rule, self.augmented)
 
     @property

@@ -302,18 +302,13 @@ class DensitySensor(Protocol):
 
 
 @cache
-def _may_have_density(kind: type[object]) -> bool:
-    return issubclass(kind, DensitySensor)
+def _is_of(kind: type[object], protocol: type[object]) -> bool:
+    return issubclass(kind, protocol)
 
 
 def has_density(sensor: Sensor) -> TypeGuard[DensitySensor]:
     """Return whether a sensor has a likelihood that is not normal."""
-    return _may_have_density(type(sensor)) and cast(DensitySensor, sensor).has_density()
-
-
-@cache
-def _is_near(kind: type[object]) -> bool:
-    return issubclass(kind, NearSensor)
+    return _is_of(type(sensor), DensitySensor) and cast(DensitySensor, sensor).has_density()
 
 
 class Model(NamedTuple):
@@ -361,7 +356,7 @@ def log_likelihood(sensor: Sensor, z: Array, x: Array, k: int) -> Array:
     if has_density(sensor):
         return sensor.log_density(z, x, k)
     # Step 1: innovations nu and their covariance R, by the sensor's fast way for particles if any.
-    if x.ndim == 3 and _is_near(type(sensor)):
+    if x.ndim == 3 and _is_of(type(sensor), NearSensor):
         residual = cast(NearSensor, sensor).residual(z, x, k)
         nu, R = residual.mean, residual.cov
     else:

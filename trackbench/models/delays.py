@@ -46,7 +46,7 @@ class UniformDelay(Delay):
             raise InvalidKeyError(f"{self.least} is more than `most`, {self.most}", "least")
 
     def steps(self, u: Array) -> Array:
-        """Return ``least + floor(u n)``, n numbers."""
+        """Compute ``least + floor(u n)``, n numbers."""
         return self.least + np.floor(u * (self.most - self.least + 1))
 
     @property
@@ -65,7 +65,7 @@ class GeometricDelay(Delay):
     """mean number of steps"""
 
     def steps(self, u: Array) -> Array:
-        """Return ``floor(log(1 - u) / log q)``, q = mean / (1 + mean)."""
+        """Compute ``floor(log(1 - u) / log q)``, q = mean / (1 + mean)."""
         q = np.array(self.mean / (1.0 + self.mean))
         return np.asarray(np.floor(elementary.log(1.0 - u) / elementary.log(q)))
 

@@ -57,7 +57,7 @@ class Program:
         self._instructions = self._with_reuse(operations)
 
     def uses(self, name: str) -> bool:
-        """Return whether a value depends on a variable."""
+        """Test whether a value depends on a variable."""
         slot = self._slots[("name", name)]
         return slot in self._outputs or any(
             slot in arguments for _, arguments, *_ in self._instructions
@@ -69,7 +69,7 @@ class Program:
         operations: list[tuple[str, tuple[int, ...], int]],
         by_node: dict[int, int],
     ) -> int:
-        """Return the slot of a node's value, with the instruction appended that computes it."""
+        """Find the slot of a node's value, and append the instruction that computes it."""
         arguments = tuple(by_node[id(a)] for a in node.arguments)
         # Nodes with one key have one value.
         key: tuple[object, ...] = (node.operation, *arguments)
@@ -88,7 +88,7 @@ class Program:
     def _with_reuse(
         self, operations: Sequence[tuple[str, tuple[int, ...], int]]
     ) -> list[tuple[Operation, tuple[int, ...], int, int]]:
-        """Return (function, slots of arguments, slot, slot whose memory the result may take or -1)."""
+        """List (function, slots of arguments, slot, slot whose memory the result may take or -1)."""
         last_use: dict[int, int] = {}
         for i, (_, arguments, _) in enumerate(operations):
             last_use |= dict.fromkeys(arguments, i)
@@ -105,7 +105,7 @@ class Program:
         return instructions
 
     def __call__(self, *variables: Value) -> list[Value]:
-        """Return the expressions' values for the arrays, at least (1,), and numbers given."""
+        """Evaluate the expressions for the arrays, at least (1,), and numbers given."""
         values = self._start.copy()
         values[: len(variables)] = variables
         for function, arguments, slot, reused in self._instructions:
@@ -179,7 +179,7 @@ class Equations:
         self.names[name] = node
 
     def parse(self, term: Term, *path: str | int) -> Node:
-        """Return an expression's tree; raises InvalidKeyError at this key."""
+        """Parse an expression to its tree; raises InvalidKeyError at this key."""
         try:
             node = parse(term, self.names)
         except ExpressionError as error:
@@ -193,17 +193,17 @@ class Equations:
         return node
 
     def program(self, nodes: Iterable[Node]) -> Program:
-        """Return the nodes' values as a function of the components and scalars."""
+        """Compile the nodes to a function of the components and scalars."""
         return Program(tuple(nodes), self.components, self.scalars)
 
     def vector(self, nodes: Sequence[Node]) -> "ArrayProgram":
-        """Return expressions (n,) as a function of x and the scalars."""
+        """Compile expressions (n,) to a function of x and the scalars."""
         return ArrayProgram(self, nodes, (len(nodes),))
 
     def covariance(
         self, given: Covariance, components: Sequence[str], *path: str | int
     ) -> "ArrayProgram":
-        """Return a covariance (n, n) of so many components; raises InvalidKeyError."""
+        """Compile a covariance (n, n) of so many components; raises InvalidKeyError."""
         n = len(components)
         rows = _rows(given, components, *path)
         cells = chain.from_iterable(rows)
@@ -225,7 +225,7 @@ _Cell: TypeAlias = tuple[Term, tuple[str | int, ...]]
 
 
 def _rows(given: Covariance, components: Sequence[str], *path: str | int) -> list[list[_Cell]]:
-    """Return the terms of a covariance with the path of each; a zero off the diagonal has none."""
+    """List the terms of a covariance with the path of each; a zero off the diagonal has none."""
     n = len(components)
     # A variance by component, one for all, a list of them, or a matrix.
     if isinstance(given, dict):
@@ -269,7 +269,7 @@ class ArrayProgram:
         self._program = equations.program(nodes[i] for i in self._computed)
 
     def __call__(self, x: Array, *scalars: float) -> Array:
-        """Return the array (*shape, *batch); (*shape,) if every expression is a number."""
+        """Evaluate the array (*shape, *batch); (*shape,) if every expression is a number."""
         if self.constant is not None:
             return self.constant
         batch = x.shape[1:]
@@ -292,11 +292,11 @@ class ArrayProgram:
         return ArrayProgram(self._equations, slopes, (*self.shape, len(names)))
 
     def uses(self, name: str) -> bool:
-        """Return whether a value depends on a variable."""
+        """Test whether a value depends on a variable."""
         return self._program.uses(name)
 
     def is_zero_at_zero(self) -> bool:
-        """Return whether the values are zero for x = 0, at every step and time."""
+        """Test whether the values are zero for x = 0, at every step and time."""
         if any(map(self.uses, self._scalars)):
             return False
         return not np.any(self(np.zeros((self._size, 1)), *(0.0 for _ in self._scalars)))

@@ -49,7 +49,7 @@ def _angle(y: Quantity, x: Quantity) -> Quantity:
 
 
 def _power(x: Quantity, y: Quantity) -> Quantity:
-    """Return ``x^y``: by multiplication for small whole y, a root for 1/2, else ``e^(y log x)``."""
+    """Compute ``x^y``: by multiplication for small whole y, a root for 1/2, else ``e^(y log x)``."""
     if isinstance(y, np.ndarray):
         return exp(y * log(x))
     if y == 2.0:
@@ -141,7 +141,7 @@ class _Parser:
     names: Mapping[str, Node]
 
     def node(self, tree: ast.expr) -> Node:
-        """Return the node of a tree; raises ExpressionError."""
+        """Translate a tree to its node; raises ExpressionError."""
         node = self._translated(tree)
         if node.operation == "number" and not math.isfinite(node.value):
             raise _mistake(tree, "this has no finite value")
@@ -207,17 +207,17 @@ def _as_float(tree: ast.expr, value: float) -> float:
 
 
 def number(value: float) -> Node:
-    """Return the node of a number."""
+    """Make the node of a number."""
     return Node("number", value=value)
 
 
 def variable(name: str) -> Node:
-    """Return the node of a variable."""
+    """Make the node of a variable."""
     return Node("name", name=name)
 
 
 def is_constant(node: Node) -> bool:
-    """Return whether a node is a number."""
+    """Test whether a node is a number."""
     return node.operation == "number"
 
 
@@ -225,7 +225,7 @@ ZERO, ONE, TWO = number(0.0), number(1.0), number(2.0)
 
 
 def operate(operation: str, *arguments: Node) -> Node:
-    """Return the node of an operation; of numbers alone, that of its value."""
+    """Make the node of an operation; of numbers alone, that of its value."""
     if operation in ("sin", "cos"):
         # Both come from one evaluation.
         pair = operate("cos and sin", *arguments)
@@ -242,7 +242,7 @@ def operate(operation: str, *arguments: Node) -> Node:
 
 
 def in_order(nodes: Iterable[Node]) -> list[Node]:
-    """Return these nodes and all in them, each once and after its arguments, of a tree of any depth."""
+    """List these nodes and all in them, each once and after its arguments, of a tree of any depth."""
     out: dict[int, Node] = {}
     waiting = [*nodes][::-1]
     while waiting:
@@ -256,7 +256,7 @@ def in_order(nodes: Iterable[Node]) -> list[Node]:
 
 
 def turns_at_cut(expression: Node) -> float:
-    """Return the turns by which an expression jumps where an `atan2` in it crosses its cut.
+    """Count the turns by which an expression jumps where an `atan2` in it crosses its cut.
 
     It is 1 for an angle in rad: an `atan2`, and a sum with one. It is 0 for one without a cut, such as
     the elevation ``atan2(z, sqrt(x**2 + y**2))``, and for any other expression.
@@ -319,7 +319,7 @@ def _quotient(a: Node, b: Node) -> Node:
 
 
 def derivative(node: Node, name: str) -> Node:
-    """Return the derivative of an expression by a variable.
+    """Differentiate an expression by a variable.
 
     Where `abs`, `min` or `max` have a kink it is the derivative of one side.
     """

@@ -91,7 +91,7 @@ def _with_curvature(
 def extended_prediction(
     model: Model, state: Gaussian, k: int, assumed: AssumedNoise, order: int = 1
 ) -> Gaussian:
-    """Return the prediction of x_k, with the motion expanded at the mean to first or second order."""
+    """Predict x_k, with the motion expanded at the mean to first or second order."""
     # A cast, because isinstance of a Protocol at every step takes as long as the step.
     motion = cast(DifferentiableMotion, model.motion)
     transition = assumed.transition(model, state.mean, k)
@@ -103,7 +103,7 @@ def extended_prediction(
 def extended_transition(
     model: Model, state: Gaussian, k: int, assumed: AssumedNoise, order: int = 1
 ) -> Transition:
-    """Return the prediction of x_k and its covariance with x_{k-1}, P F', by derivatives at the mean."""
+    """Predict x_k by derivatives at the mean, with its covariance with x_{k-1}, P F'."""
     F = jacobian_at(cast(DifferentiableMotion, model.motion), state, k)
     # cov(x_{k-1}, x_k) = P F'
     cross = linalg.matmul(state.cov, linalg.transpose(F))
@@ -125,14 +125,14 @@ def extended_step(
 
 
 def augmented_size(model: Model) -> int:
-    """Return the number of components of the augmented state (x, v, n) of `augmented_step`."""
+    """Count the components of the augmented state (x, v, n) of `augmented_step`."""
     return 2 * len(model.motion.components) + len(model.sensor.components)
 
 
 def spread_conflicts(
     alpha: float, kappa: float, model: Model, augmented: bool = True
 ) -> dict[str, str]:
-    """Return errors by key if the sigma points coincide: alpha^2 (n + kappa) must be positive."""
+    """Reject sigma points that coincide, by key: alpha^2 (n + kappa) must be positive."""
     # n + lambda = alpha^2 (n + kappa) scales the points: it must be positive and finite.
     n = augmented_size(model) if augmented else len(model.motion.components)
     if n + kappa <= 0:
@@ -168,7 +168,7 @@ def augmented_step(
 def _scalar_step(
     model: Model, state: Gaussian, z: Array, k: int, assumed: AssumedNoise, rule: PointRule
 ) -> Updated | None:
-    """Return the step of `augmented_step` by the points of three scalars, or None if it must do it."""
+    """Make the step of `augmented_step` by the points of three scalars; None if it must do it."""
     if not isinstance(rule, Unscented) or isinstance(state, Factored):
         return None
     if type(model.sensor).innovation is not SensorBase.innovation:  # such as one of angles
@@ -195,7 +195,7 @@ def _scalar_step(
 def point_prediction(
     model: Model, state: Gaussian, k: int, assumed: AssumedNoise, rule: PointRule
 ) -> Gaussian:
-    """Return the prediction of x_k by points of the state, plus the covariance Q of the noise."""
+    """Predict x_k by points of the state, plus the covariance Q of the noise."""
     points = rule.points(state)
     Q = assumed.transition(model, state.mean, k).cov
     moved = assumed.transition(model, points.x, k).mean
@@ -205,7 +205,7 @@ def point_prediction(
 def point_transition(
     model: Model, state: Gaussian, k: int, assumed: AssumedNoise, rule: PointRule, augmented: bool
 ) -> Transition:
-    """Return the prediction of x_k by points and its covariance with x_{k-1}.
+    """Predict x_k by points, with its covariance with x_{k-1}.
 
     The points are those of `augmented_step`, or of the state alone as in `additive_step`.
     """
@@ -238,18 +238,12 @@ def additive_step(
     The noise covariances are added to those of the points (Arasaratnam & Haykin 2009, section 5).
     """
     predicted = point_prediction(model, state, k, assumed, rule)
-    return _additive_update(model, predicted, z, k, assumed, rule)
-
-
-def _additive_update(
-    model: Model, predicted: Gaussian, z: Array, k: int, assumed: AssumedNoise, rule: PointRule
-) -> Updated:
     points, R, measured = _measured_anew(model, predicted, z, k, assumed, rule)
     return _condition(points, points.x, predicted, measured, R)
 
 
 def predicted_innovation(model: Model, predicted: Gaussian, z: Array, k: int) -> Innovation:
-    """Return the innovation of z (n_z, M) and its covariance for N(mean, cov) of x_k, by cubature."""
+    """Compare z (n_z, M) with N(mean, cov) of x_k by cubature: the innovation and its covariance."""
     predicted, rule = per_run_moments(predicted), Unscented(1.0, 0.0, 0.0)
     _, _, measured = _measured_anew(model, predicted, z, k, MODEL_NOISE, rule)
     return Innovation(measured.nu, measured.S)
@@ -258,7 +252,7 @@ def predicted_innovation(model: Model, predicted: Gaussian, z: Array, k: int) ->
 def _measured_anew(
     model: Model, predicted: Gaussian, z: Array, k: int, assumed: AssumedNoise, rule: PointRule
 ) -> tuple[SigmaPoints, Array, "_Measured"]:
-    """Return new points of the prediction, R, and the moments of their measurements with R added."""
+    """Measure new points of the prediction: points, R, and the moments with R added."""
     points = rule.points(predicted)
     R = assumed.measurement(model, predicted.mean, k).cov
     R = with_trailing(R, predicted.mean.ndim - 1, leading=2)
@@ -309,7 +303,7 @@ def _measured(
     noise: Array | None,
     R: Array | None,
 ) -> _Measured:
-    """Return the moments of the points' measurements; the noise is in the points, or added as R."""
+    """Compute the moments of the points' measurements; the noise is in the points, or added as R."""
     # Step 1: measurements of the points, relative to that of the mean, so that angles do not wrap.
     z_pred = model.sensor.measurement(x, k).mean
     center = z_pred[:, :1]
@@ -336,7 +330,7 @@ def _measured(
 def _condition(
     points: SigmaPoints, x: Array, predicted: Gaussian, measured: _Measured, R: Array | None
 ) -> Updated:
-    """Return the prediction given the measurements of its points x (steps 1 to 3: `_measured`)."""
+    """Condition the prediction on the measurements of its points x (steps 1 to 3: `_measured`)."""
     relative, z_mean, S, C, nu, missing = measured
     known = np.where(missing, 0.0, nu) if missing.any() else nu
     if isinstance(predicted, Factored):

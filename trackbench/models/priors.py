@@ -28,11 +28,11 @@ class Convertible(Protocol):
     """A prior from two scans of range and azimuth, for filters that choose the conversion."""
 
     def gaussian(self, conversion: Conversion) -> Gaussian:
-        """Return two-point differencing of converted scans."""
+        """Difference two converted scans."""
 
 
 def two_point_difference(one: Gaussian, two: Gaussian, T: float | Array, q: float) -> Gaussian:
-    """Return the state at the second of two positions (axes, M), with their difference as velocity.
+    """Difference two positions (axes, M) to the state at the second, with their difference as velocity.
 
     T is a number or each run's own (M,). White acceleration of density q adds q T / 3 per axis to the
     velocity's variance (Bar-Shalom, Li & Kirubarajan 2001, 5.5.3). Covariances are (axes, axes[, M]).
@@ -80,23 +80,23 @@ class TwoPoint(Symmetric):
         return self.gaussian("mucm").cov
 
     def gaussian(self, conversion: Conversion) -> Gaussian:
-        """Return two-point differencing of converted scans."""
+        """Difference two converted scans."""
         scans = (self.first, self.second)
         one, two = (convert(conversion, self.sensor.reading(scan)) for scan in scans)
         return two_point_difference(one, two, self.T, self.q)
 
     def sample(self, rng: Streams, *trailing: int) -> Array:
-        """Return states (4, M, *trailing): both scans drawn in polar coordinates and differenced."""
+        """Draw both scans in polar coordinates, and difference them to states (4, M, *trailing)."""
         one, two = (self.polar(scan, rng, *trailing) for scan in (self.first, self.second))
         return self._make_states(position(*one), position(*two), rng)
 
     def cover(self, rng: Streams, N: int) -> tuple[Array, Array]:
-        """Return states (4, M, N) from `positions`, and their log-weights (M, N)."""
+        """Draw states (4, M, N) from `positions`, with log-weights (M, N)."""
         p1, p2, log_w = self.positions(rng, N)
         return self._make_states(p1, p2, rng), log_w
 
     def positions(self, rng: Streams, N: int) -> tuple[Array, Array, Array]:
-        """Return draws (2, M, N) of the positions at both scans, and log-weights (M, N)."""
+        """Draw the positions (2, M, N) at both scans, with log-weights (M, N)."""
         a1, a2, log_w = self.azimuths(rng, N)
         # r_i = z_i + sigma_r e_i at each scan.
         noise = self.sensor.sigma_range * rng.standard_normal((2, *log_w.shape))
@@ -104,7 +104,7 @@ class TwoPoint(Symmetric):
         return position(r1, a1), position(r2, a2), log_w
 
     def azimuths(self, rng: Streams, N: int) -> tuple[Array, Array, Array]:
-        """Return draws (M, N) of the azimuths at both scans, and log-weights (M, N).
+        """Draw the azimuths (M, N) at both scans, with log-weights (M, N).
 
         A precise third range determines their difference up to its sign, but not their sum. So draws of
         the difference cover its tails: if the measured difference is off by several standard deviations,
@@ -118,20 +118,20 @@ class TwoPoint(Symmetric):
         return a1 + half * (s - d), a2 + half * (s + d), log_w
 
     def polar(self, scan: Array, rng: Streams, *trailing: int) -> Array:
-        """Return draws of (range, azimuth) given a scan (2, M)."""
+        """Draw (range, azimuth) given a scan (2, M)."""
         sigma = np.array([self.sensor.sigma_range, self.sensor.sigma_azimuth])
         noise = rng.standard_normal((*scan.shape, *trailing))
         return with_trailing(scan, noise.ndim - 1) + with_trailing(sigma, noise.ndim - 1) * noise
 
     def _make_states(self, p1: Array, p2: Array, rng: Streams) -> Array:
-        """Return states at the second of two positions, with the noise of the velocity."""
+        """Difference two positions to states at the second, with the noise of the velocity."""
         # v = (p2 - p1) / T + N(0, q T / 3)
         noise = np.sqrt(self.q * self.T / 3.0) * rng.standard_normal(p1.shape)
         vx, vy = (p2 - p1) / self.T + noise
         return np.stack([p2[0], vx, p2[1], vy])
 
     def log_prob(self, x: Array) -> Array:
-        """Return the log-density at x (4, M[, N]): both scans' polar densities in Cartesian terms.
+        """Evaluate the log-density at x (4, M[, N]): both scans' polar densities in Cartesian terms.
 
         The noise of the velocity enters the first scan's variances to first order.
         """
@@ -174,16 +174,16 @@ class Augmented(Symmetric):
         return augment_gaussian(self.prior, self.std).cov
 
     def sample(self, rng: Streams, *trailing: int) -> Array:
-        """Return states (n + m, M, *trailing)."""
+        """Draw states (n + m, M, *trailing)."""
         return append_noise(self.prior.sample(rng, *trailing), self.std, rng)
 
     def cover(self, rng: Streams, N: int) -> tuple[Array, Array]:
-        """Return states (n + m, M, N) that cover the prior's tails, and log-weights (M, N)."""
+        """Draw states (n + m, M, N) that cover the prior's tails, with log-weights (M, N)."""
         x, log_w = draw_covering(self.prior, rng, N)
         return append_noise(x, self.std, rng), log_w
 
     def log_prob(self, x: Array) -> Array:
-        """Return the log-density at x (n + m, M[, N])."""
+        """Evaluate the log-density at x (n + m, M[, N])."""
         # The further components are independent of the others.
         n = len(x) - len(self.std)
         further = zero_mean_log_prob(x[n:], np.diag(np.square(self.std)))
@@ -197,12 +197,12 @@ class AugmentedTwoPoint(Augmented):
     prior: TwoPoint
 
     def gaussian(self, conversion: Conversion) -> Gaussian:
-        """Return two-point differencing of converted scans, with the further components."""
+        """Difference two converted scans, and add the further components."""
         return augment_gaussian(self.prior.gaussian(conversion), self.std)
 
 
 def augment_prior(prior: Distribution, std: tuple[float, ...]) -> Distribution:
-    """Return the prior (n, M) with a further component N(0, s^2) for each s of ``std``."""
+    """Extend the prior (n, M) by a component N(0, s^2) for each s of ``std``."""
     if not std:
         return prior
     if isinstance(prior, TwoPoint):
@@ -213,7 +213,7 @@ def augment_prior(prior: Distribution, std: tuple[float, ...]) -> Distribution:
 
 
 def augment_gaussian(prior: Distribution, std: tuple[float, ...]) -> Gaussian:
-    """Return the moments of the augmented prior: mean (n + m, M), cov (n + m, n + m[, M])."""
+    """Extend the moments of the prior: mean (n + m, M), cov (n + m, n + m[, M])."""
     n, m = len(prior.mean), len(std)
     mean = np.concatenate([prior.mean, np.zeros((m, *prior.mean.shape[1:]))])
     # P = [P 0; 0 diag(s^2)]

@@ -157,7 +157,7 @@ class Scenario(Scene):
 
 
 def simulate_markov(model: Model, start: Array, steps: Index, rng: Streams) -> tuple[Array, Array]:
-    """Return truth (n_x, T + 1, M) and measurements (n_z, T, M), simulated from ``start``."""
+    """Simulate truth (n_x, T + 1, M) and measurements (n_z, T, M) from ``start``."""
     truth, measurements, n_z = [start], [], len(model.sensor.components)
     for k in steps[1:]:
         truth.append(model.motion.transition(truth[-1], int(k)).sample(rng))
@@ -170,6 +170,6 @@ def simulate_markov(model: Model, start: Array, steps: Index, rng: Streams) -> t
 
 
 def error_names(scenario: Scenario) -> list[str]:
-    """Return the metrics ``rmse_position`` ... of a scenario with a truth."""
+    """Name the metrics ``rmse_position`` ... of a scenario with a truth."""
     nowhere = np.zeros((len(scenario.components), 1))
     return [joined("rmse", quantity) for quantity in scenario.errors(nowhere, nowhere)]

@@ -45,7 +45,7 @@ class Course(NamedTuple):
 
 
 def along(course: Course, path: Array) -> Bound:
-    """Return the bound of a path (n, K) that is flown in every run."""
+    """Bound errors along a path (n, K) that is flown in every run."""
     n = len(path)
     pairs = list(zip(course.steps, path.T, strict=True))[1:]
     gained = (course.sensor.information(x, k) for k, x in pairs)
@@ -57,7 +57,7 @@ def along(course: Course, path: Array) -> Bound:
 
 
 def position_sigma(sensor: Sensors, state: Array, k: int) -> float | None:
-    """Return the largest standard deviation, m, of the position by one scan of a state (n_x,).
+    """Bound the standard deviation, m, of the position by one scan of a state (n_x,).
 
     None if a scan does not tell the position.
     """
@@ -70,7 +70,7 @@ def position_sigma(sensor: Sensors, state: Array, k: int) -> float | None:
 
 
 def over_paths(course: Course, first: Callable[[int, Streams], Array]) -> Bound | None:
-    """Return the bound with ``E[H' R^-1 H]`` over the paths that the motion draws.
+    """Bound errors with ``E[H' R^-1 H]`` over the paths that the motion draws.
 
     ``first`` draws so many first states (n, N). The result is None if all paths are one, or have one
     information since the sensor is linear. Each of the bounds without a batch of paths has the
@@ -105,7 +105,7 @@ def over_paths(course: Course, first: Callable[[int, Streams], Array]) -> Bound 
 
 
 def _mean_squares(squares: Squares, P: Array, paths: Array) -> dict[str, Array]:
-    """Return the mean over paths (n, K, N) of the squared errors of covariances P (n, n, K)."""
+    """Average the squared errors of covariances P (n, n, K) over paths (n, K, N)."""
     each = [squares(P, np.ascontiguousarray(x)) for x in np.moveaxis(paths, -1, 0)]
     out = {}
     for name in each[0]:
@@ -118,7 +118,7 @@ def _roots(squares: dict[str, Array]) -> dict[str, Array]:
 
 
 def why_no_bound_of(sensor: Sensors, start: Start) -> str | None:
-    """Return the reason why sensors or start have no bound; None if they have one.
+    """Explain why sensors or start have no bound; None if they have one.
 
     The bound of measurements on time is one of late measurements, too.
     """

@@ -210,7 +210,7 @@ class Outliers(LargerNoise):
                 raise InvalidKeyError("ends before it begins", *where, name)
 
     def drawn(self, of: Stretch) -> Array:
-        """Return measurements with the density's errors, or the density's measurements."""
+        """Draw measurements with the density's errors, or the density's measurements."""
         if self.density is None:
             return super().drawn(of)
         assert of.streams is not None
@@ -245,7 +245,7 @@ class Blackout(Fault):
     """no measurements"""
 
     def faulty(self, of: Stretch) -> Array:
-        """Return NaN."""
+        """Replace the measurements by NaN."""
         return np.full_like(of.z, np.nan)
 
 
@@ -293,7 +293,7 @@ class Freeze(Fault):
         return np.where(np.isnan(of.z), np.nan, of.before[:, None])
 
     def corrected(self, of: Stretch) -> Array:
-        """Return NaN: the value has been used before."""
+        """Leave the measurements out: the value has been used before."""
         return np.full_like(of.z, np.nan)
 
 

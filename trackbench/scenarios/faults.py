@@ -86,7 +86,7 @@ class FaultContext(NamedTuple):
         fault.check(self.components(fault))
 
     def windows(self, faults: Sequence[Fault], scored: Mask) -> dict[str, Mask]:
-        """Return the steps (K,) of each fault, and those after it up to the next one."""
+        """Select the steps (K,) of each fault, and those after it up to the next one."""
         out, places = {}, np.arange(len(self.steps))
         with_fault = np.zeros(len(self.steps), dtype=np.bool_)
         for fault in faults:
@@ -130,7 +130,7 @@ class FaultContext(NamedTuple):
         return z
 
     def known_sensor(self, faults: Sequence[Fault], assumed: Sensors) -> Sensor:
-        """Return the assumed sensor with the noise of the faults; raises InvalidKeyError."""
+        """Give the assumed sensor the noise of the faults; raises InvalidKeyError."""
         if not faults:
             raise InvalidKeyError("has no effect: the scenario has no `faults`", "assume", "faults")
         scales = np.ones((len(self.sensor.components), len(self.steps) - 1))
@@ -147,7 +147,7 @@ class FaultContext(NamedTuple):
         return ScaledNoise(assumed, int(self.steps[1]), fixed(scales))
 
     def _stretch(self, fault: Fault, z: Array) -> Stretch:
-        """Return the measurements of a fault's sensor in its steps."""
+        """Cut out the measurements of a fault's sensor in its steps."""
         inside = self.measured(fault)
         times = self.times[1:][inside]
         elapsed = times - (times[0] if fault.from_ is None else fault.from_)
@@ -171,7 +171,7 @@ def recovery(
     windows: Mapping[str, Mask],
     values: Mapping[str, Array],
 ) -> dict[str, Array]:
-    """Return ``recovery_s`` and ``not_recovered`` (M,) of each fault, by the first quantity's error.
+    """Measure ``recovery_s`` and ``not_recovered`` (M,) of each fault, by the first quantity's error.
 
     A run has recovered at the first step from which on its excess error stays below the limit, up to the
     next fault. Its time counts from the last step with the fault.

@@ -33,7 +33,7 @@ class Window:
             raise InvalidKeyError(what, "last")
 
     def overlaps(self, first: int, last: int) -> bool:
-        """Return whether a step of the window is one of ``first`` to ``last``."""
+        """Test whether a step of the window is one of ``first`` to ``last``."""
         end = last if self.last is None else min(last, self.last)
         return max(first, self.first or 0) <= end
 
@@ -113,7 +113,7 @@ class Score:
         self.of_training(trained)
 
     def of_training(self, last: int) -> "Score":
-        """Return the scoring up to the training's end; raises InvalidKeyError if it is empty."""
+        """Cut the scoring at the training's end; raises InvalidKeyError if it is empty."""
         first, end = self.steps
         if first is not None and first > last:
             what = f"training sees steps up to {last}, and none is scored before {first}"
@@ -124,7 +124,7 @@ class Score:
         return replace(self, train=None, steps=(first, end), windows=windows)
 
     def scored(self, steps: Index, trained: int | None = None) -> Mask:
-        """Return the steps (K,) that are scored: none up to the last one of training."""
+        """Select the steps (K,) that are scored: none up to the last one of training."""
         inside = _between(steps, *self.steps)
         return inside if trained is None else inside & (steps > trained)
 
@@ -135,7 +135,7 @@ class Score:
     def check_windows(
         self, steps: Index, scored: Mask, taken: Mapping[str, Mask]
     ) -> dict[str, Mask]:
-        """Return the windows (K,) by name; raises InvalidKeyError for an empty one, or a taken name."""
+        """Select the windows (K,) by name; raises InvalidKeyError for an empty one, or a taken name."""
         windows = self.named(steps, scored)
         for i, (name, mask) in enumerate(windows.items()):
             if not mask.any():

@@ -208,7 +208,7 @@ class Tracking(Scenario):
         return Model(sampled, self._fault_context.known_sensor(self.faults, sensor))
 
     def assumed_measurements(self, z: Array) -> Array:
-        """Return the measurements without the errors of faults that the filter knows."""
+        """Subtract the errors of faults that the filter knows from the measurements."""
         return z if self.assume.faults is None else self._fault_context.corrected(self.faults, z)
 
     def with_assumptions(self, assume: Assume) -> "Tracking":
@@ -297,7 +297,7 @@ class Tracking(Scenario):
         return {name: parts[name] for name in self.score.marginals}
 
     def simulate(self, rng: Streams, runs: int) -> Simulation:
-        """Return the truth, the measurements that filters are given, and their prior."""
+        """Simulate the truth, the measurements that filters are given, and their prior."""
         # Step 1: the true first state, drawn by some starts for a driven target.
         nominal = start = repeated(self.target.start(self._timeline), runs)
         driven = self.target.own_motion is not None

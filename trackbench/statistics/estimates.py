@@ -123,15 +123,12 @@ class RunEstimate(NamedTuple):
         An event that none of M runs had may have a probability of 3 / M. A share's test counts that.
         """
         x = None if self.influences is None else self.influences[~np.isnan(self.influences)]
-        if x is None or len(x) < 3 or self._is_of_shares:
+        is_share = isinstance(self if self.pair is None else self.pair[0], Share)
+        if x is None or len(x) < 3 or is_share:
             return []
         far = int(np.argmax(np.abs(x)))
         more = np.append(x, np.full(3, 2.0 * x[far]))
         return [self._made_by(np.delete(x, far)), self._made_by(more)]
-
-    @property
-    def _is_of_shares(self) -> bool:
-        return isinstance(self if self.pair is None else self.pair[0], Share)
 
     def _over(self, rows: Mask) -> "RunEstimate":
         """Return the number of some of the runs."""

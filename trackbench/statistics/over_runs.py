@@ -68,14 +68,10 @@ def median(x: Array) -> Estimate:
     deviations = min(1.96, np.sqrt(M))  # ranks cannot leave the sample
     # Quantiles at 1/2 -+ 1.96 / (2 sqrt(M)) are 2 * 1.96 standard errors apart.
     share = 0.5 * deviations / np.sqrt(M)
-    low, middle, high = _quantiles(x, [0.5 - share, 0.5, 0.5 + share])
+    quantiles = np.quantile(x, [0.5 - share, 0.5, 0.5 + share])
+    # Between two infinities lies infinity.
+    low, middle, high = np.where(np.isnan(quantiles), x.max(), quantiles).tolist()
     return Estimate(middle, (high - low) / (2.0 * deviations))
-
-
-def _quantiles(x: Array, shares: list[float]) -> list[float]:
-    """Return quantiles; between two infinities lies infinity."""
-    quantiles = np.quantile(x, shares)
-    return [float(q) for q in np.where(np.isnan(quantiles), x.max(), quantiles)]
 
 
 @_quietly
@@ -83,10 +79,6 @@ def deviation(x: Array) -> Estimate:
     """Return the standard deviation (divisor M) of a step's errors over runs."""
     stderr = mean(influence("std", x)).stderr if len(x) > 1 else np.nan
     return Estimate(float(np.sqrt(_mean(np.square(x - _mean(x))))), stderr)
-
-
-def _of_mean(x: Array) -> Array:
-    return x - _mean(x)
 
 
 def _of_rms(x: Array) -> Array:
@@ -129,7 +121,7 @@ class Statistic(NamedTuple):
 
 
 STATISTICS = {
-    "mean": Statistic(mean, _of_mean, "mean over the runs"),
+    "mean": Statistic(mean, lambda x: x - _mean(x), "mean over the runs"),
     "variance": Statistic(variance, _of_variance, "unbiased variance over the runs", power=2),
     "rms": Statistic(rms, _of_rms, "root mean square over the runs"),
     "median": Statistic(median, _of_median, "median over the runs"),

@@ -11,12 +11,14 @@ docs/statistics.md has error rates and power of both.
 """
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from math import copysign, inf, isfinite, isnan, log, nan, sqrt
-from typing import NamedTuple, Protocol
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.field_types import Count, Finite, Natural, NonNegative, Positive
 from trackbench.statistics.estimates import OfSteps, RunEstimate
 from trackbench.statistics.intervals import deviations, holm, normal_of_t, sign_test, two_sided
 from trackbench.statistics.over_runs import Estimate, z_score
@@ -114,17 +116,17 @@ def beyond(zs: Sequence[float], sigmas: float) -> tuple[Array, list[int]]:
 
 
 def is_tested(difference: RunEstimate) -> bool:
-    """Return whether a difference of filters has runs enough, or is of a recording's steps."""
+    """Test whether a difference of filters has runs enough, or is of a recording's steps."""
     return isinstance(difference, OfSteps) or difference.runs >= FEWEST_RUNS
 
 
 def is_significant(z: float) -> bool:
-    """Return whether a difference that is the only one of its family is significant."""
+    """Test whether a difference that is the only one of its family is significant."""
     return two_sided(z) < LEVEL
 
 
 def loses_more(a: Array, b: Array, filters: int) -> bool:
-    """Return whether one of so many filters loses more of the same runs, by codes (M,).
+    """Test whether one of so many filters loses more of the same runs, by codes (M,).
 
     A sign test of the runs that only one of the two loses, with Bonferroni's correction for all pairs.
     """
@@ -134,7 +136,7 @@ def loses_more(a: Array, b: Array, filters: int) -> bool:
 
 
 def is_no_chance(number: Estimate, runs: int) -> bool:
-    """Return whether a number that should be zero is not: by Student's t, for few runs have errors."""
+    """Test whether a number that should be zero is not: by Student's t, for few runs have errors."""
     return abs(normal_of_t(z_score(number), max(runs - 1.0, 1.0))) > NOT_CHANCE
 
 
@@ -185,32 +187,22 @@ def difference_sign(term: RunEstimate, batches: int) -> int:
     return decided(term.z(), [part.z() for part in term.parts(batches)], term.is_exact)
 
 
-class Printed(Protocol):
-    """A published number, or a word on a bias, as the verdict needs it."""
+@dataclass(frozen=True, kw_only=True)
+class Printed:
+    """A number in a paper, or a word on a bias, as far as the verdict depends on it."""
 
-    @property
-    def value(self) -> float | str:
-        """Printed number, or `biased` or `unbiased`."""
-
-    @property
-    def digits(self) -> int:
-        """Decimals it is printed with."""
-
-    @property
-    def runs(self) -> int | None:
-        """Paper's number of runs, if it prints one."""
-
-    @property
-    def variance(self) -> float | None:
-        """Variance over the paper's runs, if it prints one."""
-
-    @property
-    def margin(self) -> float:
-        """Largest bias that is called unbiased."""
-
-    @property
-    def chosen(self) -> str:
-        """Value that was chosen for this number, if any was."""
+    value: Finite | Literal["biased", "unbiased"]
+    """the number; a word where the paper prints a word"""
+    digits: Natural = 0
+    """decimals that are printed; default: those of the ``value`` as written, so 2 of 0.20"""
+    runs: Count | None = None
+    """the paper's Monte Carlo runs"""
+    variance: Positive | None = None
+    """variance over the paper's runs, where it prints one; so its own standard error is known"""
+    margin: NonNegative = 0.0
+    """how far from zero a value may be and still count as unbiased"""
+    chosen: str = ""
+    """what the paper leaves out and was chosen so that this number comes out: it decides nothing"""
 
 
 def number_verdict(

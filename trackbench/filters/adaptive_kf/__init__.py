@@ -61,7 +61,7 @@ class AdaptiveKF(JoinableVariableDimension):
 
     @classmethod
     def explain(cls) -> str:
-        """Return the false-alarm probabilities of the paper's thresholds."""
+        """Explain the false-alarm probabilities of the paper's thresholds."""
         rows = [
             f"  eta = {eta:g}: P(rho > eta) = {tail(eta, 0.8):.2g} per sample at gamma = 0.8, "
             f"P(zeta > eta) = {np.exp(-eta / 2):.2g} per onset"

@@ -115,7 +115,7 @@ class SecondDecision:
 def exit_cautions(
     leave: Exit, mf: ConstantAcceleration, T: float, R: Array, smallest: float | None
 ) -> list[str]:
-    """Return the effect of the exit test when the acceleration's variance P_a is in its steady state.
+    """Note the effect of the exit test when the acceleration's variance P_a is in its steady state.
 
     ``smallest`` is the least acceleration of a turn, m/s^2. With q = 0 there is no steady state:
     P_a and the gain go to zero, and the estimated acceleration stays significant after the turn.
@@ -137,7 +137,7 @@ def exit_cautions(
 
 
 def steady_acceleration_variance(mf: ConstantAcceleration, T: float, R: Array) -> float:
-    """Return P_a of the maneuvering filter after many steps, (m/s^2)^2; q must be positive."""
+    """Solve for P_a of the maneuvering filter after many steps, (m/s^2)^2; q must be positive."""
     from scipy.linalg import solve_discrete_are
 
     F, Q = mf.axis(T)
@@ -184,7 +184,7 @@ def tail(eta: float, gamma: float) -> float:
 
 @lru_cache(maxsize=256)
 def threshold(alpha: float, gamma: float) -> float:
-    """Return the eta with ``tail(eta, gamma) = alpha``, by bisection."""
+    """Find the eta with ``tail(eta, gamma) = alpha``, by bisection."""
     # Step 1: bracket the threshold, starting from the mean of rho.
     low, high = 0.0, 2.0 / (1.0 - gamma)
     while tail(high, gamma) > alpha:

@@ -73,7 +73,7 @@ class Mode(NamedTuple):
     """log-likelihood of the MF over that of the NMF, summed while both are on"""
 
     def switch(self, on: Index, k: int) -> "Mode":
-        """Return the mode with other filters on from step k."""
+        """Switch other filters on from step k."""
         return self._replace(on=on, since=np.where(on != self.on, k, self.since))
 
 
@@ -135,7 +135,7 @@ class VariableDimension(Filter[AdaptiveState]):
         return OWN_MOTION
 
     def cautions(self, scenario: Scene) -> list[str]:
-        """Return a note if the exit test fires in the scenario's smallest turn."""
+        """Note that the exit test fires in the scenario's smallest turn, if it does."""
         T, R = sampling_of(scenario.model)
         smallest = min(scenario.turns, default=None)
         return exit_cautions(self.parameters.exit, self.parameters.mf, T, R, smallest)
@@ -196,7 +196,7 @@ class VariableDimension(Filter[AdaptiveState]):
         return both_axes(where_runs(state.mode.on == MF, mf, state.nmf))
 
     def log_likelihood(self, state: AdaptiveState) -> Array:
-        """Return log N(innovation; 0, S) (M,) of the filter that was reported before the step."""
+        """Evaluate log N(innovation; 0, S) (M,) of the filter that was reported before the step."""
         nmf, mf = state.record.nmf, state.record.mf
         if nmf is None:
             return np.full(state.record.nis.shape, np.nan)
@@ -215,7 +215,7 @@ class VariableDimension(Filter[AdaptiveState]):
         return frozenset({"nis", "mode", "alarm", "alarm_age_s", *of_onset})
 
     def diagnostics(self, state: AdaptiveState) -> dict[str, Array]:
-        """Return ``nis``, ``mode``, ``alarm``, ``alarm_age_s``, ``zeta`` and ``zeta_beyond``.
+        """Report ``nis``, ``mode``, ``alarm``, ``alarm_age_s``, ``zeta`` and ``zeta_beyond``.
 
         ``mode``: 1 in the MF. ``alarm``: 1 where the first decision has just found a maneuver.
         ``alarm_age_s``: time since its onset. If the onset is the argmax of zeta: ``zeta`` of the
@@ -288,7 +288,7 @@ def _update_statistics(
 def _first_decision(
     p: Parameters, state: AdaptiveState, k: int, sampling: Sampling
 ) -> tuple[AdaptiveState, Mask, Index]:
-    """Return the alarms (eqs. 5, 6) and the slot of each run's onset (eq. 7)."""
+    """Raise the alarms (eqs. 5, 6) and find the slot of each run's onset (eq. 7)."""
     detector, (rho, inputs, past, _) = p.detector, state.detector
     runs, oldest_zeta = np.arange(len(rho)), state.record.zeta
     # Onset t*: argmax of zeta over the window (eq. 7), or a fixed age.
@@ -337,7 +337,7 @@ def _start_mf(
 
 
 def _second_decision(p: Parameters, mode: Mode, alarm: Mask, k: int) -> tuple[Mask, Mask]:
-    """Return the runs whose maneuver is confirmed, and those in which both filters end."""
+    """Select the runs whose maneuver is confirmed, and those in which both filters end."""
     n = p.dlw.n
     # Decide n samples after the alarm; the MF wins with positive evidence (n = 0: at once).
     decided = (mode.on == BOTH) & (k - mode.since >= n)
@@ -345,7 +345,7 @@ def _second_decision(p: Parameters, mode: Mode, alarm: Mask, k: int) -> tuple[Ma
 
 
 def _exit_test(p: Parameters, state: AdaptiveState, k: int, sampling: Sampling) -> Mask:
-    """Return the runs (M,) whose acceleration was not significant over the last p samples."""
+    """Select the runs (M,) whose acceleration was not significant over the last p samples."""
     # The MF has been on alone for at least `hold_s`.
     long_enough = (k - state.mode.since) * sampling.T >= p.exit.hold_s
     # The sum of the significances of the last p samples is below Ta.

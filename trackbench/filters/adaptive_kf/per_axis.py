@@ -33,7 +33,7 @@ def sampling_of(model: Model) -> Sampling:
 
 
 def per_axis(prior: Distribution) -> Gaussian:
-    """Return a prior of (px, vx, py, vy, ...) as mean (2, 2, M) and cov (2, 2, A, M).
+    """Split a prior of (px, vx, py, vy, ...) into axes: mean (2, 2, M) and cov (2, 2, A, M).
 
     Raises ValueError if it correlates the axes.
     """
@@ -53,7 +53,7 @@ def per_axis(prior: Distribution) -> Gaussian:
 
 
 def both_axes(state: Gaussian) -> Gaussian:
-    """Return position and velocity of both axes: mean (4, M), cov (4, 4, M)."""
+    """Join position and velocity of both axes: mean (4, M), cov (4, 4, M)."""
     runs = state.mean.shape[-1]
     cov = np.zeros((4, 4, runs))
     cov[:2, :2] = state.cov[:2, :2, 0]
@@ -92,13 +92,13 @@ def is_missing(innovation: Innovation) -> Mask:
 
 
 def sum_over_axes(values: Array) -> Array:
-    """Return the sum (M,) of NIS or log-likelihoods (2, M), zero where nothing was measured."""
+    """Sum NIS or log-likelihoods (2, M) to (M,), zero where nothing was measured."""
     x, y = np.where(np.isnan(values), 0.0, values) if any_nan(values) else values
     return np.asarray(x + y)
 
 
 def where_runs(where: Mask, a: Gaussian, b: Gaussian) -> Gaussian:
-    """Return ``a`` in the masked runs (M,), ``b`` in the others."""
+    """Take ``a`` in the masked runs (M,), ``b`` in the others."""
     return Gaussian(np.where(where, a.mean, b.mean), np.where(where, a.cov, b.cov))
 
 
@@ -118,22 +118,22 @@ class History(NamedTuple):
     z: Array
 
     def add_measurement(self, z: Array, k: int) -> "History":
-        """Return the history with the measurement of step k."""
+        """Add the measurement of step k."""
         return self._replace(z=_with(self.z, k, z))
 
     def add_posterior(self, posterior: Gaussian, k: int) -> "History":
-        """Return the history with the posterior of step k."""
+        """Add the posterior of step k."""
         mean, cov = _with(self.mean, k, posterior.mean), _with(self.cov, k, posterior.cov)
         return self._replace(mean=mean, cov=cov)
 
     def has_measurement(self, k: Index) -> Mask:
-        """Return whether each run has a measurement of its step k (M,)."""
+        """Test whether each run has a measurement of its step k (M,)."""
         runs = np.arange(len(k))
         return np.asarray(np.isfinite(self.z[k % len(self.z), :, runs]).all(axis=1))
 
 
 def history(prior: Gaussian, window: int) -> History:
-    """Return a history with the prior in every slot and no measurements."""
+    """Fill every slot of a history with the prior, without measurements."""
     return History(
         np.broadcast_to(prior.mean, (window, *prior.mean.shape)),
         np.broadcast_to(prior.cov, (window, *prior.cov.shape)),
@@ -144,7 +144,7 @@ def history(prior: Gaussian, window: int) -> History:
 def refilter(
     past: History, onset: Index, runs: Index, k: int, motion: Axis, sampling: Sampling
 ) -> Gaussian:
-    """Return the MF's posterior at step k of the runs in ``runs`` (m,), each from its onset (m,)."""
+    """Filter the runs in ``runs`` (m,) by the MF from their onsets (m,) to step k."""
     T, R = sampling
     W = len(past.z)
     # The NMF's posterior at the onset. Fancy indices move in front: (m, 2, 2) and (m, 2, 2, A).
@@ -160,7 +160,7 @@ def refilter(
 
 
 def augmented_start(state: Gaussian, z: Array, T: float, R: float) -> Gaussian:
-    """Return position, velocity, acceleration after the first measurement z (2, m) of a maneuver.
+    """Estimate position, velocity, acceleration by the first measurement z (2, m) of a maneuver.
 
     The acceleration takes the last posterior (x, v, P) of the NMF to z (Bar-Shalom & Birmiwal 1982, eqs.
     21-29): ``a = 2 (z - x - T v) / T^2``, position z, velocity v + T a.

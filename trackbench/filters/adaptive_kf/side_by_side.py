@@ -28,7 +28,7 @@ class JoinableVariableDimension(VariableDimension, JoinableFilter[AdaptiveState]
         return type(self), p.detector.kind, p.detector.onset_rule, window, p.exit.p, p.initialize
 
     def joined(self, filters: Sequence[Filter[AdaptiveState]], width: int) -> "SideBySide":
-        """Return the filters side by side."""
+        """Join the filters side by side."""
         return SideBySide(cast("tuple[VariableDimension, ...]", tuple(filters)), width)
 
 

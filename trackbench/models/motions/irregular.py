@@ -66,7 +66,7 @@ class Irregular:
 
 
 def sample_alike(motion: Motion, other: SampledMotion) -> SampledMotion:
-    """Return the motion over the intervals, and along the axes, of another."""
+    """Sample the motion over the intervals, and along the axes, of another."""
     if isinstance(other, Irregular):
         return Irregular(motion, other.axes, other.first, other.intervals)
     # Each axis has two components; further ones come after them.

@@ -142,7 +142,7 @@ class ConstantAcceleration(PerAxis):
 
     @property
     def acceleration_std(self) -> float:
-        """Return ``initial_std``."""
+        """Compute ``initial_std``."""
         return self.initial_std
 
 
@@ -214,7 +214,7 @@ class Singer(PerAxis):
 
 
 def _integrate(p: list[float]) -> list[float]:
-    """Return coefficients of a polynomial's integral from zero."""
+    """Integrate a polynomial from zero, by its coefficients."""
     return [0.0, *(c / (n + 1) for n, c in enumerate(p))]
 
 

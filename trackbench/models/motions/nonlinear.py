@@ -38,7 +38,7 @@ class AngledMotion(Motion):
         return self.angles
 
     def with_angles(self, angles: tuple[str, ...], axes: int) -> Self:
-        """Return the motion with those of the angles that it has; its own key comes first."""
+        """Give the motion those of the angles that it has; its own key comes first."""
         names = self.sampled(1.0, axes).components
         known = self.angles or tuple(name for name in angles if name in names)
         return replace(self, angles=known)
@@ -84,7 +84,7 @@ class EquationMotion(AngledMotion):
         """Key of the equations and their expressions by component."""
 
     def _compiled(self, T: float) -> tuple[ArrayProgram, ArrayProgram, ArrayProgram]:
-        """Return the right sides (n,), their Jacobian (n, n) and Q (n, n); raises InvalidKeyError."""
+        """Compile the right sides (n,), their Jacobian (n, n) and Q (n, n); raises InvalidKeyError."""
         equations = Equations(self.components, ("k", "t"), self.parameters, self.where, T)
         key, terms = self._terms
         for name in terms:
@@ -124,7 +124,7 @@ class Step:
         self.T, self.f, self.J, self.angles = T, f, jacobian, angles
 
     def __call__(self, x: Array, k: int) -> Array:
-        """Return the states at step k for states x (n, *batch) at step k - 1.
+        """Move states x (n, *batch) at step k - 1 to step k.
 
         An angle stays within half a turn of the one before: equations with a cut, as of `atan2`, must
         not tear particles or sigma points apart.
@@ -153,7 +153,7 @@ class RungeKuttaStep(Step):
         self.substeps = substeps
 
     def __call__(self, x: Array, k: int) -> Array:
-        """Return the states at step k for states x (n, *batch) at step k - 1."""
+        """Move states x (n, *batch) at step k - 1 to step k."""
         if x.size <= len(x) * _COLUMNS:
             return self._integrated(x, k)
         # Many particles: integrate a piece that fits the cache to the end before the next one.
@@ -165,7 +165,7 @@ class RungeKuttaStep(Step):
         return out.reshape(x.shape)
 
     def _integrated(self, x: Array, k: int) -> Array:
-        """Return the states at step k, all of them side by side."""
+        """Integrate to step k, all states side by side."""
         h = self.T / self.substeps
         for i in range(self.substeps):
             # x + h/6 (k1 + 2 k2 + 2 k3 + k4)
@@ -206,7 +206,7 @@ class RungeKuttaStep(Step):
 
 
 def sum_of_slopes(k1: Array, k2: Array, k3: Array, k4: Array) -> Array:
-    """Return ``k1 + 2 k2 + 2 k3 + k4``."""
+    """Compute ``k1 + 2 k2 + 2 k3 + k4``."""
     return k1 + 2.0 * (k2 + k3) + k4
 
 
@@ -303,7 +303,7 @@ class FunctionStep(Step):
         self.angles = motion.angle_rows(motion.components)
 
     def __call__(self, x: Array, k: int) -> Array:
-        """Return the states at step k for states x (n, *batch) at step k - 1."""
+        """Move states x (n, *batch) at step k - 1 to step k."""
         return near(np.asarray(self.motion.f(x, k, self.T)), x, self.angles)
 
     def jacobian(self, x: Array, k: int) -> Array:

@@ -113,7 +113,7 @@ class Turning:
 
 
 def turn_state(x: Array, w: Array, T: Array | float) -> list[Array]:
-    """Return (px, vx, py, vy) of states x (4, *batch) T seconds later at w rad/s (eq. 11.7.1-4)."""
+    """Turn states x (4, *batch) for T seconds at w rad/s: (px, vx, py, vy) (eq. 11.7.1-4)."""
     px, vx, py, vy = x
     along, across, c, s = arc(w, T)
     return [
@@ -125,7 +125,7 @@ def turn_state(x: Array, w: Array, T: Array | float) -> list[Array]:
 
 
 def arc(w: Array, T: Array | float) -> tuple[Array, Array, Array, Array]:
-    """Return ``sin(u) / w, (1 - cos u) / w, cos u, sin u`` of the angle u = w T turned in T seconds."""
+    """Compute ``sin(u) / w, (1 - cos u) / w, cos u, sin u`` of the angle u = w T turned in T seconds."""
     u = w * T
     c, s = cos_sin(u)
     # (1 - cos u) / w = T u (sin(u / 2) / (u / 2))^2 / 2, which keeps its digits near zero.
@@ -134,7 +134,7 @@ def arc(w: Array, T: Array | float) -> tuple[Array, Array, Array, Array]:
 
 
 def _sinc(u: Array) -> Array:
-    """Return ``sin(u) / u``."""
+    """Compute ``sin(u) / u``."""
     # sin(u) / u rounds to one near zero.
     at_zero = np.abs(u) < 1e-8
     return np.where(at_zero, 1.0, cos_sin(u)[1] / np.where(at_zero, 1.0, u))

@@ -36,7 +36,7 @@ class Platform:
             raise ValueError("the steps of the waypoints must increase")
 
     def place(self, k: int) -> tuple[float, float]:
-        """Return the position at step k, m, by linear interpolation."""
+        """Interpolate the position at step k, m, linearly."""
         n = bisect_right(self.steps, k)
         if n in (0, len(self.steps)):
             # Before the first or after the last waypoint: at rest.
@@ -80,14 +80,14 @@ class AngularSensor(SensorBase):
         return self.platform is None and not any(self.at)
 
     def relative_position(self, x: Array, k: int) -> list[Array]:
-        """Return the position (*batch) per axis relative to the sensor, of states x (n, *batch)."""
+        """Subtract the sensor's position from states x (n, *batch): (*batch) per axis."""
         target = [x[2 * i] for i in range(self.axes)]
         if self.at_origin:
             return target
         return [p - sensor for p, sensor in zip(target, self.place(k), strict=True)]
 
     def absolute_position(self, position: Array, k: int) -> Array:
-        """Return positions (axes, M) relative to the sensor in the coordinates of the state."""
+        """Add the sensor's position to relative positions (axes, M)."""
         if self.at_origin:
             return position
         return position + with_trailing(np.array(self.place(k)), 1)
@@ -97,7 +97,7 @@ class AngularSensor(SensorBase):
         return self.platform.place(k) if self.platform is not None else self.at
 
     def innovation(self, z: Array, z_pred: Array) -> Array:
-        """Return ``z - z_pred`` with angles wrapped to (-pi, pi]."""
+        """Compute ``z - z_pred`` with angles wrapped to (-pi, pi]."""
         nu = z - z_pred
         for i in self.angles:
             nu[i] = wrap_angle(nu[i])
@@ -105,7 +105,7 @@ class AngularSensor(SensorBase):
 
 
 def along_line_of_sight(azimuth: Array, px: Array, py: Array) -> tuple[Array, Array, Array]:
-    """Return range, cross and along coordinates of positions (M, N) about an azimuth (M,)."""
+    """Rotate positions (M, N) to range, cross and along coordinates about an azimuth (M,)."""
     # along = c px + s py, across = c py - s px, range = sqrt(along^2 + across^2), in place.
     c, s = cos_sin(azimuth)
     alike = px.dtype == py.dtype == np.float64 and px.shape == py.shape
@@ -124,7 +124,7 @@ def along_line_of_sight(azimuth: Array, px: Array, py: Array) -> tuple[Array, Ar
 
 
 def distance(px: Array, py: Array) -> Array:
-    """Return ``sqrt(px^2 + py^2)``."""
+    """Compute ``sqrt(px^2 + py^2)``."""
     square = px * px
     square += py * py
     return np.sqrt(square, out=square)

@@ -340,7 +340,7 @@ Sensors: TypeAlias = SensorBase | StackedSensor
 
 
 def stack(sensors: tuple[SensorBase, ...] | SensorBase) -> Sensors:
-    """Return one sensor, or several as one."""
+    """Join several sensors to one; one stays as it is."""
     if not isinstance(sensors, tuple):
         return sensors
     return sensors[0] if len(sensors) == 1 else StackedSensor(sensors)
@@ -349,7 +349,7 @@ def stack(sensors: tuple[SensorBase, ...] | SensorBase) -> Sensors:
 def stack_for(
     sensors: SensorBase | tuple[SensorBase, ...], components: tuple[str, ...], *path: str
 ) -> Sensors:
-    """Return sensors of a state with these components as one; raises InvalidKeyError."""
+    """Join sensors of a state with these components to one; raises InvalidKeyError."""
     several = sensors if isinstance(sensors, tuple) else (sensors,)
     fitted = []
     for i, sensor in enumerate(several):
@@ -362,17 +362,17 @@ def stack_for(
 
 
 def sensors_of(sensor: Sensors) -> tuple[SensorBase, ...]:
-    """Return the single sensors."""
+    """List the single sensors."""
     return sensor.sensors if isinstance(sensor, StackedSensor) else (sensor,)
 
 
 def rows_of(sensor: Sensors) -> list[slice]:
-    """Return the rows of each sensor's components in a measurement."""
+    """List the rows of each sensor's components in a measurement."""
     return sensor.rows if isinstance(sensor, StackedSensor) else [slice(None)]
 
 
 def assumed_sensor(assume: Assume, true: Sensors, components: tuple[str, ...]) -> Sensors:
-    """Return the sensor of the filter model for states of these components; raises InvalidKeyError."""
+    """Choose the sensor of the filter model for states of these components; raises InvalidKeyError."""
     if assume.sensor is None:
         return true
     sensor = stack_for(assume.sensor, components, "assume", "sensor")

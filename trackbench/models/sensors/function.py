@@ -73,7 +73,7 @@ class Noise:
         return self.outliers, self.factor
 
     def log_density(self, e: Array) -> Array:
-        """Return the log-density of a component of unit R at e (...)."""
+        """Evaluate the log-density of a component of unit R at e (...)."""
         if self.df is not None:
             return self._log_student_t(e, self.df)
         share, factor = self._mixture
@@ -91,7 +91,7 @@ class Noise:
         return norm - 0.5 * (df + 1.0) * log(1.0 + np.square(e) / spread)
 
     def draw(self, normal: Array, rng: Streams) -> Array:
-        """Return variates of components of unit R (n_z, M), of normal ones or of uniforms."""
+        """Draw variates of components of unit R (n_z, M), of normal ones or of uniforms."""
         if self.df is not None:
             # t = sqrt(v (u^(-2/v) - 1)) cos(2 pi w) of uniform u, w (Bailey 1994, eq. 2)
             u, w = rng.random((2, *normal.shape))
@@ -132,7 +132,7 @@ def log_poisson(z: Array, rate: Array) -> Array:
 
 
 def draw_poisson(rate: Array, u: Array) -> Array:
-    """Return counts of a rate (...) by inversion of uniforms (...); ValueError for no rate."""
+    """Draw counts of a rate (...) by inversion of uniforms (...); ValueError for no rate."""
     if not ((rate >= 0.0) & (rate <= _MAX_RATE)).all():
         wrong = rate[~((rate >= 0.0) & (rate <= _MAX_RATE))][0]
         raise ValueError(f"the rate of a count is {wrong:g}; it may be 0 to {_MAX_RATE:g}")
@@ -238,7 +238,7 @@ class FunctionSensor(SensorBase):
         return tuple(str(self.h[name]) for name in self.angles or () if self.h[name] in self.state)
 
     def has_density(self) -> bool:
-        """Return whether the noise is not normal, so that `log_density` is its likelihood."""
+        """Test whether the noise is not normal, so that `log_density` is its likelihood."""
         return self.noise is not None
 
     def why_no_moments(self) -> str:
@@ -256,7 +256,7 @@ class FunctionSensor(SensorBase):
         return Equations(self.state, ("k",), self.parameters, self.where)
 
     def _angles_by_default(self) -> tuple[str, ...]:
-        """Return the components that are angles in rad; raises InvalidKeyError for other units."""
+        """Find the components that are angles in rad; raises InvalidKeyError for other units."""
         equations, names = self._equations, []
         for name, term in self.h.items():
             turns = turns_at_cut(equations.parse(term, "h", name))
@@ -308,7 +308,7 @@ class FunctionSensor(SensorBase):
         return any(map(self._programs[2].uses, self.state))
 
     def log_density(self, z: Array, x: Array, k: int) -> Array:
-        """Return log p(z_k | x_k = x) (*batch) of z (n_z, M) by `noise`, of measured components."""
+        """Evaluate log p(z_k | x_k = x) (*batch) of z (n_z, M) by `noise`, of measured components."""
         h, scale = self._mean_and_scale(x, k)
         missing = np.isnan(z)
         z = np.where(missing, 0.0, z)
@@ -344,7 +344,7 @@ class FunctionSensor(SensorBase):
         return noise.information * normal.information(x, k, certain)
 
     def innovation(self, z: Array, z_pred: Array) -> Array:
-        """Return ``z - z_pred`` (n_z, *batch), angles wrapped to (-pi, pi]."""
+        """Compute ``z - z_pred`` (n_z, *batch), angles wrapped to (-pi, pi]."""
         nu = z - z_pred
         for i, name in enumerate(self.h):
             if name in (self.angles or ()):

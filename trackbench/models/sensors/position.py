@@ -157,5 +157,5 @@ class ScalarSensor(LinearSensor):
 
 @cache
 def selection_matrix(start: int, stop: int, step: int, n: int) -> Array:
-    """Return the rows (n_z, n) of a unit matrix that select some of the components."""
+    """Select some of the components by rows (n_z, n) of a unit matrix."""
     return fixed(np.ascontiguousarray(np.eye(n)[start:stop:step]))

@@ -59,7 +59,7 @@ class Radar(AngularSensor):
         return H
 
     def _reading(self, z: Array) -> Polar:
-        """Return the range and azimuth of a measurement with their variances."""
+        """Add the variances to the range and azimuth of a measurement."""
         return Polar(z[0], z[1], *np.square([self.sigma_range, self.sigma_azimuth]).tolist())
 
     def located(self, z: Array, k: int, conversion: Conversion = "mucm") -> Gaussian:
@@ -130,7 +130,7 @@ class RangeAzimuth(Radar):
         return Gaussian(self.polar(x, k), self.R)
 
     def residual(self, z: Array, x: Array, k: int) -> Gaussian:
-        """Return ``innovation(z, polar(x))`` (2, M, N) of particles x (n, M, N), and R."""
+        """Compute ``innovation(z, polar(x))`` (2, M, N) of particles x (n, M, N), and R."""
         nu = np.empty((2, *x.shape[1:]))
         # In coordinates along the measured azimuth, a - z_a is atan2(across, along) without wrapping.
         # If the azimuth is missing, any direction gives the range.
@@ -214,7 +214,7 @@ class RangeAzimuthDoppler(Radar):
         return H
 
     def _closing(self, x: Array, k: int) -> Array:
-        """Return ``px vx + py vy``."""
+        """Compute ``px vx + py vy``."""
         px, py = self.relative_position(x, k)
         return px * x[1] + py * x[3]
 

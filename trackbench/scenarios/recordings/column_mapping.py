@@ -43,11 +43,6 @@ class Impossible(NamedTuple):
     what: str
 
 
-def is_ais(names: Sequence[str]) -> bool:
-    """Return whether a table's columns are called as those of AIS: MMSI, SOG or COG."""
-    return any(re.split("[^a-z]", name.lower())[0] in ("mmsi", "sog", "cog") for name in names)
-
-
 def blank_codes(quantity: str, values: Array, of_ais: bool) -> Counter[str]:
     """Replace "not available" codes by NaN in place, and count the cells of each code."""
     counts: Counter[str] = Counter()
@@ -61,7 +56,7 @@ def blank_codes(quantity: str, values: Array, of_ais: bool) -> Counter[str]:
 
 
 def outlying(values: Array) -> dict[float, int]:
-    """Return numbers far outside all others, as -9999 for a missing cell, and how often each stands.
+    """Find numbers far outside all others, as -9999 for a missing cell, and count how often each stands.
 
     A number is far if its distance to the next is ten times the span of the others; a row of nines, and
     the end of a whole number's range, at a tenth of the span already.
@@ -81,16 +76,6 @@ def outlying(values: Array) -> dict[float, int]:
         else:
             break
     return outliers
-
-
-def far_values(values: Array) -> list[str]:
-    """Return a note on each number that is far outside the others of a column."""
-    outliers = outlying(values)
-    return [
-        f"{n} cells are {value:.9g}, far outside the others: empty them, or say "
-        f"`missing: [{value:.9g}]`, if they hold no measurement"
-        for value, n in outliers.items()
-    ]
 
 
 def impossible(quantity: str, values: Array, scale: float) -> Impossible | None:
@@ -199,26 +184,26 @@ class Naming:
                 raise InvalidKeyError(mistake, *within, "units", key)
 
     def called(self, name: str, names: Sequence[str]) -> str | None:
-        """Return the column of a quantity among ``names``; the second sensor's 2.x falls back to x."""
+        """Find the column of a quantity among ``names``; the second sensor's 2.x falls back to x."""
         for key in dict.fromkeys((name, name.rpartition(".")[2], _plain(name))):
             if self.columns.get(key, key) in names:
                 return self.columns.get(key, key)
         return None
 
     def scale(self, name: str) -> float:
-        """Return the factor from a quantity's unit to SI."""
+        """Look up the factor from a quantity's unit to SI."""
         plain = _plain(name)
         unit = self.units.get(name) or self.units.get(plain) or _DEFAULT_UNITS.get(plain)
         return 1.0 if unit is None else UNITS[unit]
 
 
 def is_unit_of(quantity: str, unit: str) -> bool:
-    """Return whether a unit is one of the quantity's dimension."""
+    """Test whether a unit is one of the quantity's dimension."""
     return unit in _DIMENSIONS.get(_DIMENSION_OF.get(_plain(quantity), ""), ())
 
 
 def _mistaken_unit(key: str, unit: str, is_scalar: bool) -> str | None:
-    """Return why a quantity cannot have this unit. A scalar's x and z may have any."""
+    """Explain why a quantity cannot have this unit. A scalar's x and z may have any."""
     if key in KEYS and key != "time":
         return f"a {key} has no unit: leave it out"
     dimension = None if is_scalar and key in ("x", "z") else _DIMENSION_OF.get(_plain(key))
@@ -248,11 +233,11 @@ class Columns:
             self.take(source, "number")
 
     def column(self, name: str) -> str | None:
-        """Return the name of a quantity's column in this file."""
+        """Find the name of a quantity's column in this file."""
         return self.naming.called(name, self.names)
 
     def take(self, name: str, content: Content) -> str | None:
-        """Return the column of a quantity or of a key such as ``run``, which then is read.
+        """Note the column of a quantity or of a key such as ``run``, which then is read.
 
         Raises DataError if it is the column of another quantity, too.
         """
@@ -266,7 +251,7 @@ class Columns:
         return column
 
     def take_unnamed_runs(self) -> str | None:
-        """Return a column that names objects, such as MMSI, unless the config says what runs are."""
+        """Find a column that names objects, such as MMSI, unless the config says what runs are."""
         if "run" in self.naming.columns:
             return None
         named = (name for name in self.names if re.sub("[^a-z0-9]", "", name.lower()) in _OBJECTS)
@@ -276,13 +261,14 @@ class Columns:
         return column
 
     def mistake(self, what: str) -> DataError:
-        """Return a mistake of the table as a whole."""
+        """Report a mistake of the table as a whole."""
         return DataError(Place(self.path, 1, 1, what))
 
     def read(self) -> Table:
         """Read the table, codes of "not available" as NaN. Raises DataError for impossible values."""
         table = read_table(self.path, self.contents, self.naming.time_format, self.naming.format)
-        of_ais = is_ais(self.names)
+        heads = {re.split("[^a-z]", name.lower())[0] for name in self.names}
+        of_ais = not heads.isdisjoint(("mmsi", "sog", "cog"))
         mistakes = []
         for column, quantity in self._used.items():
             if self.contents[column] == "number":
@@ -300,7 +286,10 @@ class Columns:
                     mistakes.append(Place(self.path, line, 1, f"{column}: {impossible_value.what}"))
                 if quantity in ("course", "azimuth"):
                     continue  # an angle of 0.01 deg is near one of 359.99 deg
-                self.far += [f"{self.path}: {column}: {what}" for what in far_values(values)]
+                for value, n in outlying(values).items():
+                    what = f"{n} cells are {value:.9g}, far outside the others: empty them, or say"
+                    way = f"`missing: [{value:.9g}]`, if they hold no measurement"
+                    self.far.append(f"{self.path}: {column}: {what} {way}")
         if mistakes:
             raise DataError(*mistakes)
         return table
@@ -311,13 +300,13 @@ class Columns:
         return any("latitude" in sources for sources in self._of.values())
 
     def of_columns(self, names: Collection[str]) -> str:
-        """Return the first of these quantities that has a column of its own, or nothing."""
+        """Find the first of these quantities that has a column of its own; empty without one."""
         return next(
             (name for name, sources in self._of.items() if name in names and sources == (name,)), ""
         )
 
     def first_place(self, table: Table) -> tuple[float, ...] | None:
-        """Return the latitude, longitude (deg) and height of the first row that has them."""
+        """Find the latitude, longitude (deg) and height of the first row that has them."""
         if not self.is_geodetic:
             return None
         place = self._geodetic(table)
@@ -328,7 +317,7 @@ class Columns:
         return latitude * 180.0 / pi, longitude * 180.0 / pi, height
 
     def quantities(self, table: Table, origin: tuple[float, ...] | None) -> dict[str, Array]:
-        """Return the quantities (R,) by name, in SI; NaN where they are missing, or all of them are."""
+        """Compute the quantities (R,) by name, in SI; NaN where they are missing, or all of them are."""
         plane: Mapping[str, Array] = {}
         if origin is not None and self.is_geodetic:
             # Step 1: east, north and up of the origin, from latitude, longitude and altitude.
@@ -353,7 +342,7 @@ class Columns:
         return out
 
     def _sources(self, name: str) -> tuple[str, ...]:
-        """Return the source of a quantity: a column, geodetic coordinates, speed and course, or none."""
+        """Find the source of a quantity: a column, geodetic coordinates, speed and course, or none."""
         if self.column(name) is not None:
             return (name,)
         plain = _plain(name)
@@ -379,7 +368,7 @@ class Columns:
         return Geodetic(latitude, longitude, np.zeros_like(latitude))
 
     def _along(self, table: Table, name: str) -> Array:
-        """Return the velocity east (vx) or north of a speed and a course clockwise from north."""
+        """Compute the velocity east (vx) or north of a speed and a course clockwise from north."""
         speed, course = (self._value(table, part) for part in COURSE)
         c, s = cos_sin(np.where(np.isnan(course), 0.0, course))
         # vx = v sin(course), vy = v cos(course)

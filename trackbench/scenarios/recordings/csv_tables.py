@@ -36,7 +36,7 @@ Parse = Callable[[str], float]
 
 
 def number(cell: str, comma: bool = False) -> float:
-    """Return a finite number, NaN for a missing cell; raises ValueError. Decimals follow a ``comma``."""
+    """Parse a finite number, NaN for a missing cell; raises ValueError. Decimals follow a ``comma``."""
     if cell.lower() in _MISSING:
         return math.nan
     if comma and "." in cell:
@@ -53,7 +53,7 @@ def number(cell: str, comma: bool = False) -> float:
 
 
 def seconds(cell: str, comma: bool = False) -> float:
-    """Return a time in numbers, which is there."""
+    """Parse a time in numbers, which must not be missing."""
     value = number(cell, comma)
     if math.isnan(value):
         raise ValueError("a time")
@@ -61,7 +61,7 @@ def seconds(cell: str, comma: bool = False) -> float:
 
 
 def moment(cell: str, form: str = "") -> datetime:
-    """Return the time of a date in ISO 8601, or in a form of strptime; raises ValueError."""
+    """Parse a date in ISO 8601, or in a form of strptime; raises ValueError."""
     try:
         if form.endswith("%f"):
             # A whole second may have no digits behind it; there may be nine in place of six.
@@ -75,7 +75,7 @@ def moment(cell: str, form: str = "") -> datetime:
 
 
 def instant(cell: str, zoned: bool | None = None, form: str = "") -> float:
-    """Return the microseconds since 1970 of a date, exactly; without a zone it is UTC.
+    """Convert a date to microseconds since 1970, exactly; without a zone it is UTC.
 
     ``zoned`` says whether it must have a zone, None that it may. ValueError says what it is not.
     """
@@ -89,7 +89,7 @@ def instant(cell: str, zoned: bool | None = None, form: str = "") -> float:
 
 
 def whole(cell: str) -> float:
-    """Return a whole number from zero on."""
+    """Parse a whole number from zero on."""
     if not (cell.isascii() and cell.isdigit()):
         raise ValueError("a whole number")
     if len(cell) > _DIGITS:
@@ -98,7 +98,7 @@ def whole(cell: str) -> float:
 
 
 def is_instant(cell: str) -> bool:
-    """Return whether a time is written as a date."""
+    """Test whether a time is written as a date."""
     try:
         instant(cell.strip())
     except ValueError:
@@ -107,7 +107,7 @@ def is_instant(cell: str) -> bool:
 
 
 def parsed(parse: Parse, cells: Sequence[str]) -> tuple[Array, list[tuple[int, str]]]:
-    """Return the values (R,) of a column's cells, and which are none and why."""
+    """Parse a column's cells to values (R,), and list which are none and why."""
     keys = parse.keywords if isinstance(parse, partial) else {}
     values = None
     # Mostly all cells are plain numbers, or dates of one form: one pass.
@@ -130,7 +130,7 @@ def parsed(parse: Parse, cells: Sequence[str]) -> tuple[Array, list[tuple[int, s
 
 
 def _quickly(cells: Sequence[str]) -> Array | None:
-    """Return the numbers, if every cell is a plain finite one."""
+    """Convert all cells at once, if every cell is a plain finite number."""
     text = "".join(cells)
     if not text.isascii() or "_" in text:
         return None
@@ -142,7 +142,7 @@ def _quickly(cells: Sequence[str]) -> Array | None:
 
 
 def _dates_quickly(cells: Sequence[str], form: str) -> Array | None:
-    """Return microseconds since 1970, if every cell is a date of this form and without a zone."""
+    """Convert to microseconds since 1970, if every cell is a date of this form and without a zone."""
     if len(cells) < _MANY or "%z" in form:
         return None
     import pandas as pd
@@ -175,7 +175,7 @@ class Table(NamedTuple):
 
 
 def header(path: str, form: TextFormat | None = None) -> list[str]:
-    """Return names of a table's columns. Raises DataError if the first line has numbers instead."""
+    """Read names of a table's columns. Raises DataError if the first line has numbers instead."""
     if is_parquet(path):
         return [str(name) for name in _parquet(path, None)]
     layout = layout_of(path, form)
@@ -225,7 +225,7 @@ def read_table(
 
 
 def first_rows(path: str, form: TextFormat | None, number: int) -> list[list[str]]:
-    """Return the cells of the first rows, as text, of those with a cell for each column."""
+    """Read the first rows, as text, of those with a cell for each column."""
     if is_parquet(path):
         frame = _parquet(path, header(path)).head(number)
         columns = (map(_shown, frame[name].tolist()) for name in frame)
@@ -255,7 +255,7 @@ class _Reading:
     def of_full_width(
         self, rows: Sequence[tuple[int, list[str]]], layout: Layout
     ) -> Sequence[tuple[int, list[str]]]:
-        """Return the rows with a cell for each column; the others are mistakes."""
+        """Select the rows with a cell for each column; the others are mistakes."""
         width = len(layout.names)
         wrong = [(line, len(cells)) for line, cells in rows if len(cells) != width]
         if not wrong:
@@ -301,7 +301,7 @@ class _Reading:
         return has_digits or _TIME_OF_DAY.match(cell) is not None
 
     def table(self) -> Table:
-        """Return all rows that were added. Raises DataError if any was mistaken, or there is none."""
+        """Join all rows that were added. Raises DataError if any was mistaken, or there is none."""
         if not self._lines and not self.mistakes:
             self.mistakes.append(Place(self.path, 1, 1, "has no rows"))
         if self.mistakes:
@@ -313,7 +313,7 @@ class _Reading:
         return Table(self.path, columns, words, np.concatenate(self._lines), self.dated or "")
 
     def _parser(self, content: Content, cells: Sequence[str], first: Place) -> Parse:
-        """Return the parser of cells; the first time decides between dates, zones and numbers."""
+        """Choose the parser of cells; the first time decides between dates, zones and numbers."""
         plain = _PARSERS.get(content, seconds)
         if self.comma and plain in (number, seconds):
             plain = partial(plain, comma=True)
@@ -326,7 +326,7 @@ class _Reading:
         return partial(instant, zoned=self.dated != "date", form=self.form)
 
     def _dated(self, cell: str, plain: Parse, first: Place) -> str:
-        """Return "date", perhaps "with a zone", or nothing for a number. Raises DataError otherwise."""
+        """Name the clock: "date", perhaps "with a zone", empty for numbers. Else raises DataError."""
         if self.form or is_instant(cell):
             with suppress(ValueError):
                 return "date with a zone" if moment(cell, self.form).tzinfo else "date"
@@ -351,12 +351,12 @@ class _Reading:
 
 
 def is_parquet(path: str) -> bool:
-    """Return whether a file is a Parquet file, by its name."""
+    """Test whether a file is a Parquet file, by its name."""
     return Path(path).suffix.lower() in (".parquet", ".pq")
 
 
 def _parquet(path: str, columns: list[str] | None) -> Any:
-    """Return a data frame of these columns; without, the names of all there are."""
+    """Read a data frame of these columns; without, the names of all there are."""
     try:
         from pyarrow import parquet  # type: ignore[import-not-found,unused-ignore]
     except ImportError:
@@ -373,5 +373,5 @@ def _parquet(path: str, columns: list[str] | None) -> Any:
 
 
 def _shown(value: object) -> str:
-    """Return a cell of a data frame as a CSV has it."""
+    """Write a cell of a data frame as a CSV has it."""
     return "" if value is None or value != value or str(value) == "NaT" else str(value)

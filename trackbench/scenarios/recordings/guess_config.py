@@ -12,7 +12,7 @@ _MOST_NAMES = 7  # of further runs
 
 
 def config_parts(guess: Guess) -> dict[str, str]:
-    """Return the parts of a config that are guessed, as lines of YAML."""
+    """Write the parts of a config that are guessed, as lines of YAML."""
     kinds, speed = {sensor.kind for sensor in guess.sensors}, guess.speed
     each = ["kf"] if kinds == {"position"} else ["ekf", "ukf"]
     lines = [f"  {kind.upper()}: {{kind: {kind}}}" for kind in each]
@@ -41,13 +41,13 @@ def config_parts(guess: Guess) -> dict[str, str]:
 
 
 def unknown_places(guess: Guess) -> list[str]:
-    """Return the names of sensors whose place must be written into the config."""
+    """Name the sensors whose place must be written into the config."""
     names = [s.name or "the sensor" for s in guess.sensors if s.kind in ("range", "bearing")]
     return [*names, *(["the origin"] if _lacks_origin(guess) else [])]
 
 
 def _lacks_origin(guess: Guess) -> bool:
-    """Return whether a sensor counts from a point that latitudes and longitudes do not give."""
+    """Test whether a sensor counts from a point that latitudes and longitudes do not give."""
     columns, kinds = guess.naming.columns, {sensor.kind for sensor in guess.sensors}
     is_geodetic = "latitude" in columns and not {"x", "y"} <= columns.keys()
     return is_geodetic and len(kinds) > 1 and "position" in kinds and not guess.naming.origin
@@ -124,14 +124,14 @@ def _comment(why: dict[str, str], key: str) -> str:
 
 
 def _flow(form: TextFormat) -> str:
-    """Return the keys of a format that are set, in braces."""
+    """Write the keys of a format that are set, in braces."""
     values = {f.name: getattr(form, f.name) for f in fields(form) if getattr(form, f.name)}
     keys = (f"{key}: {json.dumps(value, ensure_ascii=False)}" for key, value in values.items())
     return f"{{{', '.join(keys)}}}"
 
 
 def quoted(word: str) -> str:
-    """Return a word of YAML; in quotes if it is more than letters, digits and lines."""
+    """Write a word of YAML; in quotes if it is more than letters, digits and lines."""
     if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*|[1-9][0-9]*", word):
         return word
     return json.dumps(word, ensure_ascii=False)

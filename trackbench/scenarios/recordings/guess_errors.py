@@ -21,7 +21,7 @@ _NEAR = 0.07  # of a ratio of speeds
 def velocities_agree(
     rows: Rows, columns: dict[str, str], units: dict[str, str], why: dict[str, str]
 ) -> bool:
-    """Return whether measured velocities are those of the positions, and add the unit that they need."""
+    """Compare measured velocities with the positions, and add the unit that they need to agree."""
     lag = max(1, len(rows.time) // 20)
     passed = rows.time[lag:] - rows.time[:-lag]
     gone = (rows.values[:2, lag:] - rows.values[:2, :-lag]) / np.where(passed > 0, passed, np.nan)
@@ -48,7 +48,7 @@ def velocities_agree(
 
 
 def levels_of(rows: Rows, kind: str, in_degrees: bool) -> tuple[tuple[float, ...], float]:
-    """Return deviations of the quantities and the usual speed, of whole rows in order."""
+    """Estimate deviations of the quantities and the usual speed, of whole rows in order."""
     time, values = rows.time, [*rows.values]
     if "azimuth" in SENSORS[kind]:
         values[-1] = np.unwrap(values[-1] * UNITS["deg"] if in_degrees else values[-1])
@@ -60,7 +60,7 @@ def levels_of(rows: Rows, kind: str, in_degrees: bool) -> tuple[tuple[float, ...
 
 
 def _scatter(time: Array, value: Array) -> float:
-    """Return the errors' deviation, from distances to the line between neighbors."""
+    """Estimate the errors' deviation, from distances to the line between neighbors."""
     wide = time[2:] - time[:-2]
     if len(value) < 3 or not (wide > 0.0).any():
         return 1.0
@@ -75,7 +75,7 @@ def _scatter(time: Array, value: Array) -> float:
 
 
 def _speed(time: Array, *place: Array) -> float:
-    """Return the usual speed, m/s, over a tenth of the recording, where errors matter less."""
+    """Estimate the usual speed, m/s, over a tenth of the recording, where errors matter less."""
     lag = max(1, len(time) // 10)
     if len(time) <= lag:
         return 1.0

@@ -79,7 +79,7 @@ class Guess:
 
 
 def recognized(path: str, given: Naming | None = None) -> Guess:
-    """Return the guess; ``given`` keys are none. Raises DataError if time or position are unknown."""
+    """Guess how a table is written, but for ``given`` keys. Raises DataError without time or place."""
     given = given or Naming()
     # Step 1: find the columns by their names.
     why: dict[str, str] = {}
@@ -124,7 +124,7 @@ def recognized(path: str, given: Naming | None = None) -> Guess:
 
 
 def _measured(path: str, naming: Naming, why: dict[str, str], sensors: list[SensorGuess]) -> Guess:
-    """Return the guess with what all rows show: runs, errors, speed, and further units."""
+    """Add what all rows show to the guess: runs, errors, speed, and further units."""
     gathered, units, columns = Gathered(naming), naming.units, naming.columns
     by_name = [sensor.name for sensor in sensors] if columns.get("sensor") else []
     wanted = [sensor.quantities for sensor in sensors]
@@ -169,12 +169,12 @@ def _measured(path: str, naming: Naming, why: dict[str, str], sensors: list[Sens
 
 
 def _has_velocity(columns: dict[str, str]) -> bool:
-    """Return whether there are columns of a velocity, or of speed and course."""
+    """Test whether there are columns of a velocity, or of speed and course."""
     return columns.keys() >= {*_VELOCITY} or columns.keys() >= {*COURSE}
 
 
 def _text_format(path: str, given: TextFormat, why: dict[str, str]) -> TextFormat:
-    """Return the format with what is guessed: separator and decimal sign, header, a row of units."""
+    """Guess the format: separator and decimal sign, header, a row of units."""
     if is_parquet(path):
         return given
     layout = layout_of(path, given)
@@ -209,13 +209,13 @@ def _text_format(path: str, given: TextFormat, why: dict[str, str]) -> TextForma
 
 
 def _may_be_degrees(rows: list[list[str]]) -> bool:
-    """Return whether three columns may be a time, a latitude and a longitude, by their digits."""
+    """Test whether three columns may be a time, a latitude and a longitude, by their digits."""
     places = list(chain.from_iterable(row[1:] for row in rows))
     return all(re.fullmatch(r" *-?\d{1,3}\.\d{4,} *", cell) for cell in places)
 
 
 def _are_units(rows: list[list[str]]) -> bool:
-    """Return whether the first of these rows holds words above values."""
+    """Test whether the first of these rows holds words above values."""
     if len(rows) < 2 or any(map(is_value, rows[0])):
         return False
     return any(map(str.strip, rows[0])) and any(map(is_value, rows[1]))
@@ -224,7 +224,7 @@ def _are_units(rows: list[list[str]]) -> bool:
 def _columns(
     names: list[str], sample: "_Sample", given: Naming, why: dict[str, str]
 ) -> tuple[dict[str, str], dict[str, str]]:
-    """Return columns and units by quantity, as the names of columns and a row of units show them."""
+    """Guess columns and units by quantity, as the names of columns and a row of units show them."""
     recognized_columns = columns_of(names)
     columns = {name: named.column for name, named in recognized_columns.items()}
     columns = {n: c for n, c in columns.items() if c not in given.columns.values()} | given.columns
@@ -250,7 +250,7 @@ def _columns(
 
 
 def _no_time(names: list[str]) -> str:
-    """Return what to write where no column looks like a time."""
+    """Explain what to write where no column looks like a time."""
     what = f"no column looks like a time or a step; there are {', '.join(names)[:200]}"
     if {"year", "month", "day"} <= {name.lower() for name in names}:
         return f"{what}: join the parts of dates into one column, 2025-04-03 10:00:00"
@@ -265,7 +265,7 @@ def _no_time(names: list[str]) -> str:
 def _sensors(
     path: str, sample: "_Sample", columns: dict[str, str], names: list[str], units: dict[str, str]
 ) -> list[SensorGuess]:
-    """Return the sensors; columns of several ranges are added. Raises DataError if there is none."""
+    """Guess the sensors; columns of several ranges are added. Raises DataError if there is none."""
     # Quantities by row: a position is x and y, or latitude and longitude.
     numbers = {n: np.isfinite(sample.numbers(c)) for n, c in columns.items() if n in _MEASURED}
     for part, other in (("x", "latitude"), ("y", "longitude")):
@@ -297,7 +297,7 @@ def _sensors(
 
 
 def _no_position(columns: dict[str, str], sample: "_Sample", names: list[str]) -> str:
-    """Return what to write where a table, or one of its sensors, has nothing that is measured."""
+    """Explain what to write where a table, or one of its sensors, has nothing that is measured."""
     pairs = "x and y, latitude and longitude, range and azimuth, or range"
     known = ", ".join(names)[:200]
     for name in filter(columns.get, _MEASURED):
@@ -332,29 +332,29 @@ class _Sample:
         return len(self._rows)
 
     def cells(self, column: str) -> list[str]:
-        """Return the cells of a column."""
+        """List the cells of a column."""
         if column not in self._names:
             return [""] * len(self) if column == "" else []
         return [cells[self._names.index(column)] for cells in self._rows]
 
     def words(self, column: str) -> list[str]:
-        """Return the words in a column."""
+        """List the words in a column."""
         return [word for word in dict.fromkeys(self.cells(column)) if word]
 
     def numbers(self, column: str) -> Array:
-        """Return the numbers of a column, NaN for what is none."""
+        """Parse the numbers of a column, NaN for what is none."""
         values, _ = parsed(number, [cell.replace(",", ".") for cell in self.cells(column)])
         return values
 
     def unit(self, column: str, quantity: str) -> str | None:
-        """Return the unit of a quantity's column in the line of units."""
+        """Find the unit of a quantity's column in the line of units."""
         if column not in self._names or len(self._units) != len(self._names):
             return None
         return unit_in(words_of(self._units[self._names.index(column)]), quantity)
 
 
 def _missing(sample: _Sample, columns: dict[str, str], measured: set[str]) -> tuple[float, ...]:
-    """Return whole numbers far outside the others, which mark missing cells."""
+    """Find whole numbers far outside the others, which mark missing cells."""
     out: dict[float, None] = {}
     # An azimuth of 0 may be far from others, and none of them is missing.
     for name in sorted((measured | {*GEODETIC[:2]}) & columns.keys() - {"azimuth"}):
@@ -363,7 +363,7 @@ def _missing(sample: _Sample, columns: dict[str, str], measured: set[str]) -> tu
 
 
 def _same_time(gathered: Gathered, rows: Rows) -> Literal["spread"] | None:
-    """Return what becomes of several rows of a whole second, which differ."""
+    """Choose what becomes of several rows of a whole second, which differ."""
     seconds = len(np.unique(rows.time))
     if gathered.stepped or (rows.time % 1.0).any() or not 1 < seconds < len(rows.time):
         return None

@@ -47,7 +47,7 @@ class DateForm(NamedTuple):
 
 
 def date_form(path: str, times: Sequence[str], dates: Sequence[str], line: int) -> DateForm:
-    """Return the form of a column of times, and of one of dates beside it.
+    """Guess the form of a column of times, and of one of dates beside it.
 
     Raises DataError if day and month may stand in either order, with different times.
     """
@@ -89,20 +89,20 @@ def date_form(path: str, times: Sequence[str], dates: Sequence[str], line: int) 
 
 
 def _unsteady(times: Array) -> tuple[bool, float]:
-    """Return whether times fall, and the largest interval in usual ones."""
+    """Test whether times fall, and the largest interval in usual ones."""
     apart = np.diff(np.unique(times))
     largest = float(apart.max(initial=0.0)) / usual_interval(times) if len(apart) else 1.0
     return bool((np.diff(times) < 0.0).any()), largest
 
 
 def unit_by_size(times: Array) -> str | None:
-    """Return the unit of times since 1970 that are too large for seconds."""
+    """Guess the unit of times since 1970 that are too large for seconds."""
     latest = float(np.nanmax(np.abs(times), initial=0.0))
     return next((unit for size, unit in _SIZES if latest > size), None)
 
 
 def unit_by_speed(times: Array, speed: float) -> str | None:
-    """Return the unit of times that would give a usual speed, where seconds would not."""
+    """Guess the unit of times that would give a usual speed, where seconds would not."""
     if speed > _FAST and times.min() > 2e4 and times.max() < 8e5:
         return "d"  # as spreadsheets count them
     if speed >= _SLOW or usual_interval(times) < _LONG or (times % 1.0).any():

@@ -14,7 +14,7 @@ Difference = Callable[[Array, Array], Array]
 
 
 def in_order(gathered: Gathered, rows: Rows, difference: Difference = np.subtract) -> Rows:
-    """Return the rows sorted by run and time; report unsorted and repeated rows.
+    """Sort the rows by run and time; report unsorted and repeated rows.
 
     Raises DataError for a clock that falls far, and where two rows of a run and time differ unless
     ``same_time`` says what becomes of them. ``difference`` subtracts values (n, R), and wraps angles.
@@ -57,7 +57,7 @@ def _check_falls(gathered: Gathered, rows: Rows) -> None:
 
 
 def _without_twins(gathered: Gathered, rows: Rows, again: Numbers, difference: Difference) -> Rows:
-    """Return the rows, those of one time without repetitions, or as ``same_time`` says."""
+    """Leave out repetitions among rows of one time, or treat the rows as ``same_time`` says."""
     # Step 1: repeated rows agree if every value is equal or missing in both.
     now, before = rows.values[:, again], rows.values[:, again - 1]
     differ = ~((now == before) | (np.isnan(now) & np.isnan(before))).all(axis=0)
@@ -100,7 +100,7 @@ def _without_twins(gathered: Gathered, rows: Rows, again: Numbers, difference: D
 
 
 def _means(values: Array, first: Numbers, group: Numbers, difference: Difference) -> Array:
-    """Return means (n, G) of the values (n, R) of each group; missing ones are left out."""
+    """Average the values (n, R) of each group to (n, G); missing ones are left out."""
     # z_0 + mean(z - z_0), so that angles are averaged about the first that is there.
     start = np.full((len(values), len(first)), np.nan)
     for row in range(int(np.bincount(group).max())):
@@ -117,7 +117,7 @@ def _means(values: Array, first: Numbers, group: Numbers, difference: Difference
 
 
 def _spread(rows: Rows, first: Numbers, last: Numbers, group: Numbers) -> Array:
-    """Return times, those of one group spread evenly until the next group's of the run."""
+    """Spread the times of one group evenly until the next group's of the run."""
     starts, run = rows.time[first], rows.run[first]
     wide = np.diff(starts, append=np.nan)
     wide[:-1][run[1:] != run[:-1]] = np.nan

@@ -43,7 +43,7 @@ class Rows(NamedTuple):
     received: Array
 
     def at(self, chosen: Numbers) -> "Rows":
-        """Return some of the rows, or all in another order."""
+        """Select some of the rows, or put all in another order."""
         run, time, values, file, line, received = self
         of_table = run[chosen], time[chosen], values[:, chosen], file[chosen], line[chosen]
         return Rows(*of_table, received[chosen])
@@ -95,11 +95,11 @@ class Gathered:
             raise InvalidKeyError(f"{what} {way}", *path)
 
     def place(self, rows: Rows, i: int, what: str) -> Place:
-        """Return a mistake at a row."""
+        """Report a mistake at a row."""
         return Place(self.files[rows.file[i]], int(rows.line[i]), 1, what)
 
     def timed(self, columns: Columns, table: Table, clock: str) -> Array:
-        """Return times of a table's rows; all tables have clocks of one kind."""
+        """Read times of a table's rows; all tables have clocks of one kind."""
         stepped = columns.contents[clock] == "step"
         # The first file decides which clock all files have.
         if self.since is None:
@@ -129,7 +129,7 @@ class Gathered:
         return time
 
     def numbers_of(self, names: Sequence[str]) -> Numbers:
-        """Return the runs' numbers."""
+        """Give each run a number."""
         self.runs = list(dict.fromkeys([*self.runs, *names]))
         known = {name: i for i, name in enumerate(self.runs)}
         return np.array([known[name] for name in names], dtype=np.int32)
@@ -147,7 +147,7 @@ def usual_interval(times: Array) -> float:
 
 
 def files_of(pattern: str) -> list[str]:
-    """Return the file, or all that a pattern matches, in order. Raises DataError if it matches none."""
+    """Find the file, or all that a pattern matches, in order. Raises DataError if it matches none."""
     if not any(c in pattern for c in "*?[") or os.path.lexists(pattern):
         return [pattern]
     # A folder that exists has this very name: what is in brackets there is no pattern.
@@ -165,7 +165,7 @@ def read_rows(
     least: int | None = None,
     names: Sequence[str] = (),
 ) -> list[Rows]:
-    """Return rows of the quantities that each sensor measures, from one file for all or a file for each.
+    """Read rows of the quantities that each sensor measures, from one file for all or a file for each.
 
     A pattern may match a file per run. ``least`` quantities must be there, by default all. A column
     ``sensor`` holds the sensors' ``names``, by default their numbers. Raises DataError with the line of
@@ -201,7 +201,7 @@ def _rows_of_file(
     name: str,
     names: Sequence[str],
 ) -> list[Rows]:
-    """Return the rows by sensor of one file, which is the run of this name if it does not name runs."""
+    """Read the rows by sensor of one file, which is the run of this name if it does not name runs."""
     # Step 1: find the columns of the quantities, of time, run and sensor.
     wanted = [*chain.from_iterable(sensors)]
     columns = Columns(path, gathered.naming, wanted, len(wanted) if least is None else least)
@@ -253,7 +253,7 @@ def _rows_of_file(
 def _received(
     gathered: Gathered, columns: Columns, table: Table, column: str, time: Array
 ) -> Array:
-    """Return the times at which rows were received. Raises DataError for one before the row's own."""
+    """Read the times at which rows were received. Raises DataError for one before the row's own."""
     received, gathered.has_delays = gathered.timed(columns, table, column), True
     early = np.flatnonzero(received < time - TICK)[:_MOST_MISTAKES].tolist()
     if early:
@@ -272,7 +272,7 @@ def _of_sensor(
     n: int,
     names: Sequence[str],
 ) -> Numbers:
-    """Return the rows of the m-th of n sensors, named in the column or numbered there from 1 on."""
+    """Select the rows of the m-th of n sensors, named in the column or numbered there from 1 on."""
     words, known = table.words[which], names or [str(number + 1) for number in range(n)]
     strange = [word for word in words if word not in known]
     if strange and not names:
@@ -299,7 +299,7 @@ def chosen_runs(
     chosen: Collection[str],
     within: tuple[str, ...] = ("runs",),
 ) -> list[Rows]:
-    """Return the rows of the chosen runs (default: all), which are then numbered in their order.
+    """Select the rows of the chosen runs (default: all), which are then numbered in their order.
 
     That is the order they are chosen in, or that of their numbers if all are whole, or that in the file.
     """
@@ -363,7 +363,7 @@ class FromFiles:
         object.__setattr__(self, "_content", digest.hexdigest())
 
     def _stamps(self) -> dict[str, tuple[int, int]]:
-        """Return the size and time of every file."""
+        """Note the size and time of every file."""
         out = {}
         for path in chain.from_iterable(map(files_of, self.patterns)):
             try:
@@ -380,7 +380,7 @@ class FromFiles:
         return (type(self), keys, self.__dict__["_content"])
 
     def _named(self, value: Any) -> str:
-        """Return a key as a word; a file is what it holds, wherever it lies."""
+        """Name a key as a word; a file is what it holds, wherever it lies."""
         if isinstance(value, tuple) and value:
             return ",".join(map(self._named, value))
         return "file" if isinstance(value, str) and value in self.patterns else repr(value)

@@ -35,7 +35,7 @@ class Opened(NamedTuple):
 
 
 def initial_scans(gathered: Gathered, rows: Rows, scans: int) -> Opened:
-    """Return the first scans of each run that are whole, from rows in order."""
+    """Take the first scans of each run that are whole, from rows in order."""
     runs = len(gathered.runs)
     # Rows with all components; where each run begins among them, and how many it has.
     whole = np.flatnonzero(np.isfinite(rows.values).all(axis=0))
@@ -58,7 +58,7 @@ def common_clock(
     T: float,
     resample: float | None,
 ) -> Clock:
-    """Return the steps of all runs, their first states laid over each other where the scans give them.
+    """Choose the steps of all runs, their first states laid over each other where the scans give them.
 
     Steps are the file's own, all between the first and the last of them, T s apart; or the times at
     which any run measured; or, if they are resampled, so many seconds apart. Without scans the first
@@ -105,7 +105,7 @@ def _before(gathered: Gathered, sensors: Sequence[Rows], resample: float | None)
 
 
 def _union(sensors: Sequence[Rows], shift: Array, begin: float) -> Array:
-    """Return times at which any run measured, from the first state's on."""
+    """Join the times at which any run measured, from the first state's on."""
     parts = [np.array([begin])]
     # One time for each tick, first of every sensor and then of all.
     for rows in sensors:
@@ -136,7 +136,7 @@ def _checked(gathered: Gathered, clock: Clock) -> Clock:
 def measurement_array(
     gathered: Gathered, sensors: Sequence[Rows], clock: Clock, resampled: bool
 ) -> tuple[Array, Array | None]:
-    """Return measurements (n_z, K, M) by step and run, of several rows the nearest, and arrivals.
+    """Arrange measurements (n_z, K, M) by step and run, of several rows the nearest, and arrivals.
 
     Those are steps (S, K, M), from 0, at which measurements of S sensors were received, if it is known.
     """
@@ -178,7 +178,7 @@ def measurement_array(
 
 
 def _received(gathered: Gathered, rows: Rows, clock: Clock) -> Index:
-    """Return the place (R,) among the steps of the first one at which each row has been received."""
+    """Find the place (R,) among the steps of the first one at which each row has been received."""
     times = rows.received + clock.shift[rows.run]
     if gathered.stepped:
         return np.rint(times).astype(np.intp) - int(clock.steps[0])
@@ -186,7 +186,7 @@ def _received(gathered: Gathered, rows: Rows, clock: Clock) -> Index:
 
 
 def _placed(gathered: Gathered, rows: Rows, clock: Clock) -> tuple[Index, Array]:
-    """Return the place (R,) of each row among the steps, and how far from its time it is, s."""
+    """Find the place (R,) of each row among the steps, and how far from its time it is, s."""
     times = rows.time + clock.shift[rows.run]
     if gathered.stepped:
         return np.rint(times).astype(np.intp) - int(clock.steps[0]), np.zeros_like(times)
@@ -199,7 +199,7 @@ def _placed(gathered: Gathered, rows: Rows, clock: Clock) -> tuple[Index, Array]
 
 
 def _nearest(run: Numbers, place: Index, away: Array, among: Index) -> Index:
-    """Return the row nearest to the step's time, among rows of a run in the same step."""
+    """Select the row nearest to the step's time, among rows of a run in the same step."""
     # Sort by run, step and distance; take the first of each run and step.
     order = among[np.lexsort((away[among], place[among], run[among]))]
     first = np.ones(len(order), dtype=np.bool_)
@@ -208,7 +208,7 @@ def _nearest(run: Numbers, place: Index, away: Array, among: Index) -> Index:
 
 
 def with_scans(clock: Clock, gathered: Gathered, scans: int, apart: Array) -> Clock:
-    """Return the clock with the steps before the first state's that its scans take."""
+    """Put the steps that the scans take before the first state's."""
     used = max(0, scans - 1)
     before = np.arange(-used, 0)
     if not used:
@@ -230,7 +230,7 @@ def truth_at(
     gap: float | None,
     angles: Sequence[int] = (),
 ) -> Array:
-    """Return states (n, K + 1, M) at the steps; a truth without runs of its own is that of every run.
+    """Interpolate states (n, K + 1, M) at the steps; a truth without runs is that of every run.
 
     Between two rows that are at most ``gap`` apart (s, or steps) a state lies on the straight line, and
     the rows ``angles`` turn the shorter way; NaN elsewhere. Raises DataError if there is none at all.
@@ -256,7 +256,7 @@ def truth_at(
 def _between(
     at: Array, values: Array, times: Array, gap: float | None, angles: Sequence[int]
 ) -> Array:
-    """Return values (n, K) at ``times`` of a curve through (n, R) at ``at``, in order."""
+    """Interpolate values (n, K) at ``times`` of a curve through (n, R) at ``at``, in order."""
     after = np.clip(np.searchsorted(at, times), 1, max(len(at) - 1, 1))
     out = np.full((len(values), len(times)), np.nan)
     if len(at) > 1 and gap is not None:

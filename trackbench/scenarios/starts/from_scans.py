@@ -116,5 +116,5 @@ class OneScan(_FromScans):
 
 
 def gives_scans(sensor: object) -> bool:
-    """Return whether two scans are a prior of their own: a plain radar at the origin."""
+    """Test whether two scans are a prior of their own: a plain radar at the origin."""
     return type(sensor) is RangeAzimuth and sensor.at_origin

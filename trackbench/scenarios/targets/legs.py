@@ -38,7 +38,7 @@ class Onsets:
     def metrics(
         self, mode: Array, alarm: Array | None, age: Array | None = None
     ) -> dict[str, Array]:
-        """Return numbers per run (M,) from mode weight, alarms and their age in s (K, M).
+        """Measure the detection per run (M,) from mode weight, alarms and their age in s (K, M).
 
         ``detection_delay_s[leg n]``: time from the onset to the first sample in the maneuvering
         mode, NaN if there is none. ``missed_maneuvers[leg n]``: 1 for a leg without that mode.
@@ -82,7 +82,7 @@ class Onsets:
 
 
 def _last(rows: Array) -> Array:
-    """Return the last value (K, M) up to each row; NaN before the first."""
+    """Carry the last value (K, M) on to each row; NaN before the first."""
     number = np.arange(len(rows))[:, None]
     latest = np.maximum.accumulate(np.where(np.isnan(rows), 0, number), axis=0)
     return np.asarray(np.take_along_axis(rows, latest, axis=0))
@@ -160,7 +160,7 @@ class Legs(Flown):
                 raise InvalidKeyError(what, *_LEGS_KEY, n, "start")
 
     def states(self, times: Array) -> Array:
-        """Return exact states (n, K): each leg adds its acceleration's two integrals.
+        """Compute exact states (n, K): each leg adds its acceleration's two integrals.
 
         A turn at a constant rate starts anew from the state at its beginning, and at its end.
         """
@@ -209,7 +209,7 @@ class Legs(Flown):
         return tuple(leg.size for leg in self.legs if leg.size)
 
     def run_metrics(self, values: Mapping[str, Array], scored: Scored) -> dict[str, Array]:
-        """Return the base's metrics, overshoots, and the metrics of maneuver detection.
+        """Add overshoots and the metrics of maneuver detection to the base's metrics.
 
         ``overshoot_m[leg n]`` mean error along the turn's acceleration after its end. With
         ``settled_error`` also settling after each leg, up to the next one.
@@ -240,7 +240,7 @@ class Legs(Flown):
         return quiet
 
     def _overshoots(self, x: Array, y: Array, t: Array, scored: Mask) -> dict[str, Array]:
-        """Return overshoots from signed errors (K, M): a filter that still turns is ahead."""
+        """Measure overshoots from signed errors (K, M): a filter that still turns is ahead."""
         out = {}
         straight = scored & ~self._inside(t).any(axis=0)
         for n, leg in enumerate(self.legs):
@@ -257,7 +257,7 @@ _LEGS_KEY = ("target", "legs")
 
 
 def _accelerated(start: Array, legs: list[Leg], times: Array, begun: float) -> Array:
-    """Return states (n, K) from ``start`` (n,) at time ``begun`` on."""
+    """Move from ``start`` (n,) at time ``begun`` on: states (n, K)."""
     t, out = times - begun, []
     for axis, (p, v) in enumerate(zip(start[0::2], start[1::2], strict=True)):
         position, velocity = p + v * t, np.full_like(t, v)
@@ -272,7 +272,7 @@ def _accelerated(start: Array, legs: list[Leg], times: Array, begun: float) -> A
 
 
 def _turned(start: Array, leg: Leg, times: Array) -> Array:
-    """Return states (n, K) from ``start`` (n,) at the leg's start on, turning at its rate."""
+    """Turn from ``start`` (n,) at the leg's start on, at its rate: states (n, K)."""
     t = times - leg.start
     # The turn is in the plane; the height goes on at constant speed.
     planar = turn_state(start[:4], np.full_like(t, np.deg2rad(leg.turn_rate_deg_s)), t)
@@ -340,13 +340,13 @@ class RandomLegs(Target):
     def fly(
         self, start: Array, timeline: Timeline, sensor: Sensors, rng: Streams, scans: int
     ) -> Flight:
-        """Return the truth drawn anew, NaN after its last leg, and its measurements."""
+        """Draw the truth anew, NaN after its last leg, and measure it."""
         runs = start.shape[1]
         truth = self._flown(len(timeline.steps), timeline.T, rng, runs)
         return measured_along(truth, timeline, sensor, rng, scans, runs)
 
     def _flown(self, steps: int, T: float, rng: Streams, runs: int) -> Array:
-        """Return states (4, K, M)."""
+        """Draw states (4, K, M)."""
         # Step 1: draw the shares of the first state, and each leg's length and accelerations.
         x, y, share, heading, many = rng.random((5, runs))
         most, number = self.legs[1], _uniform_whole(self.legs, many)
@@ -384,12 +384,12 @@ def _uniform_whole(ends: tuple[int, int], shares: Array) -> Index:
 
 
 def _alternating(first: _Rows, second: _Rows) -> _Rows:
-    """Return rows (2 L, M) of both (L, M), one after the other."""
+    """Alternate the rows of both (L, M): (2 L, M)."""
     return np.stack([first, second], axis=1).reshape(-1, first.shape[1])
 
 
 def _moved(state: Array, along: Array, across: Array, T: float) -> Array:
-    """Return the state (4, M) after T seconds of along- and cross-track acceleration, m/s^2."""
+    """Move the state (4, M) by T seconds of along- and cross-track acceleration, m/s^2."""
     px, vx, py, vy = state
     speed = np.sqrt(vx * vx + vy * vy)
     u, w = vx / speed, vy / speed

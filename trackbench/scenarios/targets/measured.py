@@ -220,7 +220,7 @@ class Measured(FromFiles, Naming, Target):
         return Recording(clock, first, apart, measurements, truth, notices, arrivals)
 
     def _of_position(self, sensor: Sensors) -> set[str]:
-        """Return the components of the measurement that depend on the position."""
+        """Find the components of the measurement that depend on the position."""
         # Move a state along its axes of positions, and compare.
         away = np.array([name in ("px", "py", "pz") for name in self.components])
         state = 1.0 + np.arange(len(away), dtype=float)[:, None]

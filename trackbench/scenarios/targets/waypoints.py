@@ -71,7 +71,7 @@ class Waypoints(Flown):
 
 
 def smooth_path(at: Array, points: Array, times: Array) -> Array:
-    """Return states (2 axes, K) on Akima's spline through points (axes, P) at times ``at`` (P,)."""
+    """Interpolate points (axes, P) at times ``at`` (P,) by Akima's spline: states (2 axes, K)."""
     from scipy.interpolate import Akima1DInterpolator
 
     within = np.clip(times, at[0], at[-1])
@@ -116,7 +116,7 @@ class RecordedPath(FromFiles, Naming, Flown):
         object.__setattr__(self, "_read", (fixed(times), fixed(states)))
 
     def _rows(self) -> tuple[Array, Array]:
-        """Return times (R,) and x, y, z, vx, vy, vz (6, R), NaN where the file has none of them."""
+        """Read times (R,) and x, y, z, vx, vy, vz (6, R), NaN where the file has none of them."""
         # Step 1: read the rows of one run, in order of time.
         gathered = Gathered(self, self.origin or None)
         rows = read_rows(gathered, [self.file], [(*_POSITIONS, *_VELOCITIES)], least=2)
