@@ -13,7 +13,7 @@ from trackbench.core import arrays
 from trackbench.core.angles import moments_together, near, particles_together
 from trackbench.core.arrays import Array, LatestResults, Seal, any_nan, freeze
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
-from trackbench.core.posterior_scores import ParticlePosterior
+from trackbench.core.posterior_scores import ParticlePosterior, Posterior
 from trackbench.core.random_streams import aside_stream, block_stream, side_by_side
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.consistency_and_calibration import (
@@ -22,7 +22,6 @@ from trackbench.evaluation.consistency_and_calibration import (
     observed,
 )
 from trackbench.evaluation.late_measurements import Deliveries, Refilter, deliveries
-from trackbench.evaluation.particle_recorder import ParticleRecorder
 from trackbench.evaluation.predictive_scores import PredictionScorer, Step, after_first
 from trackbench.evaluation.validate_output import (
     check_axes,
@@ -34,6 +33,7 @@ from trackbench.evaluation.validate_output import (
 from trackbench.extension_points import foreign_parts
 from trackbench.filters.base import AnyFilter, Steps, WrongReturnError, has_expectations
 from trackbench.filters.external import ProgramRunError
+from trackbench.filters.particle_base import PFState
 from trackbench.filters.program import programs_cpu_s
 from trackbench.models.base import Model, extra_std
 from trackbench.models.priors import augment_prior
@@ -236,7 +236,7 @@ class _Recorder:
         wanted = task.predictive_metrics if scenario.has_truth else ()
         self._judged = Calibration(scenario.components, wanted)
         self._angles = scenario.angle_rows
-        self._clouds = ParticleRecorder(task, self._sizes[0])
+        self._clouds = _ParticleRecorder(task, self._sizes[0])
         self.needs_states = has_expectations(tracker) or not self._judged.disabled
         """whether what is recorded depends on more than estimates and diagnostics"""
 
@@ -319,6 +319,45 @@ class _Recorder:
         for name, values in series.items():
             values[steps] = rows[name]
         return series
+
+
+class _ParticleRecorder:
+    """Recorder of the first runs' particles at the steps of figures, each with its weight and parent.
+
+    A parent is the place (0, 1, ...) among the step before of the particle that this one is moved from.
+    """
+
+    def __init__(self, task: BlockTask, n: int) -> None:
+        first, last = task.particle_steps or (0, -1)
+        self._runs, self._n = task.runs_with_tracks_among(task.runs), n
+        self.wanted = range(first, last + 1) if self._runs else range(0)
+        self._clouds: list[Array] = []
+        self._origin: Array | None = None
+
+    def add(self, state: Any, posterior: Posterior | None, k: int) -> None:
+        """Record the state at step k; any other than one of particles is left out."""
+        if not isinstance(posterior, ParticlePosterior):
+            return
+        if k in self.wanted:
+            x, w = (a[..., : self._runs, :] for a in posterior.particles)
+            unknown = np.full(w.shape, np.nan)
+            parents = unknown if self._origin is None else self._origin[: self._runs]
+            self._clouds.append(np.concatenate([x[: self._n], w[None], parents[None]]))
+        self._origin = None
+        if k + 1 in self.wanted and isinstance(state, PFState) and state.origin is not None:
+            # Flat indices count on from run to run.
+            runs, N = posterior.particles.w.shape
+            self._origin = state.origin - float(N) * np.arange(runs)[:, None]
+
+    def recorded(self) -> Array | None:
+        """Return what was recorded (n_x + 2, S, N, r), NaN where a step had fewer particles."""
+        if not self._clouds:
+            return None
+        most = max(cloud.shape[-1] for cloud in self._clouds)
+        out = np.full((*self._clouds[0].shape[:-1], most, len(self._clouds)), np.nan)
+        for i, cloud in enumerate(self._clouds):
+            out[..., : cloud.shape[-1], i] = cloud
+        return np.ascontiguousarray(out.transpose(0, 3, 2, 1))
 
 
 class _Clock:
