@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 import yaml
 
-from tests.commands import trackbench
+from tests.commands import ran, trackbench
 from tests.conftest import PLANE
-from trackbench import api
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.figures.bars import Bars
 from trackbench.report.figures.heat_map import HeatMap
@@ -39,9 +38,7 @@ SPEED = "scenario.target.launch.vx"
 
 
 def results_of(folder: Path, **keys: Any) -> Results:
-    config = folder / "c.yaml"
-    config.write_text(yaml.safe_dump(KEYS | keys))
-    return api.run(config, engine="serial", quiet=True, out=folder / "out", formats=()).results
+    return ran(folder, yaml.safe_dump(KEYS | keys)).results
 
 
 @pytest.fixture(scope="module")
