@@ -18,110 +18,72 @@ from trackbench.registry import kinds
 
 Keys = dict[str, Any]
 RUNS = 4
-LAUNCH = {"x": 3000, "y": 2000, "vx": -40, "vy": 30}
-PLANE = {"kind": "driven", "motion": {"kind": "cwna", "q": 10.0}, "launch": LAUNCH}
-RADAR = {"kind": "range-azimuth", "sigma_range": 5, "sigma_azimuth_mrad": 30}
-MERWE: Keys = {
-    "target": {"kind": "driven", "motion": "sine-gamma", "launch": {"x": 1.0}},
-    "sensor": {"kind": "square-then-line", "R": 0.1, "switch": 5},
-    "start": {"kind": "gaussian", "sigma": [0.5]},
-    "first": 1,
-    "last": 9,
-}
-PROBLEMS: dict[str, Keys] = {
-    "merwe": MERWE,
-    "sharp": {**MERWE, "sensor": {"kind": "square-then-line", "R": 1e-7, "switch": 5}},
-    "radar": {"target": PLANE, "sensor": RADAR, "start": "two-scan", "last": 7},
-    "sharp radar": {
-        "target": PLANE,
-        "sensor": {**RADAR, "sigma_range": 1e-3},
-        "start": "two-scan",
-        "last": 4,
-    },
-    "position": {
-        "target": {**PLANE, "motion": {"kind": "singer", "sigma": 1, "tau": 20}},
-        "sensor": {
-            "kind": "position",
-            "sigma": 5,
-            "outliers": {"share": 0.2, "times": 20},
-        },
-        "start": {"kind": "gaussian", "sigma": [10, 5, 10, 5]},
-        "last": 40,
-        "assume": {"motion": {"kind": "cwna", "q": 10.0}},
-    },
-    "pair": {
-        "target": {
-            "kind": "driven",
-            "motion": {
-                "kind": "map",
-                "components": ["a", "b"],
-                "next": {"a": "a + 0.1*b", "b": "b - sin(a)"},
-                "Q": [0.01, 0.1],
-            },
-        },
-        "sensor": {"kind": "function", "h": {"z": "a"}, "R": 0.1},
-        "start": {"kind": "gaussian", "sigma": [0.3, 0.3]},
-        "last": 3,
-    },
-}
+PROBLEMS: dict[str, Keys] = yaml.safe_load("""
+merwe: &merwe
+  target: {kind: driven, motion: sine-gamma, launch: {x: 1.0}}
+  sensor: {kind: square-then-line, R: 0.1, switch: 5}
+  start: {kind: gaussian, sigma: [0.5]}
+  first: 1
+  last: 9
+sharp: {<<: *merwe, sensor: {kind: square-then-line, R: 1.0e-7, switch: 5}}
+radar: &radar
+  target: &plane
+    kind: driven
+    motion: {kind: cwna, q: 10.0}
+    launch: {x: 3000, y: 2000, vx: -40, vy: 30}
+  sensor: &eye {kind: range-azimuth, sigma_range: 5, sigma_azimuth_mrad: 30}
+  start: two-scan
+  last: 7
+sharp radar: {<<: *radar, sensor: {<<: *eye, sigma_range: 1.0e-3}, last: 4}
+position:
+  target: {<<: *plane, motion: {kind: singer, sigma: 1, tau: 20}}
+  sensor: {kind: position, sigma: 5, outliers: {share: 0.2, times: 20}}
+  start: {kind: gaussian, sigma: [10, 5, 10, 5]}
+  last: 40
+  assume: {motion: {kind: cwna, q: 10.0}}
+pair:
+  target:
+    kind: driven
+    motion: {kind: map, components: [a, b], next: {a: a + 0.1*b, b: b - sin(a)}, Q: [0.01, 0.1]}
+  sensor: {kind: function, h: {z: a}, R: 0.1}
+  start: {kind: gaussian, sigma: [0.3, 0.3]}
+  last: 3
+""")
 """In the order in which a key's effect is looked for."""
-
-CV, CA = {"kind": "cv", "q": 1.0}, {"kind": "ca", "q": 1.0}
-TWO: Keys = {"motions": [CV, CA], "transition": [[0.9, 0.1], [0.1, 0.9]]}
-DETECTOR = {"eta": 20, "window_s": 5, "start": 3}
-NEEDED: dict[str, Keys] = {
-    "adaptive-kf": {"nmf": {"q": 0.1}, "mf": {"q": 0.1}, "detector": DETECTOR},
-    "vdf": {"nmf": {"q": 0.1}, "mf": {"q": 0.1}, "eta": 20},
-    "input-estimation": {"motion": {"q": 0.1}, "window_s": 8, "min_window_s": 1},
-    "alpha-beta": {"q": 0.1},
-    "imm": TWO,
-    "mmpf": TWO,
-    "gaussian-sum": {"split": 9, "span": 2.0, "kept": 30},
-}
-OTHER: dict[str, Any] = {
-    **{"N": 16, "G": 2, "F": 0.5, "CR": 0.3, "T0": 1.0, "rho": 0.1, "moves": 2, "defensive": 0.3},
-    **{"smooth": True, "centered": True, "inflation": 1.2, "fading": 1.2},
-    **{
-        "Q": 0.5,
-        "R": 0.3,
-        "P0": 0.2,
-        "gate": 0.5,
-        "robust": {"kind": "huber", "k": 0.3},
-        "alpha": 0.5,
-        "beta": 0.3,
-        "kappa": 1.5,
-    },
-    **{
-        "nodes": 96,
-        "deviations": 8.0,
-        "reach": 4.0,
-        "order": 4,
-        "iterations": 2,
-        "steps": 5,
-        "n_sigma": 4.0,
-    },
-    **{"ess_threshold": 0.7, "boost": 2, "boost_scans": 2, "bandwidth_scale": 0.3},
-    **{"split": 11, "span": 1.5, "kept": 5, "merge_within": 1.0, "initial": [0.7, 0.3]},
-    **{"eta": 5.0, "window_s": 4.0, "min_window_s": 3.0, "gamma": 0.6, "p": 4, "Ta": 1.0, "q": 5},
-    **{"nmf": {"q": 5}, "mf": {"q": 9}, "motion": {"q": 5}, "dlw": {"n": 3}, "exit": {"Ta": 500}},
-    **{"detector": {**DETECTOR, "eta": 5}, "filter": "ukf", "motions": [CV, CV]},
-    "transition": [[0.5, 0.5], [0.5, 0.5]],
-}
+MERWE, PLANE = PROBLEMS["merwe"], PROBLEMS["radar"]["target"]
+LAUNCH = PLANE["launch"]
+NEEDED: dict[str, Keys] = yaml.safe_load("""
+adaptive-kf: {nmf: {q: 0.1}, mf: {q: 0.1}, detector: {eta: 20, window_s: 5, start: 3}}
+vdf: {nmf: {q: 0.1}, mf: {q: 0.1}, eta: 20}
+input-estimation: {motion: {q: 0.1}, window_s: 8, min_window_s: 1}
+alpha-beta: {q: 0.1}
+imm: &two
+  motions: [{kind: cv, q: 1.0}, {kind: ca, q: 1.0}]
+  transition: [[0.9, 0.1], [0.1, 0.9]]
+mmpf: *two
+gaussian-sum: {split: 9, span: 2.0, kept: 30}
+""")
+OTHER: Keys = yaml.safe_load("""
+{N: 16, G: 2, F: 0.5, CR: 0.3, T0: 1.0, rho: 0.1, moves: 2, defensive: 0.3, smooth: true,
+ centered: true, inflation: 1.2, fading: 1.2, Q: 0.5, R: 0.3, P0: 0.2, gate: 0.5, alpha: 0.5,
+ beta: 0.3, kappa: 1.5, robust: {kind: huber, k: 0.3}, nodes: 96, deviations: 8.0, reach: 4.0,
+ order: 4, iterations: 2, steps: 5, n_sigma: 4.0, ess_threshold: 0.7, boost: 2, boost_scans: 2,
+ bandwidth_scale: 0.3, split: 11, span: 1.5, kept: 5, merge_within: 1.0, initial: [0.7, 0.3],
+ eta: 5.0, window_s: 4.0, min_window_s: 3.0, gamma: 0.6, p: 4, Ta: 1.0, q: 5, nmf: {q: 5},
+ mf: {q: 9}, motion: {q: 5}, dlw: {n: 3}, exit: {Ta: 500}, filter: ukf,
+ detector: {eta: 5, window_s: 5, start: 3}, motions: [{kind: cv, q: 1.0}, {kind: cv, q: 1.0}],
+ transition: [[0.5, 0.5], [0.5, 0.5]]}
+""")
 """Another value of a key that is neither a word nor true or false."""
-SETTINGS: dict[str, list[Keys]] = {
-    "pf": [{"boost": 2, "boost_scans": 2}],
-    "mpf": [{"regularize": "none"}],
-    "epf": [{"defensive": 1.0}],
-    "upf": [{"defensive": 1.0}],
-    "pfde": [{"reading": {"estimate_from": "before"}}, {"G": 0}],
-    "hdepf": [
-        {"reading": {"select": "greedy"}, "N": 30},
-        {"reading": {"estimate_from": "before"}},
-        {"G": 0},
-        {"defensive": 1.0},
-    ],
-    "alpha-beta": [{"alpha": 0.5, "beta": 0.3}],
-}
+SETTINGS: dict[str, list[Keys]] = yaml.safe_load("""
+pf: [{boost: 2, boost_scans: 2}]
+mpf: [{regularize: none}]
+epf: [{defensive: 1.0}]
+upf: [{defensive: 1.0}]
+pfde: [{reading: {estimate_from: before}}, {G: 0}]
+hdepf: [{reading: {select: greedy}, N: 30}, {reading: {estimate_from: before}}, {G: 0}, {defensive: 1.0}]
+alpha-beta: [{alpha: 0.5, beta: 0.3}]
+""")
 """Keys beside which others may be idle."""
 TOGETHER = {"alpha-beta": {"alpha": {"beta": 0.3}, "beta": {"alpha": 0.5}}}
 """Keys that are given together or not at all."""

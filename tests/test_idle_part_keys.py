@@ -14,43 +14,29 @@ from trackbench.config.load import load
 from trackbench.registry import Group, kinds
 
 Keys = dict[str, Any]
-POSITION = {"kind": "position", "sigma": 5}
-ROUGH = {"kind": "gaussian", "sigma": [10, 5, 10, 5]}
-SPACE = {
-    "kind": "driven",
-    "motion": {"kind": "cwna", "q": 10.0},
-    "launch": {**LAUNCH, "z": 900, "vz": 1},
-}
-IN_SPACE = {"target": SPACE, "start": {"kind": "gaussian", "sigma": [10, 5] * 3}}
-SCALAR = {
-    "target": {"kind": "driven", "motion": {"kind": "ar1", "q": 1.0}, "launch": {"x": 1.0}},
-    "sensor": {"kind": "scalar", "sigma": 1.0},
-    "start": {"kind": "gaussian", "sigma": [0.5]},
-}
-PLAIN: Keys = {"T": 2, "target": PLANE, "sensor": POSITION, "start": ROUGH, "last": 9}
-MOTIONS: dict[str, Keys] = {
-    "ar1": {"q": 1.0},
-    "ca": {"q": 1.0},
-    "ct": {"turn_rate_deg_s": 3.0, "q": 1.0},
-    "ct-unknown": {"q": 1.0, "turn_walk_deg_s": 1.0},
-    "cv": {"q": 1.0},
-    "cwna": {"q": 1.0},
-    "singer": {"sigma": 1.0, "tau": 10.0},
-}
-SENSORS: dict[str, Keys] = {
-    "bearing": {"sigma_mrad": 5.0},
-    "polar-position": {"sigma_range": 5.0, "sigma_azimuth_mrad": 5.0},
-    "position": {"sigma": 5.0},
-    "position-velocity": {"sigma": 5.0, "sigma_velocity": 1.0},
-    "range": {"sigma": 5.0},
-    "range-azimuth": {"sigma_range": 5.0, "sigma_azimuth_mrad": 5.0},
-    "range-azimuth-doppler": {
-        "sigma_range": 5.0,
-        "sigma_azimuth_mrad": 5.0,
-        "sigma_range_rate": 1.0,
-    },
-    "velocity": {"sigma": 1.0},
-}
+MOTIONS: dict[str, Keys] = yaml.safe_load("""
+ar1: {q: 1.0}
+ca: {q: 1.0}
+ct: {turn_rate_deg_s: 3.0, q: 1.0}
+ct-unknown: {q: 1.0, turn_walk_deg_s: 1.0}
+cv: {q: 1.0}
+cwna: {q: 1.0}
+singer: {sigma: 1.0, tau: 10.0}
+""")
+SENSORS: dict[str, Keys] = yaml.safe_load("""
+bearing: {sigma_mrad: 5.0}
+polar-position: {sigma_range: 5.0, sigma_azimuth_mrad: 5.0}
+position: {sigma: 5.0}
+position-velocity: {sigma: 5.0, sigma_velocity: 1.0}
+range: {sigma: 5.0}
+range-azimuth: {sigma_range: 5.0, sigma_azimuth_mrad: 5.0}
+range-azimuth-doppler: {sigma_range: 5.0, sigma_azimuth_mrad: 5.0, sigma_range_rate: 1.0}
+velocity: {sigma: 1.0}
+""")
+IN_SPACE: dict[str, Keys] = yaml.safe_load("""
+position-3d: {sigma: 5.0}
+range-azimuth-elevation: {sigma_range: 5.0, sigma_azimuth_mrad: 5.0, sigma_elevation_mrad: 5.0}
+""")
 LEG = {"start": 2, "end": 5, "ax": 1.0}
 TARGETS: dict[str, Keys] = {
     "driven": {"motion": {"kind": "cwna", "q": 1.0}, "launch": LAUNCH},
@@ -61,46 +47,41 @@ TARGETS: dict[str, Keys] = {
     },
     "waypoints": {"x": [0, 90, 150], "y": [0, 40, 90], "speed": 20.0},
 }
+STARTS: dict[str, Keys] = yaml.safe_load("""
+gaussian: {sigma: [10, 5, 10, 5]}
+given: {mean: [3000, -40, 2000, 30], sigma: [9, 5, 9, 5]}
+uniform: {low: [2900, -50, 1900, 20], high: [3100, 0, 2100, 60]}
+mixture: {parts: [{mean: [3000, -40, 2000, 30], sigma: [9, 5, 9, 5]}]}
+one-scan: {sigma_velocity: 9.0}
+""")
+POSITION = {"kind": "position", "sigma": 5}
+PLAIN: Keys = {"T": 2, "target": PLANE, "sensor": POSITION, "last": 9}
+PLAIN["start"] = {"kind": "gaussian", "sigma": [10, 5, 10, 5]}
+WITHOUT_LAUNCH = {"kind": "driven", "motion": PLANE["motion"]}
+SPACE: Keys = {"target": PLANE | {"launch": {**LAUNCH, "z": 900, "vz": 1}}, "last": 9}
+SPACE["start"] = {"kind": "gaussian", "sigma": [10, 5] * 3}
+SCALAR: Keys = yaml.safe_load("""
+target: {kind: driven, motion: {kind: ar1, q: 1.0}, launch: {x: 1.0}}
+sensor: {kind: scalar, sigma: 1.0}
+start: {kind: gaussian, sigma: [0.5]}
+last: 9
+""")
 ASSUMED = {"assume": {"motion": {"kind": "cwna", "q": 10.0}}, "start": "known"}
-PRIOR: Keys = {"mean": [3000, -40, 2000, 30], "sigma": [9, 5, 9, 5]}
+PRIOR = STARTS["mixture"]["parts"][0]
 CASES: dict[tuple[Group, str], Keys] = {
     **{("motions", kind): PLAIN for kind in MOTIONS if kind != "ar1"},
+    **{("sensors", k): PLAIN | {"sensor": {"kind": k, **keys}} for k, keys in SENSORS.items()},
+    **{("sensors", k): SPACE | {"sensor": {"kind": k, **keys}} for k, keys in IN_SPACE.items()},
+    **{("starts", k): PLAIN | {"start": {"kind": k, **keys}} for k, keys in STARTS.items()},
     **{
-        ("sensors", kind): PLAIN | {"sensor": {"kind": kind, **keys}}
-        for kind, keys in SENSORS.items()
+        ("targets", k): PLAIN | ASSUMED | {"target": {"kind": k, **keys}}
+        for k, keys in TARGETS.items()
     },
-    **{
-        ("targets", kind): PLAIN | ASSUMED | {"target": {"kind": kind, **keys}}
-        for kind, keys in TARGETS.items()
-    },
-    ("motions", "ar1"): {**SCALAR, "last": 9},
-    ("motions", "sine-gamma"): MERWE,
-    ("sensors", "scalar"): {**SCALAR, "last": 9},
-    ("sensors", "square-then-line"): MERWE,
-    ("sensors", "position-3d"): {
-        **IN_SPACE,
-        "sensor": {"kind": "position-3d", "sigma": 5.0},
-        "last": 9,
-    },
-    ("sensors", "range-azimuth-elevation"): {
-        **IN_SPACE,
-        "sensor": {
-            "kind": "range-azimuth-elevation",
-            **{"sigma_range": 5.0, "sigma_azimuth_mrad": 5.0, "sigma_elevation_mrad": 5.0},
-        },
-        "last": 9,
-    },
-    ("starts", "gaussian"): PLAIN,
-    ("starts", "given"): PLAIN
-    | {"start": {"kind": "given", "mean": [3000, -40, 2000, 30], "sigma": [9, 5, 9, 5]}},
-    ("starts", "uniform"): PLAIN
-    | {"target": {"kind": "driven", "motion": PLANE["motion"]}}
-    | {"start": {"kind": "uniform", "low": [2900, -50, 1900, 20], "high": [3100, 0, 2100, 60]}},
-    ("starts", "mixture"): PLAIN
-    | {"target": {"kind": "driven", "motion": PLANE["motion"]}}
-    | {"start": {"kind": "mixture", "parts": [PRIOR]}},
-    ("starts", "one-scan"): PLAIN | {"start": {"kind": "one-scan", "sigma_velocity": 9.0}},
+    **{("motions", "ar1"): SCALAR, ("motions", "sine-gamma"): MERWE},
+    **{("sensors", "scalar"): SCALAR, ("sensors", "square-then-line"): MERWE},
 }
+for kind in ("uniform", "mixture"):
+    CASES["starts", kind] = CASES["starts", kind] | {"target": WITHOUT_LAUNCH}
 OTHER: Keys = {
     "detection": 0.5,
     "outliers": {"share": 0.3, "times": 20},
@@ -136,10 +117,8 @@ BESIDE: dict[str, Keys] = {
 }
 """What else a key stands with; None: instead of."""
 PART: dict[Group, str] = {
-    "motions": "motion",
-    "sensors": "sensor",
-    "starts": "start",
-    "targets": "target",
+    **{"motions": "motion", "sensors": "sensor"},
+    **{"starts": "start", "targets": "target"},
 }
 
 

@@ -3,6 +3,7 @@
 import itertools
 import re
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import pytest
@@ -195,32 +196,13 @@ def test_the_product_is_what_a_config_says(config: Path) -> None:
 
 
 def test_a_point_of_a_sweep_equals_a_run_of_its_own(config: Path, tmp_path: Path) -> None:
-    sweep = api.sweep(
-        config,
-        grid=("scenario.sensor.R=0.1,1.0",),
-        out=tmp_path / "a",
-        workers=1,
-        quiet=True,
-        formats=(),
-    )
-    run = api.run(
-        config,
-        set=("scenario.sensor.R=1.0",),
-        out=tmp_path / "b",
-        workers=1,
-        quiet=True,
-        formats=(),
-    )
+    quiet: dict[str, Any] = {"engine": "serial", "quiet": True, "formats": ()}
+    sweep = api.sweep(config, grid=("scenario.sensor.R=0.1,1.0",), out=tmp_path / "a", **quiet)
+    run = api.run(config, set=("scenario.sensor.R=1.0",), out=tmp_path / "b", **quiet)
     frame = sweep.per_run
-    mine = (
-        frame[frame["scenario.sensor.R"] == 1.0]
-        .drop(columns="scenario.sensor.R")
-        .reset_index(drop=True)
-    )
-    pd.testing.assert_frame_equal(mine, run.per_run)
-    resolved = api.run(
-        tmp_path / "a" / "config.yaml", out=tmp_path / "c", workers=1, quiet=True, formats=()
-    )
+    mine = frame[frame["scenario.sensor.R"] == 1.0].drop(columns="scenario.sensor.R")
+    pd.testing.assert_frame_equal(mine.reset_index(drop=True), run.per_run)
+    resolved = api.run(tmp_path / "a" / "config.yaml", out=tmp_path / "c", **quiet)
     for name in ("per_run.csv", "summary.csv"):
         assert (resolved.folder / name).read_bytes() == (sweep.folder / name).read_bytes()
 

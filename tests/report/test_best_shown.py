@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
+from tests.commands import ran
 from trackbench import api
 from trackbench.report.figures.over_time import RmseVsTime
 from trackbench.report.figures.sweep import RmseVsParameter, SweepFigure
@@ -37,15 +38,9 @@ filters:
 """
 
 
-def run(folder, text):
-    (folder / "c.yaml").write_text(text)
-    options = api.Options(engine="serial", quiet=True, out=folder / "out", formats=("svg",))
-    return Results(api.run(folder / "c.yaml", options).folder)
-
-
 @pytest.fixture(scope="module")
 def plane(tmp_path_factory):
-    return run(tmp_path_factory.mktemp("plane"), PLANE)
+    return ran(tmp_path_factory.mktemp("plane"), PLANE, formats=("svg",)).results
 
 
 def test_a_figure_that_compares_some_filters_shows_the_best_too(made):
@@ -81,7 +76,7 @@ def test_the_default_track_has_the_three_best_and_sensors_that_are_near(plane):
 )
 def test_a_swept_key_has_its_unit_and_a_scenario_no_best(tmp_path, path, marks):
     table = "tables: {t: {kind: metrics, columns: {E: mean(rmse_position)}}}"
-    results = run(tmp_path, f"{PLANE}\ngrid: {{{path}: [0.5, 1, 4]}}\n{table}\n")
+    results = ran(tmp_path, f"{PLANE}\ngrid: {{{path}: [0.5, 1, 4]}}\n{table}\n").results
     assert results.axis(path) == "q (m^2/s^3)"
     assert f"| {path} (m^2/s^3) |" in (results.folder / "tables" / "t.md").read_text()
     assert (results.folder / "tables" / "t.csv").read_text().startswith(f"{path},Filter,E,")

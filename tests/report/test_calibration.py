@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from matplotlib import pyplot as plt
 
-from trackbench import api
+from tests.commands import ran
 from trackbench.config.load import load
 from trackbench.errors import UserError
 from trackbench.evaluation.metric_expression import measure
@@ -47,10 +47,7 @@ figures:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("calibration")
-    (path / "c.yaml").write_text(CONFIG)
-    api.run(path / "c.yaml", out=path / "out", workers=1, quiet=True, formats=("svg",))
-    return path / "out"
+    return ran(tmp_path_factory.mktemp("calibration"), CONFIG).folder
 
 
 def test_the_table_says_who_is_calibrated(folder: Path) -> None:
@@ -77,13 +74,6 @@ def test_only_what_is_asked_for_is_kept(folder: Path) -> None:
 def test_it_comes_out_again(folder: Path) -> None:
     """A run's likelihood ratio is that of its last step, its coverage the mean over the steps."""
     assert verify(folder, runs=5) == []
-
-
-def test_every_figure_is_drawn_and_the_same_again(folder: Path) -> None:
-    before = {p.name: p.read_bytes() for p in (folder / "figures").glob("*.svg")}
-    assert sorted(before) == ["all.svg", "late.svg", "one.svg", "ranks.svg"]
-    api.plot(folder, ["svg"])
-    assert {p.name: p.read_bytes() for p in (folder / "figures").glob("*.svg")} == before
 
 
 def test_reliability_is_the_distribution_of_the_ranks(folder: Path) -> None:

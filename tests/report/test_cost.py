@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.commands import ran
 from tests.papers import merwe_text
 from trackbench import api
 from trackbench.errors import UserError
@@ -143,9 +144,7 @@ figures:
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
     folder = tmp_path_factory.mktemp("cost")
-    (folder / "c.yaml").write_text(CONFIG)
-    api.run(folder / "c.yaml", out=folder / "out", workers=1, quiet=True, formats=("svg",))
-    return Results(folder / "out")
+    return ran(folder, CONFIG, formats=("svg",)).results
 
 
 def test_each_path_takes_its_own_value(results):
@@ -238,9 +237,7 @@ def test_efficiency_is_made_of_the_runs(results):
 def test_few_runs_have_no_runs_saved(tmp_path, runs):
     text = f"name: few\nruns: {runs}\nscenario: {merwe_text(T=8)}\nreference: Exact\n"
     text += "filters: {UKF: {kind: ukf}, EKF: {kind: ekf}, Exact: {kind: grid, nodes: 40}}\n"
-    (tmp_path / "c.yaml").write_text(f"{text}tables: {{e: {{kind: efficiency}}}}\n")
-    keys = {"out": tmp_path / "out", "workers": 1, "quiet": True, "formats": ()}
-    table = api.run(tmp_path / "c.yaml", **keys).tables["e"]
+    table = ran(tmp_path, f"{text}tables: {{e: {{kind: efficiency}}}}\n").tables["e"]
     assert not table.notes
     for cells in table.cells:
         assert [table.text(cell) == "–" for cell in cells] == [False, False, True, False]
@@ -259,49 +256,51 @@ def test_it_comes_out_again_and_draws_from_the_folder_alone(results):
     assert results.manifest["cpu_s"] == pytest.approx(spent, abs=2e-3)  # what is shared counts once
 
 
-@pytest.mark.parametrize(
-    ("change", "line"),
-    [
-        (("of: PF", "of: FP"), "tables.equal.of: 'FP' is not a filter here; did you mean PF?"),
-        (
-            ("of: PF", "of: UKF"),
-            "tables.equal.of: N of UKF takes no value over the grid; two are needed",
-        ),
-        (
-            ("of: PF", "of: PF, along: M"),
-            "tables.equal.of: M of PF takes no value over the grid; two are needed",
-        ),
-        (
-            ("of: PF", "of: PF, metric: median(nees)"),
-            "tables.equal.metric: 'median(nees)' is no RMSE, distance or efficiency",
-        ),
-        (
-            ("cost: {kind: accuracy-vs-cost", "cost: {kind: accuracy-vs-cost, filters: [UKF]"),
-            "figures.cost.along: N of UKF takes no value over the grid; two are needed",
-        ),
-        (
-            ("[[10, 5], [40, 8], [160, 12]]", "[9]"),
-            "tables.equal.of: N of PF takes one value over the grid; two are needed",
-        ),
-        (
-            ("reference: Exact\n", ""),
-            "tables.metrics.columns.E: 'efficiency' compares with the reference filter; name one "
-            "under `reference`",
-        ),
-        (
-            ("[rmse, rmsd]", "[rmse]"),
-            "tables.metrics.columns.E: 'efficiency' needs rmsd, not stored; add to `metrics` "
-            "what is missing",
-        ),
-        (
-            ("efficiency: {kind: efficiency", "efficiency: {kind: efficiency, metric: mean(rmse)"),
-            "tables.efficiency.metric: 'mean(rmse)' is no efficiency",
-        ),
-    ],
-)  # fmt: skip
-def test_what_is_mistaken_is_said_in_a_line(tmp_path: Path, change: tuple[str, str], line: str):
-    assert change[0] in CONFIG
-    (tmp_path / "c.yaml").write_text(CONFIG.replace(*change, 1))
+MISTAKES = """
+of: PF
+of: FP
+tables.equal.of: 'FP' is not a filter here; did you mean PF?
+
+of: PF
+of: UKF
+tables.equal.of: N of UKF takes no value over the grid; two are needed
+
+of: PF
+of: PF, along: M
+tables.equal.of: M of PF takes no value over the grid; two are needed
+
+of: PF
+of: PF, metric: median(nees)
+tables.equal.metric: 'median(nees)' is no RMSE, distance or efficiency
+
+cost: {kind: accuracy-vs-cost
+cost: {kind: accuracy-vs-cost, filters: [UKF]
+figures.cost.along: N of UKF takes no value over the grid; two are needed
+
+[[10, 5], [40, 8], [160, 12]]
+[9]
+tables.equal.of: N of PF takes one value over the grid; two are needed
+
+reference: Exact
+#
+tables.metrics.columns.E: 'efficiency' compares with the reference filter; name one under `reference`
+
+[rmse, rmsd]
+[rmse]
+tables.metrics.columns.E: 'efficiency' needs rmsd, not stored; add to `metrics` what is missing
+
+efficiency: {kind: efficiency
+efficiency: {kind: efficiency, metric: mean(rmse)
+tables.efficiency.metric: 'mean(rmse)' is no efficiency
+"""
+"""Words of the config, others in their place, the line."""
+
+
+@pytest.mark.parametrize("mistake", MISTAKES.strip().split("\n\n"))
+def test_what_is_mistaken_is_said_in_a_line(tmp_path: Path, mistake: str):
+    old, new, line = mistake.splitlines()
+    assert old in CONFIG
+    (tmp_path / "c.yaml").write_text(CONFIG.replace(old, new, 1))
     with pytest.raises(UserError) as found:
         api.prepare(tmp_path / "c.yaml", api.Options())
     assert any(str(problem).endswith(line) for problem in found.value.problems), found.value
@@ -370,10 +369,7 @@ def test_a_filter_that_fails_at_some_of_its_sizes_or_all(tmp_path: Path, sizes: 
     text = f"plugins: [fails.py]\n{text[:a]}grid: {{filters.PF.N: {sizes}}}\n{text[b:]}"
     text = text.replace("HDEPF: {kind: hdepf}, UKF: {kind: ukf},", "").replace("UKF", "PF")
     text = text.replace("runs: 60", "runs: 6")
-    (tmp_path / "c.yaml").write_text(text)
-    options = api.Options(engine="serial", quiet=True, formats=("svg",), allow_plugins=True)
-    api.run(tmp_path / "c.yaml", options, out=tmp_path / "out")
-    options = api.Options(allow_plugins=True)
+    ran(tmp_path, text, formats=("svg",), allow_plugins=True)
     assert len(api.plot(tmp_path / "out", formats=("svg",))) == 2
     table = Results(tmp_path / "out").tables
     assert [keys[0] for keys in table["equal"].keys] == (["3", "4"] if "3" in sizes else [])

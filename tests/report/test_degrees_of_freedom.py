@@ -5,9 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trackbench import api
+from tests.commands import ran
 from trackbench.errors import UserError
-from trackbench.report.results import Results
 from trackbench.statistics.intervals import anees_band
 
 RATES = """
@@ -43,14 +42,8 @@ figures:
 """
 
 
-def _run(folder: Path, text: str) -> Results:
-    (folder / "rates.yaml").write_text(text)
-    options = api.Options(engine="serial", quiet=True, out=folder / "out")
-    return api.run(folder / "rates.yaml", options, formats=()).results
-
-
 def test_missing_components_have_no_part_in_the_nis(tmp_path: Path) -> None:
-    results = _run(tmp_path, RATES.replace("OUTLIERS", "0"))
+    results = ran(tmp_path, RATES.replace("OUTLIERS", "0")).results
     steps = results.columns("per_step", {}).where(filter="KF")
     nis, unused = steps.where(metric="nis"), steps.where(metric="unused_nis")
     # Both sensors measure at every fifth step, the first alone at others.
@@ -70,7 +63,7 @@ def test_missing_components_have_no_part_in_the_nis(tmp_path: Path) -> None:
 
 
 def test_what_a_gate_refuses_is_counted_beside_the_nis(tmp_path: Path) -> None:
-    results = _run(tmp_path, RATES.replace("OUTLIERS", "0.04"))
+    results = ran(tmp_path, RATES.replace("OUTLIERS", "0.04")).results
     table = results.tables["c"]
     assert table.value_headers[-1] == "Refused a run"
     runs = results.runs({})
@@ -90,13 +83,12 @@ def test_what_a_gate_refuses_is_counted_beside_the_nis(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("figure", "number"), [("whole: {kind: anees", 2), ("anees_position", 4)])
 def test_another_number_of_components_is_refused(tmp_path: Path, figure: str, number: int) -> None:
     text = RATES.replace("OUTLIERS", "0").replace(", n_x: 2", "")
-    (tmp_path / "dof.yaml").write_text(text.replace(figure, f"{figure}, n_x: {number}"))
     with pytest.raises(UserError, match=rf"n_x: {number} components, and .* is of {6 - number}"):
-        api.run(tmp_path / "dof.yaml", out=tmp_path / "out")
+        ran(tmp_path, text.replace(figure, f"{figure}, n_x: {number}"))
 
 
 def test_the_figures_have_a_band_for_each_step(tmp_path: Path) -> None:
-    results = _run(tmp_path, RATES.replace("OUTLIERS", "0"))
+    results = ran(tmp_path, RATES.replace("OUTLIERS", "0")).results
     for name, first, later in (("whole", 2, 4), ("part", 2, 2)):
         (ax,) = results.figure(name).axes
         bands = [c for c in ax.collections if len(c.get_paths())]

@@ -54,7 +54,8 @@ def test_a_bug_costs_one_output(
         config.write_text(CONFIG.split("tables")[0] + "grid: {scenario.sensor.sigma: [10, 20]}\n")
     monkeypatch.setattr(*FAILING[what], broken)
     run = api.sweep if what == "sweep.csv" else api.run
-    report = run(config, engine="serial", quiet=True, out=tmp_path / "out", fresh=True)
+    keys: dict[str, Any] = {"engine": "serial", "quiet": True, "formats": ("svg",)}
+    report = run(config, out=tmp_path / "out", fresh=True, **keys)
     assert any(report.ranking()) == (what != "ranking")
     [line] = report.failed
     assert line.startswith(f"{what} failed: ")
@@ -85,7 +86,7 @@ def test_a_killed_report_leaves_the_data(tmp_path: Path, monkeypatch: pytest.Mon
 
     monkeypatch.setattr(report_page, "drawings", killed)
     with pytest.raises(Interrupted):
-        api.run(config, engine="serial", quiet=True, out=out)
+        api.run(config, engine="serial", quiet=True, out=out, formats=("svg",))
     monkeypatch.undo()
     assert (out / "figures" / "bars.svg").is_file()
     assert api.load(out).ranking()
@@ -93,10 +94,10 @@ def test_a_killed_report_leaves_the_data(tmp_path: Path, monkeypatch: pytest.Mon
     assert (out / "report.html").is_file()
     monkeypatch.setattr(report_page, "drawings", killed)
     with pytest.raises(Interrupted):
-        api.run(config, engine="serial", quiet=True, out=out)
+        api.run(config, engine="serial", quiet=True, out=out, formats=("svg",))
     monkeypatch.undo()
     del words["figures"]["bars"]
     config.write_text(yaml.safe_dump(words))
-    api.run(config, engine="serial", quiet=True, out=out)
+    api.run(config, engine="serial", quiet=True, out=out, formats=("svg",))
     assert not (out / "figures" / "bars.svg").exists()
     assert (out / "figures" / "time.svg").is_file()

@@ -8,8 +8,8 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
+from tests.commands import ran
 from tests.papers import banana_text
-from trackbench import api
 from trackbench.registry import kinds
 from trackbench.report.plotting import style
 from trackbench.report.results import Results
@@ -52,10 +52,7 @@ ELSEWHERE = {  # what needs another experiment or command: the test that draws i
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> Results:
-    folder = tmp_path_factory.mktemp("kinds")
-    (folder / "c.yaml").write_text(CONFIG)
-    api.run(folder / "c.yaml", out=folder / "out", workers=1, quiet=True, formats=())
-    return Results(folder / "out")
+    return ran(tmp_path_factory.mktemp("kinds"), CONFIG).results
 
 
 def _values(frame: pd.DataFrame, metric: str) -> np.ndarray:

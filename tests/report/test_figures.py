@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from matplotlib.collections import PolyCollection
 
+from tests.commands import ran
 from tests.papers import merwe_text
 from tests.report.forging import edit
 from trackbench import api
@@ -11,7 +12,7 @@ from trackbench.errors import UserError
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
 from trackbench.report.figures.bars import Bars
-from trackbench.report.figures.critical_difference import cliques, critical_difference, mean_ranks
+from trackbench.report.figures.critical_difference import cliques
 from trackbench.report.figures.over_time import EstimatesOfOneRun, RmseVsTime
 from trackbench.report.figures.per_run import RmsePerRun, _in_order
 from trackbench.report.findings import phrases
@@ -30,29 +31,10 @@ published: [n.csv]
 """.replace("MERWE", merwe_text(T=5))
 
 
-def test_mean_ranks_share_ties_and_put_lost_runs_last():
-    values = np.array([[1.0, 1.0, np.nan], [2.0, 1.0, 5.0], [3.0, 4.0, 6.0]])
-    np.testing.assert_allclose(mean_ranks(values), [(1 + 1.5 + 3) / 3, (2 + 1.5 + 1) / 3, 8 / 3])
-
-
-def test_critical_difference_of_the_source():
-    # Demsar 2006, section 3.3: 4 classifiers on 14 data sets at 0.05: 2.569 sqrt(4 * 5 / (6 * 14))
-    assert critical_difference(4, 14, 0.05) == pytest.approx(1.25, abs=0.005)
-
-
 def test_cliques_are_the_largest_groups():
     assert cliques(np.array([3.0, 1.0, 1.5, 2.2]), 0.8) == [(1.0, 1.5), (1.5, 2.2), (2.2, 3.0)]
     assert cliques(np.array([1.0, 1.5, 1.6]), 2.0) == [(1.0, 1.6)]
     assert cliques(np.array([1.0, 2.0]), 0.5) == []
-
-
-def test_figures_come_out_the_same_twice(folder):
-    before = {p.name: p.read_bytes() for p in (folder / "figures").iterdir()}
-    assert sorted(before) == [
-        *("bars.svg", "estimates.svg", "pairs.svg", "ranks.svg", "runs.svg", "time.svg")
-    ]
-    api.plot(folder, ["svg"])
-    assert {p.name: p.read_bytes() for p in (folder / "figures").iterdir()} == before
 
 
 def test_only_draws_a_figure_by_name_or_by_kind(folder):
@@ -85,15 +67,12 @@ def test_the_interval_of_an_expression_has_its_level(made, level, deviations):
 
 
 def test_a_published_number_stands_at_its_point(tmp_path):
-    (tmp_path / "c.yaml").write_text(GRID)
     (tmp_path / "n.csv").write_text(
         "paper,table,filter,metric,value,label,expression,point\n"
         "p,t,f,m,1.5,PF,mean(rmse),scenario.sensor.R=2\n"
         "p,t,f,m,3.5,PF,mean(rmse),\n"
     )
-    options = api.Options(engine="serial", quiet=True, out=tmp_path / "o", formats=())
-    results = api.run(tmp_path / "c.yaml", options).results
-    figure = Bars().draw(results)
+    figure = Bars().draw(ran(tmp_path, GRID).results)
     shown = [
         [line.get_xdata()[0] for line in ax.lines if line.get_label() == "Published"]
         for ax in figure.axes
@@ -193,10 +172,7 @@ def test_errors_of_estimates_stand_below_them(made):
 
 def test_a_grid_of_many_points_has_few_panels(tmp_path):
     grid = GRID.replace("[1, 2]", str(list(range(1, 31)))).replace("published: [n.csv]", "")
-    (tmp_path / "c.yaml").write_text(grid)
-    results = api.run(
-        tmp_path / "c.yaml", out=tmp_path / "o", quiet=True, workers=1, formats=()
-    ).results
+    results = ran(tmp_path, grid).results
     for spec in (RmseVsTime(title="Many"), Bars(title="Many")):
         figure = spec.draw(results)
         assert figure.get_suptitle() == "Many: the first 12 of 30 points"
@@ -204,21 +180,14 @@ def test_a_grid_of_many_points_has_few_panels(tmp_path):
         style.close(figure)
 
 
-def test_a_unit_at_the_end_of_a_key_is_one():
-    point = {"scenario.sensor.sigma_azimuth_mrad": 2, "scenario.target.turn_rate_deg_s": 3}
-    assert phrases.heading(point) == "sigma azimuth = 2 mrad, turn rate = 3 deg/s"
-    assert phrases.axis("scenario.sensor.sigma_azimuth_mrad") == "sigma azimuth (mrad)"
-
-
 def test_titles_say_how_many_runs_there_were(tmp_path):
     text = GRID.replace("published: [n.csv]", "title: Over {runs} runs")
     text += "tables: {t: {kind: metrics, title: '{runs} runs', columns: {RMSE: mean(rmse)}}}\n"
     text += "figures: {f: {kind: bars, title: 'of {runs}'}}\n"
-    (tmp_path / "c.yaml").write_text(text)
-    done = api.run(tmp_path / "c.yaml", out=tmp_path / "o", quiet=True, runs=3, formats=("svg",))
+    done = ran(tmp_path, text, runs=3, formats=("svg",))
     assert done.tables["t"].title == "3 runs"
     assert done.results.title == "Over 3 runs"
-    page = (tmp_path / "o" / "report.html").read_text()
+    page = (tmp_path / "out" / "report.html").read_text()
     for words in ("<h1>Over 3 runs</h1>", "of 3", "3 runs"):
         assert words in page
     assert "{runs}" not in page.partition("The resolved config")[0]
@@ -226,13 +195,11 @@ def test_titles_say_how_many_runs_there_were(tmp_path):
 
 def test_an_experiment_that_asks_for_nothing_shows_its_errors(tmp_path):
     text = GRID.replace("published: [n.csv]", "").partition("grid:")[0]
-    (tmp_path / "c.yaml").write_text(text)
-    done = api.run(tmp_path / "c.yaml", out=tmp_path / "o", quiet=True, formats=("svg",))
+    done = ran(tmp_path, text, formats=("svg",))
     assert list(done.tables) == ["results"]
     assert done.tables["results"].value_headers == ["RMSE", "ANEES"]
-    assert (tmp_path / "o" / "figures" / "results.svg").is_file()
-    assert 'id="figure-results"' in (tmp_path / "o" / "report.html").read_text()
-    assert verify(tmp_path / "o", 4) == []
-    api.run(tmp_path / "c.yaml", out=tmp_path / "o", quiet=True, formats=("svg",),
-            set=("tables={t: {kind: consistency}}",))  # fmt: skip
-    assert not (tmp_path / "o" / "tables" / "results.csv").exists()
+    assert (tmp_path / "out" / "figures" / "results.svg").is_file()
+    assert 'id="figure-results"' in (tmp_path / "out" / "report.html").read_text()
+    assert verify(tmp_path / "out", 4) == []
+    ran(tmp_path, text, set=("tables={t: {kind: consistency}}",))
+    assert not (tmp_path / "out" / "tables" / "results.csv").exists()

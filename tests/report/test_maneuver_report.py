@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tests.commands import ran
 from tests.conftest import EXPERIMENTS, shipped, track
 from trackbench import api
 from trackbench.evaluation.block import simulate
@@ -59,11 +60,7 @@ figures:
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> Results:
-    folder = tmp_path_factory.mktemp("maneuver")
-    config = folder / "c.yaml"
-    config.write_text(CONFIG)
-    options = api.Options(out=folder / "out", engine="serial", quiet=True, formats=("png",))
-    done = api.run(config, options)
+    done = ran(tmp_path_factory.mktemp("maneuver"), CONFIG, formats=("png",))
     assert not done.failed
     return done.results
 

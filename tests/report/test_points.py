@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.commands import ran
 from tests.papers import banana_text, merwe_text
-from trackbench import api
 from trackbench.report.plotting import style
 from trackbench.report.results import Results
 from trackbench.results.point_facts import same_points
@@ -46,11 +46,9 @@ figures: {f: {kind: estimates}}
 OFFSET = "filters: {A: {kind: offset, off: 1.0}}\n"
 
 
-def ran(folder: Path, more: str) -> Results:
+def with_offset(folder: Path, text: str) -> Results:
     (folder / "own.py").write_text(PLUGIN)
-    (folder / "c.yaml").write_text(CONFIG + more)
-    options = api.Options(engine="serial", quiet=True, out=folder / "out", formats=("svg",))
-    return api.run(folder / "c.yaml", options, allow_plugins=True).results
+    return ran(folder, text, allow_plugins=True).results
 
 
 def estimates(results: Results) -> list[tuple[str, float]]:
@@ -63,7 +61,7 @@ def estimates(results: Results) -> list[tuple[str, float]]:
 
 
 def test_a_panel_shows_its_own_point(tmp_path: Path) -> None:
-    results = ran(tmp_path, OFFSET + "grid: {filters.A.off: [0, 1, 2]}\n")
+    results = with_offset(tmp_path, CONFIG + OFFSET + "grid: {filters.A.off: [0, 1, 2]}\n")
     assert [point["filters.A.off"] for point in results.points()] == [1, 2]
     assert estimates(results) == [("off = 1", 1.0), ("off = 2", 2.0)]
     assert results.tracks(results.grid_points[0]) == {}
@@ -84,12 +82,12 @@ def test_a_table_of_claims_over_a_grid_of_words(tmp_path: Path) -> None:
     more = "filters: {A: {kind: pf, N: 5}, B: {kind: prior-mean}}\n"
     more += "grid: {filters.A.resampling: [systematic, residual]}\n"
     more += "tables: {t: {kind: claims, claims: {c: {less: A, than: B, metric: rmse}}}}\n"
-    results = ran(tmp_path, more)
+    results = with_offset(tmp_path, CONFIG + more)
     assert results.tables["t"].value_headers == ["systematic", "residual"]
 
 
 def test_a_grid_of_one_value_shows_its_tracks(tmp_path: Path) -> None:
-    results = ran(tmp_path, OFFSET + "grid: {filters.A.off: [3]}\n")
+    results = with_offset(tmp_path, CONFIG + OFFSET + "grid: {filters.A.off: [3]}\n")
     assert estimates(results) == [("off = 3", 3.0)]
 
 
@@ -98,7 +96,7 @@ def test_a_grid_of_one_value_shows_its_tracks(tmp_path: Path) -> None:
     [("scenario.score.lost_beyond", "[null, 5]"), ("scenario.sensor.R", "[1, 0.5]")],
 )
 def test_points_are_found_as_they_are_written(tmp_path: Path, path: str, values: str) -> None:
-    results = ran(tmp_path, OFFSET + f"grid: {{{path}: {values}}}\n")
+    results = with_offset(tmp_path, CONFIG + OFFSET + f"grid: {{{path}: {values}}}\n")
     found = [results.tracks(point)["truth"] for point in results.points()]
     for i, truth in enumerate(found):
         np.testing.assert_array_equal(truth, results.shown[f"point{i}/truth"])
@@ -120,12 +118,12 @@ def test_a_key_in_a_table_is_that_of_the_point(
     path, _, values = axis.partition(": ")
     more = "filters: {A: {kind: pf, N: 7}, B: {kind: offset, off: 1.0}}\n"
     more += "tables: {t: {kind: metrics, columns: {N: N}, filters: [A]}}\n"
-    results = ran(tmp_path, f'{more}grid: {{"{path}": {values}}}\n')
+    results = with_offset(tmp_path, CONFIG + f'{more}grid: {{"{path}": {values}}}\n')
     assert [cells[0].estimate.value for cells in results.tables["t"].cells] == expected
 
 
 def test_a_key_of_a_plugin_is_known_without_it(tmp_path: Path) -> None:
-    results = ran(tmp_path, OFFSET + "grid: {filters.A.off: [1, 2]}\n")
+    results = with_offset(tmp_path, CONFIG + OFFSET + "grid: {filters.A.off: [1, 2]}\n")
     unknown = Results(results.folder)
     unknown.config["filters"]["A"]["kind"] = "nobody-knows"
     found = [unknown.facts(point).filters["A"]["off"] for point in unknown.points()]
@@ -137,12 +135,9 @@ def test_the_arc_of_a_measurement_is_that_of_the_point(tmp_path: Path) -> None:
     more = "filters: {A: {kind: cmkf}}\ngrid: {scenario.sensor.sigma_range: [10, 20]}\n"
     text = (CONFIG + more).replace(merwe_text(T=5), banana_text(scans=4))
     figure = "{kind: posterior, half_height_m: 1000, point: %d}"
-    (tmp_path / "own.py").write_text(PLUGIN)
     heights = []
     for point in (1, 2):
-        (tmp_path / "c.yaml").write_text(text.replace("{kind: estimates}", figure % point))
-        options = api.Options(engine="serial", quiet=True, out=tmp_path / "out", formats=())
-        results = api.run(tmp_path / "c.yaml", options, allow_plugins=True).results
+        results = with_offset(tmp_path, text.replace("{kind: estimates}", figure % point))
         drawn = results.parts("figures")["f"].draw(results)
         (arc,) = drawn.axes[0].collections
         middle = arc.get_paths()[0].vertices

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.commands import ran
 from tests.execution.test_memory import peak
 from tests.papers import merwe_text
-from trackbench import api
 from trackbench.report.results import Results
 
 CONFIG = """
@@ -17,12 +17,6 @@ scenario: MERWE
 filters: {PF: {kind: pf, N: 5}, "10": {kind: ukf}, None: {kind: prior-mean}}
 reference: "10"
 """.replace("MERWE", merwe_text(T=8, lost_beyond=1.5))
-
-
-def made(folder: Path, *grid: str) -> Path:
-    (folder / "c.yaml").write_text(CONFIG)
-    options = api.Options(engine="serial", quiet=True, out=folder / "out", formats=(), grid=grid)
-    return api.run(folder / "c.yaml", options).folder
 
 
 @pytest.mark.parametrize(
@@ -36,7 +30,7 @@ def made(folder: Path, *grid: str) -> Path:
     ids=["plain", "numbers", "words", "nothing"],
 )
 def test_runs_in_groups_are_those_of_the_frame(tmp_path: Path, grid: tuple[str, ...]) -> None:
-    results = Results(made(tmp_path, *grid))
+    results = Results(ran(tmp_path, CONFIG, grid=grid).folder)
     for point in results.points():
         frame = results.per_run
         for path, value in point.items():
@@ -50,7 +44,7 @@ def test_runs_in_groups_are_those_of_the_frame(tmp_path: Path, grid: tuple[str, 
 
 
 def test_many_runs_are_read_in_little_memory(tmp_path: Path) -> None:
-    folder, number = made(tmp_path), 80_000
+    folder, number = ran(tmp_path, CONFIG).folder, 80_000
     labels = Results(folder).filters
     with (folder / "per_run.csv").open("w") as file:
         file.write("filter,run,metric,value\n")

@@ -5,8 +5,8 @@ from math import log, sqrt
 import numpy as np
 import pytest
 
+from tests.commands import ran
 from tests.papers import merwe_text
-from trackbench import api
 from trackbench.config.published import PublishedNumber
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.results import Results
@@ -74,11 +74,9 @@ p,PF estimates a delay,original,PF,mean(detection_delay_s),<,1,,,,,,
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> Results:
     home = tmp_path_factory.mktemp("search")
-    (home / "search.yaml").write_text(CONFIG)
     (home / "numbers.csv").write_text(NUMBERS)
     (home / "claims.csv").write_text(CLAIMS)
-    options = api.Options(engine="serial", quiet=True, out=home / "out", formats=())
-    return Results(api.run(home / "search.yaml", options).folder)
+    return ran(home, CONFIG).results
 
 
 def by_hand(results: Results, point: dict, labels: tuple[str, ...]) -> float:

@@ -8,9 +8,8 @@ import pytest
 import yaml
 from matplotlib.figure import Figure
 
-from tests.commands import trackbench
+from tests.commands import ran, trackbench
 from tests.conftest import PLANE
-from trackbench import api
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.figures.bars import Bars
 from trackbench.report.figures.heat_map import HeatMap
@@ -40,9 +39,7 @@ SPEED = "scenario.target.launch.vx"
 
 
 def results_of(folder: Path, **keys: Any) -> Results:
-    config = folder / "c.yaml"
-    config.write_text(yaml.safe_dump(KEYS | keys))
-    return api.run(config, engine="serial", quiet=True, out=folder / "out", formats=()).results
+    return ran(folder, yaml.safe_dump(KEYS | keys)).results
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from trackbench.report.verdicts.numbers import _is_near, _verdict
 from trackbench.statistics import rules
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.intervals import interval_of
-from trackbench.statistics.rules import claim_verdict, combine_batches, number_verdict, weakest
+from trackbench.statistics.rules import claim_verdict, combine_batches, number_verdict
 
 
 def word(published, value, stderr, *parts, runs=400):
@@ -165,15 +165,6 @@ def test_words_are_contradicted_by_their_opposites_only():
         assert combine_batches("compatible", parts) == expected.replace("agrees", "compatible")
     assert combine_batches("differs", ["differs", "differs"]) == "differs"
     assert combine_batches("differs", ["differs", "compatible"]) == "inconclusive"
-
-
-def test_the_weakest_of_many_steps_fails_for_certain_only():
-    assert weakest([3.0, -1.0, 2.0]) == -1.0
-    assert np.isnan(weakest([3.0, nan]))
-    # Bonferroni: -4 of 100 has the probability 100 * 3.167e-5, a z of -2.73.
-    assert weakest([-4.0] + [9.0] * 99, steps=100) == pytest.approx(-2.7304, abs=1e-3)
-    assert weakest([-0.5] * 100, steps=100) == pytest.approx(0.0, abs=1e-12)
-    assert weakest([0.5] * 100, steps=100) == 0.5
 
 
 def test_the_interval_of_the_rules_is_of_95_percent():

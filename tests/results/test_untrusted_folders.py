@@ -92,7 +92,7 @@ FOREIGN = ("notes.txt", "tables/notes.txt", "figures/x.html", "published/x.md", 
 def test_a_forged_manifest_deletes_nothing_of_somebody_else(folder: Path, own: Path) -> None:
     for name in FOREIGN[:-1]:
         (folder / name).write_text("mine")
-    forge(folder, *FOREIGN, str(own), "figures/../../own.txt", "tables/old.csv")
+    forge(folder, *FOREIGN, str(own), "figures/../../own.txt", "tables/old.csv", "..", "\0")
     (folder / "tables" / "old.csv").write_text("a\n")
     remove_outputs(folder, keep=())
     assert all((folder / name).read_text() == "mine" for name in FOREIGN)

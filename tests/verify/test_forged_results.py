@@ -5,12 +5,10 @@ import csv
 import numpy as np
 import pytest
 
+from tests.commands import ran
 from tests.papers import merwe_text
 from tests.report.forging import edit, reseal
-from trackbench import api
 from trackbench.verify import verify
-
-FIELDS = ("filter", "metric", "value", "stderr", "runs", "lost")
 
 
 @pytest.fixture
@@ -32,81 +30,36 @@ def change(folder, name, wanted, column, by):
     reseal(folder)
 
 
-def more(x):
-    return float(f"{1.0001 * x:.7g}")
+MORE = {"more": lambda x: float(f"{1.0001 * x:.7g}"), "one more": lambda x: int(x) + 1}
+CHANGES = """\
+tables/table1.csv; PF; Mean; more; tables/table1.csv: 1 rows
+comparison.csv; PF50; published; 2.0; comparison.csv: 1 rows
+comparison.csv; PF50; measured; more; comparison.csv: 1 rows
+claims.csv; PF equals itself; z; more; claims.csv: 1 rows
+paired.csv; PF, Exact; z; 0.2; paired.csv: 1 rows
+summary.csv; PF, mean(rmse); value; more; summary.csv: PF: 1 of
+summary.csv; PF, median(rmse); stderr; more; summary.csv: PF: 1 of
+summary.csv; PF, rms(rmse); runs; one more; summary.csv: has other rows
+summary.csv; PF, time-mean(rmse); value; more; summary.csv: PF: 1 of
+per_run.csv; PF, rmse, 377; value; more; per_run.csv: PF: 1 of
+per_step.csv; PF, rmse, 5; value; more; per_step.csv: PF: 1 of
+per_step.csv; PF, rmse, 5; stderr; more; per_step.csv: PF: 1 of
+summary.csv; PF, anees; metric; mean(no); summary.csv:
+summary.csv; PF, anees; filter; Exact; summary.csv:
+per_step.csv; PF, rmse, 5; filter; UKF; per_step.csv:
+"""
+"""File, words of a row, column, its new value; the line. Names are found by one run."""
 
 
-def one_more(x):
-    return int(x) + 1
-
-
-DERIVED = {
-    "a table": (["tables/table1.csv", ["PF"], "Mean", more], "tables/table1.csv: 1 rows "),
-    "published": (
-        ["comparison.csv", ["PF50"], "published", "2.0"],
-        "comparison.csv: 1 rows ",
-    ),
-    "measured": (["comparison.csv", ["PF50"], "measured", more], "comparison.csv: 1 rows "),
-    "a claim": (["claims.csv", ["PF equals itself"], "z", more], "claims.csv: 1 rows "),
-    "a pair": (["paired.csv", ["PF", "Exact"], "z", "0.2"], "paired.csv: 1 rows "),
-}
-COMPUTED = {
-    "mean": (["summary.csv", ["PF", "mean(rmse)"], "value", more], "summary.csv: PF: 1 of "),
-    "error": (["summary.csv", ["PF", "median(rmse)"], "stderr", more], "summary.csv: PF: 1 of "),
-    "runs": (["summary.csv", ["PF", "rms(rmse)"], "runs", one_more], "summary.csv: has other rows"),
-    "lost": (["summary.csv", ["PF", "rms(rmse)"], "lost", one_more], "summary.csv: has other rows"),
-    "mean over time": (
-        ["summary.csv", ["PF", "time-mean(rmse)"], "value", more],
-        "summary.csv: PF: 1 of ",
-    ),
-    "a late run": (
-        ["per_run.csv", ["PF", "rmse", "377"], "value", lambda x: 2 * x],
-        "per_run.csv: PF: 1 of ",
-    ),
-    "a step": (["per_step.csv", ["PF", "rmse", "5"], "value", more], "per_step.csv: PF: 1 of "),
-    "a bias": (
-        ["per_step.csv", ["PF", "bias", "5"], "value", lambda x: x + 0.01],
-        "per_step.csv: PF: 1 of ",
-    ),
-    "a NEES": (
-        ["per_step.csv", ["Exact", "anees", "5"], "value", lambda x: x + 0.01],
-        "per_step.csv: Exact: 1 of ",
-    ),
-    "an error of a step": (
-        ["per_step.csv", ["PF", "rmse", "5"], "stderr", more],
-        "per_step.csv: PF: 1 of ",
-    ),
-}
-NAMES = {
-    "a metric": (["summary.csv", ["PF", "anees"], "metric", "mean(no)"], "summary.csv: "),
-    "a filter": (["summary.csv", ["PF", "anees"], "filter", "Exact"], "summary.csv: "),
-    "a filter of a step": (
-        ["per_step.csv", ["PF", "rmse", "5"], "filter", "UKF"],
-        "per_step.csv: ",
-    ),
-}
-
-
-def check_change(folder, what, begin, runs):
-    change(folder, *what)
-    lines = verify(folder, runs)
+@pytest.mark.parametrize("line", CHANGES.splitlines())
+def test_an_edited_number_or_name_is_found(folder, line, request):
+    name, words, column, new, begin = line.split("; ")
+    follows = not name.startswith(("summary", "per_"))
+    if follows:
+        request.getfixturevalue("nothing_computed")
+    change(folder, name, words.split(", "), column, MORE.get(new, new))
+    lines = verify(folder, 1 if follows or column in ("metric", "filter") else 400)
     assert [line for line in lines if line.startswith(begin)], lines
-
-
-@pytest.mark.parametrize("case", DERIVED)
-@pytest.mark.usefixtures("nothing_computed")
-def test_an_edited_number_that_follows_from_the_runs_is_found(folder, case):
-    check_change(folder, *DERIVED[case], 1)
-
-
-@pytest.mark.parametrize("case", COMPUTED)
-def test_an_edited_number_is_found_where_all_runs_are_computed(folder, case):
-    check_change(folder, *COMPUTED[case], 400)
-
-
-@pytest.mark.parametrize("case", NAMES)
-def test_an_edited_name_is_found_by_one_run(folder, case):
-    check_change(folder, *NAMES[case], 1)
 
 
 @pytest.mark.parametrize(
@@ -157,9 +110,7 @@ WHOLE = {
 
 @pytest.fixture
 def small(tmp_path):
-    (tmp_path / "c.yaml").write_text(CONFIG)
-    options = api.Options(engine="serial", quiet=True, out=tmp_path / "out", save_tracks=True)
-    return api.run(tmp_path / "c.yaml", options).folder
+    return ran(tmp_path, CONFIG, save_tracks=True).folder
 
 
 @pytest.mark.parametrize("case", WHOLE)

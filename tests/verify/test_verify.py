@@ -1,16 +1,13 @@
 """`trackbench verify`: the same bytes, or what differs by filter."""
 
 import json
-import os
 import shutil
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 import yaml
 
-from tests.commands import trackbench
+from tests.commands import ran, trackbench
 from tests.papers import banana_text, merwe_text
 from tests.report.forging import edit, elsewhere, reseal
 from trackbench import api
@@ -99,13 +96,12 @@ def test_the_clone_of_other_results_names_the_filters_that_differ(config):
 
 
 def test_blocks_that_fit_come_out_again_of_fewer_runs(tmp_path):
-    config = tmp_path / "fitted.yaml"
-    config.write_text(
+    text = (
         f"name: fitted\nruns: 20\nblock: fit\nscenario: {merwe_text(T=4)}\n"
         "filters: {PF: {kind: pf, N: 2000}}\n"
         "figures: {last: {kind: estimates, run: 20}}\n"
     )
-    folder = api.run(config, out=tmp_path / "out", workers=1, quiet=True, formats=()).folder
+    folder = ran(tmp_path, text).folder
     assert verify(folder, 3) == []
     assert verify(folder, 12) == []
     assert verify(folder, 20) == []
@@ -162,12 +158,10 @@ ODD = {
 
 
 @pytest.mark.parametrize("case", ODD)
-def test_odd_experiments_come_out_again(config, case):
+def test_odd_experiments_come_out_again(tmp_path, case):
     given = yaml.safe_load(CONFIG) | yaml.safe_load(ODD[case])
-    config.write_text(yaml.safe_dump(given))
-    (config.parent / "own.py").write_text(PLUGIN)
-    options = api.Options(engine="serial", quiet=True, out=config.parent / "out", formats=())
-    folder = api.run(config, options, allow_plugins=True).folder
+    (tmp_path / "own.py").write_text(PLUGIN)
+    folder = ran(tmp_path, yaml.safe_dump(given), allow_plugins=True).folder
     assert verify(folder, 5, allow_plugins=True) == []
     assert verify(folder, 20, allow_plugins=True) == []
 
@@ -185,18 +179,6 @@ def test_a_filter_that_is_not_stored_is_changed(folder):
     (line,) = of_runs(verify(folder, 1))
     assert "has other rows than are computed again" in line
     assert line.endswith("the first is 'Exact, 0, lost', it should be 'No data, 0, lost'")
-
-
-def test_another_processor_gives_the_same_bytes(tmp_path):
-    config = tmp_path / "c.yaml"
-    config.write_text(
-        f"name: cloud\nruns: 20\nscenario: {banana_text(scans=12)}\n"
-        "filters: {RPF: {kind: rpf, N: 200}, EKF: {kind: ekf, start: mucm}}\n"
-    )
-    old = {"OPENBLAS_CORETYPE": "Nehalem", "NPY_DISABLE_CPU_FEATURES": "X86_V4"}
-    command = [sys.executable, "-m", "trackbench", "run", str(config), "--workers", "1"]
-    subprocess.run([*command, "--out", tmp_path / "out"], check=True, env={**os.environ, **old})
-    assert verify(tmp_path / "out", 20) == []
 
 
 def test_the_command_says_which_and_leaves_with_1_if_it_is_changed(config, folder, tmp_path):
