@@ -151,3 +151,13 @@ def random_covariance(rng: np.random.Generator, n: int, *batch: int) -> np.ndarr
     """Random symmetric positive definite matrices (n, n, *batch)."""
     A = rng.standard_normal((n, n + 2, *batch))
     return np.einsum("ik...,jk...->ij...", A, A)
+
+
+@pytest.fixture
+def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave out the tables, figures and page of each run, which take more than half of its time."""
+    from trackbench.commands import run_experiment
+    from trackbench.report.verdicts.numbers import Verdicts
+
+    monkeypatch.setattr(run_experiment, "render", lambda *_: ({}, Verdicts([], [], [])))
+    monkeypatch.setattr(run_experiment, "write_report", lambda *_: None)

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from tests.bad_input.test_bad_input import LISTS, MAIN, Mistake, good_files, refused
+from tests.bad_input.test_bad_input import LISTS, MAIN, good_files
 from tests.commands import trackbench
 from tests.conftest import EXPERIMENTS
 from trackbench.yaml_source import parse
@@ -50,7 +50,7 @@ harmless: list[str] = []
 
 
 @settings(
-    max_examples=120,
+    max_examples=60,
     deadline=None,
     derandomize=True,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.filter_too_much],
@@ -78,7 +78,7 @@ def test_a_broken_shipped_config(
 
 
 def test_most_broken_configs_are_refused() -> None:
-    assert len(harmless) < 40
+    assert len(harmless) < 20
 
 
 ALIASES = "".join(
@@ -107,13 +107,6 @@ CONTENTS: dict[str, tuple[str | bytes, str]] = {
 }
 
 
-@pytest.mark.parametrize("what", CONTENTS)
-def test_contents_that_are_no_config(tmp_path: Path, what: str) -> None:
-    content, expected = CONTENTS[what]
-    (line,) = refused(tmp_path, Mistake({MAIN: content}))
-    assert expected in line
-
-
 # The program as it is, in one folder after the other: exit code, CPU time, largest memory so far.
 MEASURED = """
 import os, sys, time
@@ -135,7 +128,7 @@ for folder in sys.argv[1:]:
 
 
 @pytest.mark.skipif(not Path("/proc").exists(), reason="reads its memory from /proc")
-def test_a_run_of_them_ends_soon_and_in_little_memory(tmp_path: Path) -> None:
+def test_contents_that_are_no_config_end_soon_and_in_little_memory(tmp_path: Path) -> None:
     folders = [tmp_path / what.replace(" ", "-") for what in CONTENTS]
     for folder, (content, _) in zip(folders, CONTENTS.values(), strict=True):
         folder.mkdir()
@@ -149,9 +142,12 @@ def test_a_run_of_them_ends_soon_and_in_little_memory(tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     errors = re.split(r"^end of .*\n", done.stderr, flags=re.MULTILINE)[:-1]
-    for folder, line, err in zip(folders, done.stdout.splitlines(), errors, strict=True):
+    expected = (words for _, words in CONTENTS.values())
+    measured = done.stdout.splitlines()
+    for folder, line, err, words in zip(folders, measured, errors, expected, strict=True):
         code, cpu_s, kilobytes = line.split()
         assert_refused(int(code), "", err)
+        assert re.fullmatch(f".*{words}.*\n", err)
         assert float(cpu_s) < 2.0, folder
         assert int(kilobytes) < 500_000, folder
         assert [path.name for path in folder.iterdir()] == [MAIN]
@@ -166,10 +162,10 @@ def test_too_many_values_are_not_read_to_their_end(tmp_path: Path) -> None:
 
 
 def test_many_filters_are_not_too_many_values() -> None:
-    """2000 filters with a motion each have 20 000 values and more."""
+    """1000 filters with a motion each have 10 000 values and more."""
     each = "{kind: ukf, assume: {motion: {kind: ar1, q: 1, phi: 1, drift: 0}}}"
-    filters = "".join(f"  F{i}: {each}\n" for i in range(2000))
-    assert len(parse(f"filters:\n{filters}", MAIN).data["filters"]) == 2000
+    filters = "".join(f"  F{i}: {each}\n" for i in range(1000))
+    assert len(parse(f"filters:\n{filters}", MAIN).data["filters"]) == 1000
 
 
 THINGS: dict[str, Callable[[Path], None]] = {

@@ -2,12 +2,9 @@
 
 from pathlib import Path
 
-import pytest
-
 from tests.conftest import PLANE
 from trackbench.config.dump import as_yaml, resolved
 from trackbench.config.load import load
-from trackbench.errors import UserError
 
 FILTERS = "filters: {A: {kind: ekf}, B: {kind: ukf}}\n"
 
@@ -38,27 +35,3 @@ def test_an_entry_of_that_label_stays(tmp_path: Path) -> None:
     experiment = load(config(tmp_path, "smoothed: [A]", filters))
     smoothed = experiment.points[0].filters["A, smoothed"]
     assert getattr(smoothed, "lag", None) == 3
-
-
-@pytest.mark.parametrize("keys", ["", ", smooth: true, alpha: 2"])
-def test_another_filter_of_that_label_is_refused(tmp_path: Path, keys: str) -> None:
-    filters = f"filters: {{A: {{kind: ukf}}, 'A, smoothed': {{kind: ukf{keys}}}}}\n"
-    with pytest.raises(UserError, match=r"smoothed\.0: there is another filter 'A, smoothed'"):
-        load(config(tmp_path, "smoothed: [A]", filters))
-
-
-@pytest.mark.parametrize(
-    ("keys", "what"),
-    [
-        ("smoothed: [C]", "smoothed.0: 'C' is not a filter here"),
-        ("smoothed: A", "smoothed: "),
-    ],
-)
-def test_mistakes(keys: str, what: str, tmp_path: Path) -> None:
-    with pytest.raises(UserError, match=what):
-        load(config(tmp_path, keys))
-
-
-def test_a_filter_without_a_smoother_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="smooth"):
-        load(config(tmp_path, "smoothed: [A]", "filters: {A: {kind: epf}}\n"))

@@ -298,7 +298,7 @@ def _runs(count: int) -> SomeRuns:
     return SomeRuns(block_stream(1, 2), 5, range(count))
 
 
-@pytest.mark.parametrize("batch", [(1,), (5,), (50,), (700,), (3, 401)])
+@pytest.mark.parametrize("batch", [(1,), (5,), (50,), (3, 401)])
 def test_matrices(batch: tuple[int, ...], both: Callable[..., None]) -> None:
     rng = np.random.default_rng(len(batch))
     A, B = rng.standard_normal((2, 4, 4, *batch))
@@ -332,9 +332,9 @@ def test_matrices(batch: tuple[int, ...], both: Callable[..., None]) -> None:
     both(lambda: unscented.Unscented(1.0, 0.0, 2.0).points(Gaussian(x[:, ..., 0], F @ F.T)))
 
 
-@pytest.mark.parametrize("batch", [(), (1,), (50,), (700,), (3, 401)])
+@pytest.mark.parametrize("batch", [(), (1,), (50,), (3, 401)])
 @pytest.mark.parametrize("n_z", [1, 2, 3])
-@pytest.mark.parametrize("n", [1, 2, 4, 7, 9])
+@pytest.mark.parametrize("n", [1, 2, 7, 9])
 @pytest.mark.parametrize("special", [False, True])
 def test_kalman_updates(
     batch: tuple[int, ...], n_z: int, n: int, special: bool, both: Callable[..., None]
@@ -357,7 +357,7 @@ def test_kalman_updates(
             both(gain, linalg.transpose(P), H, linalg.transpose(R))
 
 
-@pytest.mark.parametrize("batch", [(1,), (50,), (700,), (3, 401)])
+@pytest.mark.parametrize("batch", [(1,), (50,), (3, 401)])
 @pytest.mark.parametrize("special", [False, True])
 def test_updates_by_points(
     batch: tuple[int, ...], special: bool, both: Callable[..., None]
@@ -460,7 +460,7 @@ def test_mixtures_and_distances(runs: int, special: bool, both: Callable[..., No
         both(linalg.mahalanobis, states[0].mean, states[0].cov)
 
 
-@pytest.mark.parametrize("batch", [(1,), (50,), (700,), (3, 401)])
+@pytest.mark.parametrize("batch", [(1,), (50,), (3, 401)])
 @pytest.mark.parametrize("special", [False, True])
 def test_log_densities(batch: tuple[int, ...], special: bool, both: Callable[..., None]) -> None:
     draw = draws_of(np.random.default_rng(9), 0.4 * special, decades=3)

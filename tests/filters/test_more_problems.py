@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from tests.conftest import ROOT
-from tests.filters.test_ekfukf import sigma_points, straight, white_acceleration
+from tests.filters.test_ekfukf import straight, white_acceleration
 from tests.filters.test_standard_problems import (
+    check_points,
     filtered,
     first_block,
     lorenz63,
@@ -43,34 +44,27 @@ def kalman(m: Any, P: Any, z: Any, model: tuple[Any, ...]) -> tuple[Any, Any]:
     return np.transpose(means), np.array(scores)
 
 
+def check_kalman(name: str, label: str, F: Any, Q: Any, R: Any, H: Any = None) -> None:
+    """Compare a shipped filter with `kalman`, up to the last measurement; H: positions of two axes."""
+    z, mean, scores, m, P = filtered(name, label)
+    n, steps = len(F), np.isfinite(z[0]).sum()
+    model = F, np.zeros(n), Q, np.eye(4)[::2] if H is None else H, np.zeros(2), R
+    expected = kalman(m.reshape(n), P.reshape(n, n), z[:, :steps], model)
+    np.testing.assert_allclose(mean[:, :steps], expected[0], rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(scores[:steps], expected[1], rtol=1e-6)
+
+
 def test_ckf_of_the_pendulum() -> None:
-    z, mean, _, m, P = filtered("pendulum", "CKF")
+    def moved(x: Any, k: int) -> Any:
+        return np.stack([x[0] + 0.01 * x[1], x[1] - 0.0981 * np.sin(x[0])])
+
     Q = 0.01 * np.array([[1e-6 / 3, 1e-4 / 2], [1e-4 / 2, 1e-2]])
-    expected = sigma_points(
-        m,
-        P,
-        z,
-        lambda x, k: np.stack([x[0] + 0.01 * x[1], x[1] - 0.0981 * np.sin(x[0])]),
-        lambda x, k: np.sin(x[:1]),
-        Q,
-        0.1 * np.eye(1),
-        (2, 0),
-    )
-    np.testing.assert_allclose(mean.T, expected, rtol=1e-6, atol=1e-6)
+    noise = Q, 0.1 * np.eye(1)
+    check_points("pendulum", "CKF", moved, lambda x, k: np.sin(x[:1]), *noise, (2, 0))
 
 
 def test_kalman_filter_of_the_car() -> None:
-    z, mean, _, m, P = filtered("car-track", "KF")
-    H = np.eye(4)[::2]
-    model = (
-        straight(0.1),
-        np.zeros(4),
-        white_acceleration(1.0, 0.1),
-        H,
-        np.zeros(2),
-        0.25 * np.eye(2),
-    )
-    np.testing.assert_allclose(mean, kalman(m, P, z, model)[0], rtol=1e-6, atol=1e-6)
+    check_kalman("car-track", "KF", straight(0.1), white_acceleration(1.0, 0.1), 0.25 * np.eye(2))
 
 
 @pytest.mark.parametrize(
@@ -97,9 +91,7 @@ def test_level_of_the_nile(name: str, label: str, u: float, q: float, a: float, 
     ],
 )
 def test_wrong_models_of_the_linear_canonical_model(label: str, F: Any, H: Any) -> None:
-    z, mean, _, m, P = filtered("kalmannet-linear", label)
-    expected, _ = kalman(m, P, z, (F, np.zeros(2), 0.01 * np.eye(2), H, np.zeros(2), np.eye(2)))
-    np.testing.assert_allclose(mean, expected, rtol=1e-6, atol=1e-6)
+    check_kalman("kalmannet-linear", label, F, 0.01 * np.eye(2), np.eye(2), H)
 
 
 def test_stochastic_volatility_is_a_sum_over_many_states() -> None:
@@ -133,15 +125,11 @@ def fading(
 
 def test_fading_ekf_of_the_lorenz_system_of_anderson() -> None:
     z, mean, _, m, P = filtered("lorenz63-anderson", "EKF", 10)
-    expected = fading(
-        z[:, :10],
-        m,
-        P,
-        lambda x: runge_kutta(lorenz63, x, 0.01, 12),
-        1.21,
-        np.eye(3),
-        8 * np.eye(3),
-    )
+
+    def moved(x: Any) -> Any:
+        return runge_kutta(lorenz63, x, 0.01, 12)
+
+    expected = fading(z[:, :10], m, P, moved, 1.21, np.eye(3), 8 * np.eye(3))
     np.testing.assert_allclose(mean[:, :10].T, expected, rtol=1e-6, atol=1e-6)
 
 
@@ -166,15 +154,12 @@ def test_step_of_the_double_pendulum(steps: int) -> None:
 @pytest.mark.parametrize(("steps", "growth"), [(10, 2.0), (20, 3.0)])
 def test_fading_ekf_of_the_double_pendulum(steps: int, growth: float) -> None:
     z, mean, _, m, P = filtered(f"double-pendulum-{steps}", "EKF", 40)
-    expected = fading(
-        z[:, :40],
-        m,
-        P,
-        lambda x: runge_kutta(pendulums, x, 0.01, steps),
-        growth ** (steps / 100),
-        np.eye(4)[::2],
-        0.01 * np.eye(2),
-    )
+
+    def moved(x: Any) -> Any:
+        return runge_kutta(pendulums, x, 0.01, steps)
+
+    factor, R = growth ** (steps / 100), 0.01 * np.eye(2)
+    expected = fading(z[:, :40], m, P, moved, factor, np.eye(4)[::2], R)
     np.testing.assert_allclose(mean[:, :40].T, expected, rtol=1e-6, atol=1e-6)
 
 
@@ -198,18 +183,11 @@ def test_transform_filter_of_the_double_pendulum(steps: int, N: int) -> None:
 
 
 def test_ckf_of_the_cubes_of_mandel() -> None:
-    z, mean, _, m, P = filtered("lorenz63-mandel", "CKF", 30)
-    expected = sigma_points(
-        m,
-        P,
-        z[:, :30],
-        lambda x, k: runge_kutta(lorenz63, x, 0.01, 5),
-        lambda x, k: x**3,
-        0.01 * np.eye(3),
-        8 * np.eye(3),
-        (3, 0),
-    )
-    np.testing.assert_allclose(mean[:, :30].T, expected, rtol=1e-6, atol=1e-6)
+    def moved(x: Any, k: int) -> Any:
+        return runge_kutta(lorenz63, x, 0.01, 5)
+
+    noise = 0.01 * np.eye(3), 8 * np.eye(3)
+    check_points("lorenz63-mandel", "CKF", moved, lambda x, k: x**3, *noise, (3, 0), last=30)
 
 
 CLIMATE = np.array([0, 0, 23.55]), np.array([[62.8, 62.8, 0], [62.8, 81.2, 0], [0, 0, 74.4]])
@@ -266,22 +244,13 @@ def test_ekf_of_a_radar(name: str, T: float, Q: Any, R: Any, at: tuple[float, fl
 
 
 def test_kalman_filter_of_the_lidar() -> None:
-    z, mean, _, m, P = filtered("lidar", "KF")
     G = np.kron(np.eye(2), np.array([[0.5], [1.0]]))
-    steps = np.isfinite(z[0]).sum()
-    H = np.eye(4)[::2]
-    model = straight(1.0), np.zeros(4), 39.5 * G @ G.T, H, np.zeros(2), 625.0 * np.eye(2)
-    expected, _ = kalman(m.reshape(4), P.reshape(4, 4), z[:, :steps], model)
-    np.testing.assert_allclose(mean[:, :steps], expected, rtol=1e-6, atol=1e-6)
+    check_kalman("lidar", "KF", straight(1.0), 39.5 * G @ G.T, 625.0 * np.eye(2))
 
 
 def test_kalman_filter_of_calibration() -> None:
-    z, mean, scores, m, P = filtered("calibration", "KF")
-    H, R = np.eye(4)[::2], 25.0 * np.eye(2)
-    model = straight(1.0), np.zeros(4), white_acceleration(1.0, 1.0), H, np.zeros(2), R
-    expected = kalman(m, P, z, model)
-    np.testing.assert_allclose(mean, expected[0], rtol=1e-6, atol=1e-6)
-    np.testing.assert_allclose(scores, expected[1], rtol=1e-6)
+    Q, R = white_acceleration(1.0, 1.0), 25.0 * np.eye(2)
+    check_kalman("calibration", "KF", straight(1.0), Q, R)
 
 
 def test_kalman_filter_of_the_ferry() -> None:
@@ -305,15 +274,11 @@ def falling(x: Any) -> Any:
 
 
 def test_ukf_of_the_falling_body() -> None:
-    z, mean, _, m, P = filtered("falling-body", "UKF")
-    expected = sigma_points(
-        m,
-        P,
-        z[:, :20],
-        lambda x, k: runge_kutta(falling, x, 0.125, 8),
-        lambda x, k: np.sqrt(1e10 + (x[:1] - 1e5) ** 2),
-        np.zeros((3, 3)),
-        1e4 * np.eye(1),
-        (3, 2),
-    )
-    np.testing.assert_allclose(mean[:, :20].T, expected, rtol=1e-6, atol=1e-6)
+    def moved(x: Any, k: int) -> Any:
+        return runge_kutta(falling, x, 0.125, 8)
+
+    def distance(x: Any, k: int) -> Any:
+        return np.sqrt(1e10 + (x[:1] - 1e5) ** 2)
+
+    noise = np.zeros((3, 3)), 1e4 * np.eye(1)
+    check_points("falling-body", "UKF", moved, distance, *noise, (3, 2), last=20)

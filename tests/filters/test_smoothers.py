@@ -10,11 +10,12 @@ from tests.conftest import ROOT, make_filter
 from tests.filters.test_unequal_steps import INTERVALS, least_squares, smoothed_moments
 from trackbench import api
 from trackbench.config.load import load
-from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.run_filter import run_filter
 from trackbench.filters.base import FixedLag
 from trackbench.report.results import Results
+
+pytestmark = pytest.mark.usefixtures("no_report")
 
 PENDULUM = ROOT / "experiments" / "data"
 CONFIG = f"""name: pendulum
@@ -111,24 +112,3 @@ def test_the_last_steps_of_a_lag_are_those_of_all_measurements(tmp_path: Path) -
     np.testing.assert_allclose(rmse["OTHER"], rmse["RTS"], rtol=1e-12)
     np.testing.assert_array_equal(rmse["NO"], rmse["KF"])
     assert rmse["RTS"].mean() < rmse["SHORT"].mean() < rmse["KF"].mean()
-
-
-@pytest.mark.parametrize(
-    ("entry", "what"),
-    [
-        ("{kind: ekf, smooth: {lag: 0}}", "smooth"),
-        ("{kind: ekf, smooth: 3}", "smooth"),
-        ("{kind: kf, smooth: {trajectories: 9}}", "smooth"),
-        ("{kind: pf, smooth: {trajectories: 1}}", "smooth"),
-        ("{kind: mpf, N: 10, smooth: true}", "smooth"),
-        (
-            "{kind: imm, filter: {kind: ekf, smooth: true}, "
-            "motions: [{kind: cv, q: 1}, {kind: cv, q: 9}], transition: [[0.9, 0.1], [0.1, 0.9]]}",
-            "must stand beside `filter`",
-        ),
-    ],
-)
-def test_mistakes(entry: str, what: str, tmp_path: Path) -> None:
-    (tmp_path / "c.yaml").write_text(LINEAR.replace("{kind: ekf, smooth: true}", entry))
-    with pytest.raises(UserError, match=what):
-        load(tmp_path / "c.yaml")

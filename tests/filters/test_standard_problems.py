@@ -39,6 +39,22 @@ def filtered(name: str, label: str, last: int | None = None) -> tuple[Any, Any, 
     )  # fmt: skip
 
 
+def check_points(
+    name: str,
+    label: str,
+    f: Function,
+    h: Function,
+    Q: Any,
+    R: Any,
+    rule: tuple[float, float],
+    last: int | None = None,
+) -> None:
+    """Compare a shipped filter of sigma points with `sigma_points`."""
+    z, mean, _, m, P = filtered(name, label, last)
+    expected = sigma_points(m, P, z[:, :last], f, h, Q, R, rule)
+    np.testing.assert_allclose(mean[:, :last].T, expected, rtol=1e-6, atol=1e-6)
+
+
 def test_nile_against_the_joint_normal_distribution() -> None:
     (y,), (level,), scores, _, _ = filtered("nile", "KF")
     year = np.arange(len(y))
@@ -81,19 +97,11 @@ def test_fading_ekf_of_the_lorenz_system() -> None:
 
 
 def test_ckf_of_lorenz_96() -> None:
-    z, mean, _, m, P = filtered("lorenz96", "CKF")
-    steps = 40
-    expected = sigma_points(
-        m,
-        P,
-        z[:, :steps],
-        lambda x, k: runge_kutta(lorenz96, x, 0.05, 1),
-        lambda x, k: x[::2],
-        np.zeros((10, 10)),
-        2.25 * np.eye(5),
-        (10, 0),
-    )
-    np.testing.assert_allclose(mean[:, :steps].T, expected, rtol=1e-6, atol=1e-6)
+    def moved(x: Any, k: int) -> Any:
+        return runge_kutta(lorenz96, x, 0.05, 1)
+
+    noise = np.zeros((10, 10)), 2.25 * np.eye(5)
+    check_points("lorenz96", "CKF", moved, lambda x, k: x[::2], *noise, (10, 0), last=40)
 
 
 def test_step_of_lorenz_96_with_40_components() -> None:
@@ -113,7 +121,6 @@ def turn(x: Any, k: int) -> Any:
 
 
 def test_ckf_of_the_turning_aircraft() -> None:
-    z, mean, _, m, P = filtered("turning-aircraft", "CKF")
     Q = np.zeros((5, 5))
     Q[:2, :2] = Q[2:4, 2:4] = 0.1 * np.array([[1 / 3, 1 / 2], [1 / 2, 1]])
     Q[4, 4] = 1.75e-4
@@ -121,8 +128,7 @@ def test_ckf_of_the_turning_aircraft() -> None:
     def polar(x: Any, k: int) -> Any:
         return np.stack([np.hypot(x[0], x[2]), np.arctan2(x[2], x[0])])
 
-    expected = sigma_points(m, P, z, turn, polar, Q, np.diag([100.0, 1e-5]), (5, 0))
-    np.testing.assert_allclose(mean.T, expected, rtol=1e-6, atol=1e-6)
+    check_points("turning-aircraft", "CKF", turn, polar, Q, np.diag([100.0, 1e-5]), (5, 0))
 
 
 def test_imm_of_the_air_traffic() -> None:

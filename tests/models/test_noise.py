@@ -11,7 +11,6 @@ from scipy import integrate, stats
 
 from trackbench.config.load import load
 from trackbench.core.random_streams import RunStreams
-from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.run_filter import FilterOutput, run_filter
 from trackbench.models.base import log_likelihood
@@ -232,44 +231,6 @@ def test_gaussian_filters_take_the_moments(kind: str, tmp_path: Path) -> None:
     _, (by_moments,) = outputs(tmp_path, noisy, f"{{kind: {kind}}}", "Other")
     _, (by_variance,) = outputs(tmp_path, noisy, other, "Other")
     np.testing.assert_allclose(by_moments.mean, by_variance.mean, rtol=1e-12, atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("keys", "other", "what"),
-    [
-        (
-            "noise: {kind: student-t, df: 2}",
-            "{kind: ekf}",
-            "df 2 has no variance, which needs df > 2",
-        ),
-        ("noise: {kind: student-t, df: 2}", "{kind: enkf}", "uses mean and covariance"),
-        ("noise: {kind: student-t}", PF, "`student-t` needs `df`"),
-        ("noise: {kind: student-t, df: 3, factor: 3}", PF, "is no key of `student-t`"),
-        ("noise: {kind: mixture, outliers: 0.1, factor: 3}", PF, "`R`, the variance without"),
-        ("noise: {kind: cauchy}", PF, "not one of student-t, mixture or poisson"),
-        ("noise: poisson, R: 1", PF, "leave out `R`"),
-        ("noise: poisson, angles: [z]", PF, "a count is no angle"),
-        (
-            "R: 1, noise: {kind: student-t, df: 3}, outliers: {degrees: 3}",
-            PF,
-            "take one of the two",
-        ),
-        ("detection: 0.9", PF, "`R`, the variance of the noise, or `noise` is required"),
-        ("R: 1, correlation: 0.5", PF, "not supported: process noise and measurement noise"),
-        ("R: 1, control: u.csv", PF, "not supported: write known inputs"),
-    ],
-)
-def test_a_mistake_is_one_line(keys: str, other: str, what: str, tmp_path: Path) -> None:
-    with pytest.raises(UserError) as error:
-        outputs(tmp_path, f"{{kind: function, h: {{z: x}}, {keys}}}", other)
-    assert what in str(error.value)
-    assert len(str(error.value).splitlines()) == 1
-
-
-def test_correlated_variances_are_rejected(tmp_path: Path) -> None:
-    keys = "h: {a: x, b: x}, R: [[1, 0.1], [0.1, 1]], noise: {kind: student-t, df: 3}"
-    with pytest.raises(UserError, match="independent by component"):
-        outputs(tmp_path, f"{{kind: function, {keys}}}", PF)
 
 
 BOUND = """

@@ -178,19 +178,6 @@ def test_every_kind_is_tried_here() -> None:
 
 
 @pytest.mark.parametrize(
-    ("keys", "what"),
-    [
-        ({"bias": (1.0,)}, "bias has 1 numbers for range, azimuth"),
-        ({"at": (1.0, 2.0, 3.0)}, "at has 3 numbers for 2 axes"),
-        ({"at": (1.0, 2.0), "platform": PATH}, "has a position `at` or a `platform`"),
-    ],
-)
-def test_mistakes(keys: dict[str, Any], what: str) -> None:
-    with pytest.raises(ValueError, match=what):
-        RangeAzimuth(sigma_range=1.0, sigma_azimuth_mrad=1.0, **keys)
-
-
-@pytest.mark.parametrize(
     ("h", "angles"),
     [
         ("atan2(py, px)", ("a",)),

@@ -173,43 +173,6 @@ def test_nees_of_a_wrong_prior_is_that_of_the_exact_recursion(tmp_path: Path) ->
     assert data.prior.mean.max() == 0.0
 
 
-KF = "KF: {kind: kf}"
-MISTAKES = {
-    "unknown component": ("{kind: uniform, low: {y: 1}, high: [2]}", KF, 8, "component 'y'"),
-    "exchanged": ("{kind: uniform, low: [3], high: [2]}", KF, 8, "2 is below `low`, 3"),
-    "no parts": ("{kind: mixture, parts: []}", KF, 8, "name at least one part"),
-    "weight": ("{kind: mixture, parts: [{weight: 0, mean: [1], sigma: [1]}]}", KF, 8, "weight"),
-    "sigma": ("{kind: mixture, parts: [{mean: [1], sigma: [-1]}]}", KF, 8, "parts.0.sigma"),
-    "no sigma": ("{kind: mixture, parts: [{mean: [1]}]}", KF, 8, "give one of sigma and cov"),
-    "key of a part": ("{kind: mixture, parts: [{means: [1]}]}", KF, 8, "means"),
-    "a filter's component": (
-        "known", "KF: {kind: kf, assume: {start: {kind: given, mean: {y: 1}, sigma: [1]}}}", 9,
-        "filters.KF.assume.start.mean.y: unknown component 'y'"),
-    "a filter's part": (
-        "known",
-        "KF: {kind: kf, assume: {start: {kind: mixture, parts: [{mean: [1, 2], sigma: [1]}]}}}", 9,
-        "filters.KF.assume.start.parts.0.mean: 2 numbers for x"),
-    "a filter's kind": (
-        "known", "KF: {kind: kf, assume: {start: {kind: gauss}}}", 9, "is not a kind of start"),
-    "of the data": ("known", "KF: {kind: kf, assume: {start: known}}", 9, "depends on the data"),
-    "in the entry": (
-        "known", "KF: {kind: ekf, start: {kind: uniform, low: [1], high: [2]}}", 9,
-        "filters.KF.start: the prior of one filter is `assume: {start:"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("case", MISTAKES)
-def test_mistakes_have_a_line(tmp_path: Path, case: str) -> None:
-    start, entry, line, what = MISTAKES[case]
-    path = tmp_path / "prior.yaml"
-    path.write_text(CONFIG.replace("START", start).replace("FILTERS", entry))
-    done = trackbench("check", "prior.yaml", cwd=tmp_path)
-    assert done.returncode == 2
-    assert f"prior.yaml:{line}:" in done.stderr
-    assert what in done.stderr
-    assert "Traceback" not in done.stderr
-
-
 def test_a_first_state_beside_a_start_that_draws_it_is_a_mistake(tmp_path: Path) -> None:
     text = CONFIG.replace("START", UNIFORM).replace("FILTERS", "KF: {kind: kf}")
     (tmp_path / "prior.yaml").write_text(text.replace("q: 0.5}}", "q: 0.5}, initial: [1]}"))

@@ -108,26 +108,6 @@ def test_a_recorded_path_is_flown(tmp_path: Path) -> None:
         replace(scenario, last=31)
 
 
-@pytest.mark.parametrize(
-    ("text", "what"),
-    [
-        ("time,x\n0,1\n", "no column y"),
-        ("time,x,y\n0,1,2\n0,1,2\n", "needs two rows, at two times"),
-        ("time,x,y\n0,1,2\n0,1,3\n", "time 0 s is there twice, and not with the same"),
-        ("time,x,y\n0,1,2\n1,,2\n", "needs two rows"),
-        ("time,x,y\n0,1,2\n1,inf,2\n", ":3: x: 'inf' is not a finite number"),
-        ("time,x,y,vx\n0,1,2,3\n1,1,2,3\n", "velocities are vx, vy, all or none"),
-        ("", "is empty"),
-        ("x,y\n1,2\n", "no column time or step; there are x, y"),
-    ],
-)
-def test_mistakes_in_a_recorded_path(text: str, what: str, tmp_path: Path) -> None:
-    path = tmp_path / "p.csv"
-    path.write_text(text)
-    with pytest.raises(DataError, match=what):
-        RecordedPath(file=str(path))
-
-
 DRIVEN = Driven(motion=WhiteAcceleration(q=0.5), launch=Launch(x=3e3, y=4e3, vx=20.0, vy=-30.0))
 SPACE = Driven(
     motion=WhiteAcceleration(q=0.5),
@@ -238,31 +218,6 @@ def test_no_bound(changes: dict[str, Any], why: str) -> None:
     }
     assert Tracking(**keys).why_no_bound is None
     assert why in str(Tracking(**{**keys, **changes}).why_no_bound)
-
-
-@pytest.mark.parametrize(
-    ("changes", "what"),
-    [
-        (
-            {"target": Legs(launch=Launch(), legs=(Leg(start=1, end=9, ax=1),))},
-            "after the run's end",
-        ),
-        ({"start": GaussianStart(sigma=(1.0,))}, "1 numbers for px, vx, py, vy"),
-        ({"target": SPACE}, "the sensor sees 2 axes of a target in 3"),
-        ({"last": 1}, "leaves no step to measure"),
-        ({"score": Score(steps=(9, None))}, r"\[9, 5\] is not within steps 1 to 5"),
-        ({"score": Score(steps=(2, 6))}, r"\[2, 6\] is not within steps 1 to 5"),
-    ],
-)
-def test_what_does_not_fit(changes: dict[str, Any], what: str) -> None:
-    keys: dict[str, Any] = {
-        "target": DRIVEN,
-        "sensor": PositionSensor(sigma=1.0),
-        "start": TwoScan(),
-        "last": 5,
-    }
-    with pytest.raises(InvalidKeyError, match=what):
-        Tracking(**{**keys, **changes})
 
 
 def test_a_flown_target_needs_a_motion_to_assume() -> None:
