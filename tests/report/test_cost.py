@@ -31,7 +31,7 @@ def exactly(value: float) -> RunEstimate:
 def made(function: Any, sizes: tuple[int, ...]) -> Curve:
     """Sizes whose time is 2 us each, with errors that are a function of it and known exactly."""
     spots = [Spot(n, exactly(2e-6 * n), exactly(function(2e-6 * n)), NOBODY) for n in sizes]
-    return Curve("PF", {}, tuple(spots))
+    return Curve("PF", tuple(spots))
 
 
 def test_a_power_of_the_time_is_interpolated_exactly():
@@ -69,7 +69,7 @@ def test_times_that_fall_are_taken_at_the_largest_size():
         Spot(n, exactly(c), exactly(e), NOBODY)
         for n, c, e in ((10, 3e-6, 0.4), (30, 2e-6, 0.3), (100, 4e-6, 0.1))
     ]
-    found = Curve("PF", {}, tuple(spots)).at(exactly(2.5e-6))
+    found = Curve("PF", tuple(spots)).at(exactly(2.5e-6))
     assert found is not None
     assert 30 < found.size < 100
 
@@ -85,7 +85,7 @@ def noisy(rng: np.random.Generator, name: str, slope: float) -> Curve:
         cost = RunEstimate(times.mean(), mean(times).stderr, None, runs)
         error = RunEstimate(*mean(values), influence("mean", values), runs)
         spots.append(Spot(n, cost, error, np.zeros(runs)))
-    return Curve(name, {}, tuple(spots))
+    return Curve(name, tuple(spots))
 
 
 def test_the_error_at_a_cost_is_that_of_repeated_batches():

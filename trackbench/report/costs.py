@@ -64,8 +64,6 @@ class Curve:
     """A filter over its sizes, the smallest first; a single one if it has none."""
 
     label: str
-    keys: GridPoint
-    """its other keys"""
     spots: tuple[Spot, ...]
     name: str = ""
     """the label, with what else varies of the filter"""
@@ -167,7 +165,7 @@ def curves(
         good = [s for s in in_order if 0.0 < s.cost.value < np.inf and 0.0 < s.error.value < np.inf]
         forms = [of_other for (other, _), (of_other, _) in groups.items() if other == label]
         if good:
-            every.append(Curve(label, keys, tuple(good), named_form(label, keys, forms)))
+            every.append(Curve(label, tuple(good), named_form(label, keys, forms)))
     return every
 
 
