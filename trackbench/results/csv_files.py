@@ -124,7 +124,7 @@ class CsvFiles:
 
 def _texts(values: Array | Index, file: str) -> list[str]:
     """Write numbers as the file has them."""
-    bits = np.ascontiguousarray(values).view(np.int64)
+    bits = np.ascontiguousarray(values).view(f"u{values.itemsize}")
     if len(values) > 1 and (bits == bits[0]).all():
         return _texts(values[:1], file) * len(values)
     if values.dtype.kind != "f":
