@@ -59,11 +59,6 @@ def _least(name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Module
     return module
 
 
-@pytest.mark.parametrize("name", OWN)
-def test_modules_are_imported(name: str) -> None:
-    importlib.import_module(f"benchmarks.{name}")
-
-
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of packages that peers import
 @pytest.mark.parametrize("file", [*sorted(PEERS.glob("*_.py")), PEERS / "plain.py"])
 def test_peers_are_imported_where_their_packages_are(file: Path) -> None:

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 import yaml
 
-from tests.commands import spawned, trackbench
+from tests.commands import BARE, spawned, trackbench
 from tests.conftest import EXPERIMENTS, PLANE
 from trackbench.registry import Group, documentation
 
@@ -76,7 +76,7 @@ def test_overrides_and_only(tmp_path: Path) -> None:
     done = trackbench(
         *("run", str(EXPERIMENTS / "hdepf.yaml"), "--runs", "5", "--out", str(tmp_path / "o")),
         *("--only", "PF", "--set", "filters.PF.N=33", "--set", "scenario.sensor.R=0.1"),
-        *("--set", "block=fit"),
+        *("--set", "block=fit", *BARE),
     )
     assert done.returncode == 0, done.stderr
     config = yaml.safe_load((tmp_path / "o" / "config.yaml").read_text())

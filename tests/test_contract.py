@@ -47,12 +47,9 @@ def test_shipped_filters_keep_it(used: dict[str, tuple[Any, Any]], kind: str) ->
     # The contract has no problem of two components; test_plane_grid.py compares with exact answers.
     assert len(found) > 2 or kind == "grid-2d"
     for finding in found:
-        assert finding.verdict == "good" or finding.why
-
-
-@pytest.mark.parametrize("kind", ["ekf", "ukf", "pf", "apf"])
-def test_these_equal_the_kalman_filter(kind: str) -> None:
-    assert {f.verdict for f in check_filter(kinds("filters")[kind])} == {"good"}
+        assert finding.verdict == "good" or (
+            finding.why and kind not in ("ekf", "ukf", "pf", "apf")
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -214,9 +211,8 @@ class Needy(EKF):
     ],
 )
 def test_a_breach_is_noticed(cls: type, check: str, why: str) -> None:
-    bad = {f.check: f.why for f in check_filter(cls) if f.verdict == "bad"}
-    found = next(text for name, text in bad.items() if name.startswith(check))
-    assert why in found
+    bad = (f.why for f in check_filter(cls) if f.verdict == "bad" and f.check.startswith(check))
+    assert why in next(bad)
 
 
 def test_the_command(tmp_path: Path) -> None:

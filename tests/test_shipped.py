@@ -9,13 +9,14 @@ from types import SimpleNamespace
 
 import pytest
 
-from tests.commands import trackbench
+from tests.commands import BARE, trackbench
 from tests.conftest import EXPERIMENTS, ROOT
 from tests.conftest import shipped as experiment
 from tests.times import seconds
 from trackbench import yaml_source
 from trackbench.config import shipped_experiments
 from trackbench.config.load import load
+from trackbench.config.shipped_experiments import with_parts
 from trackbench.yaml_source import read
 
 NAMES = sorted(path.stem for path in EXPERIMENTS.glob("*.yaml"))
@@ -23,12 +24,12 @@ NAMES = sorted(path.stem for path in EXPERIMENTS.glob("*.yaml"))
 
 def test_a_name_is_run_anywhere(tmp_path: Path) -> None:
     """With nothing of the repository in the working folder."""
-    done = trackbench("run", "merwe2000", "--runs", "2", "--set", "block=fit", cwd=tmp_path)
+    done = trackbench("run", "merwe2000", "--runs", "2", "--set", "block=fit", *BARE, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "results" / "merwe2000" / "published" / "merwe2000.csv").is_file()
     by_path = trackbench(
         *("run", str(EXPERIMENTS / "merwe2000.yaml"), "--runs", "2", "--set", "block=fit"),
-        *("--out", "by-path"),
+        *("--out", "by-path", *BARE),
         cwd=tmp_path,
     )
     assert by_path.returncode == 0, by_path.stderr
@@ -38,7 +39,8 @@ def test_a_name_is_run_anywhere(tmp_path: Path) -> None:
 
 
 def test_a_sweep_takes_a_name(tmp_path: Path) -> None:
-    words = ("--runs", "4", "--set", "block=fit", "--only", "UKF", "--grid", "filters.UKF.Q=0.5,1")
+    words = ("--runs", "4", "--set", "block=fit", "--only", "UKF", *BARE)
+    words += ("--grid", "filters.UKF.Q=0.5,1", "--format", "svg")
     done = trackbench("sweep", "merwe2000", *words, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "results" / "merwe2000-sweep" / "sweep.csv").is_file()
@@ -87,8 +89,15 @@ def test_a_config_is_shown_as_it_is() -> None:
     assert done.stdout == (EXPERIMENTS / "hdepf.yaml").read_text()
 
 
-@pytest.mark.parametrize("name", NAMES)
+def _folders(name: str) -> str:
+    """The folders of all files of an experiment."""
+    parts = with_parts(EXPERIMENTS / f"{name}.yaml")
+    return " ".join(sorted({p.parent.name + p.suffix for p in parts if p.is_file()}))
+
+
+@pytest.mark.parametrize("name", {_folders(name): name for name in NAMES}.values())
 def test_a_copy_stands_alone(tmp_path: Path, name: str) -> None:
+    """Of experiments whose files lie in the same folders, one."""
     files = shipped_experiments.copied(name, tmp_path)
     mine, theirs = load(tmp_path / f"{name}.yaml"), experiment(name)
     assert mine.settings == theirs.settings
@@ -121,7 +130,7 @@ def test_a_config_comes_on_stdin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         yaml_source._stdin.cache_clear()  # a program has it once
         return trackbench(*words, cwd=tmp_path)
 
-    few = ("--runs", "2", "--set", "block=fit", "--only", "UKF")
+    few = ("--runs", "2", "--set", "block=fit", "--only", "UKF", *BARE)
     command = [sys.executable, "-m", "trackbench", "run", "-", *few]
     found = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run(

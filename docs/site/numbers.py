@@ -65,7 +65,8 @@ def spans(page: str, rows: Sequence[Row]) -> list[Span]:
     UnclearError
         If there is no way, or another one.
     """
-    matches = [_matches(row.text, _blank(page)) for row in rows]
+    blank = _blank(page)
+    matches = [_matches(row.text, blank) for row in rows]
     first: list[Span] = []
     for row, found in zip(rows, matches, strict=True):
         after = first[-1][1] if first else 0

@@ -214,11 +214,10 @@ def sized(browser, width, height):
 
 
 @pytest.fixture
-def shown(browser, folder):
+def shown(browser, made):
     """The report in the browser, as wide as a laptop; nothing in it complains."""
-    api.report(folder)
     sized(browser, 1400, 900)
-    browser.get((folder / "report.html").as_uri())
+    browser.get((made / "report.html").as_uri())
     yield browser
     assert browser.get_log("browser") == []
 
@@ -348,11 +347,10 @@ def test_axes_zoom_and_turn_logarithmic(shown):
     assert path() == before
 
 
-def test_without_a_script_nothing_is_lost(browser, folder):
-    api.report(folder)
+def test_without_a_script_nothing_is_lost(browser, made):
     browser.execute_cdp_cmd("Emulation.setScriptExecutionDisabled", {"value": True})
     try:
-        browser.get((folder / "report.html").as_uri())
+        browser.get((made / "report.html").as_uri())
         assert part(browser, "#figure-time svg").is_displayed()
         assert not browser.find_elements("css selector", ".tool")
         assert part(browser, "#tables table").is_displayed()

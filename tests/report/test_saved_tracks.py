@@ -33,7 +33,7 @@ def _inside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_tracks_are_of_every_run_with_covariance_if_they_were_saved() -> None:
-    report = api.run(CONFIG, save_tracks=True, quiet=True, engine="serial")
+    report = api.run(CONFIG, save_tracks=True, quiet=True, engine="serial", formats=())
     for found in (report.tracks(), api.load(report.folder).tracks()):
         T = len(found["steps"])
         assert found["truth"].shape == found["mean/EKF"].shape == (4, T, 50)
@@ -46,14 +46,15 @@ def test_tracks_are_of_every_run_with_covariance_if_they_were_saved() -> None:
         window = report.results.config["scenario"]
         assert window["last"] == 30
         np.testing.assert_allclose(rmse, stored, rtol=0.3)  # a window may leave out first steps
-    without = api.run(CONFIG, quiet=True, engine="serial")
+    without = api.run(CONFIG, quiet=True, engine="serial", formats=())
     assert without.tracks()["truth"].shape[-1] == 1
     assert "cov/EKF" not in without.tracks()
 
 
 def test_saved_tracks_of_a_grid_are_those_of_the_point() -> None:
     grid = {"scenario.sensor.sigma_range": [50, 500]}
-    report = api.run({**CONFIG, "grid": grid, "runs": 5}, save_tracks=True, quiet=True)
+    config = {**CONFIG, "grid": grid, "runs": 5}
+    report = api.run(config, save_tracks=True, quiet=True, formats=())
     first, second = (report.tracks(point) for point in report.results.points())
     assert first["mean/EKF"].shape == second["mean/EKF"].shape
     assert first["mean/EKF"].shape[-1] == 5
