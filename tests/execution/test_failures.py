@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tests.commands import spawned, trackbench
+from tests.commands import trackbench
 from tests.papers import merwe_text
 from trackbench.config.load import load
 from trackbench.errors import UserError
@@ -203,7 +203,7 @@ filters:
 def test_a_filter_cannot_end_the_program(tmp_path: Path, engine: str) -> None:
     (tmp_path / "leaving.py").write_text(LEAVING)
     (tmp_path / "c.yaml").write_text(LEFT)
-    done = spawned(
+    done = trackbench(
         *("run", "c.yaml", "--allow-plugins", "--engine", engine, "--workers", "2", "--fresh"),
         cwd=tmp_path,
     )
@@ -231,37 +231,7 @@ def test_a_look_at_what_a_filter_notes_does_not_end_the_program(tmp_path: Path) 
     load(tmp_path / "c.yaml", allow_plugins=True)
 
 
-WRITING = """
-from dataclasses import dataclass
-
-from trackbench.filters.ukf import UKF
-from trackbench.registry import register
-
-
-@register("filters", "writes")
-@dataclass(frozen=True, kw_only=True)
-class Writes(UKF):
-    def step(self, model, state, z, k, rng):
-        z -= 0.5
-        return super().step(model, state, z, k, rng)
-"""
-
-
-def test_a_filter_that_writes_to_the_measurements_spoils_no_other(tmp_path: Path) -> None:
-    (tmp_path / "writing.py").write_text(WRITING)
-    config = f"name: w\nruns: 4\nscenario: {merwe_text(T=5)}\nplugins: [writing.py]\n"
-    config += "filters: {Writes: {kind: writes}, UKF: {kind: ukf}}\n"
-    (tmp_path / "c.yaml").write_text(config)
-    options = ("run", "c.yaml", "--allow-plugins", "--engine", "serial", "--fresh")
-    both = trackbench(*options, "--out", "both", cwd=tmp_path)
-    alone = trackbench(*options, "--out", "alone", "--only", "UKF", cwd=tmp_path)
-    assert (both.returncode, alone.returncode) == (1, 0)
-    reason = "what a filter is given is read-only: copy it before you write to it"
-    assert f"error: Writes failed: writing.py:12: ValueError: {reason}" in both.stderr
-    for name in ("per_run.csv", "summary.csv"):
-        assert (tmp_path / "both" / name).read_text() == (tmp_path / "alone" / name).read_text()
-
-
+@pytest.mark.usefixtures("no_report")
 @pytest.mark.parametrize("deaths", [1, 99])
 def test_a_worker_that_dies_as_it_is_started(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, deaths: int
