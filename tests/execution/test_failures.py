@@ -91,27 +91,6 @@ def test_the_others_finish(tmp_path: Path, engine: str) -> None:
     assert reason in table
 
 
-def test_every_filter_fails(tmp_path: Path) -> None:
-    (tmp_path / "bad.py").write_text(PLUGIN)
-    text = "".join(
-        line
-        for line in CONFIG.splitlines(keepends=True)
-        if "PF:" not in line and "UKF:" not in line
-    )
-    text = text.replace("  NaN: {kind: not-a-number}\n", "").replace(
-        "  Far: {kind: far-away}\n", ""
-    )
-    kinds = ("rmse-vs-time", "rmse-per-run", "bars", "critical-difference", "heat-map", "estimates")
-    text += "figures:\n" + "".join(f"  f{i}: {{kind: {k}}}\n" for i, k in enumerate(kinds))
-    text += "  g: {kind: rmse-vs-parameter, metric: mean(rmse)}\n"
-    text += "grid: {scenario.sensor.R: [0.1, 1.0]}\n"
-    (tmp_path / "c.yaml").write_text(text)
-    done = trackbench("run", "c.yaml", "--allow-plugins", "--format", "svg", cwd=tmp_path)
-    assert done.returncode == 1
-    assert "Traceback" not in done.stderr
-    assert "Raises failed: bad.py:16: ValueError: no fifth step" in done.stdout
-
-
 def test_every_filter_fails_at_every_point_of_a_sweep(tmp_path: Path) -> None:
     (tmp_path / "bad.py").write_text(PLUGIN)
     (tmp_path / "c.yaml").write_text(CONFIG.replace("filters:", "only: [Raises]\nfilters:"))
