@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tests.bad_input.test_bad_input import LISTS, good_files
@@ -26,6 +26,7 @@ GOOD = f"name: x\nruns: 2\nscenario: {SCENARIO}\nfilters:\n  PF: {{kind: pf, N: 
 OPTIONS = api.Options(engine="serial", quiet=True, formats=("svg",))
 
 
+@settings(suppress_health_check=[HealthCheck.too_slow], deadline=None)  # on a busy machine
 @given(
     st.dictionaries(st.text("ab \t\n\r\x85\u2028\u2029\ufeff:#-'\"\\{[!&*|>%@1e~._,"), st.text())
 )
@@ -163,7 +164,8 @@ class Fails:
 def test_figures_and_reasons_where_every_filter_fails(tmp_path: Path) -> None:
     (tmp_path / "fails.py").write_text(FAILS)
     kinds = ["rmse-vs-time", "rmse-vs-time, log: true", "rmse-per-run", "estimates", "bars"]
-    kinds += ["bias, rows: {a: bias}", "rmse-vs-parameter, metric: mean(rmse)"]
+    kinds += ["bias, rows: {a: bias}", "rmse-vs-parameter, metric: mean(rmse)", "heat-map"]
+    kinds += ["critical-difference"]
     figures = "".join(f"  f{i}: {{kind: {kind}}}\n" for i, kind in enumerate(kinds))
     text = GOOD.replace("kind: pf, N: 10", "kind: always-fails") + "plugins: [fails.py]\n"
     text += f"grid: {{scenario.sensor.R: [1, 2]}}\nfigures:\n{figures}"
@@ -172,7 +174,7 @@ def test_figures_and_reasons_where_every_filter_fails(tmp_path: Path) -> None:
     report = api.run(tmp_path / "c.yaml", options, out=tmp_path / "out")
     said = r"failed: fails.py:11: RuntimeError: two lines \x1b[31m (runs 0 to 1)"
     assert report.failed[0] == f"PF at scenario.sensor.R = 1 {said}"
-    assert len(api.plot(tmp_path / "out", formats=("svg",))) == 6  # of estimates there are none
+    assert len(api.plot(tmp_path / "out", formats=("svg",))) == 8  # of estimates there are none
 
 
 def test_a_results_folder_with_other_things_in_it(odd: Path, tmp_path: Path) -> None:

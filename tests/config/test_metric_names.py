@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import pytest
 
 from tests.papers import merwe_text
 from trackbench import api
@@ -13,6 +14,8 @@ from trackbench.errors import UserError
 from trackbench.filters.base import declares_diagnostics
 from trackbench.filters.particle_filters import PF
 from trackbench.registry import kinds
+
+pytestmark = pytest.mark.usefixtures("no_report")
 
 CONFIG = """\
 name: small

@@ -18,6 +18,8 @@ from trackbench.execution.plan import make_plan
 from trackbench.plugins.errors import PluginError
 from trackbench.plugins.load import load_plugin
 
+pytestmark = pytest.mark.usefixtures("no_report")
+
 PLUGIN = '''
 IMPORTS
 

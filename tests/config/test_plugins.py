@@ -17,6 +17,8 @@ from trackbench.plugins.errors import PluginError
 from trackbench.plugins.load import load_plugin
 from trackbench.results.folder_contents import read_manifest
 
+pytestmark = pytest.mark.usefixtures("no_report")
+
 PLUGIN = '''
 """A filter that believes the first measurement component."""
 

@@ -3,9 +3,12 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from tests.bad_input.test_odd_words import FAILS
 from trackbench import api
+
+pytestmark = pytest.mark.usefixtures("no_report")
 
 TEXT = """
 name: ref

@@ -33,6 +33,7 @@ def _blocks(folder: Path) -> int:
     return len([*folder.glob("blocks/*/*/*.block")])
 
 
+@pytest.mark.usefixtures("no_report")
 @pytest.mark.parametrize("option", ["--clear", "--prune"])
 @pytest.mark.parametrize("ran", [False, True])
 def test_nothing_is_deleted_in_a_folder_of_other_files(
@@ -51,6 +52,7 @@ def test_nothing_is_deleted_in_a_folder_of_other_files(
     assert sorted(folder.rglob("*")) == before
 
 
+@pytest.mark.usefixtures("no_report")
 def test_foreign_files_in_a_marked_folder_stay(folder: Path) -> None:
     api.run("c.yaml", quiet=True, engine="serial")
     assert _blocks(folder) == 2
@@ -64,6 +66,7 @@ def test_foreign_files_in_a_marked_folder_stay(folder: Path) -> None:
     assert (folder.parent / "c.yaml").is_file()
 
 
+@pytest.mark.usefixtures("no_report")
 def test_a_cache_of_an_earlier_version_is_marked_when_all_names_are_its_own(folder: Path) -> None:
     api.run("c.yaml", quiet=True, engine="serial")
     (folder / ".trackbench-cache").unlink()
@@ -86,6 +89,7 @@ def test_a_marker_of_another_content_is_none(folder: Path) -> None:
         clear_cache(folder)
 
 
+@pytest.mark.usefixtures("no_report")
 def test_a_full_cache_that_may_only_be_read_serves(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -21,6 +21,8 @@ from trackbench.execution.queue import Queue
 from trackbench.registry import kinds
 from trackbench.results.frames import read_frame
 
+pytestmark = pytest.mark.usefixtures("no_report")
+
 
 def peak(function: Callable[..., object], *args: object) -> int:
     """Bytes that were alive at once."""

@@ -128,6 +128,7 @@ def test_each_point_of_a_grid_has_the_defaults_of_its_own_kind_and_preset(
     assert again(experiment, tmp_path).points == experiment.points
 
 
+@pytest.mark.usefixtures("no_report")
 def test_only_may_be_taken_back(tmp_path: Path) -> None:
     config = tmp_path / "a.yaml"
     config.write_text(CONFIG.replace("published: [numbers.csv]\nreference: 1e5\n", ""))
@@ -150,6 +151,7 @@ def test_a_word_stays_a_word(word: str) -> None:
     assert yaml.safe_load(as_yaml({"title": word})) == {"title": word}
 
 
+@pytest.mark.usefixtures("no_report")
 def test_a_config_of_the_users_own_is_not_replaced(tmp_path: Path) -> None:
     """`--out .` in the folder of configs; but a run that was killed after its config goes on."""
     text = f"name: c\nruns: 4  # a comment\n{PLANE}filters:\n  UKF: {{kind: ukf}}\n"

@@ -52,6 +52,7 @@ def test_each_comes_out_as_if_run_alone(pair: list[Path], tmp_path: Path) -> Non
         assert not report.failed
 
 
+@pytest.mark.usefixtures("no_report")
 def test_what_they_share_is_computed_once(
     pair: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -81,6 +82,7 @@ def test_the_mistakes_of_all_at_once_and_nothing_runs(pair: list[Path], tmp_path
     assert not (tmp_path / "results").exists()
 
 
+@pytest.mark.usefixtures("no_report")
 def test_stopping_early_ends_the_workers_and_nothing_else(pair: list[Path], tmp_path: Path) -> None:
     mine = multiprocessing.get_context("spawn").Process(target=time.sleep, args=(60,))
     mine.start()
@@ -101,6 +103,7 @@ def test_two_of_one_name(tmp_path: Path) -> None:
         next(api.run_all([write(tmp_path, "one"), again], quiet=True))
 
 
+@pytest.mark.usefixtures("no_report")
 def test_the_next_runs_when_a_filter_of_the_first_fails(tmp_path: Path) -> None:
     write(tmp_path, "two")
     (tmp_path / "plugin.py").write_text(

@@ -13,6 +13,8 @@ from tests.papers import merwe_text
 from trackbench import api
 from trackbench.errors import UserError
 
+pytestmark = pytest.mark.usefixtures("no_report")
+
 CONFIG = """
 name: s
 runs: 24

@@ -23,6 +23,8 @@ from trackbench.evaluation.precision_check import (
 )
 from trackbench.evaluation.summary import SummaryRow
 
+pytestmark = pytest.mark.usefixtures("no_report")
+
 TEXT = f"""name: u
 seed: 5
 runs: {{runs}}

@@ -1,5 +1,6 @@
 """The smoother of the IMM against Kalman smoothers and all sequences of models."""
 
+from functools import cache
 from itertools import pairwise, product
 from typing import Any
 
@@ -115,6 +116,17 @@ def all_sequences(z: np.ndarray, mean: np.ndarray, steps: int) -> tuple[np.ndarr
     return weighted, np.einsum("s,ski->ki", w, spread), np.einsum("s,ksj->kj", w, number)
 
 
+@cache
+def exact_by_run() -> list[dict[int, tuple[np.ndarray, ...]]]:
+    """Return `all_sequences` of each run by the number of its measurements, if there is one."""
+    data, by_run = simulate(SCENARIO, 1, 0, RUNS), []
+    for run in range(RUNS):
+        z, mean = data.measurements[..., run], data.prior.mean[:, run]
+        ends = [end for end in range(1, T + 1) if np.isfinite(z[0, :end]).any()]
+        by_run.append({end: all_sequences(z, mean, end) for end in ends})
+    return by_run
+
+
 def banks(tracker: IMM, data: Any) -> tuple[list[ModelBank], list[ModelBank]]:
     """Return the banks of the filter and of the smoother at every step."""
     rng = np.random.default_rng(1)
@@ -137,13 +149,7 @@ def test_two_models_are_near_all_sequences_of_models(lag: int | None) -> None:
     tracker = make_imm((SLOW, QUICK), P, (0.5, 0.5), smooth)
     filtered, smoothed = banks(tracker, data)
     rows = []
-    for run in range(RUNS):
-        z, mean = data.measurements[..., run], data.prior.mean[:, run]
-        exact = {
-            end: all_sequences(z, mean, end)
-            for end in range(1, T + 1)
-            if np.isfinite(z[0, :end]).any()
-        }
+    for run, exact in enumerate(exact_by_run()):
         for k in range(1, T):
             ends = k, min(k + (lag or T), T)
             if not set(ends) <= exact.keys():

@@ -1,6 +1,5 @@
-"""`kf` and `imm` against filterpy and Stone Soup on the same measurements."""
+"""`kf` and `imm` against filterpy on the same measurements."""
 
-import datetime
 from typing import Any
 
 import numpy as np
@@ -73,34 +72,6 @@ def test_kf_agrees_with_filterpy(motion: Any) -> None:
             nis.append(float(other.y @ np.linalg.solve(other.S, other.y)))
         close(ours.mean[:, 1:, run], np.array(means).T)
         close(ours.diagnostics["nis"][1:, run], np.array(nis))
-
-
-@pytest.mark.parametrize("motion", MOTIONS[:2], ids=lambda m: m.kind)
-def test_kf_agrees_with_stone_soup(motion: Any) -> None:
-    from stonesoup.models.measurement.linear import LinearGaussian
-    from stonesoup.models.transition.linear import LinearGaussianTimeInvariantTransitionModel
-    from stonesoup.predictor.kalman import KalmanPredictor
-    from stonesoup.types.detection import Detection
-    from stonesoup.types.hypothesis import SingleHypothesis
-    from stonesoup.types.state import GaussianState
-    from stonesoup.updater.kalman import KalmanUpdater
-
-    sampled = motion.sampled(1.0)
-    transition = LinearGaussianTimeInvariantTransitionModel(
-        transition_matrix=sampled.F, covariance_matrix=sampled.Q
-    )
-    sensor = LinearGaussian(ndim_state=len(sampled.F), mapping=(0, 2), noise_covar=1e4 * np.eye(2))
-    predictor, updater = KalmanPredictor(transition), KalmanUpdater(sensor)
-    ours, z = track(seen_as(SCENARIO, motion), KF(), RUNS), data().measurements
-    now = datetime.datetime(2000, 1, 1)
-    mean, cov = start(motion, 0)
-    state = GaussianState(mean, cov, timestamp=now)
-    for k in range(z.shape[1]):
-        now += datetime.timedelta(seconds=1)
-        seen = Detection(z[:, k, 0], timestamp=now, measurement_model=sensor)
-        state = updater.update(SingleHypothesis(predictor.predict(state, timestamp=now), seen))
-        theirs = np.asarray(state.state_vector, dtype=float).ravel()[:4]
-        close(ours.mean[:, k + 1, 0], theirs)
 
 
 @pytest.mark.parametrize("motions", [(CV, CoordinatedTurn(turn_rate_deg_s=2.0, q=0.01)), (CV, CA)])

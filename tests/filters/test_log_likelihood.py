@@ -1,4 +1,4 @@
-"""Predictive log-likelihoods against joint densities, quadrature, filterpy and each other."""
+"""Predictive log-likelihoods against joint densities and each other."""
 
 from dataclasses import replace
 from typing import Any
@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from tests.conftest import track
-from tests.filters.test_nonlinear_oracles import MOTION, RUNS, SCENARIO, data, filterpy_ekf
+from tests.filters.test_nonlinear_oracles import SCENARIO
 from tests.linear_problem import LINEAR
 from tests.papers import maneuver
 from trackbench.core.arrays import Array
@@ -24,7 +24,6 @@ from trackbench.filters.input_estimation import InputEstimation
 from trackbench.filters.kf import KF
 from trackbench.filters.ukf import CKF, GHKF, UKF
 from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
-from trackbench.models.motions.turn import CoordinatedTurn
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.scenarios.base import Scenario
@@ -92,36 +91,6 @@ def test_half_a_measurement_counts_as_half() -> None:
         state = KF().step(model, state, z[:, i], i + 1, rng)
         found += float(KF().log_likelihood(state)[0])
     assert found == pytest.approx(joint_density(LINEAR, z, 0), rel=1e-9)
-
-
-def test_ekf_agrees_with_filterpy() -> None:
-    ours, z = told(SCENARIO, EKF(), RUNS), data().measurements
-    for run in range(RUNS):
-        other, theirs = filterpy_ekf(MOTION, run), []
-        for k in range(z.shape[1]):
-            other.predict()
-            other.update(z[:, k, run])
-            theirs.append(multivariate_normal(cov=other.S).logpdf(other.y))
-        np.testing.assert_allclose(ours[:, run], theirs, rtol=1e-8)
-
-
-def test_imm_agrees_with_filterpy() -> None:
-    from filterpy.kalman import IMMEstimator
-
-    motions = (ConstantVelocity(q=0.01), CoordinatedTurn(turn_rate_deg_s=2.0, q=0.1))
-    transition = ((0.95, 0.05), (0.1, 0.9))
-    ours = told(SCENARIO, IMM(motions=motions, transition=transition, initial=(0.7, 0.3)), RUNS)
-    z = data().measurements
-    for run in range(RUNS):
-        bank = [filterpy_ekf(motion, run) for motion in motions]
-        other, theirs = IMMEstimator(bank, (0.7, 0.3), np.array(transition)), []
-        for k in range(z.shape[1]):
-            other.predict()
-            weights = other.cbar.copy()
-            other.update(z[:, k, run])
-            each = [multivariate_normal(cov=f.S).pdf(f.y) for f in bank]
-            theirs.append(np.log(weights @ each))
-        np.testing.assert_allclose(ours[:, run], theirs, rtol=1e-8)
 
 
 @pytest.mark.parametrize("conversion", ["ccm", "ucm", "mucm", "ducm"])

@@ -105,43 +105,6 @@ def test_defensive_proposal_bounds_what_a_bad_one_costs() -> None:
     assert mixed < 0.7 * alone
 
 
-def test_steps_are_pure() -> None:
-    """The same state stepped twice gives the same result: nothing is changed in place."""
-    scenario = merwe(T=5)
-    data = scenario.simulate(RunStreams(1, range(3)), 3)
-    for kind in ("pf", "rpf", "apf", "ekf", "ukf", "epf", "upf", "pfde", "hdepf", "grid"):
-        tracker = make_filter(kind)
-        state = tracker.init(scenario.model, data.prior, block_stream(1, 0))
-        z = data.measurements[:, 0]
-        first = tracker.step(scenario.model, state, z, 2, block_stream(2, 0))
-        again = tracker.step(scenario.model, state, z, 2, block_stream(2, 0))
-        np.testing.assert_array_equal(tracker.estimate(first).mean, tracker.estimate(again).mean)
-
-
-def test_missing_measurements_are_predicted_over() -> None:
-    """Without any measurement every filter follows the prior's mean."""
-    scenario = merwe(T=8, R=0.1)
-    data = scenario.simulate(RunStreams(1, range(4)), 4)
-    nothing = np.full((1, 4), np.nan)
-    expected = None
-    for kind, keys in {
-        "prior-mean": {},
-        "ekf": {},
-        "ukf": {},
-        "pf": {"N": 4000},
-        "apf": {"N": 4000},
-        "rpf": {"N": 4000},
-    }.items():
-        tracker = make_filter(kind, **keys)
-        rng = block_stream(1, 0)
-        state = tracker.init(scenario.model, data.prior, rng)
-        for k in scenario.steps[1:]:
-            state = tracker.step(scenario.model, state, nothing, int(k), rng)
-        mean = tracker.estimate(state).mean
-        expected = mean if expected is None else expected
-        np.testing.assert_allclose(mean, expected, atol=5 * np.sqrt(1.0 / 4000) * 2)
-
-
 def test_generations_without_end_draw_a_cloud_together() -> None:
     """To its best point: 30 particles lie within half of where they were, wherever that is."""
     scenario = merwe(R=0.1)

@@ -25,6 +25,8 @@ from trackbench.scenarios.starts.without_scans import GaussianStart
 from trackbench.scenarios.targets.driven import Driven
 from trackbench.scenarios.tracking import Tracking
 
+pytestmark = pytest.mark.usefixtures("no_report")
+
 T, STEPS, R, Q = 0.5, 240, 0.01, (1e-5, 4e-5)
 RECORDED = """
 name: compass

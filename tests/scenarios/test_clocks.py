@@ -12,6 +12,8 @@ from trackbench import api
 from trackbench.config.load import load
 from trackbench.errors import UserError
 
+pytestmark = pytest.mark.usefixtures("no_report")
+
 T = np.array([0.0, 1.0, 1.7, 4.2, 4.3, 9.0, 9.5, 12.25, 13.0, 20.0, 20.1, 21.0])
 RNG = np.random.default_rng(3)
 X = np.stack([40.0 + 3.0 * T, -7.0 - 2.0 * T]) + RNG.normal(size=(2, len(T)))

@@ -179,32 +179,6 @@ def test_outliers_have_a_density(tmp_path: Path) -> None:
     assert (np.abs(z - clean)[~np.isnan(z)] > 0.0).all()
 
 
-@pytest.mark.parametrize(
-    ("keys", "what"),
-    [
-        ({}, "give a `factor` other than 1, or a `density`"),
-        ({"factor": 3, "density": {"kind": "student-t", "df": 3}}, "other than 1, or a `density`"),
-        ({"density": {"kind": "student-t", "df": 2}}, "Student's t with df <= 2"),
-        (
-            {"density": {"kind": "uniform", "region": {"z": [0, 9]}}},
-            "has no variance about the truth",
-        ),
-        (
-            {"density": {"kind": "uniform", "region": {"y": [0, 9]}}},
-            "needs bounds of z, and no others",
-        ),
-        ({"density": {"kind": "uniform", "region": {}}}, "needs bounds of z, and no others"),
-        ({"density": {"kind": "uniform", "region": {"z": [9, 0]}}}, "ends before it begins"),
-    ],
-    ids=str,
-)
-def test_densities_are_refused_in_one_line(tmp_path: Path, keys: Any, what: str) -> None:
-    with pytest.raises(UserError) as error:
-        experiment(tmp_path, {"name": "a", "kind": "outliers", **keys}, filters=KNOWN)
-    (line,) = str(error.value).splitlines()
-    assert what in line
-
-
 def test_a_fault_is_of_one_sensor_and_begins_with_its_last_value(tmp_path: Path) -> None:
     sensors = [{"kind": "scalar", "sigma": 1.0}, {"kind": "scalar", "sigma": 2.0, "detection": 0.5}]
     faults = [

@@ -13,6 +13,8 @@ from trackbench.config.load import load
 from trackbench.errors import UserError
 from trackbench.scenarios.recordings.column_mapping import outlying
 
+pytestmark = pytest.mark.usefixtures("no_report")
+
 T = np.arange(20)
 X, Y = 10.0 + 0.5 * T, 5.0 - 0.25 * T
 PLAIN = [(f"{t}", f"{x}", f"{y}") for t, x, y in zip(T, X, Y, strict=True)]

@@ -13,6 +13,8 @@ from trackbench import api
 from trackbench.config.load import load
 from trackbench.errors import UserError
 
+pytestmark = pytest.mark.usefixtures("no_report")
+
 TIMES = np.arange(0.0, 40.0, 2.0)
 NOISE = np.random.default_rng(2).normal(size=(2, len(TIMES)))
 PLACE = np.stack([4000.0 - 20.0 * TIMES, 7000.0 + 10.0 * TIMES])

@@ -32,6 +32,8 @@ from trackbench.scaffold import write_config_for
 from trackbench.scenarios.base import Simulation
 from trackbench.scenarios.faults import Bias
 
+pytestmark = pytest.mark.usefixtures("no_report")
+
 PHI, Q, R, RUNS = 0.95, 1.0, 4.0, 12
 SCALAR = {
     "kind": "tracking",

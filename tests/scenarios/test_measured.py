@@ -15,6 +15,8 @@ from trackbench.errors import UserError
 from trackbench.execution.cache import block_key
 from trackbench.execution.plan import make_plan
 
+pytestmark = pytest.mark.usefixtures("no_report")
+
 SIMULATED = json.loads(merwe_text(T=12, R=0.1)) | {"start": {"kind": "gaussian", "sigma": [0.75]}}
 MOTION, SENSOR, SCORE = SIMULATED["target"]["motion"], SIMULATED["sensor"], SIMULATED["score"]
 CONFIG = """

@@ -8,6 +8,8 @@ import pytest
 from tests.scenarios.test_clocks import config
 from trackbench.config.load import load
 
+pytestmark = pytest.mark.usefixtures("no_report")
+
 BOTH = [{"kind": "position", "sigma": 5}, {"kind": "velocity", "sigma": 1}]
 
 
