@@ -45,25 +45,9 @@ class Hypotheses(NamedTuple):
     ) -> "Hypotheses":
         """Update the hypotheses after step k of the quiescent filter.
 
-        Parameters
-        ----------
-        k : int
-            Step.
-        F : (2, 2)
-            Transition matrix of one axis.
-        g : (2,)
-            Effect of a unit input on position and velocity within one step.
-        posterior : Gaussian
-            The quiescent filter's posterior, covariance (2, 2, A, M).
-        innovation : Innovation
-            Its innovation nu (1, 2, M) with S (1, 1, A, M); NaN if a run has no measurement.
-        R : (1, 1)
-            Measurement noise of one axis.
-
-        Returns
-        -------
-        Hypotheses
-            Response, information and score after the measurement.
+        F (2, 2), g (2,) and R (1, 1) are transition, effect of a unit input on position and velocity,
+        and measurement noise of one axis. The filter's posterior has a covariance (2, 2, A, M), its
+        innovation nu (1, 2, M) and S (1, 1, A, M), NaN if a run has no measurement.
         """
         # Step 1: M^- = F M + g, psi = H M^- with H = [1 0].
         F_, g_ = F[:, :, None, None, None], g[:, None, None, None]

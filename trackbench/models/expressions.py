@@ -106,19 +106,9 @@ _BINARY: dict[type[ast.operator], str] = {
 
 
 def parse(text: str | float, names: Mapping[str, Node]) -> Node:
-    """Parse an expression.
+    """Parse an expression of ``names``, each a `variable`, a `number` or a part, and of pi.
 
-    Parameters
-    ----------
-    text : str or float
-        The expression.
-    names : mapping of str to Node
-        Names that it may contain beside pi, and what they stand for: `variable`, `number` or a part.
-
-    Raises
-    ------
-    ExpressionError
-        For whatever is not arithmetic of these names, with the column.
+    Raises ExpressionError, with the column, for whatever is not arithmetic of these names.
     """
     text = str(text)
     if len(text) > MOST_CHARACTERS:
