@@ -155,7 +155,7 @@ def as_config(part: Part | Assume, shown: Callable[[str], str] = str) -> PlainDa
     return _without_unset(part, out)
 
 
-_LATER = ("faults", "robust", "delay", "late", "format", "density")
+_LATER = ("faults", "robust", "delay", "late", "format", "density", "settled_error")
 """Keys that older results folders lack: left out if unset, so that their configs stay as they are."""
 
 
