@@ -78,7 +78,7 @@ static inline double exp_of_moderate(double x, const double *powers, const doubl
   series += 1.0;
   int64_t n = bits_of(rounded);
   double power = powers[n & (POWERS - 1)];
-  return of_bits(bits_of(power) + (int64_t)((uint64_t)(n >> 14) << 52)) * series;
+  return of_bits((int64_t)((uint64_t)bits_of(power) + ((uint64_t)(n >> 14) << 52))) * series;
 }
 
 /* exp(powers, constants, x, out) */
