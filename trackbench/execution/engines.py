@@ -14,7 +14,7 @@ from queue import SimpleQueue
 from typing import Any, Literal, TypeVar, cast
 
 from trackbench.errors import RunError, UserError
-from trackbench.plugins.errors import postponed
+from trackbench.plugins.errors import blocked, postponed
 
 _leave = os._exit  # as it was before any plugin ran
 _SAFE = "PYTHONSAFEPATH"
@@ -106,19 +106,6 @@ def result_of(future: Future[T]) -> T:
 def is_worker_bootstrapping() -> bool:
     """Test whether this process is a worker that still imports its parent's script."""
     return bool(getattr(multiprocessing.current_process(), "_inheriting", False))
-
-
-@contextmanager
-def blocked(number: int) -> Iterator[None]:
-    """Block a signal for processes started meanwhile; this process receives it afterwards."""
-    if sys.platform == "win32":
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, [number])
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _can_fork() -> bool:

@@ -15,9 +15,8 @@ from trackbench.evaluation.run_block import run_stack
 from trackbench.execution import code_digests
 from trackbench.execution.block_file import BlockFile, write_block
 from trackbench.execution.code_digests import code_digest
-from trackbench.execution.engines import blocked
 from trackbench.extension_points import foreign_parts
-from trackbench.plugins.errors import FilterError, guarded, located_message
+from trackbench.plugins.errors import FilterError, blocked, guarded, located_message
 from trackbench.plugins.load import Plugin, load_plugin
 from trackbench.plugins.patches import own_values, patch_message, undo_patches
 

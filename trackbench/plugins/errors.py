@@ -167,6 +167,19 @@ def guarded() -> Iterator[None]:
 
 
 @contextmanager
+def blocked(number: int) -> Iterator[None]:
+    """Block a signal for processes started meanwhile; this process receives it afterwards."""
+    if sys.platform == "win32":
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [number])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
 def postponed() -> Iterator[None]:
     """Keep signals to stop waiting until this is done; only the main thread receives them."""
     # Record the signals in place of handling them, and raise the first one afterwards.
