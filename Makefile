@@ -12,7 +12,7 @@ export MKL_NUM_THREADS := 1
 unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: install reproduce reproduce-tables reproduce-quick picture check-results check-machines record-times test test-fast lint types unit \
-  lowest wheel lock docs bench audit clean
+  sanitize lowest wheel lock docs bench audit clean
 
 install: $(VENV)/.run
 
@@ -99,6 +99,18 @@ unit: $(VENV)/.dev
 # Without types and without the tests that took more than 0.2 s when they last ran, for use while working.
 test-fast: lint
 	$(BIN)/$(PYTEST) --fast
+
+# The C kernels under the sanitizers of addresses and undefined behavior, in a copy; needs GCC on Linux.
+SANITIZED := build/sanitized
+sanitize: $(VENV)/.dev
+	rm -rf $(SANITIZED)
+	mkdir -p $(SANITIZED)
+	cp -r trackbench tests docs experiments pyproject.toml README.md $(SANITIZED)
+	rm -f $(SANITIZED)/trackbench/core/_compiled.abi3.so
+	cd $(SANITIZED) && CC='gcc -g -fsanitize=address,undefined -fno-sanitize-recover=all' \
+	  $(CURDIR)/$(BIN)/python trackbench/core/build_compiled.py
+	cd $(SANITIZED) && LD_PRELOAD=$$(gcc -print-file-name=libasan.so) ASAN_OPTIONS=detect_leaks=0 PYTHONPATH=. \
+	  $(CURDIR)/$(BIN)/python -m pytest -s -p no:xdist -p no:cacheprovider tests/core
 
 # The tests with the lowest versions that pyproject.toml allows, in an environment of their own.
 lowest:
