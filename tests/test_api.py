@@ -100,7 +100,7 @@ def test_wrong_keywords_are_reported_together() -> None:
 def test_functions_keep_their_signatures() -> None:
     assert [*inspect.signature(trackbench.run).parameters] == ["config", "options", "changes"]
     assert [*inspect.signature(trackbench.load).parameters] == ["folder"]
-    assert trackbench.load.__doc__ == "Return the results of an earlier run."
+    assert trackbench.load.__doc__ == "Read the results of an earlier run."
 
 
 def test_quick_runs_never_replace_more_runs(tmp_path: Path) -> None:

@@ -55,11 +55,13 @@ def test_floor_and_baseline_have_a_look_of_their_own(made):
 
 @pytest.mark.parametrize(("level", "deviations"), [(0.6827, 1.0), (0.9545, 2.0), (0.9973, 3.0)])
 def test_the_interval_of_an_expression_has_its_level(made, level, deviations):
-    expressions = Evaluator(Results(made), {})
-    term = expressions.term(measure("rmse@5").of("PF"))
-    value, low, high = Bars(metric=measure("rmse@5"), level=level)._value(expressions, "PF")
-    assert value == term.value
-    assert (low, high) == term.interval(level)
+    results = Results(made)
+    term = Evaluator(results, {}).term(measure("rmse@5").of("PF"))
+    figure = Bars(metric=measure("rmse@5"), level=level, filters=("PF",)).draw(results)
+    bar, _ = figure.axes[0].containers  # PF, and the words of the legend
+    (segment,) = bar.lines[2][0].get_segments()
+    assert bar.lines[0].get_xdata() == [term.value]
+    assert segment[:, 0] == pytest.approx(term.interval(level), rel=1e-12)
     plain = RunEstimate(1.0, 0.1, None, 400).interval(
         level
     )  # as of rmse@5 where no run has a share
