@@ -155,12 +155,8 @@ def _readings(number: PublishedNumber, evidence: Evaluator | None) -> Iterator[C
                 judged = replace(number, variance=measured.stderr**2 * measured.runs)
             measured = RunEstimate(number.factor * exact, 0.0, None, measured.runs)
         verdict = _verdict(judged, measured, label, evidence.results)
-        is_near = False
-        if verdict.word == "differs" and not isinstance(number.value, str):
-            off = rules.difference(number, measured.value)
-            is_near = abs(off) <= NEAR * abs(number.value)
         reasons = [
-            "differs by less than 10 %" if is_near else "",
+            "differs by less than 10 %" if _is_near(number, measured, verdict) else "",
             NOT_MEASURED if isnan(measured.value) and not measured.lost else "",
             measured.losses,
             "" if exact is None else "exact, without runs",
@@ -168,6 +164,13 @@ def _readings(number: PublishedNumber, evidence: Evaluator | None) -> Iterator[C
         ]
         note = noted(*reasons, number.reading, number.note)
         yield Compared(number, label, measured, verdict, note)
+
+
+def _is_near(number: PublishedNumber, measured: RunEstimate, verdict: Verdict) -> bool:
+    """Test whether a number differs significantly from the printed one, but by a small share."""
+    if verdict.word != "differs" or isinstance(number.value, str):
+        return False
+    return abs(rules.difference(number, measured.value)) <= NEAR * abs(number.value)
 
 
 def _verdict(
