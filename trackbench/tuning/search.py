@@ -39,15 +39,15 @@ _RATIOS = (
 """Generalized golden ratios, ``x^(d + 1) = x + 1``, of one key to five."""
 _STEP = 0.1  # share of an axis between the corners of the first simplex
 _SMALL = 2e-3  # share within which the simplex has come together
-_AROUND = (-0.2, -0.08, -0.03, 0.03, 0.08, 0.2)
-"""Shares of an axis at which a key is looked at from the best."""
+_AROUND = ((-0.03, 0.03), (-0.08, 0.08), (-0.2, 0.2))
+"""Shares of an axis at which a key is varied around the best, near then far."""
 _WORST = 1e300
 _LOST = 1e12  # what a lost run counts: more than any objective
 
 
 def looked_around(axes: Sequence[Axis], budget: int) -> int:
     """Reserve a part of the budget for the neighbors of the best trial."""
-    return min(len(_AROUND) * sum(not axis.choices for axis in axes), budget // 3)
+    return min(2 * len(_AROUND) * sum(not axis.choices for axis in axes), budget // 3)
 
 
 class Search:
@@ -84,7 +84,7 @@ class Search:
         wanted = list(new)[: self._left]
         if wanted:
             self._left -= len(wanted)
-            self._places |= {values: new[values] for values in wanted}
+            self._places |= new
             self.ranks |= yield wanted
 
     def _values(self, place: Shares) -> Values:
@@ -138,7 +138,8 @@ class Search:
         try:
             minimize(rank, corners[0], method="Nelder-Mead", bounds=bounds, options=options)
         except _UnknownError as unknown:
-            return unknown.place
+            wanted: Shares = unknown.args[0]
+            return wanted
         return None
 
     def _at(self, place: Shares, numbers: Array) -> Shares:
@@ -147,23 +148,17 @@ class Search:
         return tuple(changed.get(i, share) for i, share in enumerate(place))
 
     def _look_around(self) -> Asking:
-        """Vary each key alone around the best, near then far, to find its good range."""
-        near = sorted(_AROUND, key=abs)
-        for pair in zip(near[::2], near[1::2], strict=True):
+        """Vary each key alone around the best to find its good range."""
+        for pair in _AROUND:
             place, places = self._places[self.best], []
-            for i in self._numbers:
-                for step in pair:
-                    share = min(max(place[i] + step, 0.0), 1.0)
-                    places.append((*place[:i], share, *place[i + 1 :]))
+            for i, step in product(self._numbers, pair):
+                share = min(max(place[i] + step, 0.0), 1.0)
+                places.append((*place[:i], share, *place[i + 1 :]))
             yield from self._ask(places)
 
 
 class _UnknownError(Exception):
-    """Request for a point whose rank is unknown."""
-
-    def __init__(self, place: Shares) -> None:
-        super().__init__()
-        self.place = place
+    """Request for a place whose rank is unknown."""
 
 
 HEADER = ["filter", "trial", "key", "value", "objective", "stderr", "lost"]
@@ -235,8 +230,8 @@ class Record:
         below = sorted((-x, t.objective) for x, t in line if x <= middle)
         above = sorted((x, t.objective) for x, t in line if x >= middle)
         shares = [axis.share(t.values[axis.key]) or 0.0 for t in good]
-        low = min([*(shares or [middle]), -_reach(below, limit)])
-        high = max([*(shares or [middle]), _reach(above, limit)])
+        low = min([*shares, -_reach(below, limit)])
+        high = max([*shares, _reach(above, limit)])
         return [axis.at(low), axis.at(high)]
 
     def beside(self, axis: Axis) -> list[Trial]:
@@ -256,21 +251,20 @@ class Record:
             yield "no value that was tried keeps a single training run"
             return
         number = len(self.trials)
-        late = self.trials.index(best) >= number - looked_around(self.axes, number)
-        if late and any(not axis.choices for axis in self.axes) and number > 1:
+        if self.trials.index(best) >= number - looked_around(self.axes, number):
             yield "the best values came last, looking around: more evaluations may find better ones"
         if best.lost:
             yield f"{best.lost} of {runs} training runs are lost with the best values"
-        for axis in self.axes:
-            value, near = best.values[axis.key], self.within(axis)
-            span = _shares(axis, near)
-            if not axis.choices and span[1] - span[0] >= _FLAT:
+        for axis in (axis for axis in self.axes if not axis.choices):
+            value, (low, high) = best.values[axis.key], self.within(axis)
+            share, first, last = (axis.share(x) or 0.0 for x in (value, low, high))
+            if last - first >= _FLAT:
                 yield (
-                    f"{axis.key} hardly matters: from {near[0]:g} to {near[-1]:g} nothing is more than "
+                    f"{axis.key} hardly matters: from {low:g} to {high:g} nothing is more than "
                     "a standard error from the best"
                 )
-            elif not axis.choices and not _END < _shares(axis, [value])[0] < 1.0 - _END:
-                side = "lower" if _shares(axis, [value])[0] < 0.5 else "upper"
+            elif not _END < share < 1.0 - _END:
+                side = "lower" if share < 0.5 else "upper"
                 yield f"{axis.key} is at its {side} bound, {value:g}: let it go further"
 
 
@@ -323,8 +317,3 @@ def _reach(line: list[tuple[float, float]], limit: float) -> float:
 
 def _rounded(x: float) -> float:
     return float(f"{x:.{_DIGITS}g}")
-
-
-def _shares(axis: Axis, values: Iterable[Any]) -> tuple[float, float]:
-    shares = [axis.share(value) or 0.0 for value in values]
-    return min(shares), max(shares)
