@@ -6,6 +6,7 @@ Into a pipe or a file they are as wide as a page. `--format markdown` prints Mar
 import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping
+from itertools import chain
 
 import typer
 from rich.box import SIMPLE_HEAD
@@ -64,7 +65,7 @@ def _show(table: TextTable, console: Console) -> None:
             grid.add_row(*(_styled(row[i]) for i in part))
         console.print(grid)
         console.print()
-    marked = any(cell.best for row in table.rows for cell in row)
+    marked = any(cell.best for cell in chain.from_iterable(table.rows))
     notes = ["* best, or not significantly worse"] * marked + table.notes
     for note in notes:
         console.print(Styled(note, "dim"))

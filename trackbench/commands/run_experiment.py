@@ -10,6 +10,7 @@ from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, suppress
 from dataclasses import replace
 from importlib import import_module
+from itertools import chain
 from threading import Thread
 from typing import Any, NamedTuple
 
@@ -72,7 +73,7 @@ def run_each(configs: Sequence[Config], options: Options, sweep: bool = False) -
     open_engine = engine(options.engine, workers, options.scheduler)
     for job in jobs:
         say(job.line, options)
-        read = (note for plugin in job.experiment.plugins for note in plugin.notes)
+        read = chain.from_iterable(plugin.notes for plugin in job.experiment.plugins)
         of_points = cautions(job.experiment.points)
         for caution in [*of_points, *training_cautions(job.experiment), *read]:
             say(f"note: {without_folders(caution)}", options)

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -298,7 +299,7 @@ paper:
 def codecheck_text(folders: Sequence[Path], root: Path) -> str:
     """Write the file's content, with paths from ``root``; raises UserError for other folders."""
     results = [Results(folder) for folder in folders]
-    manifest = [item for one in results for item in _codecheck_items(one, root)]
+    manifest = [*chain.from_iterable(_codecheck_items(one, root) for one in results)]
     names = " ".join(os.path.relpath(folder, root) for folder in folders)
     body = yaml.safe_dump({"manifest": manifest}, sort_keys=False, allow_unicode=True, width=1000)
     return _CODECHECK_HEAD.format(command=f"trackbench verify {names}") + body

@@ -9,6 +9,7 @@ import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from difflib import get_close_matches
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -245,8 +246,8 @@ def _without_mistakes(source: Source) -> Settings | None:
     mistaken = {p.path.partition(".")[0] for p in source.problems}
     known = [key.name for key in fields(Settings)]
     # An unknown key is left out, unless it may be a misspelt one that other parts depend on.
-    meant = {near for key in mistaken for near in get_close_matches(key, known, 1, _ALIKE)}
-    if not meant <= _INDEPENDENT:
+    near = (get_close_matches(key, known, 1, _ALIKE) for key in mistaken)
+    if not _INDEPENDENT.issuperset(chain.from_iterable(near)):
         return None
     data = {"name": "mistaken"} | {k: v for k, v in source.data.items() if k not in mistaken}
     return build(Settings, Source(source.data), (), data)

@@ -340,9 +340,11 @@ def _check(row: PublishedNumber | Claim, source: Source, labels: list[str] | Non
         named = {"label": row.labels}
     named["expression"] = [first.other] if first and first.other else []
     named["right_expression"] = [second.other] if second and second.other else []
-    for key, label in ((key, label) for key, several in named.items() for label in several):
-        if labels is not None and label not in labels:
-            source.add_problem((key,), f"{label!r} is not a filter here; {unknown(label, labels)}")
+    for key, several in named.items():
+        for label in several:
+            if labels is not None and label not in labels:
+                what = f"{label!r} is not a filter here; {unknown(label, labels)}"
+                source.add_problem((key,), what)
     if isinstance(row, PublishedNumber) and first and first.is_many:
         source.add_problem(("expression",), f"{str(first)!r} is no number: name one step")
     elif second and second.is_many and not (first and first.steps == second.steps):

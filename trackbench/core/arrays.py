@@ -48,7 +48,7 @@ def as_slice(rows: Sequence[int]) -> slice | Sequence[int]:
 
 
 def settled_row(above: Mask) -> Index:
-    """Find the row of ``above`` (K, M) from which on no value is above a limit (M,); K if none is."""
+    """Count the rows of ``above`` (K, M) up to each column's last True (M,): after them none is."""
     rows = np.arange(1, len(above) + 1)[:, None]
     return np.asarray(np.where(above, rows, 0).max(axis=0), dtype=np.intp)
 

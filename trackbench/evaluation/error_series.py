@@ -202,10 +202,11 @@ class SeriesSums:
                 numbers["root"] = self._sums[series, "roots"].total / number
             for i, of_window in enumerate(by_window):
                 of_window |= {name: numbers[how][i] for name, how in wanted.items()}
-        for of_window, mask in zip(by_window, self._masks, strict=True):
+        out: dict[str, Array] = {}
+        for window, of_window, mask in zip(self._windows, by_window, self._masks, strict=True):
             of_window |= _of_innovations(values, mask)
-        each = zip(self._windows, by_window, strict=True)
-        return {in_window(name, w): rows for w, of_w in each for name, rows in of_w.items()}
+            out |= {in_window(name, window): rows for name, rows in of_window.items()}
+        return out
 
 
 def _of_innovations(values: Mapping[str, Array], mask: Mask) -> Iterator[tuple[str, Array]]:

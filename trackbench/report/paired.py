@@ -1,6 +1,7 @@
 """Differences of every two filters on common runs, with the word of the rule for filters; paired.csv."""
 
 from collections.abc import Mapping
+from itertools import chain
 from typing import Any, NamedTuple
 
 from trackbench.evaluation.metric_expression import measured
@@ -48,7 +49,8 @@ def compared_statistics(config: Mapping[str, Any]) -> dict[str, str]:
     tables = config.get("tables") or {}
     specs = [spec for spec in tables.values() if spec.get("kind") == "metrics"]
     statistics: dict[str, str] = {}
-    for m in (measured(text) for spec in specs for text in spec["columns"].values()):
+    texts = chain.from_iterable(spec["columns"].values() for spec in specs)
+    for m in map(measured, texts):
         if not (m.window or m.steps or m.relation) and m.statistic in ("mean", "rms"):
             statistics.setdefault(m.metric, m.statistic)
     return statistics

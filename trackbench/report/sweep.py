@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import chain
 from math import nan
 from typing import NamedTuple
 
@@ -52,7 +53,8 @@ def _figures(settings: Settings) -> dict[str, DrawnExhibit]:
         if len(shown) <= _AXES:
             name = "-".join(["sweep", *map(_file_name, shown)])[:70]
             # A title such as ``q of KF``.
-            whose = dict.fromkeys(b for path in shown for b in filters_of(path, settings.filters))
+            of_paths = (filters_of(path, settings.filters) for path in shown)
+            whose = dict.fromkeys(chain.from_iterable(of_paths))
             title = " and ".join(map(phrases.axis, shown))
             title += f" of {listed(list(whose))}" if whose else ""
             figure = SweepFigure(paths=tuple(shown), title=title)

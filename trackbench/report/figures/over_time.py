@@ -271,10 +271,10 @@ class EstimatesOfOneRun(OverTime):
                 curves = _without_jumps(arrays, c, run) if is_angle else arrays
                 self._panel(axes, results, curves, c, run, title, titles)
         name, unit = results.facts(panels[0][1]).component(c)
-        label = self.y_label or f"{name} ({unit})" * bool(unit)
-        error = f"Estimate - truth ({unit})".removesuffix(" ()")
+        label = self.y_label or (phrases.in_unit(name, unit) if unit else "")
+        error = phrases.in_unit("Estimate - truth", unit)
         if known and titles:
-            figure.supylabel(f"{self.y_label}\n{error}".lstrip())
+            figure.supylabel(f"{label}\n{error}".lstrip())
         else:
             panels[0][0][0].set_ylabel(label)
         if known and not titles:

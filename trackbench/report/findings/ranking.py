@@ -8,6 +8,7 @@ the best.
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import chain
 from math import isfinite
 from types import MappingProxyType
 from typing import NamedTuple
@@ -163,7 +164,8 @@ def best_settings(results: Results) -> list[Ranking]:
 def ranking_metrics(results: Results) -> list[str]:
     """Find the metrics that filters are ranked by, the first one first."""
     points = results.points()
-    names = dict.fromkeys(metric for point in points for _, metric in results.runs(point))
+    runs = chain.from_iterable(map(results.runs, points))
+    names = dict.fromkeys(metric for _, metric in runs)
     metrics = primary_metrics(list(names))
     errors = [name for name in metrics if measured(name).is_error]
     return [*errors, *(name for name in ("held_log_score", "log_score") if name in metrics)]

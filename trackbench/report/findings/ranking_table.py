@@ -85,10 +85,13 @@ def _table(results: Results, standing: Ranking, of_settings: bool) -> TextTable:
 
 def _insert(rows: list[list[Text]], row: list[Text], is_score: bool) -> None:
     """Insert a row without a rank at the place of its number, at the end without one."""
-    sign = -1.0 if is_score else 1.0
-    number, *others = (sign * (r[1].number or 0.0) for r in (row, *rows))
-    places = [i for i, other in enumerate(others) if other >= number]
-    rows.insert(places[0] if places else len(rows), row)
+    sign, place = -1.0 if is_score else 1.0, len(rows)
+    number, *others = ((cells[1].number or 0.0) * sign for cells in (row, *rows))
+    for i, other in enumerate(others):
+        if other >= number:
+            place = i
+            break
+    rows.insert(place, row)
 
 
 def _row(results: Results, c: Candidate, name: str, ratio: str) -> list[Text]:
@@ -218,9 +221,8 @@ def _duration(seconds: float) -> str:
 def _without_empty(results: Results, table: TextTable) -> TextTable:
     """Leave out columns without a word, and the column of lost runs if there are none."""
     columns = range(len(table.heads))
-    filled = {i for row in table.rows for i in columns if row[i].text not in ("–", "0")}
-    empty = [i for i in columns if i not in filled]
-    shown = [i for i in columns if i < 3 or i in filled]
+    empty = [i for i in columns if {row[i].text for row in table.rows} <= {"–", "0"}]
+    shown = [i for i in columns if i < 3 or i not in empty]
     if _LOST in [table.heads[i] for i in empty]:
         table.title += "; no lost runs"
     if any(row[-1].text.endswith("*") for row in table.rows):

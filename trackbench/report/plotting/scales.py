@@ -42,14 +42,17 @@ def one_dwarfs(curves: Sequence[Array]) -> bool:
 
 
 def cut(axes: Sequence[Axes], errors: Mapping[str, Array]) -> None:
-    """Leave lines that would flatten the others beyond the vertical axes; marks show where they go.
+    """Cut off lines that would flatten the others; a mark shows where each leaves the vertical axis.
 
-    A line is that of the label in ``errors`` whose largest one dwarfs those of most others.
+    ``errors`` are those of each filter, by label. A filter's line is cut if its largest error dwarfs the
+    median filter's.
     """
     largest = {
         label: float(np.nanmax(np.abs(e))) for label, e in errors.items() if np.isfinite(e).any()
     }
-    most = _DWARFED * median([*largest.values(), *[np.inf] * (not largest)])
+    if not largest:
+        return
+    most = _DWARFED * median(largest.values())
     for ax in axes:
         leaving = [line for line in ax.lines if largest.get(str(line.get_label()), 0.0) > most]
         if not leaving:

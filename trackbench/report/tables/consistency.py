@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import chain
 from typing import ClassVar
 
 import numpy as np
@@ -170,7 +171,7 @@ class Innovations(TableKind):
     def table(self, results: Results) -> Table:
         """Return the table from a results folder; columns that no filter has are left out."""
         evaluators = {tuple(point.items()): Evaluator(results, point) for point in results.points()}
-        metrics = {metric for evaluator in evaluators.values() for _, metric in evaluator.stored}
+        metrics = _stored(evaluators.values())
         columns = {h: m for h, m in _COLUMNS.items() if m in metrics} | _error_columns(results)
         columns |= _refused(evaluators.values())
         table = Table(self.title, [*results.grid_heads, "Filter"], list(columns), self.digits)
@@ -184,8 +185,13 @@ class Innovations(TableKind):
 
 def _refused(evaluators: Iterable[Evaluator]) -> dict[str, str]:
     """Find the column of refused measurements, where any filter has a gate."""
-    metrics = {metric for evaluator in evaluators for _, metric in evaluator.stored}
-    return {"Refused a run": "mean(gated)"} if "mean(gated)" in metrics else {}
+    return {"Refused a run": "mean(gated)"} if "mean(gated)" in _stored(evaluators) else {}
+
+
+def _stored(evaluators: Iterable[Evaluator]) -> set[str]:
+    """Collect the metrics that any filter has at any point of the grid."""
+    every = chain.from_iterable(evaluator.stored for evaluator in evaluators)
+    return {metric for _, metric in every}
 
 
 def _innovation_cell(evaluator: Evaluator, label: str, metric: str) -> Cell:

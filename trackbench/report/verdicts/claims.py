@@ -1,6 +1,7 @@
 """Tests of claims in words against the results."""
 
 from dataclasses import replace
+from itertools import product
 from math import inf, isnan, nan
 from typing import NamedTuple
 
@@ -33,7 +34,7 @@ def judge(claim: Claim, evidence: Evaluator | None) -> ClaimVerdict:
         return _unjudged(claim, no_results(claim, evidence))
     # Step 1: one test for each step and each filter on the right side.
     single, batches = _at_each_step(claim, evidence), evidence.results.batches
-    tests = [_test(evidence, one, right) for one in single for right in claim.rights or [""]]
+    tests = [_test(evidence, one, right) for one, right in product(single, claim.rights or [""])]
     if not tests:
         return _unjudged(claim, f"nothing is known of {claim.left}'s {claim.expression}")
     # Step 2: z of the weakest test, of all runs, of the parts and under stress.
