@@ -194,7 +194,7 @@ peak          | quantity | lower | largest error of a run
 beyond_10_sigma | 1 | lower  | share of runs off by more than ten sigmas of a measurement
 overshoot_m   | m | zero   | mean error along a turn's acceleration after its end
 settling_s    | s | lower  | time from a turn's end until the position error stays below the limit
-not_settled   | 1 | lower  | share of runs whose position error is above it before the next turn
+not_settled   | 1 | lower  | share of runs whose error is above the limit as the next turn begins
 detection_delay_s       | s | lower  | time from an onset to the maneuvering mode
 missed_maneuvers | 1 | lower  | share of legs that went by without the maneuvering mode
 already_maneuvering    | 1 | lower  | share of legs before which the maneuvering mode was on

@@ -206,7 +206,7 @@ def _print(
         typer.echo(f"note: {note}", err=True)
     for failure in report.failed:
         typer.echo(f"error: {failure}", err=True)
-    rest = ": report.html has tables, figures and verdicts of these runs; --all prints the tables"
+    rest = ": report.html has tables and figures of these runs; --all prints the tables"
     typer.echo(f"results in {report.folder}/" + rest * (not everything), err=True)
 
 
