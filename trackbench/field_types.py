@@ -4,9 +4,10 @@ import errno
 import os
 import re
 import stat
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass
+from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeAlias, TypeGuard
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeAlias, TypeGuard, get_args
 
 from annotated_types import Ge, Gt, Interval
 
@@ -169,6 +170,13 @@ def decimals(text: str) -> int:
 def annotations_of(hint: object) -> tuple[object, ...]:
     """Return what an ``Annotated`` type carries beside the type."""
     return getattr(hint, "__metadata__", ())
+
+
+def dataclasses_in(hint: object) -> list[type[Any]]:
+    """Find the dataclasses that a value of this type, or an item of it, may be."""
+    if isinstance(hint, type) and is_dataclass(hint):
+        return [hint]
+    return [*chain.from_iterable(map(dataclasses_in, get_args(hint)))]
 
 
 def part_group(hint: object) -> str | None:

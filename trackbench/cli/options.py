@@ -99,8 +99,8 @@ def assignments(ctx: typer.Context, incomplete: str) -> Iterator[str]:
 
 def _key_paths(part: Any, group: str | None, path: str) -> Iterator[str]:
     """Yield paths to the keys of a component: its kind's, those in the config, nested ones."""
-    from trackbench.config.build import dataclasses_in, hints_of
-    from trackbench.field_types import part_group
+    from trackbench.config.build import hints_of
+    from trackbench.field_types import dataclasses_in, part_group
     from trackbench.models.sensors.base import Assume
     from trackbench.registry import Group, of_kind
 

@@ -258,7 +258,7 @@ def run_shard(jobs: Sequence[Job], options: Options, open_engine: OpenEngine, wo
         if job.experiment.tuned:
             what = "the blocks of tuned filters follow from tuning; run this config without --shard"
             raise UserError(job.experiment.source.problem(("tune",), what))
-    plans = [_plan_of_shard(job.plan, shard, shards) for job in jobs]
+    plans = [job.plan.of_shard(shard, shards) for job in jobs]
     store = BlockStore(cache_folder())
     outcomes = execute(
         plans, store, open_engine, workers, fresh=options.fresh, progress=not options.quiet
@@ -277,14 +277,3 @@ def _parse_shard(text: str) -> tuple[int, int]:
         what = f"{text!r} is no shard; allowed: 1/8 to 8/8 of eight shards"
         raise UserError(Problem(Mark("--shard"), "", what))
     return int(match[1]), int(match[2])
-
-
-def _plan_of_shard(plan: Plan, shard: int, shards: int) -> Plan:
-    """Restrict the plan to consecutive blocks: every shard has blocks of all filters."""
-    n = len(plan.unique)
-    mine = set(plan.unique[n * (shard - 1) // shards : n * shard // shards])
-    parts = {}
-    for key, tasks in plan.tasks.items():
-        if chosen := [task for task in tasks if task in mine]:
-            parts[key] = chosen
-    return replace(plan, tasks=parts)

@@ -2,58 +2,30 @@
 
 import json
 import os
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import fields, is_dataclass, replace
-from difflib import get_close_matches
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import is_dataclass
 from functools import cache
 from itertools import chain
-from math import isinf, isnan
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, cast, get_args, get_origin, get_type_hints
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
-from pydantic_core import ErrorDetails, PydanticCustomError
+from pydantic_core import PydanticCustomError
 
 from trackbench.config.includes import deep_merge
-from trackbench.errors import Mark, Problem
+from trackbench.config.mistakes import REPORTED, mistakes_of, shown, unknown
 from trackbench.extension_points import Part, key_of
-from trackbench.field_types import (
-    IS_FILE,
-    IS_WORD,
-    ONE_LINE,
-    DataError,
-    InvalidKeyError,
-    annotations_of,
-)
+from trackbench.field_types import IS_FILE, IS_WORD, annotations_of
 from trackbench.filters.base import Filter
 from trackbench.plugins.checks import check_sensors
 from trackbench.plugins.errors import PluginError, plugin_code
 from trackbench.registry import Group, kinds, of_kind
-from trackbench.yaml_source import Keys, Source, dotted, formula, marked, put
+from trackbench.yaml_source import Keys, Source, dotted, marked, put
 
 ENTRY_KEYS = ("assume", "late")
 """Keys of every filter's entry beside those of its class."""
 T = TypeVar("T")
 F = TypeVar("F", bound=Callable[..., object])
-
-_TYPES = {
-    "int": "a whole number",
-    "float": "a number",
-    "bool": "true or false",
-    "string": "a word",
-    "list": "a list",
-    "tuple": "a list",
-    "dict": "a mapping",
-    "dataclass": "a mapping",
-    "finite_number": "a finite number",
-}
-_LIMITS = {
-    "greater_than_equal": ("less than", "ge"),
-    "greater_than": ("not greater than", "gt"),
-    "less_than_equal": ("greater than", "le"),
-    "less_than": ("not less than", "lt"),
-}
-"""Words for a number beyond a limit, and the name of the limit."""
 
 
 def _cached(function: F) -> F:
@@ -126,7 +98,7 @@ def build(
     """
     data = source.at(keys) if data is None else data
     if not isinstance(data, dict):
-        source.add_problem(keys, f"{_show(data)} is not a mapping")
+        source.add_problem(keys, f"{shown(data)} is not a mapping")
         return None
     reader = _Reader(source, keys, [])
     try:
@@ -135,134 +107,10 @@ def build(
                 # JSON mode is pydantic's strict mode for plain data: no "3" for 3, but lists for tuples.
                 return adapter(cls).validate_json(json.dumps(data), strict=True, context=reader)
             except ValidationError as error:
-                problems: dict[Problem, None] = {}
-                for item in error.errors(include_url=False):
-                    problems |= dict.fromkeys(_problems(item, source, keys, cls, also))
-                source.problems += _without_unions(problems)
+                source.problems += mistakes_of(error, source, keys, cls, also)
     except PluginError as error:
         source.add_problem(keys, str(error))
     return None
-
-
-def unknown(word: str, known: list[str]) -> str:
-    """Suggest ``did you mean ...?``, or list the first 40 known words."""
-    alike = [k for k in known if sorted(k.lower()) == sorted(word.lower())]  # efk is ekf, not epf
-    near = alike or get_close_matches(word, known, 1, 0.5)
-    shown = ", ".join(known[:40]) + (f", {len(known) - 40} more" if len(known) > 40 else "")
-    return f"did you mean {near[0]}?" if near else f"known: {shown}"
-
-
-def _without_unions(problems: Collection[Problem]) -> list[Problem]:
-    """Merge the lines on an invalid value, for which the validator of a union has several.
-
-    A mistaken item of a list is reported without the remark that the list is no word, and a mapping of
-    no known kind without the remark that it is no number.
-    """
-    merged: dict[tuple[Mark, str, str], Problem] = {}
-    for problem in problems:
-        value, verb, rest = problem.what.rpartition(" is ")
-        if verb and any(p.path.startswith(f"{problem.path}.") for p in problems):
-            continue
-        of_kinds = [p for p in problems if p.path == problem.path and not p.what.startswith("{")]
-        if verb and value.startswith("{") and of_kinds:
-            continue
-        before = merged.get(place := (problem.mark, problem.path, value or rest))
-        merged[place] = replace(before, what=f"{before.what} and {rest}") if before else problem
-    return list(merged.values())
-
-
-def _problems(
-    item: ErrorDetails, source: Source, keys: Keys, cls: type, also: Sequence[str]
-) -> list[Problem]:
-    kind, ctx, value = item["type"], item.get("ctx", {}), item["input"]
-    if kind == _REPORTED:
-        return []
-    error = ctx.get("error")
-    if isinstance(error, DataError):
-        return [Problem(Mark(p.file, p.line, p.column), dotted(keys), p.what) for p in error.places]
-    # Step 1: where. The validator's location also names options of unions, which are no keys.
-    where = keys
-    for step in item["loc"] + (error.path if isinstance(error, InvalidKeyError) else ()):
-        if source.has((*where, step)):
-            where = (*where, step)
-    # Step 2: a key that the dataclass lacks, or that the mapping lacks.
-    if kind in ("unexpected_keyword_argument", "extra_forbidden"):
-        inner = _dataclass_at(cls, where[len(keys) : -1], item["loc"])
-        known = [key_of(f.name) for f in fields(inner)] if inner is not None else []
-        if inner is cls:
-            known += also
-        word = str(item["loc"][-1])
-        if inner is not None and issubclass(inner, Part) and word in inner.unsupported_keys:
-            return [Problem(source.key_mark(where), dotted(where), inner.unsupported_keys[word])]
-        what = f"unknown key; {unknown(word, known)}" if known else "unknown key"
-        return [Problem(source.key_mark(where), dotted(where), what)]
-    if kind in ("missing", "missing_argument", "missing_keyword_only_argument"):
-        path = dotted((*where, item["loc"][-1]))
-        return [Problem(source.key_mark(where), path, "this key is required")]
-    # Step 3: any other mistake is one in the value.
-    return [source.problem(where, _describe(kind, ctx, value, item["msg"]))]
-
-
-def _dataclass_at(cls: type, path: Keys, tags: Keys) -> type[Any] | None:
-    """Find the dataclass of a mapping within one of ``cls``, if it is unique or tagged by its kind."""
-    for key in path:
-        if isinstance(key, int):
-            continue
-        options = dataclasses_in(get_type_hints(cls).get(key))
-        if len(options) > 1:
-            options = [option for option in options if getattr(option, "kind", None) in tags]
-        if len(options) != 1:
-            return None
-        cls = options[0]
-    return cls
-
-
-def dataclasses_in(hint: object) -> list[type[Any]]:
-    """Find the dataclasses that a value of this type, or an item of it, may be."""
-    if isinstance(hint, type) and is_dataclass(hint):
-        return [hint]
-    return [cls for option in get_args(hint) for cls in dataclasses_in(option)]
-
-
-def _describe(kind: str, ctx: Mapping[str, object], value: object, message: str) -> str:
-    """Describe in words what the validator found wrong with a value."""
-    shown = _show(value)
-    if kind == "value_error":
-        return str(ctx["error"])
-    if kind == "json_invalid":
-        return "the name of a folder it lies in is not UTF-8, and no config could hold it"
-    if isinstance(value, float) and (
-        isnan(value) or (isinf(value) and kind in ("less_than", "greater_than"))
-    ):
-        return f"{'NaN' if isnan(value) else shown} is not a finite number"
-    # Numbers beyond a limit, words that are not in a list, texts that do not match.
-    if kind in _LIMITS:
-        words, limit = _LIMITS[kind]
-        return f"{shown} is {words} {_show(ctx[limit])}"
-    if kind == "literal_error":
-        return f"{shown} is not one of {_unquoted(ctx['expected'])}"
-    if kind == "union_tag_invalid":
-        return f"{ctx['tag']!r} is not one of {_unquoted(ctx['expected_tags'])}"
-    if kind == "union_tag_not_found":
-        return f"needs a {_unquoted(ctx['discriminator'])}"
-    if kind == "string_pattern_mismatch" and ctx["pattern"] == ONE_LINE:
-        return formula(str(value)) or f"{shown} is not one line of visible characters"
-    if kind == "string_pattern_mismatch":
-        return f"{shown} must start with a letter or digit and hold only letters, digits, . _ -"
-    # A value of another type.
-    name = kind.removesuffix("_type").removesuffix("_parsing").removesuffix("_from_float")
-    return f"{shown} is not {_TYPES[name]}" if name in _TYPES else message.lower()
-
-
-def _unquoted(words: object) -> str:
-    return str(words).replace("'", "")
-
-
-def _show(value: object) -> str:
-    if isinstance(value, float) and value.is_integer():
-        return f"{value:g}"
-    text = json.dumps(value) if not isinstance(value, str) else repr(value)
-    return text if len(text) < 60 else text[:57] + "..."
 
 
 def build_kind(group: Group, source: Source, keys: Keys) -> Any:
@@ -308,10 +156,6 @@ def _is_allowed(source: Source, values: Mapping[str, object]) -> bool:
     return len(words) == 1 and words[0] in [*source.programs]
 
 
-_REPORTED = "reported"
-"""Type of the validator's error for a component whose mistakes are in the source."""
-
-
 class _Reader(NamedTuple):
     """Context of a component's validator: builds the components that the keys of it hold."""
 
@@ -336,7 +180,7 @@ class _Reader(NamedTuple):
         built = [self._part(group, entry, keys) for keys, entry in entries.items()]
         parts = [part for part in built if part is not None]
         if not parts or len(parts) < len(entries):
-            raise PydanticCustomError(_REPORTED, "has mistakes")
+            raise PydanticCustomError(REPORTED, "has mistakes")
         self.parts.extend(parts)
         check_sensors(self.parts)
         return tuple(parts)

@@ -5,7 +5,6 @@ from dataclasses import fields, is_dataclass, replace
 from itertools import repeat
 from typing import cast
 
-from trackbench.config.build import unknown
 from trackbench.config.experiment import (
     DrawnExhibit,
     Exhibit,
@@ -14,6 +13,7 @@ from trackbench.config.experiment import (
     Settings,
     labels_to_run,
 )
+from trackbench.config.mistakes import unknown
 from trackbench.config.plugin_checks import exhibit_conflicts
 from trackbench.errors import Problem
 from trackbench.evaluation.block import BlockTask

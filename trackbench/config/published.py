@@ -18,7 +18,8 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 from trackbench.config import shipped_experiments
-from trackbench.config.build import build, unknown
+from trackbench.config.build import build
+from trackbench.config.mistakes import unknown
 from trackbench.errors import Mark, Problem, UserError, reason
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.field_types import FORMULA, Finite, NonNegative, Positive, decimals

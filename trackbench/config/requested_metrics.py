@@ -8,9 +8,10 @@ from difflib import get_close_matches
 from itertools import chain
 from typing import TYPE_CHECKING
 
-from trackbench.config.build import hints_of, unknown
+from trackbench.config.build import hints_of
 from trackbench.config.experiment import Exhibit, Experiment, Point, Settings
 from trackbench.config.metric_names import Names, names_of, stored_metrics
+from trackbench.config.mistakes import unknown
 from trackbench.config.tuning import as_expression, bad_terms
 from trackbench.evaluation.block import Kind
 from trackbench.evaluation.consistency_and_calibration import bars

@@ -109,7 +109,7 @@ def named(name: str) -> Path:
     """Find the file of the shipped experiment; raises UserError if there is none of this name."""
     if name in names():
         return _file(name)
-    from trackbench.config.build import unknown
+    from trackbench.config.mistakes import unknown
 
     what = f"is neither a file nor a shipped experiment; {unknown(name, names())}"
     raise UserError(Problem(Mark(name), "", what))

@@ -65,6 +65,16 @@ class Plan:
             tasks[key] = [used(task) for task in blocks if task.first_run < runs]
         return replace(self, tasks=tasks)
 
+    def of_shard(self, shard: int, shards: int) -> "Plan":
+        """Return one of so many parts: consecutive blocks, so that each has blocks of all filters."""
+        n = len(self.unique)
+        mine = set(self.unique[n * (shard - 1) // shards : n * shard // shards])
+        tasks: dict[Key, list[BlockTask]] = {}
+        for key, blocks in self.tasks.items():
+            if chosen := [task for task in blocks if task in mine]:
+                tasks[key] = chosen
+        return replace(self, tasks=tasks)
+
 
 def make_plan(experiment: Experiment, save_tracks: bool = False, looks: Sequence[int] = ()) -> Plan:
     """Split every filter's runs into blocks; ``looks`` are the numbers of runs to stop at."""

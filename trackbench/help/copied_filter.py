@@ -9,8 +9,8 @@ from textwrap import dedent
 from types import ModuleType
 from typing import TypeAlias
 
-from trackbench.config.build import unknown
 from trackbench.config.load import load
+from trackbench.config.mistakes import unknown
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.filters.base import Filter
 from trackbench.registry import kinds

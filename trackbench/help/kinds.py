@@ -10,7 +10,7 @@ from itertools import chain
 from typing import TYPE_CHECKING, cast
 
 from trackbench.extension_points import Part, hooks, key_of, overridden_hooks
-from trackbench.field_types import part_group
+from trackbench.field_types import dataclasses_in, part_group
 from trackbench.help.metrics import (
     JsonRow,
     columns,
@@ -146,7 +146,7 @@ def _as_data(rows: list[tuple[str, str, str]]) -> list[dict[str, str]]:
 
 def _classes_of(kind: str) -> list[tuple[Group, type[Part]]]:
     """Find the groups with a kind of this name, each with its class; none for a metric."""
-    from trackbench.config.build import unknown
+    from trackbench.config.mistakes import unknown
     from trackbench.errors import Mark, Problem, UserError
 
     classes = [(g, kinds(g)[kind]) for g in GROUPS if kind in kinds(g)]
@@ -210,7 +210,7 @@ def _notes(group: Group, cls: type[Part]) -> Iterator[str]:
 
 def _key_rows(cls: "type[DataclassInstance]", prefix: str) -> Iterator[tuple[str, str, str]]:
     """Yield key, default and text of each field; nested fields follow with their path."""
-    from trackbench.config.build import adapter, dataclasses_in, help_texts, hints_of
+    from trackbench.config.build import adapter, help_texts, hints_of
 
     schema, texts = adapter(cls).json_schema(), help_texts(cls)
     hints = hints_of(cls)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from trackbench.config.build import unknown
+from trackbench.config.mistakes import unknown
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.report.compare_folders import with_unit
 from trackbench.report.findings import phrases

@@ -27,7 +27,7 @@ from trackbench.atomic_files import (
     write_csv,
     write_text,
 )
-from trackbench.config.build import unknown
+from trackbench.config.mistakes import unknown
 from trackbench.errors import Mark, Problem, UserError, WriteError
 from trackbench.execution.cache import figure_cache_folder
 from trackbench.execution.engines import pool, result_of

@@ -13,15 +13,16 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 
-from trackbench.config.build import build_kind, dataclasses_in, hints_of, unknown
+from trackbench.config.build import build_kind, hints_of
 from trackbench.config.experiment import Point
 from trackbench.config.grid import filters_of, is_of_scenario, single_paths, values_of
 from trackbench.config.includes import split_path
+from trackbench.config.mistakes import unknown
 from trackbench.core.arrays import Array
 from trackbench.errors import Mark, Problem, RunError, UserError, counted
 from trackbench.evaluation.metric_expression import measure, measured
 from trackbench.extension_points import is_foreign
-from trackbench.field_types import Unit, UnitIf, annotations_of, part_group
+from trackbench.field_types import Unit, UnitIf, annotations_of, dataclasses_in, part_group
 from trackbench.filters.base import WrongReturnError
 from trackbench.metrics import unit_of
 from trackbench.models.sensors.base import Assume

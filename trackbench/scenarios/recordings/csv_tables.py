@@ -4,7 +4,6 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from datetime import UTC, datetime, timedelta
 from functools import partial
 from itertools import chain, islice
 from pathlib import Path
@@ -22,14 +21,11 @@ from trackbench.scenarios.recordings.csv_lines import (
     layout_of,
     table_rows,
 )
+from trackbench.scenarios.recordings.dates import dates_quickly, instant, is_instant, moment
 
-_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-_UTC = re.compile(r" ?(UTC|GMT)$")
 _TIME_OF_DAY = re.compile(r" *[0-9]{1,2}:[0-9]{2}")
 _DIGITS_OF_DAY = re.compile(r" *[0-9]{1,2}(\.?[0-9]{2}){2}(\.|$)")
 _MISSING = frozenset(("", "nan", "na", "n/a", "#n/a", "null", "none", "nil", "-", "--"))
-_MICROSECOND = timedelta(microseconds=1)
-_MANY = 1000  # rows, from which on pandas is faster than strptime
 _DIGITS = 9
 """Of a whole number, at most."""
 Parse = Callable[[str], float]
@@ -60,34 +56,6 @@ def seconds(cell: str, comma: bool = False) -> float:
     return value
 
 
-def moment(cell: str, form: str = "") -> datetime:
-    """Parse a date in ISO 8601, or in a form of strptime; raises ValueError."""
-    try:
-        if form.endswith("%f"):
-            # A whole second may have no digits behind it; there may be nine in place of six.
-            cell = re.sub(r"(:\d\d|(^| )\d{6})$", r"\g<0>" + form[-3] + "0", cell)
-            cell = re.sub(r"(\d{6})\d+$", r"\1", cell)
-        if form:
-            return datetime.strptime(cell, form)
-        return datetime.fromisoformat(_UTC.sub("+00:00", cell))
-    except ValueError:
-        raise ValueError(f"a time as {form}" if form else "a time in ISO 8601") from None
-
-
-def instant(cell: str, zoned: bool | None = None, form: str = "") -> float:
-    """Convert a date to microseconds since 1970, exactly; without a zone it is UTC.
-
-    ``zoned`` says whether it must have a zone, None that it may. ValueError says what it is not.
-    """
-    at = moment(cell, form)
-    if zoned is not None and zoned != (at.tzinfo is not None):
-        raise ValueError(
-            f"a time {'with' if zoned else 'without'} a zone, as that of the first row is"
-        )
-    at = at if at.tzinfo else at.replace(tzinfo=UTC)
-    return float((at - _EPOCH) // _MICROSECOND)
-
-
 def whole(cell: str) -> float:
     """Parse a whole number from zero on."""
     if not (cell.isascii() and cell.isdigit()):
@@ -97,22 +65,13 @@ def whole(cell: str) -> float:
     return float(cell)
 
 
-def is_instant(cell: str) -> bool:
-    """Test whether a time is written as a date."""
-    try:
-        instant(cell.strip())
-    except ValueError:
-        return False
-    return not cell.strip().replace(".", "").isdigit()  # 20160112 may be a number of seconds
-
-
 def parsed(parse: Parse, cells: Sequence[str]) -> tuple[Array, list[tuple[int, str]]]:
     """Parse a column's cells to values (R,), and list which are none and why."""
     keys = parse.keywords if isinstance(parse, partial) else {}
     values = None
     # Mostly all cells are plain numbers, or dates of one form: one pass.
     if keys.get("form"):
-        values = _dates_quickly(cells, keys["form"])
+        values = dates_quickly(cells, keys["form"])
     elif keys.get("comma") and not any("." in cell for cell in cells):
         values = _quickly([cell.replace(",", ".") for cell in cells])
     elif parse in (number, seconds):
@@ -139,18 +98,6 @@ def _quickly(cells: Sequence[str]) -> Array | None:
     except ValueError:
         return None
     return values if np.isfinite(values).all() else None
-
-
-def _dates_quickly(cells: Sequence[str], form: str) -> Array | None:
-    """Convert to microseconds since 1970, if every cell is a date of this form and without a zone."""
-    if len(cells) < _MANY or "%z" in form:
-        return None
-    import pandas as pd
-
-    dates = pd.to_datetime(pd.Series(cells).str.strip(), format=form, errors="coerce")
-    if dates.isna().any():
-        return None
-    return dates.to_numpy().astype("datetime64[us]").astype(np.int64).astype(np.float64)
 
 
 Content = Literal["number", "time", "date", "step", "label"]

@@ -11,7 +11,8 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_mapping import UNITS
-from trackbench.scenarios.recordings.csv_tables import instant, is_instant, number, parsed
+from trackbench.scenarios.recordings.csv_tables import number, parsed
+from trackbench.scenarios.recordings.dates import instant, is_instant
 from trackbench.scenarios.recordings.rows import usual_interval
 
 _DAY_FORMS = (

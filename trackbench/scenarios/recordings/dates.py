@@ -1,0 +1,63 @@
+"""Dates of a recording's clock, with and without time zones."""
+
+import re
+from collections.abc import Sequence
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_UTC = re.compile(r" ?(UTC|GMT)$")
+_MICROSECOND = timedelta(microseconds=1)
+_MANY = 1000  # rows, from which on pandas is faster than strptime
+
+
+def moment(cell: str, form: str = "") -> datetime:
+    """Parse a date in ISO 8601, or in a form of strptime; raises ValueError."""
+    try:
+        if form.endswith("%f"):
+            # A whole second may have no digits behind it; there may be nine in place of six.
+            cell = re.sub(r"(:\d\d|(^| )\d{6})$", r"\g<0>" + form[-3] + "0", cell)
+            cell = re.sub(r"(\d{6})\d+$", r"\1", cell)
+        if form:
+            return datetime.strptime(cell, form)
+        return datetime.fromisoformat(_UTC.sub("+00:00", cell))
+    except ValueError:
+        raise ValueError(f"a time as {form}" if form else "a time in ISO 8601") from None
+
+
+def instant(cell: str, zoned: bool | None = None, form: str = "") -> float:
+    """Convert a date to microseconds since 1970, exactly; without a zone it is UTC.
+
+    ``zoned`` says whether it must have a zone, None that it may. ValueError says what it is not.
+    """
+    at = moment(cell, form)
+    if zoned is not None and zoned != (at.tzinfo is not None):
+        raise ValueError(
+            f"a time {'with' if zoned else 'without'} a zone, as that of the first row is"
+        )
+    at = at if at.tzinfo else at.replace(tzinfo=UTC)
+    return float((at - _EPOCH) // _MICROSECOND)
+
+
+def is_instant(cell: str) -> bool:
+    """Test whether a time is written as a date."""
+    try:
+        instant(cell.strip())
+    except ValueError:
+        return False
+    return not cell.strip().replace(".", "").isdigit()  # 20160112 may be a number of seconds
+
+
+def dates_quickly(cells: Sequence[str], form: str) -> Array | None:
+    """Convert to microseconds since 1970, if every cell is a date of this form and without a zone."""
+    if len(cells) < _MANY or "%z" in form:
+        return None
+    import pandas as pd
+
+    dates = pd.to_datetime(pd.Series(cells).str.strip(), format=form, errors="coerce")
+    if dates.isna().any():
+        return None
+    return dates.to_numpy().astype("datetime64[us]").astype(np.int64).astype(np.float64)
