@@ -135,7 +135,7 @@ def repeated(
         first, again = (_above(term, edge) for term in (one, other))
         if first.word != "inconclusive":
             found.append(
-                (first.fragile, first.word == again.word, tail_index(one.influences) < 2.0)
+                (first.fragile, first.word == again.word, tail_index(one.influences)[0] < 2.0)
             )
     marked, same, heavy = np.array(found).T
     return float(marked.mean()), float(same[~marked].mean()), float(heavy.mean())

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from tests.simulated import tail_index
 from trackbench.evaluation.summary import time_mean_shares
 from trackbench.statistics import over_runs as st
 from trackbench.statistics.intervals import (
     Sides,
+    has_heavy_tail,
     interval_of,
     interval_of_difference,
     normal_of_t,
@@ -15,6 +15,7 @@ from trackbench.statistics.intervals import (
     studentized,
     studentized_difference,
     t_of_normal,
+    tail_index,
 )
 
 RUNS, REPETITIONS, STEPS = 200, 800, 20
@@ -203,7 +204,7 @@ def test_what_has_no_error():
 def test_a_tail_has_paretos_index(index):
     """Hill's 1 / index is, of Pareto's law, a mean of k exponentials: variance 1 / (k index^2)."""
     rng = np.random.default_rng(7)
-    found = np.array([tail_index(rng.pareto(index, 1600) + 1.0) for _ in range(200)])  # k = 20
+    found = np.array([tail_index(rng.pareto(index, 1600) + 1.0)[0] for _ in range(200)])  # k = 20
     assert np.mean(1.0 / found) == pytest.approx(1.0 / index, abs=4.0 / index / np.sqrt(200 * 20))
     assert np.std(1.0 / found) == pytest.approx(
         1.0 / index / np.sqrt(20), rel=4.0 / np.sqrt(2 * 200)
@@ -212,5 +213,15 @@ def test_a_tail_has_paretos_index(index):
 
 def test_few_runs_show_no_tail():
     rng = np.random.default_rng(8)
-    assert np.isinf(tail_index(rng.pareto(2.5, 60)))
-    assert np.isinf(tail_index(np.ones(400)))
+    assert np.isinf(tail_index(rng.pareto(2.5, 60))[0])
+    assert np.isinf(tail_index(np.ones(400))[0])
+
+
+@pytest.mark.parametrize("runs", [100, 400, 1600])
+def test_squared_normals_have_no_heavy_tail(runs):
+    """At most 5 % are called so, though a smaller index is often estimated; rare failures are found."""
+    rng = np.random.default_rng(9)
+    squares = rng.normal(size=(400, runs)) ** 2
+    assert np.mean([has_heavy_tail(x - x.mean()) for x in squares]) < 0.05 + 3 * 0.011
+    rare = squares * np.where(rng.random(squares.shape) < 0.02, 400.0, 1.0)
+    assert np.mean([has_heavy_tail(x - x.mean()) for x in rare]) > 0.4

@@ -306,18 +306,29 @@ def spread(influences: Array, other: float = 0.0) -> Spread:
     return Spread(whole, float(a), freedom / share**4)
 
 
-def tail_index(influences: Array) -> float:
-    """Return the index of the tail of runs' influences (M,), below which their moments exist.
+def has_heavy_tail(influences: Array) -> bool:
+    """Test whether a few runs decide a number: the 95 % limit of the tail's index is below 2.
 
-    By the largest sqrt(M) / 2 of them (Hill 1975, Ann. Statist. 3, 1163). Below 2 they have no variance:
-    a few runs decide the number, and its interval may miss what rarer ones would add. Infinite for fewer
-    than a hundred runs, which show no tail.
+    Then the runs' influences (M,) have no variance, and the number's interval may miss what rarer ones
+    would add. Of Pareto's law 2 k times the index over its estimate is chi-square of 2 k degrees.
+    """
+    from scipy.special import gammaincinv
+
+    index, k = tail_index(influences)
+    return bool(k and index * float(gammaincinv(k, 0.95)) / k < 2.0)
+
+
+def tail_index(influences: Array) -> tuple[float, int]:
+    """Return the index of the tail of runs' influences (M,), below which their moments exist, and k.
+
+    By the k = sqrt(M) / 2 largest of them (Hill 1975, Ann. Statist. 3, 1163). Infinite, and k = 0, for
+    fewer than a hundred runs, which show no tail.
     """
     x = np.sort(np.abs(influences[~np.isnan(influences)]))[::-1]
     k = round(sqrt(len(x)) / 2.0)
     if k < 5 or not inf > x[0] > x[k] > 0.0:
-        return inf
-    return float(k / total(log(x[:k] / x[k])))
+        return inf, 0
+    return float(k / total(log(x[:k] / x[k]))), k
 
 
 def _inverse(y: float, a: float) -> float:

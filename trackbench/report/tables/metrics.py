@@ -21,7 +21,7 @@ from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics.comparison import Sample
-from trackbench.statistics.intervals import tail_index
+from trackbench.statistics.intervals import has_heavy_tail
 from trackbench.statistics.over_runs import STATISTICS, influence, interval
 
 
@@ -147,10 +147,6 @@ def _lost_notes(results: Results, point: GridPoint, labels: list[str]) -> Iterat
                 yield f"{label}{at}: {counted(number, 'run')} lost because {reason}."
 
 
-_LIGHT = 2.0
-"""Tail index from which on the runs' influences have a variance."""
-
-
 def _tail_notes(
     expressions: Evaluator, labels: Sequence[str], columns: Collection[Expression]
 ) -> Iterator[str]:
@@ -164,7 +160,7 @@ def _tail_notes(
         column = expressions.per_run(m)
         if column is not None and column[0] in ("mean", "rms", "variance"):
             x = column[1][np.isfinite(column[1])]
-            if tail_index(influence(column[0], x)) < _LIGHT:
+            if has_heavy_tail(influence(column[0], x)):
                 middle, (low, high) = STATISTICS["median"](x).value, interval("median", x)
                 text = f"{named(m.filter)} {middle:.3g} ({low:.3g} to {high:.3g})"
                 medians[name, m.filter] = text
