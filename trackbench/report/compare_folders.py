@@ -301,10 +301,18 @@ def conclusion(rows: Sequence[Row], names: tuple[str, str]) -> str:
     same = sum(row.how == EQUAL for row in rows)
     if same == len(rows):
         return f"All {counted(same, 'number')} are equal, byte for byte."
-    apart = sum(row.change.sign != 0 for row in rows)
+    apart = [row for row in rows if row.change.sign != 0]
+    untested = sum(row.verdict == UNTESTED for row in rows)
     level = f"at {100 * rules.LEVEL:g} % over the numbers of a metric"
-    text = f"Of {counted(len(rows), 'number')} {same} are equal, byte for byte, and {apart} of the "
-    text += f"others differ significantly ({level})."
+    text = (
+        f"Of {counted(len(rows), 'number')} {same} are equal, byte for byte, {len(apart)} differ "
+    )
+    text += f"significantly ({level})"
+    text += f", and {untested} are untested: too few runs." if untested else "."
+    if unseen := {row.metric for row in apart} - {row.metric for row in apart if row.is_primary}:
+        text += (
+            f" Of metrics that are no errors: {phrases.listed(sorted(unseen))} (--json has all)."
+        )
     primary = [row for row in rows if row.is_primary and row.how != EQUAL] or rows
     for verdict in (WORSE, BETTER):
         if lines := changes(primary, verdict):

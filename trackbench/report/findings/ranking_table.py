@@ -75,7 +75,7 @@ def _table(results: Results, standing: Ranking, of_settings: bool) -> TextTable:
             f"is of its pair alone){_runs_needed(standing)}."
         )
     if "tiny" in words:
-        table.notes.append(f"tiny: significant, but below {phrases.percent(matters)}.")
+        table.notes.append(f"tiny: significant, but at most {phrases.percent(matters)}.")
     if any("collapsed" in row[4].text for row in table.rows):
         table.notes.append(COLLAPSED_NOTE)
     if 1 < standing.runs < _FULL_BLOCK and any(row[-1].text != "–" for row in table.rows):
@@ -183,9 +183,12 @@ def _runs_needed(standing: Ranking) -> str:
             runs.append(rules.runs_that_decide(tie.difference.runs, tie.z, needed))
     if not runs:
         return ""
-    long = " to ".join(dict.fromkeys(map(phrases.run_count, (min(runs), max(runs)))))
-    amount = f"a recording {long} times as long" if standing.runs == 1 else f"{long} runs"
-    return f"; {amount} would decide differences of this size"
+    ends = min(runs), max(runs)
+    if standing.runs == 1:
+        times = [phrases.run_count(x) if x >= 10.0 else f"{max(x, 1.1):.2g}" for x in ends]
+        return f"; a recording {_span(times)} times as long would decide differences of this size"
+    long = _span([*map(phrases.run_count, ends)])
+    return f"; {long} runs would decide differences of this size"
 
 
 def consistency(results: Results, candidate: Candidate) -> str:
