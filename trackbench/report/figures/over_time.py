@@ -87,10 +87,13 @@ class Curves(FigureKind):
             yield rows.where(filter=label), {"label": label, **look}
 
     def with_axis(self, metric: Measure, curves: Sequence[Array]) -> Self:
-        """Return the figure with its vertical axis labeled, logarithmic if one curve dwarfs the rest."""
+        """Return the figure with its vertical axis labeled, logarithmic if one curve dwarfs the rest.
+
+        An axis that shows a negative number is linear, and one with a label of its own as asked for.
+        """
         fits = scales.has_logarithm(np.concatenate([np.empty(0), *curves]))
-        log = self.log or (fits and scales.one_dwarfs(curves))
-        return replace(self, y_label=phrases.axis_of(metric), log=log)
+        log = fits and (self.log or (not self.y_label and scales.one_dwarfs(curves)))
+        return replace(self, y_label=self.y_label or phrases.axis_of(metric), log=log)
 
     def finish(self, figure: Figure, titles: Collection[str] = ()) -> Figure:
         """Return the figure with legible vertical axes and a legend of all labels but the ``titles``."""
@@ -213,11 +216,12 @@ class RmseVsTime(OverTime):
 
     def draw(self, results: Results) -> Figure:
         """Return one line per filter."""
-        if not self.y_label:
-            curves: list[Array] = []
-            for point in results.points()[: style.MOST_PANELS]:
-                curves += [rows["value"] for rows, _ in self.lines(results, point, self.metric)]
-            return self.with_axis(self.metric, curves).draw(results)
+        curves: list[Array] = []
+        for point in results.points()[: style.MOST_PANELS]:
+            curves += [rows["value"] for rows, _ in self.lines(results, point, self.metric)]
+        return self.with_axis(self.metric, curves)._drawn(results)
+
+    def _drawn(self, results: Results) -> Figure:
         titles = self.panel_titles(results, self.steps_of(results, self.metric))
         figure, panels = self.panels_over_time(results, titles)
         for (ax,), point, title in panels:
