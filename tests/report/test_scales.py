@@ -196,3 +196,26 @@ def test_a_diverged_line_is_cut_off_and_marked_where_it_leaves() -> None:
     # Of two filters neither is cut: which one is right is not known.
     scales.cut([axes], {"A": errors["A"], "C": errors["C"]})
     assert len(axes.lines) == 4
+
+
+@pytest.mark.parametrize("decades", [3, 14])
+def test_a_logarithmic_axis_of_any_span_has_labels(decades: int) -> None:
+    figure = Figure()
+    ax = figure.add_subplot()
+    ax.plot([1.0, 2.0], [10.0**-decades, 5.0])
+    scales.plain_log_axis(ax.yaxis, most=np.inf)
+    figure.draw_without_rendering()
+    low, high = ax.get_ylim()
+    inside = [tick for tick in ax.yaxis.get_major_ticks() if low <= tick.get_loc() <= high]
+    assert sum(bool(tick.label1.get_text()) for tick in inside) >= 3
+
+
+def test_the_band_of_a_signed_metric_is_whole_where_log_is_wanted(signed: Results) -> None:
+    spec = RmseVsTime(metric=measure("bias_x"), log=True)
+    bands = []
+    for log in (True, False):
+        with style.rc_context():
+            ax = RmseVsTime(metric=spec.metric, log=log).draw(signed).axes[0]
+        assert ax.get_yscale() == "linear"
+        bands.append(ax.collections[0].get_paths()[0].vertices)
+    np.testing.assert_array_equal(*bands)

@@ -20,6 +20,8 @@ else:
 _ZERO = 0.2
 """Place of zero on a logarithmic axis, as a multiple of the least positive value."""
 _ROUNDING = 1e-12
+_LABELED = 1e6
+"""Span of an axis up to which 1, 2 and 5 times a power of ten are labeled."""
 _DWARFED = 20.0
 """Ratio of the largest curve's maximum to that of the median curve."""
 
@@ -152,8 +154,8 @@ def plain_log_axis(axis: Axis, most: float = 100.0) -> None:
     if not log_scale(axis):
         return
     low, high = axis.get_view_interval()
-    if high > most * low:
-        return
+    if high > min(most, _LABELED) * low:
+        return  # beyond, matplotlib leaves ticks between powers of ten out, and all with them
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(FuncFormatter(lambda value, _: ""))
