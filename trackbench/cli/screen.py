@@ -21,6 +21,7 @@ _GAP = 2
 _PAGE = 100
 """Columns where stdout is no terminal."""
 _BEST = "bold green"
+_MARKED = "* best, or not significantly worse and at most twice as large (95 %); none if undecided"
 _COLORS = {
     **dict.fromkeys(("equal", "agrees", "holds", "calibrated"), "green"),
     **dict.fromkeys(("differs", "fails", "collapsed", "unranked"), "red"),
@@ -66,7 +67,7 @@ def _show(table: TextTable, console: Console) -> None:
         console.print(grid)
         console.print()
     marked = any(cell.best for cell in chain.from_iterable(table.rows))
-    notes = ["* best, or not significantly worse"] * marked + table.notes
+    notes = [_MARKED] * marked + table.notes
     for note in notes:
         console.print(Styled(note, "dim"))
     if notes:
