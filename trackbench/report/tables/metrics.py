@@ -131,7 +131,11 @@ def _candidate(expressions: Evaluator, m: Measure) -> Iterator[Candidate]:
 def _cell(expressions: Evaluator, m: Measure) -> Cell:
     """Read a row of summary.csv, or evaluate it, such as a ratio to another filter."""
     stored = None if m.is_share else expressions.stored.get((m.filter, str(m)))
-    return Cell.of(stored or expressions.term(m), expressions.collapse(m))
+    term = stored or expressions.term(m)
+    possible = len(expressions.runs.get((m.filter, "lost"), ())) - term.lost
+    counts = m.is_over_runs and 0 < term.runs < possible
+    suffix = f" ({term.runs} of {possible} runs)" if counts else ""
+    return Cell.of(term, expressions.collapse(m))._replace(suffix=suffix)
 
 
 def _lost_notes(results: Results, point: GridPoint, labels: list[str]) -> Iterator[str]:
