@@ -61,7 +61,10 @@ def _show(table: TextTable, console: Console) -> None:
         grid = Grid(box=SIMPLE_HEAD, pad_edge=False, padding=(0, _GAP - 1, 0, 0), show_edge=False)
         for i in part:
             justify: JustifyMethod = "right" if _is_numeric(table, i) else "left"
-            grid.add_column(Styled(table.heads[i]), justify=justify, max_width=widths[i])
+            head = table.heads[i]
+            if max(map(cell_len, head.split()), default=0) > widths[i]:
+                head = head.replace(".", ".\n")  # a path of keys
+            grid.add_column(Styled(head), justify=justify, max_width=widths[i], overflow="fold")
         for row in table.rows:
             grid.add_row(*(_styled(row[i]) for i in part))
         console.print(grid)
