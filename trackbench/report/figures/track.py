@@ -12,6 +12,7 @@ from trackbench.evaluation.block import simulate
 from trackbench.field_types import Count, Natural
 from trackbench.models.base import position_velocity_names
 from trackbench.registry import register
+from trackbench.report.findings.phrases import listed, named
 from trackbench.report.findings.ranking import rankings
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
@@ -71,6 +72,16 @@ class Track(FigureKind):
     def shown_measurements(self) -> bool:
         """True if the figure needs the measured positions of the first run."""
         return self.measurements
+
+    def default_caption(self, results: Results) -> str:
+        """Return whose estimates one panel shows, and of how many runs."""
+        if len(self.filters) > 1:
+            return ""
+        runs = min(self.shown_runs, results.config["runs"])
+        of = "the first run" if runs == 1 else f"the first {runs} runs"
+        labels = [*map(named, self.filters or self._best(results))]
+        whose = f", with the estimates of {listed(labels)}" if labels else ""
+        return f"The target in the plane in {of}{whose}."
 
     def draw(self, results: Results) -> Figure:
         """Return a panel per filter, equal scales."""
