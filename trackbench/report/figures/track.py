@@ -110,8 +110,11 @@ class Track(FigureKind):
             if label in estimates:
                 self._estimates(ax, estimates[label] / metres, results.line_style(label)["color"])
             for rank, (name, mean) in enumerate(estimates.items() if not self.filters else ()):
-                look = results.line_style(name) | {"zorder": 1.9 - 0.1 * rank}  # best on top
-                ax.plot(*(mean[..., 0] / metres), label=name, **look)
+                look = results.line_style(name)
+                # The best lies on top. A solid line that would hide an equal one lies below.
+                equal = [np.allclose(mean, x, equal_nan=True) for x in estimates.values()]
+                level = len(equal) if sum(equal) > 1 and look["linestyle"] == "-" else rank
+                ax.plot(*(mean[..., 0] / metres), label=name, **look, zorder=1.9 - 0.1 * level)
             draw_truth(ax, truth / metres, tracks["times"], turning, thin=bool(estimates))
             for number, path in sensors.items():
                 draw_sensor(ax, path / metres, f"Sensor {number}" if len(paths) > 1 else "Sensor")
