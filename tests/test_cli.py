@@ -111,6 +111,12 @@ def test_dry_run_expects_the_time_of_stored_runs(tmp_path: Path) -> None:
     assert expected() == unknown
     assert trackbench("run", "s.yaml", *words, cwd=tmp_path).returncode == 0
     assert expected() == "every block is in the cache"
+    lines = [trackbench("run", "s.yaml", *words, *more, "--dry-run", cwd=tmp_path).stdout
+             for more in ((), ("--runs", "12"), ("--fresh",))]  # fmt: skip
+    for line, blocks in zip(
+        lines, ("3 blocks (3 kept)", "4 blocks (3 kept)", "3 blocks"), strict=True
+    ):
+        assert f"{blocks} on 1 worker" in line
     assert expected("--set", "filters.PF.N=3000") == unknown
     cpu_s = json.loads((tmp_path / "o" / "run" / "machine.json").read_text())["cpu_s"]
     seconds = cpu_s / 9 * (90_000 - 9)

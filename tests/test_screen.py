@@ -36,7 +36,9 @@ def test_columns_without_room_follow_below(width: int) -> None:
     parts = sum(line.startswith("Filter") for line in lines)
     assert parts == sum(line.startswith("a < b & c") for line in lines)
     assert (parts == 1) == (width == 200)
-    assert "* best, or not significantly worse" in lines
+    assert "* best, or not significantly worse and at most twice as large" in re.sub(
+        r"\s+", " ", text
+    )
     assert lines[0] == "Title"
     assert lines[-2:] == ["a note", ""]
 
@@ -61,3 +63,17 @@ def test_signs_of_a_column_stand_below_each_other() -> None:
 
 def test_a_table_without_rows_is_its_head() -> None:
     assert any("Filter" in line for line in _shown(TextTable("", ["Filter"]), 80))
+
+
+@pytest.mark.parametrize("label", ["KF", "A-filter-of-a-name-that-has-no-space"])
+def test_no_heading_and_no_name_is_cut(label: str) -> None:
+    path = "scenario.target.settled_error"
+    numbers = [Text(f"{i}.25 ± 0.01", i) for i in range(8)]
+    heads = [path, "Filter", *(f"Column {i}" for i in range(8))]
+    lines = _shown(TextTable("", heads, [[Text("30"), Text(label), *numbers]]), 60)
+    assert max(map(len, lines)) <= 60
+    assert "".join(line.split()[0] for line in lines[:3]) == path
+    text = "".join(lines)
+    assert "settled_error" in text
+    assert label[-5:] in text
+    assert "…" not in text

@@ -119,7 +119,16 @@ def test_of_one_value_none_is_the_best(config: Path, tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     table = (tmp_path / "o" / "tables" / "best-settings.md").read_text()
-    assert table.endswith("Of one value none is the best.\n")
+    assert table.endswith("No filter has two values to compare.\n")
+
+
+def test_a_sweep_of_the_scenario_has_no_best_values(config: Path, tmp_path: Path) -> None:
+    grid = ("--grid", "scenario.last=5,6", "--runs", "5", "--engine", "serial", "--all")
+    done = trackbench("sweep", config, *grid, "--out", tmp_path / "o")
+    assert done.returncode == 0, done.stderr
+    assert "best values" not in done.stdout
+    assert "two values" not in done.stdout
+    assert not [*(tmp_path / "o" / "tables").glob("best-settings*")]
 
 
 GRIDS = {

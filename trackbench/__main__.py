@@ -6,7 +6,7 @@ import sys
 
 
 def main() -> None:
-    """Run the command line; an interrupt during imports exits with 130, too."""
+    """Run the command line; an interrupt during imports is reported, too."""
     # Nearly all that is imported, read and drawn stays: looking it through takes long, and is for
     # nothing once the program ends.
     gc.set_threshold(50_000)
@@ -16,6 +16,7 @@ def main() -> None:
 
         run()
     except KeyboardInterrupt:
+        print("\ninterrupted", file=sys.stderr)
         sys.exit(130)
 
 

@@ -12,6 +12,9 @@ from tests.commands import trackbench
 from tests.papers import merwe_text
 from trackbench.config.load import load
 from trackbench.errors import UserError
+from trackbench.execution.cache import BlockStore
+from trackbench.execution.plan import make_plan
+from trackbench.execution.queue import Queue
 
 PLUGIN = """
 from dataclasses import dataclass, replace
@@ -62,6 +65,19 @@ tables:
 """.replace("MERWE", merwe_text(T=10))
 
 
+@pytest.mark.parametrize("indices", [(0, 1, 2), (2, 1, 0), (1, 2, 0)])
+def test_the_block_of_the_lowest_runs_is_reported(tmp_path: Path, indices: tuple[int, ...]) -> None:
+    (tmp_path / "c.yaml").write_text(
+        f"name: c\nruns: 30\nblock: 10\nscenario: {merwe_text(T=6)}\n"
+        "filters: {PF: {kind: pf, N: 9}}\n"
+    )
+    tasks = make_plan(load(tmp_path / "c.yaml")).unique
+    queue = Queue(2, BlockStore(tmp_path / "cache"))
+    for i in indices:
+        queue.give_up(tasks[i], ValueError(f"block {i}"))
+    assert [*queue.failed.values()] == ["ValueError: block 0 (runs 0 to 9)"]
+
+
 @pytest.mark.parametrize("engine", ["serial", "processes"])
 def test_the_others_finish(tmp_path: Path, engine: str) -> None:
     (tmp_path / "bad.py").write_text(PLUGIN)
@@ -75,9 +91,7 @@ def test_the_others_finish(tmp_path: Path, engine: str) -> None:
     assert "Traceback" not in done.stderr
     assert re.search(r"\| NaN +\| – \| unranked: loses more \| 20 of 20 \|", done.stdout)
     assert "| Raises | – | failed |" in done.stdout
-    reason = (
-        "Raises failed: bad.py:16: ValueError: no fifth step (runs "  # either block may come first
-    )
+    reason = "Raises failed: bad.py:16: ValueError: no fifth step (runs 0 to 9)"
     assert f"error: {reason}" in done.stderr
     assert "error: NaN failed: 20 of 20 runs lost, 20 because the estimate left" in done.stderr
     assert "note: Far: 20 of 20 runs lost, 20 because the error passed the limit" in done.stderr

@@ -115,7 +115,7 @@ class Limits:
 
 
 def test_a_filter_whose_worker_is_killed_is_named_with_the_key_to_lower(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "killed.py").write_text(KILLED)
     (tmp_path / "c.yaml").write_text(
@@ -124,11 +124,14 @@ def test_a_filter_whose_worker_is_killed_is_named_with_the_key_to_lower(
     )
     monkeypatch.setenv("TRACKBENCH_CACHE", str(tmp_path / "cache"))
     options = api.Options(workers=2, out=tmp_path / "out", formats=(), allow_plugins=True)
-    (failed,) = api.run(tmp_path / "c.yaml", options, quiet=True).failed
+    (failed,) = api.run(tmp_path / "c.yaml", options).failed
     assert failed.startswith(
         "Big failed: its worker died 4 times (killed, or out of memory?) over a block of 2 runs; "
         "a lower `block` or `N` takes less memory (runs "
     )
+    again = re.search(r"a worker died; (\d+) blocks? w\w+ started again", capsys.readouterr().err)
+    assert again is not None
+    assert 1 <= int(again[1]) <= 4  # as many as there are, though one worker died four times
 
 
 KILLED = """

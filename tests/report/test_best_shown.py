@@ -9,6 +9,7 @@ import pytest
 import yaml
 
 from tests.commands import ran
+from tests.conftest import PLANE as POSITIONS
 from trackbench import api
 from trackbench.report.figures.over_time import RmseVsTime
 from trackbench.report.figures.sweep import RmseVsParameter, SweepFigure
@@ -122,3 +123,18 @@ def test_a_result_is_five_words(plane):
     assert short_answer([alone]) == f"{first.label} best of 4 filters"
     assert short_answer([found._replace(best=None)]) == "which is best is inconclusive"
     assert short_answer([]) == ""
+
+
+@pytest.mark.parametrize("labels", [("KF", "EKF"), ("EKF", "KF")])
+def test_a_solid_track_lies_below_an_equal_dashed_one(tmp_path, labels):
+    kinds = {"KF": "{kind: kf}", "EKF": "{kind: ekf}"}
+    filters = "".join(f"  {label}: {kinds[label]}\n" for label in labels)
+    more = "  Prior: {kind: prior-mean}\n"
+    text = f"name: e\nruns: 6\n{POSITIONS}filters:\n{filters}{more}"
+    figure = ran(tmp_path, text, formats=()).results.figure("track")
+    lines = {line.get_label(): line for line in figure.axes[0].lines}
+    first, second = (lines[label] for label in labels)
+    np.testing.assert_allclose(first.get_xydata(), second.get_xydata())
+    assert (first.get_linestyle(), second.get_linestyle()) == ("-", "--")
+    assert first.get_zorder() < second.get_zorder()
+    style.close(figure)

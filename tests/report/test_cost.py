@@ -203,7 +203,10 @@ def test_of_efficiencies_the_highest_is_the_best(results):
                 if k[0] == ("10", "40", "160")[i] and c[1].runs}  # fmt: skip
         best = max(rows, key=rows.__getitem__)
         assert f": best {best}" in note
-        assert (table.keys.index([("10", "40", "160")[i], best]), 2) in table.best
+        mine = {row for row, keys in enumerate(table.keys) if keys[0] == ("10", "40", "160")[i]}
+        marked = {table.keys[row][1] for row, _ in table.best if row in mine}
+        # Without a mark: times that vary too much leave it open which filter is the best.
+        assert best in marked if marked else "no significant difference" in note
 
 
 def test_efficiency_is_made_of_the_runs(results):

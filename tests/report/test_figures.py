@@ -5,6 +5,7 @@ import pytest
 from matplotlib.collections import PolyCollection
 
 from tests.commands import ran
+from tests.conftest import PLANE
 from tests.papers import merwe_text
 from tests.report.forging import edit
 from trackbench import api
@@ -15,6 +16,7 @@ from trackbench.report.figures.bars import Bars
 from trackbench.report.figures.critical_difference import cliques
 from trackbench.report.figures.over_time import EstimatesOfOneRun, RmseVsTime
 from trackbench.report.figures.per_run import RmsePerRun, _in_order
+from trackbench.report.figures.track import Track
 from trackbench.report.findings import phrases
 from trackbench.report.plotting import style
 from trackbench.report.results import Results
@@ -205,3 +207,25 @@ def test_an_experiment_that_asks_for_nothing_shows_its_errors(tmp_path):
     assert verify(tmp_path / "out", 4) == []
     ran(tmp_path, text, set=("tables={t: {kind: consistency}}",))
     assert not (tmp_path / "out" / "tables" / "results.csv").exists()
+
+
+@pytest.mark.parametrize(
+    ("figure", "caption"),
+    [
+        (Track(best=1), "The target in the plane in the first run, with the estimates of KF."),
+        (
+            Track(filters=("KF",), runs=3),
+            "The target in the plane in the first 3 runs, with the estimates of KF.",
+        ),
+        (Track(best=0), "The target in the plane in the first run."),
+        (Track(filters=("KF", "Prior"), runs=3), ""),  # a panel each: what the kind is for
+        (
+            EstimatesOfOneRun(component=3, run=2),
+            "Estimates of py in run 2, and their errors where there is a truth.",
+        ),
+    ],
+)
+def test_a_caption_names_component_run_and_filters(tmp_path, figure, caption):
+    filters = "filters: {KF: {kind: kf}, Prior: {kind: prior-mean}}\n"
+    results = ran(tmp_path, f"name: c\nruns: 6\n{PLANE}{filters}", formats=()).results
+    assert figure.default_caption(results) == caption

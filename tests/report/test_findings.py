@@ -417,3 +417,29 @@ def test_a_grid_of_scenarios_and_where_it_is_shown(tmp_path, capsys) -> None:
         )
         assert [c.best for c in row[1:]] == [False, True]
     assert summary.title in (report.folder / "report.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("shifts", "spread", "marked"),
+    [
+        ((0.0, 0.01, 3.0), 0.1, "01"),  # the third is worse
+        ((0.0, 0.01, 0.02), 0.1, "012"),  # no one is, and all are near
+        ((0.0, 0.5, 1.0), 40.0, ""),  # too few runs to decide
+    ],
+)
+def test_marks_of_filters_that_are_near_the_best(rng, shifts, spread, marked) -> None:
+    """A tie that could be more than twice the best has no mark; nor has any filter if all are ties."""
+    errors = [1.0 + shift + spread * rng.random(20) ** 8 for shift in shifts]
+    found = [Candidate(str(i), {}, np.zeros(20), Sample(x)) for i, x in enumerate(errors)]
+    ranking = ranking_of(found, "rmse")
+    assert {c.label for c in ranking.marked} == {*marked}
+    assert ranking.best is not None
+
+
+def test_an_undecided_filter_before_a_worse_one_has_no_mark(rng) -> None:
+    heavy = np.where(np.arange(20) < 2, 60.0, 1.0)
+    samples = {"A": 1.0 + 0.1 * rng.random(20), "B": heavy, "C": 50.0 + rng.random(20)}
+    found = [Candidate(label, {}, np.zeros(20), Sample(x)) for label, x in samples.items()]
+    ranking = ranking_of(found, "rmse")
+    assert [tie.filter.label for tie in ranking.ties] == ["B"]
+    assert [c.label for c in ranking.marked] == ["A"]

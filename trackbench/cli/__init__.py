@@ -107,3 +107,8 @@ def main() -> None:
             app()
         except Exception as error:
             sys.exit(print_error(as_reportable(error)))
+        except SystemExit as end:
+            # Typer exits without a word after Ctrl-C.
+            if isinstance(getattr(end.__context__, "__cause__", None), KeyboardInterrupt):
+                typer.echo("\ninterrupted", err=True)
+            raise

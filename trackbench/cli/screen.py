@@ -21,6 +21,7 @@ _GAP = 2
 _PAGE = 100
 """Columns where stdout is no terminal."""
 _BEST = "bold green"
+_MARKED = "* best, or not significantly worse and at most twice as large (95 %); none if undecided"
 _COLORS = {
     **dict.fromkeys(("equal", "agrees", "holds", "calibrated"), "green"),
     **dict.fromkeys(("differs", "fails", "collapsed", "unranked"), "red"),
@@ -60,13 +61,16 @@ def _show(table: TextTable, console: Console) -> None:
         grid = Grid(box=SIMPLE_HEAD, pad_edge=False, padding=(0, _GAP - 1, 0, 0), show_edge=False)
         for i in part:
             justify: JustifyMethod = "right" if _is_numeric(table, i) else "left"
-            grid.add_column(Styled(table.heads[i]), justify=justify, max_width=widths[i])
+            head = table.heads[i]
+            if max(map(cell_len, head.split()), default=0) > widths[i]:
+                head = head.replace(".", ".\n")  # a path of keys
+            grid.add_column(Styled(head), justify=justify, max_width=widths[i], overflow="fold")
         for row in table.rows:
             grid.add_row(*(_styled(row[i]) for i in part))
         console.print(grid)
         console.print()
     marked = any(cell.best for cell in chain.from_iterable(table.rows))
-    notes = ["* best, or not significantly worse"] * marked + table.notes
+    notes = [_MARKED] * marked + table.notes
     for note in notes:
         console.print(Styled(note, "dim"))
     if notes:

@@ -187,7 +187,9 @@ def _job(config: Config, options: Options, alone: bool) -> Job:
     most = experiment.settings.runs
     plan = plan_of(experiment, most, options)
     workers = min(most_workers(options), len(plan.unique))
-    line = announced(experiment, plan, workers)
+    is_new = options.fresh or experiment.tuned  # what is tuned has other keys
+    kept = 0 if is_new else sum(map(BlockStore(cache_folder()).has_file, plan.unique))
+    line = announced(experiment, plan, workers, kept)
     first = first_batch(experiment)
     return Job(config, first, folder, plan_of(first, most, options), line, most)
 

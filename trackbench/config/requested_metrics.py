@@ -28,6 +28,13 @@ if TYPE_CHECKING:
 
 _OF_TRUTH = ("squared", "error", "rmsd", "nees", "outside_region", "pit", "coverage", "crps", "nci")
 """Series of errors."""
+_OF_FAULTS = ("damage", "recovery_s", "not_recovered", "rejected_good", "accepted_bad")
+_ADDED_BY = {
+    **dict.fromkeys(("settling_s", "not_settled"), "`settled_error` of a target `legs`"),
+    **dict.fromkeys(_OF_FAULTS, "`faults` of the scenario"),
+    **dict.fromkeys(("arrived_late", "late_dropped"), "`delay` of a sensor"),
+}
+"""Keys that add metrics, by metric."""
 
 
 @dataclass(frozen=True)
@@ -158,6 +165,8 @@ def _unknown(request: MetricRequest, names: Names, settings: Settings) -> str | 
     near = get_close_matches(word, sorted(known), 1, 0.5)
     short = sorted({measured(name).base for name in known})
     hint = f"did you mean {near[0]}?" if near else unknown("", short)
+    if metric.name in _ADDED_BY and not any(measured(n).family[0] is metric for n in known):
+        hint = f"the key {_ADDED_BY[metric.name]} adds it"
     if is_of_truth and quantity in names.components:
         hint = f"`score: {{errors: {{{quantity}: [{quantity}]}}}}` of the scenario adds it"
     return f"{word!r} is no metric here; {hint}"

@@ -215,8 +215,8 @@ def _states(tracker: AnyFilter, point: Point, label: str) -> int:
     return min(steps, 1 + point.scenario.longest_delay, 1 + (late.memory or steps))
 
 
-def announced(experiment: Experiment, plan: Plan, workers: int) -> str:
-    """Return one line that announces the run."""
+def announced(experiment: Experiment, plan: Plan, workers: int, kept: int = 0) -> str:
+    """Return one line that announces the run; ``kept`` blocks are finished already."""
     settings = experiment.settings
     steps = max(len(p.scenario.steps) - 1 for p in experiment.points)
     most, tuning = "up to " if settings.until else "", settings.tuning
@@ -229,7 +229,8 @@ def announced(experiment: Experiment, plan: Plan, workers: int) -> str:
     ]
     return (
         f"{settings.name}: {tuned if experiment.tuned else ''}{' x '.join(counts)}, "
-        f"{counted(len(plan.unique), 'block')} on {counted(workers, 'worker')}"
+        f"{counted(len(plan.unique), 'block')}{f' ({kept} kept)' if kept else ''} on "
+        f"{counted(workers, 'worker')}"
     )
 
 

@@ -50,6 +50,7 @@ class Queue:
 
     def __init__(self, workers: int, store: BlockStore) -> None:
         self.failed: dict[tuple[object, ...], str] = {}
+        self._first_failed: dict[tuple[object, ...], int] = {}
         self.deaths: Counter[BlockTask] = Counter()
         self.hungriest: tuple[BlockTask, int] | None = None
         """block of the worker with the largest memory, and its bytes"""
@@ -110,7 +111,10 @@ class Queue:
         last = task.first_run + (task.runs_used - 1) * (1 if task.index >= 0 else -1)
         runs = f"runs {task.first_run} to {last}"
         why = str(error) if isinstance(error, FilterError) else message_of(error)
-        self.failed.setdefault(lost, in_line(f"{why} ({runs})"))
+        # Report the block of the lowest runs, whichever fails first.
+        if abs(task.first_run) <= self._first_failed.get(lost, inf):
+            self._first_failed[lost] = abs(task.first_run)
+            self.failed[lost] = in_line(f"{why} ({runs})")
         left_out = []
         for _ in range(len(self._waiting)):
             stack = self._waiting.popleft()

@@ -39,6 +39,7 @@ class Outcome:
     reused: int = 0
     damaged: int = 0
     deaths: int = 0
+    """blocks over which a worker died"""
     crowding: str = ""
     """why some workers had to wait for memory"""
     wall_s: float = 0.0
@@ -109,7 +110,7 @@ def execute(
             if outcome is outcomes[-1]:
                 next(finished, None)  # nothing comes any more: the workers may go
             outcome.failures = _failures(outcome.plan, queue)
-            outcome.deaths = sum(queue.deaths[task] for task in outcome.plan.unique)
+            outcome.deaths = sum(task in queue.deaths for task in outcome.plan.unique)
             outcome.crowding = _crowding(outcome.plan, queue, workers)
             outcome.wall_s = time.perf_counter() - started
             yield outcome

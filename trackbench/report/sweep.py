@@ -33,12 +33,15 @@ def as_sweep(experiment: Experiment) -> Experiment:
     What is published is of the experiment as it is, so no point is held against it.
     """
     others = [name for name, t in experiment.tables.items() if not isinstance(t, BestSettings)]
+    settings = experiment.settings
+    varies_filters = independent_filter_paths(settings.grid, settings.filters, settings.reference)
+    best = {free_name(_TABLE, others): BestSettings()} if varies_filters else {}
     return replace(
         experiment,
-        settings=replace(experiment.settings, published=[]),
+        settings=replace(settings, published=[]),
         published=Published(),
-        tables={free_name(_TABLE, others): BestSettings()} | experiment.tables,
-        figures=_figures(experiment.settings),
+        tables=best | experiment.tables,
+        figures=_figures(settings),
     )
 
 

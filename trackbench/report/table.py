@@ -180,6 +180,8 @@ class Cell(NamedTuple):
     lost: int
     words: str = ""
     """in place of the number"""
+    suffix: str = ""
+    """after the number"""
 
     @classmethod
     def of(cls, term: RunEstimate, words: str = "") -> "Cell":
@@ -265,7 +267,7 @@ class Table:
             for i, c in enumerate(cells):
                 bold, tex = r"\bfseries " if (r, i) in self.best else "", None
                 if isfinite(c.estimate.value) and not c.words:
-                    tex = bold + in_tex(*c.estimate, self.digits)
+                    tex = bold + in_tex(*c.estimate, self.digits) + c.suffix
                 row.append(Text(self.text(c), c.estimate.value, tex, (r, i) in self.best))
             if lost:
                 most = max(cells, key=lambda c: (c.lost, c.runs))
@@ -287,7 +289,7 @@ class Table:
             return "infinite"
         if not isfinite(value):
             return "all runs lost" if cell.lost and not cell.runs else "–"
-        return rounded(value, stderr, self.digits)
+        return rounded(value, stderr, self.digits) + cell.suffix
 
 
 _STORED = 0.5e-7

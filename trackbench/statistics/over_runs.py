@@ -56,7 +56,7 @@ def rms(x: Array) -> Estimate:
     """Return the root mean square (eq. 15 of the hdepf paper for per-run RMSEs); delta method."""
     squares = mean(np.square(x))
     value = float(np.sqrt(squares.value))
-    return Estimate(value, squares.stderr / (2.0 * value) if value > 0 else 0.0)
+    return Estimate(value, squares.stderr / (2.0 * value) if value != 0.0 else 0.0)
 
 
 @_quietly

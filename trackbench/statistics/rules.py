@@ -31,6 +31,8 @@ LOSSES_LEVEL = 0.05
 """Probability that chance alone makes any filter of an experiment lose more runs than another."""
 TINY = 0.01
 """Share of a number below which a significant difference is called tiny, unless the config has one."""
+NEAR_BEST = 2.0
+"""Ratio to the best up to which an error without a significant difference shares the mark."""
 NOT_CHANCE = 4.0
 """Standard errors from which a number that should be zero, one of some dozens, is not."""
 EQUAL, BETTER, WORSE = "equal", "better", "worse"

@@ -258,6 +258,11 @@ class EstimatesOfOneRun(OverTime):
         """Runs whose tracks must be kept."""
         return self.run
 
+    def default_caption(self, results: Results) -> str:
+        """Return which component and run is shown."""
+        name, _ = results.facts(results.points()[0]).component(self.component - 1)
+        return f"Estimates of {name} in run {self.run}, and their errors where there is a truth."
+
     def draw(self, results: Results) -> Figure:
         """Return one line per filter over the truth's points; errors only where there is a truth."""
         tracks = [results.tracks(p) for p in results.points()[: style.MOST_PANELS]]

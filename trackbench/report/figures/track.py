@@ -12,6 +12,7 @@ from trackbench.evaluation.block import simulate
 from trackbench.field_types import Count, Natural
 from trackbench.models.base import position_velocity_names
 from trackbench.registry import register
+from trackbench.report.findings.phrases import listed, named
 from trackbench.report.findings.ranking import rankings
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
@@ -72,6 +73,16 @@ class Track(FigureKind):
         """True if the figure needs the measured positions of the first run."""
         return self.measurements
 
+    def default_caption(self, results: Results) -> str:
+        """Return whose estimates one panel shows, and of how many runs."""
+        if len(self.filters) > 1:
+            return ""
+        runs = min(self.shown_runs, results.config["runs"])
+        of = "the first run" if runs == 1 else f"the first {runs} runs"
+        labels = [*map(named, self.filters or self._best(results))]
+        whose = f", with the estimates of {listed(labels)}" if labels else ""
+        return f"The target in the plane in {of}{whose}."
+
     def draw(self, results: Results) -> Figure:
         """Return a panel per filter, equal scales."""
         panels = max(len(self.filters), 1)
@@ -99,8 +110,11 @@ class Track(FigureKind):
             if label in estimates:
                 self._estimates(ax, estimates[label] / metres, results.line_style(label)["color"])
             for rank, (name, mean) in enumerate(estimates.items() if not self.filters else ()):
-                look = results.line_style(name) | {"zorder": 1.9 - 0.1 * rank}  # best on top
-                ax.plot(*(mean[..., 0] / metres), label=name, **look)
+                look = results.line_style(name)
+                # The best lies on top. A solid line that would hide an equal one lies below.
+                equal = [np.allclose(mean, x, equal_nan=True) for x in estimates.values()]
+                level = len(equal) if sum(equal) > 1 and look["linestyle"] == "-" else rank
+                ax.plot(*(mean[..., 0] / metres), label=name, **look, zorder=1.9 - 0.1 * level)
             draw_truth(ax, truth / metres, tracks["times"], turning, thin=bool(estimates))
             for number, path in sensors.items():
                 draw_sensor(ax, path / metres, f"Sensor {number}" if len(paths) > 1 else "Sensor")

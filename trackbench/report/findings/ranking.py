@@ -8,7 +8,7 @@ the best.
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import chain
+from itertools import chain, takewhile
 from math import isfinite
 from types import MappingProxyType
 from typing import NamedTuple
@@ -80,6 +80,12 @@ class Rival(NamedTuple):
         """Difference of its number from that of the best."""
         return self.comparison.difference
 
+    @property
+    def is_near(self) -> bool:
+        """True if its error is at most `rules.NEAR_BEST` times the best, with 95 % confidence."""
+        ratio = self.comparison.ratio
+        return self.comparison.is_equal or ratio.interval()[1] <= rules.NEAR_BEST
+
 
 class Ranking(NamedTuple):
     """Ranking of one scenario's filters by one metric: the best, and what differs from it."""
@@ -113,6 +119,17 @@ class Ranking(NamedTuple):
     def among_the_best(self) -> list[Candidate]:
         """Best, and those without a significant difference from it."""
         return [self.best, *(rival.filter for rival in self.ties)] if self.best is not None else []
+
+    @property
+    def marked(self) -> list[Candidate]:
+        """Filters that a table marks: the best, and ties up to the first that is not near it.
+
+        None if a filter is not near and none is worse: the runs decide nothing.
+        """
+        is_score = self.metric.family[0].is_score
+        near = [*takewhile(lambda tie: is_score or tie.is_near, self.ties)]
+        decides = self.worse or len(near) == len(self.not_worse)
+        return self.among_the_best[: len(near) + 1] if decides else []
 
     @property
     def rivals(self) -> "list[Rival]":

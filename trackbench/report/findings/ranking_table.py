@@ -288,7 +288,7 @@ def _by_scene(results: Results, standings: Sequence[Ranking]) -> TextTable:
     for standing in standings:
         compared = (*standing.order, *standing.losing, standing.reference)
         cells = {c.label: c for c in compared if c is not None}
-        good = [c.label for c in standing.among_the_best]
+        good = [c.label for c in standing.marked]
         row = [Text(phrases.number(value)) for value in standing.scene.values()]
         for label in results.filters:
             number = cells[label].overall if label in cells else None

@@ -49,5 +49,5 @@ class BestSettings(TableKind):
                 further = Cell(nearest.difference.estimate, nearest.difference.runs, 0)
             table.add([*keys, shown or "none"], [cell, further])
         if not table.keys:
-            table.notes.append("Of one value none is the best.")
+            table.notes.append("No filter has two values to compare.")
         return table

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, takewhile
 from typing import Any, ClassVar
 
 import numpy as np
@@ -159,8 +159,10 @@ class EqualCost(TableKind):
         errors = {curve.name: curve.at(budget.cost) for curve in rivals}
         reached = {name: at for name, at in errors.items() if at is not None}
         best, open_, fewer = _compared(reached, self.metric.family[0].more_is_better)
+        near = [*takewhile(lambda name: _is_near(reached[name], reached[best[0]]), open_)]
+        decides = len(near) == len(open_) or len(open_) + 1 < len(reached)
         for name, at in errors.items():
-            if name in (*best, *open_):
+            if decides and name in (*best, *near):
                 table.best.add((len(table.keys), table.value_headers.index(str(self.metric))))
             cells = [Cell.missing()] * 4 if at is None else _cells(at, reference)
             time = Cell(Estimate(*(MICRO * x for x in budget.cost.estimate)), budget.cost.runs, 0)
@@ -173,6 +175,11 @@ class EqualCost(TableKind):
             parts += [f"no significant difference: {', '.join(open_)}"] if open_ else []
             parts += [f"losing fewer runs: {', '.join(fewer)}"] if fewer else []
             table.notes.append(f"{heading} ({text}): {'; '.join(parts)}.")
+
+
+def _is_near(at: AtCost, best: AtCost) -> bool:
+    ends = compare_at(at, best).difference.interval(other=float(np.hypot(at.other, best.other)))
+    return max(map(abs, ends)) <= np.log(rules.NEAR_BEST)
 
 
 def _cells(at: AtCost, reference: AtCost) -> list[Cell]:

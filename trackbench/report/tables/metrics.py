@@ -93,10 +93,10 @@ class Metrics(TableKind):
 
 
 def best_labels(expressions: Evaluator, labels: Sequence[str], m: Measure) -> list[str]:
-    """Return the filters with the best value, and those without a significant difference from it.
+    """Return the filters that are marked as best, by the ranking at this point.
 
-    They are those of the ranking at this point; the other filters of the experiment belong to its
-    family of tests. Of a time or a step, of which runs have no values, only the least value is the best.
+    The other filters of the experiment belong to its family of tests. Of a time or a step, of which
+    runs have no values, only the least value is the best.
     """
     smaller = m.is_cpu_time or m.family[0].better == "lower"
     if not (smaller or m.family[0].is_score) or m.relation in ("gain", "win_rate"):
@@ -109,7 +109,7 @@ def best_labels(expressions: Evaluator, labels: Sequence[str], m: Measure) -> li
             return []
         others = [c for label, c in candidates.items() if label not in labels]
         ranking = ranking_of(rivals, m.metric, unranked=others)
-        return [c.label for c in ranking.among_the_best]
+        return [c.label for c in ranking.marked]
     values = {label: _cell(expressions, m.of(label)).estimate.value for label in labels}
     values = {label: value for label, value in values.items() if isfinite(value)}
     least = min(values.values(), default=0.0)
@@ -131,7 +131,11 @@ def _candidate(expressions: Evaluator, m: Measure) -> Iterator[Candidate]:
 def _cell(expressions: Evaluator, m: Measure) -> Cell:
     """Read a row of summary.csv, or evaluate it, such as a ratio to another filter."""
     stored = None if m.is_share else expressions.stored.get((m.filter, str(m)))
-    return Cell.of(stored or expressions.term(m), expressions.collapse(m))
+    term = stored or expressions.term(m)
+    possible = len(expressions.runs.get((m.filter, "lost"), ())) - term.lost
+    counts = m.is_over_runs and 0 < term.runs < possible
+    suffix = f" ({term.runs} of {possible} runs)" if counts else ""
+    return Cell.of(term, expressions.collapse(m))._replace(suffix=suffix)
 
 
 def _lost_notes(results: Results, point: GridPoint, labels: list[str]) -> Iterator[str]:
