@@ -79,7 +79,7 @@ class ConsistencySeries:
 
     def _reduce_waiting(self) -> None:
         if self._waiting:
-            self._reduce(_side_by_side(self._waiting))
+            self._reduce(side_by_side(self._waiting))
             self._waiting.clear()
 
     def _reduce(self, cov: Array) -> None:
@@ -99,7 +99,7 @@ class ConsistencySeries:
         self._scored = part.stop
 
 
-def _side_by_side(covs: Sequence[Array]) -> Array:
+def side_by_side(covs: Sequence[Array]) -> Array:
     """Stack the covariances (n, n, S, M) of S steps; (n, n, S, 1) if the runs share all of them."""
     if all(cov.ndim == 2 for cov in covs):
         return np.stack(covs, axis=2)[..., None]
