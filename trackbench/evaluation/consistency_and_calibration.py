@@ -103,10 +103,12 @@ def side_by_side(covs: Sequence[Array]) -> Array:
     """Stack the covariances (n, n, S, M) of S steps; (n, n, S, 1) if the runs share all of them."""
     if all(cov.ndim == 2 for cov in covs):
         return np.stack(covs, axis=2)[..., None]
-    covs = [with_trailing(cov, 1, leading=2) for cov in covs]
-    # A covariance that the runs of a step share is repeated if another step has one per run.
-    widest = max((cov.shape for cov in covs), key=lambda shape: shape[-1])
-    return np.stack([np.broadcast_to(cov, widest) for cov in covs], axis=2)
+    if any(cov.shape != covs[0].shape for cov in covs):
+        covs = [with_trailing(cov, 1, leading=2) for cov in covs]
+        # A covariance that the runs of a step share is repeated if another step has one per run.
+        widest = max((cov.shape for cov in covs), key=lambda shape: shape[-1])
+        covs = [np.broadcast_to(cov, widest) for cov in covs]
+    return np.stack(covs, axis=2)
 
 
 def observed(
