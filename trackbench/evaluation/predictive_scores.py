@@ -132,7 +132,7 @@ class PredictionScorer:
             self._held_steps.append(i)
             if self._has_likelihood:
                 # Log-likelihood by a step aside that is given the measurement.
-                after = self._aside(step, z)[0]
+                after = self._aside(step, z)
                 self._held_scores += self._log_likelihoods(after, z.shape[1])
 
     def add_steps(self, ahead: Steps, part: slice, steps: Sequence[int]) -> bool:
@@ -174,16 +174,17 @@ class PredictionScorer:
             rows |= self._of_held_out(self._held_out)
         return {name: after_first(values) for name, values in rows.items()}
 
-    def _aside(self, step: Step, z: Array) -> tuple[Any, Gaussian]:
+    def _aside(self, step: Step, z: Array) -> Any:
+        """Return the state after a step with other measurements."""
         before = self.snapshot(step.before)
-        state = self._tracker.step(self._model, before, z, step.k, self._rng)
-        return state, self._tracker.estimate(state)
+        return self._tracker.step(self._model, before, z, step.k, self._rng)
 
     def _prediction(self, step: Step, z: Array) -> Gaussian:
         """Return the estimate after a step without a measurement."""
         if self._has_predictions and (stored := _finite(getattr(step.after, "prediction", None))):
             return stored
-        return _copy(self._aside(step, freeze(np.full_like(z, np.nan)))[1])
+        nothing = freeze(np.full_like(z, np.nan))
+        return _copy(self._tracker.estimate(self._aside(step, nothing)))
 
     def _log_likelihoods(self, state: Any, *batch: int) -> list[Array]:
         """Return the rows (M,) of the increments (*batch) of one or many steps."""
