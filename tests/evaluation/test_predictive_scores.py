@@ -273,13 +273,3 @@ def test_all_steps_at_once_are_the_single_steps(
     assert single.diagnostics.keys() == together.diagnostics.keys()
     for name, rows in single.diagnostics.items():
         np.testing.assert_array_equal(together.diagnostics[name], rows)
-
-
-def test_a_measurement_that_some_runs_miss_is_filtered_step_by_step() -> None:
-    task = BlockTask(LINEAR, KF(), 1, index=0, width=3, runs_used=3)
-    start, z = (
-        KF().init(LINEAR.model, task.data.prior, np.random.default_rng(0)),
-        np.ones((2, 5, 3)),
-    )
-    z[0, 3, 1] = np.nan
-    assert KF().all_steps(LINEAR.model, start, z, 1) is None
