@@ -122,10 +122,13 @@ def test_all_steps_of_a_kalman_filter(sensor: str, runs: int, both: Callable[...
     model = Model(ConstantVelocity(q=0.3).sampled(0.7), _SENSORS[sensor])
     rng = np.random.default_rng(runs)
     z = rng.normal(scale=100.0, size=(len(model.sensor.components), 30, runs))
+    gappy = z.copy()  # steps without a measurement, the last among them, and one without its first
+    gappy[:, [0, 7, 8, 29]], gappy[0, 20] = np.nan, np.nan
     singular = np.diag([4.0, 0.0, 1e-9, 0.0])
     for cov in (np.eye(4), singular, np.zeros((4, 4))):
         prior = Gaussian(rng.normal(size=(4, runs)), cov)
         both(lambda prior=prior: _filtered(KF(), model, prior, z))
+        both(lambda prior=prior: _filtered(KF(), model, prior, gappy))
         both(lambda prior=prior: _filtered(KF(smooth=True), model, prior, z))
 
 
@@ -137,6 +140,7 @@ def test_what_all_steps_leaves_to_single_steps() -> None:
     missing = np.where(np.arange(5) == 2, np.nan, z)
     huge = np.full(z.shape, 1e308)  # its square is beyond the numbers, but nothing is NaN
     assert KF().all_steps(model, state, missing, 1) is None
+    assert _steps_of(KF().all_steps(model, state, np.full(z.shape, np.nan), 1)) == 3
     assert _steps_of(KF().all_steps(model, state, huge, 1)) == 3
     assert KF().all_steps(model, state, huge * np.array([[[1.0]] * 3, [[np.inf]] * 3]), 1) is None
     for other in (KF(gate=0.99), KF(fading=1.1), KF(form="square-root"), _OtherKF()):

@@ -254,15 +254,20 @@ def test_stored_predictions_are_the_estimates_of_steps_without_a_measurement(kin
         )
 
 
+@pytest.mark.parametrize("hold_out", [None, 4])
 @pytest.mark.parametrize("tracker", [KF(), EKF()])
-def test_all_steps_at_once_are_the_single_steps(tracker: KF | EKF, monkeypatch: Any) -> None:
+def test_all_steps_at_once_are_the_single_steps(
+    tracker: KF | EKF, hold_out: int | None, monkeypatch: Any
+) -> None:
     task = BlockTask(LINEAR, tracker, 1, index=0, width=3, runs_used=3, predictive_metrics=BOTH)
+    task, z = replace(task, hold_out=hold_out), task.data.measurements.copy()
+    z[:, 2], z[1, 4] = np.nan, np.nan
     start = tracker.init(LINEAR.model, task.data.prior, np.random.default_rng(0))
-    z, steps_of = task.data.measurements, type(tracker).all_steps
+    steps_of, gappy = type(tracker).all_steps, task.data._replace(measurements=z)
     assert (steps_of(tracker, LINEAR.model, start, z, 1) is None) == (compiled.kernels is None)
-    together = run_filter(task, task.data)
+    together = run_filter(task, gappy)
     monkeypatch.setattr(type(tracker), "all_steps", Filter.all_steps)
-    single = run_filter(task, task.data)
+    single = run_filter(task, gappy)
     np.testing.assert_array_equal(together.mean, single.mean)
     np.testing.assert_array_equal(together.nees, single.nees)
     assert single.diagnostics.keys() == together.diagnostics.keys()

@@ -826,34 +826,46 @@ KERNEL(c_track) {
   Size n = WHOLE(9), n_z = WHOLE(10), M = WHOLE(11), steps = LENGTH(6) / (n_z * n_z);
   Matrix F = {DOUBLES(0), n, n, n, 1, 1, 1}, Q = {DOUBLES(1), n, n, n, 1, 1, 1};
   Matrix H = {DOUBLES(2), n_z, n, n, 1, 1, 1}, R = {DOUBLES(3), n_z, n_z, n_z, 1, 1, 1};
-  static double predicted_memory[MOST], gain_memory[MOST], memory[MOST * CHUNK];
+  static double predicted_memory[MOST], gain_memory[MOST], rows_memory[MOST], memory[MOST * CHUNK];
   Matrix predicted = {predicted_memory, n, n, n, 1, 1, 1}, K = {gain_memory, n, n_z, n_z, 1, 1, 1};
   for (Size k = 0; k < steps; k++) {
-    double *cov = DOUBLES(5) + k * n * n, *S_k = DOUBLES(6) + k * n_z * n_z, L_memory[4] = {0.0};
+    double *cov = DOUBLES(5) + k * n * n, *S_k = DOUBLES(6) + k * n_z * n_z, L_memory[4] = {0.0}, noise_memory[4];
     Matrix P = {cov, n, n, n, 1, 1, 1}, posterior = {cov + n * n, n, n, n, 1, 1, 1};
     Matrix S = {S_k, n_z, n_z, n_z, 1, 1, 1}, L = {L_memory, n_z, n_z, n_z, 1, 1, 1};
     Matrix before = {DOUBLES(4) + k * n * M, n, 1, M, 0, M, 0}, m = {before.at + n * M, n, 1, M, 0, M, 0};
     Matrix nu = {DOUBLES(7) + k * n_z * M, n_z, 1, M, 0, M, 0};
     double *restrict nis = DOUBLES(8) + k * M;
-    /* Step 1: F P F' + Q, the gain and the posterior covariance, which no measurement enters. */
+    /* Step 1: leave missing components (NaN, in all runs) out, `drop_missing`. */
+    Matrix rows = {rows_memory, n_z, n, n, 1, 1, 1}, noise = {noise_memory, n_z, n_z, n_z, 1, 1, 1};
+    int missing[2] = {isnan(nu.at[0]), n_z == 2 && isnan(nu.at[M])};
+    for (Size i = 0; i < n_z; i++) {
+      for (Size j = 0; j < n; j++) rows_memory[i * n + j] = missing[i] ? 0.0 : H.at[i * n + j];
+      for (Size j = 0; j < n_z; j++)
+        noise_memory[i * n_z + j] = missing[i] || missing[j] ? i == j : R.at[i * n_z + j];
+    }
+    /* Step 2: F P F' + Q, the gain and the posterior covariance, which no measurement enters. */
     sandwich(&F, &P, &predicted, 0, 1);
     add(&predicted, &Q, 0, 1);
-    gain(&predicted, &H, &R, &S, &K, 0, 1);
-    joseph(&predicted, &H, &R, &K, &posterior, 0, 1);
+    gain(&predicted, &rows, &noise, &S, &K, 0, 1);
+    joseph(&predicted, &rows, &noise, &K, &posterior, 0, 1);
     if (n_z == 2) factor_two(S_k, L_memory);
     for (Size from = 0; from < M; from += CHUNK) {
       Size count = M - from < CHUNK ? M - from : CHUNK;
-      /* Step 2: F m and nu = z - H F m. */
+      /* Step 3: F m and nu = z - H F m, for now 0 where z is missing. */
       multiply(&F, &before, &m, from, count);
       product_in(memory, &H, &m, from, count);
       for (Size i = 0; i < n_z; i++)
-        for (Size l = 0; l < count; l++) nu.at[i * M + from + l] -= memory[i * CHUNK + l];
-      /* Step 3: m + K nu, and nu' S^-1 nu. */
+        for (Size l = 0; l < count; l++)
+          nu.at[i * M + from + l] = missing[i] ? 0.0 : nu.at[i * M + from + l] - memory[i * CHUNK + l];
+      /* Step 4: m + K nu, and nu' S^-1 nu. */
       Matrix correction = product_in(memory, &K, &nu, from, count);
       add(&m, &correction, from, count);
       if (n_z == 2) mahalanobis(&L, &nu, nis, from, count);
       else for (Size l = from; l < from + count; l++) nis[l] = nu.at[l] * nu.at[l] / (S_k[0] > 0.0 ? S_k[0] : NAN);
     }
+    for (Size i = 0; i < n_z; i++)
+      for (Size l = 0; l < M && missing[i]; l++) nu.at[i * M + l] = NAN;
+    for (Size l = 0; l < M && missing[0] && missing[n_z - 1]; l++) nis[l] = NAN;
   }
   DONE;
 }

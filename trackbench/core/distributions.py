@@ -128,8 +128,10 @@ def root_of(state: Gaussian) -> Array:
 
 def per_run_moments(of: Distribution) -> Gaussian:
     """Give each run a covariance of its own (n, n, M), which is read-only if runs share one."""
-    n, runs = of.mean.shape
-    return Gaussian(of.mean, np.broadcast_to(with_trailing(of.cov, 1, leading=2), (n, n, runs)))
+    (n, runs), cov = of.mean.shape, of.cov
+    if cov.shape != (n, n, runs):
+        cov = np.broadcast_to(with_trailing(cov, 1, leading=2), (n, n, runs))
+    return Gaussian(of.mean, cov)
 
 
 def zero_mean_log_prob(e: Array, cov: Array, root: Array | None = None) -> Array:

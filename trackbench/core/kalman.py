@@ -9,7 +9,16 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from trackbench.core import compiled, linalg
-from trackbench.core.arrays import Array, Mask, any_nan, note, once, with_axes_of, with_trailing
+from trackbench.core.arrays import (
+    Array,
+    Mask,
+    all_finite,
+    any_nan,
+    note,
+    once,
+    with_axes_of,
+    with_trailing,
+)
 from trackbench.core.distributions import LOG_2PI, Factored, Gaussian, from_root, zero_mean_log_prob
 from trackbench.core.elementary import log
 
@@ -154,10 +163,12 @@ def track(
     tuple or None
         Posteriors, means (n, T, M) and covariances (n, n, T, 1); innovations, nu (n_z, T, M) and S
         (n_z, n_z, T, 1); NIS (T, M). None if there are no C kernels, n > 6, n_z > 2, the covariance
-        is per run, a measurement is missing (NaN), or any innovation or NIS is NaN.
+        is per run, a component is missing (NaN) in some of the runs only, or a run diverges.
     """
-    (n_z, T, M), n = z.shape, len(F)
-    if not compiled.kernels or n > 6 or n_z > 2 or prior.cov.ndim > 2 or any_nan(z):
+    (n_z, T, M), n, missing = z.shape, len(F), np.isnan(z)
+    if not compiled.kernels or n > 6 or n_z > 2 or prior.cov.ndim > 2:
+        return None
+    if (missing != missing[..., :1]).any():
         return None
     means, covs = np.empty((T + 1, n, M)), np.empty((T + 1, n, n))
     means[0], covs[0] = prior.mean, prior.cov
@@ -166,7 +177,8 @@ def track(
     nu[:] = z.swapaxes(0, 1)
     model = (np.ascontiguousarray(A, dtype=np.float64) for A in (F, Q, H, R))
     compiled.kernels.track(*model, means, covs, S, nu, nis, n, n_z, M)
-    if any_nan(nu) or any_nan(nis):
+    of_runs = np.isnan(nis) == missing.all(axis=0)
+    if not (all_finite(means) and of_runs.all() and (np.isnan(nu.swapaxes(0, 1)) == missing).all()):
         return None
     note("covariances", nis[:, 0], components=0)  # one per step, since all runs share it
     # Steps become an axis of the batch.

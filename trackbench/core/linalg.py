@@ -94,7 +94,7 @@ def identity_minus(A: Array) -> Array:
 
 def diagonal(A: Array) -> Array:
     """Stack the diagonal to a vector (n, *batch)."""
-    return np.stack([A[i, i] for i in range(A.shape[0])])
+    return np.array([A[i, i] for i in range(A.shape[0])])
 
 
 def trace(A: Array) -> Array:

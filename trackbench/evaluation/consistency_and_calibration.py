@@ -79,7 +79,7 @@ class ConsistencySeries:
 
     def _reduce_waiting(self) -> None:
         if self._waiting:
-            self._reduce(_side_by_side(self._waiting))
+            self._reduce(side_by_side(self._waiting))
             self._waiting.clear()
 
     def _reduce(self, cov: Array) -> None:
@@ -99,14 +99,16 @@ class ConsistencySeries:
         self._scored = part.stop
 
 
-def _side_by_side(covs: Sequence[Array]) -> Array:
+def side_by_side(covs: Sequence[Array]) -> Array:
     """Stack the covariances (n, n, S, M) of S steps; (n, n, S, 1) if the runs share all of them."""
     if all(cov.ndim == 2 for cov in covs):
         return np.stack(covs, axis=2)[..., None]
-    covs = [with_trailing(cov, 1, leading=2) for cov in covs]
-    # A covariance that the runs of a step share is repeated if another step has one per run.
-    widest = max((cov.shape for cov in covs), key=lambda shape: shape[-1])
-    return np.stack([np.broadcast_to(cov, widest) for cov in covs], axis=2)
+    if any(cov.shape != covs[0].shape for cov in covs):
+        covs = [with_trailing(cov, 1, leading=2) for cov in covs]
+        # A covariance that the runs of a step share is repeated if another step has one per run.
+        widest = max((cov.shape for cov in covs), key=lambda shape: shape[-1])
+        covs = [np.broadcast_to(cov, widest) for cov in covs]
+    return np.stack(covs, axis=2)
 
 
 def observed(

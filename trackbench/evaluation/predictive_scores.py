@@ -24,10 +24,11 @@ import numpy as np
 from numpy.random import Generator
 
 from trackbench.core import linalg
-from trackbench.core.arrays import Array, Mask, freeze
-from trackbench.core.distributions import Gaussian, per_run_moments
+from trackbench.core.arrays import Array, Mask, all_finite, freeze
+from trackbench.core.distributions import Gaussian
 from trackbench.core.kalman import Innovation
 from trackbench.core.sums import total
+from trackbench.evaluation.consistency_and_calibration import side_by_side
 from trackbench.evaluation.validate_output import checked_numbers
 from trackbench.extension_points import foreign_parts
 from trackbench.filters.base import AnyFilter, Steps, has_likelihood
@@ -93,12 +94,12 @@ class PredictionScorer:
         self._all = measurements
         self._held_out = held_out(measurements, hold_out) if hold_out else None
         self.visible = visible_to_filter(measurements, hold_out)
-        self._rows: dict[str, list[Array]] = {}
-        self._held: dict[str, list[Array]] = {}
-        self._held_steps: list[int] = []
-        self._pending: list[tuple[Gaussian, Array, int]] = []
-        self._innovations: list[Innovation] = []
+        self._predicted, self._held = _Innovations(model), _Innovations(model)
         self._refused: list[Mask] = []
+        self._scores: list[Array] = []
+        self._held_scores: list[Array] = []
+        self._held_steps: list[int] = []
+        self._has_likelihood = has_likelihood(tracker)
         # The state of a plugin's filter may call something else its prediction.
         self._has_predictions = not foreign_parts(tracker)
 
@@ -119,95 +120,83 @@ class PredictionScorer:
             return
         z = self.visible[:, i]
         if "score" in self._wanted:
-            for name, row in self._scores(step.after, _measured(z)).items():
-                self._rows.setdefault(name, []).append(row)
+            self._scores += self._log_likelihoods(step.after, z.shape[1])
         if "prediction" in self._wanted:
-            predicted = per_run_moments(self._prediction(step, z))
-            self._pending.append((predicted, z, step.k))
-            if len(self._pending) * predicted.cov.size >= _AT_ONCE:
-                self._predict_pending()
+            self._predicted.add(self._prediction(step, z), z, step.k)
             refused = np.zeros(z.shape[1]) if step.refused is None else step.refused
             self._refused.append(refused > 0.0)
-        # The first step names the series, which are NaN where nothing is held out.
-        if self._held_out is not None and (i == 0 or self._held_out[i].any()):
-            self._score_held_out(step, np.where(self._held_out[i], self._all[:, i], np.nan))
+        if self._held_out is not None and self._held_out[i].any():
+            # Without the measurement the estimate is the prediction.
+            z = freeze(np.where(self._held_out[i], self._all[:, i], np.nan))
+            self._held.add(_copy(step.estimate), z, step.k)
             self._held_steps.append(i)
+            if self._has_likelihood:
+                # Log-likelihood by a step aside that is given the measurement.
+                after = self._aside(step, z)
+                self._held_scores += self._log_likelihoods(after, z.shape[1])
 
     def add_steps(self, ahead: Steps, part: slice, steps: Sequence[int]) -> bool:
         """Add the steps that used the measurements of a part; False if each must be added alone."""
         if self.disabled:
             return True
-        if self._held_out is not None or not self._has_predictions or ahead.together is None:
+        if not self._has_predictions or ahead.together is None or ahead.before is None:
             return False
         state, z = ahead.together(), self.visible[:, part]
         predicted = _finite(state.prediction)
         if predicted is None:
             return False
         if "score" in self._wanted:
-            scores = self._scores(state, _measured(z))
-            self._rows.setdefault(_SCORE, []).extend(scores[_SCORE])
+            self._scores += self._log_likelihoods(state, *z.shape[1:])
         if "prediction" in self._wanted:
-            # The batch (T, M) becomes one axis.
-            n, batch = len(predicted.mean), z.shape[1:]
-            cov = np.broadcast_to(predicted.cov, (n, n, *batch)).reshape(n, n, -1)
-            self._predict(
-                Gaussian(predicted.mean.reshape(n, -1), cov), z.reshape(len(z), -1), steps
-            )
-            self._refused.extend(np.zeros(batch, dtype=np.bool_))
+            self._predicted.add_steps(predicted, z, steps)
+            self._refused.extend(np.zeros(z.shape[1:], dtype=np.bool_))
+        if self._held_out is not None and self._held_out[part].any():
+            at = np.flatnonzero(self._held_out[part].any(axis=1))
+            z = np.where(self._held_out[part][at], self._all[:, part][:, at], np.nan)
+            estimate = Gaussian(ahead.estimate.mean[:, at], ahead.estimate.cov[:, :, at])
+            self._held.add_steps(estimate, z, np.take(steps, at).tolist())
+            self._held_steps += (at + part.start).tolist()
+            if self._has_likelihood:
+                z = freeze(z.reshape(len(z), -1))
+                before = ahead.before(at)
+                after = self._tracker.step(self._model, before, z, steps[0], self._rng)
+                self._held_scores += self._log_likelihoods(after, z.shape[1])
         return True
 
     def series(self) -> dict[str, Array]:
         """Return values (T + 1, M) by the name of their series; of the first state there are none."""
-        rows = {name: np.stack(values) for name, values in self._rows.items()}
-        for name, values in self._held.items():
-            rows[name] = np.full(self._all.shape[1:], np.nan)
-            rows[name][self._held_steps] = values
-        self._predict_pending()
-        if self._innovations:
-            scores = {_SCORE: rows.pop(_SCORE)} if _SCORE in rows else {}
-            rows = scores | self._predicted() | rows
+        rows: dict[str, Array] = {}
+        if self._scores:
+            rows[_SCORE] = np.where(_measured(self.visible), np.stack(self._scores), np.nan)
+        if "prediction" in self._wanted:
+            rows |= self._of_predictions()
+        if self._held_out is not None:
+            rows |= self._of_held_out(self._held_out)
         return {name: after_first(values) for name, values in rows.items()}
 
-    def _aside(self, step: Step, z: Array) -> tuple[Any, Gaussian]:
+    def _aside(self, step: Step, z: Array) -> Any:
+        """Return the state after a step with other measurements."""
         before = self.snapshot(step.before)
-        state = self._tracker.step(self._model, before, z, step.k, self._rng)
-        return state, self._tracker.estimate(state)
+        return self._tracker.step(self._model, before, z, step.k, self._rng)
 
     def _prediction(self, step: Step, z: Array) -> Gaussian:
         """Return the estimate after a step without a measurement."""
         if self._has_predictions and (stored := _finite(getattr(step.after, "prediction", None))):
             return stored
-        estimate = self._aside(step, freeze(np.full_like(z, np.nan)))[1]
-        # A filter may write to its own arrays at its next step.
-        return Gaussian(estimate.mean.copy(), estimate.cov.copy())
+        nothing = freeze(np.full_like(z, np.nan))
+        return _copy(self._tracker.estimate(self._aside(step, nothing)))
 
-    def _predict_pending(self) -> None:
-        """Compute the innovations of the steps since the last call, all at once."""
-        if self._pending:
-            estimates, z, steps = zip(*self._pending, strict=True)
-            means = np.concatenate([estimate.mean for estimate in estimates], axis=-1)
-            covs = np.concatenate([estimate.cov for estimate in estimates], axis=-1)
-            self._predict(Gaussian(means, covs), np.concatenate(z, axis=1), steps)
-            self._pending.clear()
-
-    def _predict(self, predicted: Gaussian, z: Array, steps: Sequence[int]) -> None:
-        """Compute the innovations of z (n_z, T M), each step's runs in turn."""
-        model = Model(self._model.motion, SensorOfSteps(self._model.sensor, steps))
-        self._innovations.append(predicted_innovation(model, predicted, z, steps[-1]))
-
-    def _scores(self, state: Any, measured: Mask) -> dict[str, Array]:
-        if not has_likelihood(self._tracker):
-            return {}
+    def _log_likelihoods(self, state: Any, *batch: int) -> list[Array]:
+        """Return the rows (M,) of the increments (*batch) of one or many steps."""
+        if not self._has_likelihood:
+            return []
         increments: Any = self._tracker.log_likelihood(state)
-        checked = checked_numbers("series", {_SCORE: increments}, *measured.shape)
-        return {_SCORE: np.where(measured, checked[_SCORE], np.nan)}
+        checked = checked_numbers("series", {_SCORE: increments}, *batch)
+        return [*checked[_SCORE].reshape(-1, self._all.shape[2])]
 
-    def _predicted(self) -> dict[str, Array]:
+    def _of_predictions(self) -> dict[str, Array]:
         """Return the series (T, M) of the innovations, all steps at once."""
-        T, M = np.shape(self._refused)
-        nu = np.concatenate([i.nu for i in self._innovations], axis=1).reshape(-1, T, M)
-        S = np.concatenate([i.S for i in self._innovations], axis=2)
-        S = S.reshape(*S.shape[:2], T, M)
+        nu, S = self._predicted.joined(self._all.shape[2])
         # Step 1: whiten, e = L^-1 nu with S = L L'; missing and refused components have no e.
         missing = np.isnan(nu) | np.stack(self._refused)
         number = (~missing).sum(axis=0)
@@ -221,21 +210,17 @@ class PredictionScorer:
         lagged = {f"autocovariance_{lag}": _sum_of_known(rows) for lag, rows in products}
         return self._errors("predicted", nu) | counts | lagged
 
-    def _score_held_out(self, step: Step, z: Array) -> None:
-        """Score held-out measurements: without them the estimate is the prediction."""
-        measured = _measured(z)
-        nu = z  # of nothing there is no error
-        if measured.any():
-            nu = predicted_innovation(self._model, step.estimate, z, step.k).nu
-        series = self._errors("held", nu)
-        if has_likelihood(self._tracker):
-            scores = {_SCORE: np.full(len(measured), np.nan)}
-            if measured.any():
-                # Log-likelihood by a step aside that is given the measurement.
-                scores = self._scores(self._aside(step, freeze(z))[0], measured)
-            series[f"held_{_SCORE}"] = scores[_SCORE]
-        for name, row in series.items():
-            self._held.setdefault(name, []).append(row)
+    def _of_held_out(self, held_out: Mask) -> dict[str, Array]:
+        """Return the series (T, M) of held-out measurements, NaN of the others."""
+        nu, scores = np.full(self._all.shape, np.nan), np.full(held_out.shape, np.nan)
+        if self._held_steps:
+            nu[:, self._held_steps] = self._held.joined(self._all.shape[2])[0]
+        rows = self._errors("held", nu)
+        if self._has_likelihood:
+            if self._held_scores:
+                scores[self._held_steps] = self._held_scores
+            rows[f"held_{_SCORE}"] = np.where(held_out, scores, np.nan)
+        return rows
 
     def _errors(self, head: str, nu: Array) -> dict[str, Array]:
         names = self._model.sensor.components
@@ -243,9 +228,56 @@ class PredictionScorer:
         return squares | {f"error_{head}_{c}": e for c, e in zip(names, nu, strict=True)}
 
 
+class _Innovations:
+    """Innovations of predictions, computed for many steps in one call."""
+
+    def __init__(self, model: Model) -> None:
+        self._model = model
+        self._waiting: list[tuple[Gaussian, Array, int]] = []
+        self._computed: list[Innovation] = []
+
+    def add(self, predicted: Gaussian, z: Array, k: int) -> None:
+        """Add the prediction of step k and its measurements (n_z, M)."""
+        self._waiting.append((predicted, z, k))
+        if len(self._waiting) * len(predicted.mean) * predicted.mean.size >= _AT_ONCE:
+            self._compute_waiting()
+
+    def add_steps(self, predicted: Gaussian, z: Array, steps: Sequence[int]) -> None:
+        """Add the predictions of steps, means (n, T, M), and their measurements (n_z, T, M)."""
+        n, model = (
+            len(predicted.mean),
+            Model(self._model.motion, SensorOfSteps(self._model.sensor, steps)),
+        )
+        # The batch (T, M) becomes one axis.
+        cov = np.broadcast_to(predicted.cov, (n, n, *z.shape[1:])).reshape(n, n, -1)
+        together = Gaussian(predicted.mean.reshape(n, -1), cov)
+        z = z.reshape(len(z), -1)
+        self._computed.append(predicted_innovation(model, together, z, steps[-1]))
+
+    def joined(self, runs: int) -> tuple[Array, Array]:
+        """Return the innovations (n_z, T, M) of all steps and their covariances (n_z, n_z, T, M)."""
+        self._compute_waiting()
+        nu = np.concatenate([i.nu for i in self._computed], axis=1)
+        S = np.concatenate([i.S for i in self._computed], axis=2)
+        return nu.reshape(len(nu), -1, runs), S.reshape(len(nu), len(nu), -1, runs)
+
+    def _compute_waiting(self) -> None:
+        if self._waiting:
+            estimates, z, steps = zip(*self._waiting, strict=True)
+            self._waiting.clear()
+            means = np.stack([estimate.mean for estimate in estimates], axis=1)
+            covs = side_by_side([estimate.cov for estimate in estimates])
+            self.add_steps(Gaussian(means, covs), np.stack(z, axis=1), steps)
+
+
+def _copy(estimate: Gaussian) -> Gaussian:
+    """Copy an estimate, as a filter may write to its own arrays at its next step."""
+    return Gaussian(estimate.mean.copy(), estimate.cov.copy())
+
+
 def _finite(stored: Gaussian | None) -> Gaussian | None:
     """Return a stored prediction without infinite moments, which an update would turn to NaN."""
-    if stored is None or not (np.isfinite(stored.mean).all() and np.isfinite(stored.cov).all()):
+    if stored is None or not (all_finite(stored.mean) and all_finite(stored.cov)):
         return None
     return stored
 

@@ -336,8 +336,8 @@ class _ParticleRecorder:
 
     def add(self, state: Any, posterior: Posterior | None, k: int) -> None:
         """Record the state at step k; any other than one of particles is left out."""
-        if not isinstance(posterior, ParticlePosterior):
-            return
+        if posterior is None or not isinstance(posterior, ParticlePosterior):
+            return  # `isinstance` of a Protocol's subclass takes as long as a small step
         if k in self.wanted:
             x, w = (a[..., : self._runs, :] for a in posterior.particles)
             unknown = np.full(w.shape, np.nan)

@@ -9,7 +9,7 @@ import numpy as np
 from annotated_types import Interval
 from numpy.random import Generator
 
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, Index
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kalman import Innovation
 from trackbench.core.posterior_scores import Posterior
@@ -189,6 +189,8 @@ class Steps(NamedTuple):
     """returns the state after the measurement of this index: 0 is the first of the T, -1 the last"""
     together: Callable[[], Any] | None = None
     """returns one state of all T steps with its `prediction`, each step and run an entry (T, M)"""
+    before: Callable[[Index], Any] | None = None
+    """returns one state before the steps of these indices, each step's runs in turn, for any step"""
 
 
 @dataclass(frozen=True, kw_only=True)

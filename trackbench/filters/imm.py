@@ -8,7 +8,7 @@ import numpy as np
 from numpy.random import Generator
 
 from trackbench.core import linalg
-from trackbench.core.arrays import Array, Mask
+from trackbench.core.arrays import Array, Mask, any_nan
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.kalman import Innovation
 from trackbench.core.mixtures import (
@@ -55,9 +55,10 @@ class ModelBank(NamedTuple):
     @property
     def moments(self) -> Gaussian:
         """Moments of the mixture, of the components that all models have."""
-        n = self.reported
-        shared = [Gaussian(s.mean[:n], s.cov[:n, :n]) for s in self.states]
-        return combine(shared, self.weights)
+        n, states = self.reported, self.states
+        if any(len(s.mean) > n for s in states):
+            states = tuple(Gaussian(s.mean[:n], s.cov[:n, :n]) for s in states)
+        return combine(states, self.weights)
 
     @property
     def prediction(self) -> Gaussian | None:
@@ -152,7 +153,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
             innovations = tuple(innovation._replace(predicted=None) for innovation in innovations)
         # Step 4: weights mu_j ~ c_j N(nu_j; 0, S_j).
         judged = [innovation.nis_and_scale() for innovation in innovations]
-        nis, mantissa, exponent = (np.stack(rows) for rows in zip(*judged, strict=True))
+        nis, mantissa, exponent = map(np.array, zip(*judged, strict=True))
         refused = np.zeros(z.shape[1:], dtype=np.bool_)
         if self.filter.gate is not None:
             # Where every model's gate refuses the measurement, predict only.
@@ -161,11 +162,11 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
             z = np.where(refused, np.nan, z)
             updated = [self.filter.robust_update(of, mixed, z, k) for of, mixed in pairs]
             states, _, sensor_weights = zip(*updated, strict=True)
-        ratios = np.stack([*map(self.filter.log_ratio, innovations, nis)])
+        ratios = np.array([*map(self.filter.log_ratio, innovations, nis)])
         weights = update_weights(predicted, nis - 2.0 * ratios, mantissa, exponent)
         mean_nis = total(predicted * nis, axis=0)
-        missing = np.isnan(z).all(axis=0)
-        if missing.any():
+        if any_nan(z):
+            missing = np.isnan(z).all(axis=0)
             weights = np.where(missing, predicted, weights)
             mean_nis = np.where(missing, np.nan, mean_nis)
         bank = ModelBank(states, weights, mean_nis, state.reported, innovations, predicted)
@@ -234,7 +235,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         """Return the logarithm (M,) of the models' likelihoods, summed with predicted weights."""
         if state.predicted is None:
             return np.full(state.nis.shape, np.nan)
-        each = np.stack([*map(self.filter.log_density, state.innovations)])
+        each = np.array([*map(self.filter.log_density, state.innovations)])
         return log_mixture(state.predicted, each)
 
     @property

@@ -9,7 +9,7 @@ from annotated_types import Ge, Interval
 from numpy.random import Generator
 
 from trackbench.core import kalman
-from trackbench.core.arrays import Array, Mask, fixed
+from trackbench.core.arrays import Array, Index, Mask, fixed
 from trackbench.core.conversions import Conversion
 from trackbench.core.distributions import (
     Distribution,
@@ -311,11 +311,19 @@ def constant_steps(model: Model, state: Tracked, z: Array) -> Steps | None:
         posterior = Gaussian(x.mean[:, i], x.cov[:, :, i, 0])
         return Tracked(posterior, nis[i], Innovation(nu.nu[:, i], nu.S[:, :, i, 0]))
 
-    def together() -> Tracked:
+    def moments_before() -> Gaussian:
         mean = np.concatenate([state.posterior.mean[:, None], x.mean[:, :-1]], axis=1)
         first = state.posterior.cov[..., None, None]
-        before = Gaussian(mean, np.concatenate([first, x.cov[:, :, :-1]], axis=2))
-        predicted = kalman.predict(before, motion.F, motion.Q)
+        return Gaussian(mean, np.concatenate([first, x.cov[:, :, :-1]], axis=2))
+
+    def together() -> Tracked:
+        predicted = kalman.predict(moments_before(), motion.F, motion.Q)
         return Tracked(x, nis, nu._replace(predicted=predicted))
 
-    return Steps(x, {"nis": nis}, at, together)
+    def before(steps: Index) -> Tracked:
+        mean, cov = moments_before().mean[:, steps], moments_before().cov[:, :, steps]
+        cov = np.broadcast_to(cov, (*cov.shape[:2], *mean.shape[1:]))
+        each = Gaussian(mean.reshape(len(mean), -1), cov.reshape(*cov.shape[:2], -1))
+        return Tracked(each, np.full(each.mean.shape[1], np.nan))
+
+    return Steps(x, {"nis": nis}, at, together, before)

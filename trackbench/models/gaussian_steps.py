@@ -290,7 +290,8 @@ class _Measured(NamedTuple):
     """covariance (n_x, n_z, M) of state and measurement"""
     nu: Array
     """innovation; NaN where a component is missing"""
-    missing: Mask
+    missing: Mask | None
+    """missing components, if any is"""
 
 
 def _measured(
@@ -315,15 +316,14 @@ def _measured(
     C = points.cross(x, predicted.mean, relative, z_mean)
     S = S if R is None else S + R
     # Step 3: the innovation; a missing component (NaN) loses its row and column of S and C.
-    batch = predicted.mean.shape[1:]
-    z = np.broadcast_to(with_trailing(z, len(batch)), (len(z), *batch))
+    batch, missing = predicted.mean.shape[1:], None
+    if z.shape[1:] != batch:
+        z = np.broadcast_to(with_trailing(z, len(batch)), (len(z), *batch))
     nu = model.sensor.innovation(z, center[:, 0] + z_mean)
-    missing = np.zeros(nu.shape, dtype=np.bool_)
-    if any_nan(nu):
-        missing = np.isnan(nu) & np.isfinite(predicted.mean).all(axis=0)
-        if missing.any():
-            rows, S = kalman.drop_missing(linalg.transpose(C), S, missing)
-            C = linalg.transpose(rows)
+    if any_nan(nu) and (lacks := np.isnan(nu) & np.isfinite(predicted.mean).all(axis=0)).any():
+        missing = lacks
+        rows, S = kalman.drop_missing(linalg.transpose(C), S, missing)
+        C = linalg.transpose(rows)
     return _Measured(relative, z_mean, S, C, nu, missing)
 
 
@@ -332,9 +332,10 @@ def _condition(
 ) -> Updated:
     """Condition the prediction on the measurements of its points x (steps 1 to 3: `_measured`)."""
     relative, z_mean, S, C, nu, missing = measured
-    known = np.where(missing, 0.0, nu) if missing.any() else nu
+    known = nu if missing is None else np.where(missing, 0.0, nu)
     if isinstance(predicted, Factored):
         added = np.zeros(S.shape[:2]) if R is None else R
+        missing = np.zeros(nu.shape, dtype=np.bool_) if missing is None else missing
         added, dx = kalman.drop_missing_cov(added, missing), x - predicted.mean[:, None]
         dz = np.where(missing[:, None], 0.0, relative - z_mean[:, None])
         D = points.columns(dx), points.columns(dz)
@@ -356,8 +357,8 @@ def _condition(
 
 def is_cancelled(difference: Array, of: Array) -> Mask:
     """Return where (*batch) a difference of covariances ``of - ...`` has lost its digits."""
-    left = linalg.diagonal(difference) < _CANCELLED * linalg.diagonal(of)
-    return np.asarray(left.any(axis=0))
+    left = difference.diagonal() < _CANCELLED * of.diagonal()
+    return np.asarray(left.any(axis=-1))
 
 
 def _augment(state: Gaussian, Q: Array, R: Array) -> Gaussian:
