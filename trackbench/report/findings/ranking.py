@@ -124,8 +124,12 @@ class Ranking(NamedTuple):
     def marked(self) -> list[Candidate]:
         """Filters that a table marks: the best, and ties up to the first that is not near it.
 
-        None if a filter is not near and none is worse: the runs decide nothing.
+        None if a filter is not near and none is worse, or if one is untested: nothing is decided.
         """
+        if not all(
+            rival.comparison.is_tested or rival.comparison.is_equal for rival in self.rivals
+        ):
+            return []
         is_score = self.metric.family[0].is_score
         near = [*takewhile(lambda tie: is_score or tie.is_near, self.ties)]
         decides = self.worse or len(near) == len(self.not_worse)

@@ -20,6 +20,7 @@ from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
 from trackbench.results.point_facts import GridPoint
+from trackbench.statistics import rules
 from trackbench.statistics.comparison import Sample
 from trackbench.statistics.intervals import has_heavy_tail
 from trackbench.statistics.over_runs import STATISTICS, influence, interval
@@ -96,7 +97,7 @@ def best_labels(expressions: Evaluator, labels: Sequence[str], m: Measure) -> li
     """Return the filters that are marked as best, by the ranking at this point.
 
     The other filters of the experiment belong to its family of tests. Of a time or a step, of which
-    runs have no values, only the least value is the best.
+    runs have no values, only the least value is the best; of a step none in fewer than five runs.
     """
     smaller = m.is_cpu_time or m.family[0].better == "lower"
     if not (smaller or m.family[0].is_score) or m.relation in ("gain", "win_rate"):
@@ -110,6 +111,9 @@ def best_labels(expressions: Evaluator, labels: Sequence[str], m: Measure) -> li
         others = [c for label, c in candidates.items() if label not in labels]
         ranking = ranking_of(rivals, m.metric, unranked=others)
         return [c.label for c in ranking.marked]
+    runs = max(map(len, expressions.runs.values()), default=0)
+    if runs < rules.FEWEST_RUNS and not m.is_cpu_time:
+        return []
     values = {label: _cell(expressions, m.of(label)).estimate.value for label in labels}
     values = {label: value for label, value in values.items() if isfinite(value)}
     least = min(values.values(), default=0.0)
