@@ -188,6 +188,15 @@ def test_claims_on_a_recording_are_decided_by_its_steps(tmp_path: Path) -> None:
     assert not np.isnan(difference.stderr)
 
 
+def test_a_short_recording_decides_nothing_and_names_its_steps(tmp_path: Path) -> None:
+    """No filter is marked, and no number of runs is asked for: there is one recording."""
+    words = ["scenario.last=40", "figures={}", "key_figure=null", "published=[]"]
+    options = api.Options(engine="serial", quiet=True, formats=(), times=False, set=words)
+    results = api.run("car-track", options, out=tmp_path / "out").results
+    assert answer(results) == ["Undecided: 40 judged steps, and 50 are needed."]
+    assert not any(table.best for table in results.tables.values())
+
+
 OTHER_QUESTIONS = {"report/tables/calibration.py", "report/figures/critical_difference.py"}
 """Tests of uniformity and of mean ranks: their level is a key of the table or figure."""
 JUDGED = {"z", "p", "p_holm", "z_worse", "z_score", "stderr"}

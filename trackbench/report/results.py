@@ -36,7 +36,6 @@ from trackbench.results.folder import ResultsFolder
 from trackbench.results.folder_contents import DEFAULT, TRACK
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics.comparison import Sample
-from trackbench.statistics.series import LEAST_STEPS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -208,7 +207,7 @@ class Results(ResultsFolder):
     def judged_steps(self, point: GridPoint) -> dict[tuple[str, str], Array]:
         """Return what each step (T,) of one recorded run adds to a number, by (filter, metric).
 
-        The mean is the number; steps without a value are NaN. Metrics of too few steps are left out.
+        The mean is the number; steps without a value are NaN.
         """
         judged, runs = self.facts(point).judged, self.runs(point)
         out = self._judged_steps.setdefault(tuple(point.items()), {})
@@ -222,8 +221,6 @@ class Results(ResultsFolder):
                 of = of.chosen((of["step"] >= first) & (of["step"] <= last))
                 values = np.full(last - first + 1, np.nan)
                 values[of["step"].astype(int) - first] = of["value"]
-                if np.isfinite(values).sum() < LEAST_STEPS:
-                    continue
                 whole = float(runs[label, metric][0])
                 # R = sqrt(mean e^2) changes by (e^2 - R^2) / (2 R) per step, to first order.
                 if measured(metric).family[0].name == "rmse":

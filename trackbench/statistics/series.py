@@ -45,7 +45,7 @@ def series_mean(series: Array) -> SeriesMean:
     x = series[~np.isnan(series)]
     T = len(x)
     if T < LEAST_STEPS:
-        why = f"{T} steps, and {LEAST_STEPS} are needed"
+        why = f"{T} judged steps, and {LEAST_STEPS} are needed"
         return SeriesMean(float(total(x) / max(T, 1)), np.nan, np.nan, why=why)
     mean = float(total(x)) / T
     d = x - mean

@@ -22,7 +22,7 @@ def answer(results: Results) -> list[str]:
     lines = [_undecided(standing)]
     if standing.best is not None:
         lines += [_tuned(results, standing), _other_metrics(results, standing)]
-        if standing.runs == 1 and standing.rivals:
+        if standing.runs == 1 and any(r.comparison.is_tested for r in standing.rivals):
             what = "by an error of their mean difference that allows for autocorrelation"
             lines.append(f"One recording: its steps decide, {what}.")
     return [line for line in lines if line]
