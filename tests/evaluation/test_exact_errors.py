@@ -19,7 +19,7 @@ from trackbench.evaluation.metric_expression import measure
 from trackbench.evaluation.run_filter import run_filter
 from trackbench.filters.kf import KF, Tracked
 from trackbench.report.expressions import Evaluator
-from trackbench.results.csv_files import CsvFiles
+from trackbench.results.write import CsvFiles
 
 LEGS = {
     "kind": "legs",

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import trackbench
-from trackbench.results.write import _commit
+from trackbench.results.run_facts import _commit
 
 
 def _git(folder: Path, *words: str) -> str:

@@ -1,15 +1,7 @@
-"""Write the files of a run into a results folder, each whole or not at all; facts of its manifest."""
+"""Write the files of a run into a results folder, each whole or not at all: CSV, tracks, config."""
 
-import hashlib
-import platform
-import re
-import subprocess
-import sys
-from collections.abc import Mapping
-from contextlib import ExitStack, suppress
-from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, distribution, version
-from importlib.resources import files
+from collections.abc import Iterable, Mapping
+from contextlib import ExitStack
 from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
@@ -17,27 +9,48 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-import trackbench
-from trackbench.atomic_files import ensure_folder, note, within, write_bytes, write_text
+from trackbench.atomic_files import (
+    CsvWriter,
+    Row,
+    atomic_write,
+    cells,
+    ensure_folder,
+    note,
+    shortened,
+    within,
+    write_bytes,
+    write_text,
+)
 from trackbench.config.dump import as_yaml, data_files, resolved
 from trackbench.config.experiment import Experiment
+from trackbench.config.metric_names import is_stored, stored_metrics
 from trackbench.config.requested_metrics import requested_contributions
-from trackbench.core import compiled
+from trackbench.core.arrays import Array, Index
 from trackbench.core.sums import total
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.consistency_and_calibration import sizes
 from trackbench.evaluation.error_series import LOST_BECAUSE, NOT_FINITE
-from trackbench.evaluation.metric_expression import measured
-from trackbench.evaluation.summary import FilterResult, with_shares
+from trackbench.evaluation.exact_errors import exact_series
+from trackbench.evaluation.metric_expression import exact_label, measured
+from trackbench.evaluation.summary import (
+    FilterResult,
+    StepColumns,
+    SummaryRow,
+    bound_steps,
+    bound_summary,
+    exact_rows,
+    step_columns,
+    summary_rows,
+    with_shares,
+)
 from trackbench.evaluation.timing import Measured
-from trackbench.execution import code_digests
-from trackbench.execution.code_digests import code_digest
 from trackbench.execution.plan import Key
 from trackbench.execution.runner import Outcome
-from trackbench.results.csv_files import CsvFiles
-from trackbench.results.folder_contents import remove_outputs
+from trackbench.results.folder_contents import COLUMNS, DIGITS, TIMING, remove_outputs
 from trackbench.results.point_facts import POINTS_FILE, points_text
+from trackbench.results.run_facts import facts_of_run
 from trackbench.results.tracks import FigureTracks, TrackFile
+from trackbench.statistics.over_runs import Estimate, Estimates, median
 
 
 class Losses(NamedTuple):
@@ -127,99 +140,121 @@ def write_results(
     return losses, facts_of_run(experiment, outcome) | {"cpu_s": cpu_s}
 
 
-_PIN = re.compile(r"^([A-Za-z0-9_.-]+)==([^\s;\\]+)(?! ;)", re.MULTILINE)
-"""A package that every system installs: one that only some systems need has a marker behind a ``;``."""
-_VERSION = re.compile(r"^Version: (\S+)$", re.MULTILINE)
-_PROCESSOR = re.compile(r"^model name\s*: (.+)$", re.MULTILINE)
-_PACKAGES = ("numpy", "scipy", "pandas", "matplotlib", "pydantic", "PyYAML")
+class CsvFiles:
+    """Files of a results folder, to which each filter's rows are added."""
+
+    def __init__(self, files: ExitStack, folder: Path, experiment: Experiment) -> None:
+        self._experiment = experiment
+        self._writers: dict[str, CsvWriter] = {}
+        for name, columns in COLUMNS.items():
+            path = folder / (TIMING if name == "timing.csv" else name)
+            self._writers[name] = CsvWriter(files.enter_context(atomic_write(path)))
+            self._writers[name].writerow([*experiment.settings.grid, *columns])
+
+    def add(self, key: Key, result: FilterResult) -> None:
+        """Add the rows of one filter at one grid point."""
+        point, label = key
+        scenario = self._experiment.points[point].scenario
+        self._add_runs(self._head(point, label), result.per_run)
+        self._add_steps(point, label, step_columns(result, sizes(scenario)))
+        # Only metrics that are written need a summary.
+        stored = stored_metrics(self._experiment.settings, "summary.csv")
+        per_run = {
+            metric: values
+            for metric, values in result.per_run.items()
+            if stored is None or measured(metric).base in {"lost", *stored}
+        }
+        result = result._replace(per_run=per_run)
+        self._add_summary(point, label, summary_rows(result, sizes(scenario), scenario.windows))
+        self._writers["timing.csv"].writerow([*self._cells(point, label), *_timing(result)])
+
+    def add_numbers_without_runs(self) -> None:
+        """Add lower bounds and exact errors, as of a filter; of exact errors no standard errors."""
+        settings = self._experiment.settings
+        for i, point in enumerate(self._experiment.points):
+            scenario = point.scenario
+            if settings.bound:
+                bounds, without = scenario.bounds(), scenario.bounds_without_batch()
+                rows = bound_summary(bounds, scenario.windows, without)
+                self._add_summary(i, settings.bound, rows)
+                self._add_steps(i, settings.bound, bound_steps(bounds, without))
+            for name in settings.exact:
+                tracker, assume = point.filters[name], point.assumed.get(name)
+                task = BlockTask(
+                    scenario, tracker, 0, 0, 1, 1, assume=assume, hold_out=settings.hold_out
+                )
+                summary, steps = exact_rows(exact_series(task), sizes(scenario), scenario.windows)
+                label = exact_label(name)
+                self._add_summary(i, label, [r._replace(stderr=np.nan, runs=0) for r in summary])
+                self._add_steps(i, label, map(_without_runs, steps))
+
+    def _add_runs(self, head: str, per_run: dict[str, Array]) -> None:
+        """Add rows of per_run.csv, a metric at a time: for their number `csv` is too slow."""
+        stored = stored_metrics(self._experiment.settings, "per_run.csv")
+        for metric, values in per_run.items():
+            if is_stored(stored, measured(metric).base):
+                texts, name = _texts(values, "per_run.csv"), cells([metric])
+                lines = [f"{head},{run},{name},{x}\n" for run, x in enumerate(texts)]
+                self._writers["per_run.csv"].write("".join(lines))
+
+    def _add_steps(self, point: int, label: str, columns: Iterable[StepColumns]) -> None:
+        """Add rows of per_step.csv, a series at a time: all metrics of a step, then the next step."""
+        file, head = "per_step.csv", self._head(point, label)
+        scenario = self._experiment.points[point].scenario
+        stored = stored_metrics(self._experiment.settings, file)
+        times = zip(scenario.steps.tolist(), _texts(scenario.times, file), strict=True)
+        heads = np.array([f"{head},{step},{time}" for step, time in times], dtype=object)
+        for of_series in columns:
+            lines: list[list[str]] = []
+            at, runs = heads[of_series.positions].tolist(), _texts(of_series.runs, file)
+            for metric, estimates in of_series.metrics.items():
+                if is_stored(stored, measured(metric).base):
+                    name, value, stderr = cells([metric]), *(_texts(x, file) for x in estimates)
+                    rows = zip(at, value, stderr, runs, strict=True)
+                    lines.append([f"{a},{name},{x},{s},{n}\n" for a, x, s, n in rows])
+            self._writers[file].write("".join(chain.from_iterable(zip(*lines, strict=True))))
+
+    def _add_summary(self, point: int, label: str, rows: Iterable[SummaryRow]) -> None:
+        stored = stored_metrics(self._experiment.settings, "summary.csv")
+        before, digits = self._cells(point, label), DIGITS["summary.csv"]
+        for row in rows:
+            if is_stored(stored, measured(row.metric).base):
+                value, stderr = (float(f"{x:.{digits}g}") for x in (row.value, row.stderr))
+                row = row._replace(value=value, stderr=stderr)
+                self._writers["summary.csv"].writerow([*before, *row])
+
+    def _cells(self, point: int, label: str) -> list[Any]:
+        """Begin a row: values of the grid point, and the filter."""
+        return [*self._experiment.points[point].values.values(), label]
+
+    def _head(self, point: int, label: str) -> str:
+        return cells(self._cells(point, label))
 
 
-def facts_of_run(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
-    """Collect the content of both manifests but for the format and the digests of the files."""
-    filters = experiment.points[0].filters
-    steps = [len(point.scenario.steps) - 1 for point in experiment.points]
-    recorded = all(point.scenario.recorded_runs is not None for point in experiment.points)
-    fixed = [label for label, f in filters.items() if f.deterministic and recorded]
-    looped = [label for label, f in filters.items() if f.loops_over_runs]
-    return {
-        "trackbench": trackbench.__version__,
-        "commit": _commit(),
-        "date": datetime.now(UTC).date().isoformat(),
-        "experiment": experiment.settings.name,
-        "seed": experiment.settings.seed,
-        "runs": experiment.settings.runs,
-        "steps": steps[0] if len(set(steps)) == 1 else steps,
-        "python": sys.version.split()[0],
-        "platform": platform.platform(),
-        "processor": _processor(),
-        "packages": {name: version(name) for name in _PACKAGES}
-        | dict(chain.from_iterable(plugin.packages for plugin in experiment.plugins)),
-        "lock": compare_lock(),
-        "plugins": {Path(plugin.path).name: plugin.digest for plugin in experiment.plugins},
-        "code": code_digest(),
-        "arithmetic": {
-            "own": code_digests.own_arithmetic(),
-            "numpy": code_digests.numpy_arithmetic(),
-            "compiled": compiled.kernels is not None,
-        },
-        "failed": [
-            {**experiment.points[i].values, "filter": label, "reason": why}
-            for (i, label), why in outcome.failures.items()
-        ],
-        "blocks": {"computed": outcome.computed, "reused": outcome.reused},
-        "wall_s": round(outcome.wall_s, 3),
-        **({"loops_over_runs": looped} if looped else {}),
-        **({"deterministic": fixed} if fixed else {}),
+def _texts(values: Array | Index, file: str) -> list[str]:
+    """Write numbers as the file has them."""
+    bits = np.ascontiguousarray(values).view(f"u{values.itemsize}")
+    if len(values) > 1 and (bits == bits[0]).all():
+        return _texts(values[:1], file) * len(values)
+    if values.dtype.kind != "f":
+        return [str(x) for x in values.tolist()]
+    return shortened(values.tolist(), DIGITS[file])
+
+
+def _without_runs(columns: StepColumns) -> StepColumns:
+    """Return exact numbers, which no runs and so no standard errors belong to."""
+    metrics = {
+        name: Estimates(estimates.value, np.full_like(estimates.stderr, np.nan))
+        for name, estimates in columns.metrics.items()
     }
+    return columns._replace(metrics=metrics, runs=np.zeros_like(columns.runs))
 
 
-def lock_file() -> Path:
-    """Locate the lock file: beside the code in a wheel, in requirements/ in a checkout."""
-    package = Path(str(files("trackbench")))
-    in_wheel = package / "requirements.txt"
-    return in_wheel if in_wheel.is_file() else package.parent / "requirements" / "run.txt"
-
-
-def compare_lock() -> dict[str, Any]:
-    """Digest the lock file; find the packages that are installed in another version."""
-    content = lock_file().read_bytes()
-    pins = dict(_PIN.findall(content.decode()))
-    installed = {name: _installed(name) for name in pins}
-    other = {name: now for name, now in installed.items() if now not in (pins[name], None)}
-    digest = hashlib.sha256(content).hexdigest()
-    return {"file": "requirements/run.txt", "sha256": digest, "other": other}
-
-
-def _installed(name: str) -> str | None:
-    """Look up a package's version; None if it is not installed, as a tool of the build may be."""
-    try:
-        text = distribution(name).read_text("METADATA")
-    except PackageNotFoundError:
-        return None
-    line = _VERSION.search(text or "")  # `version` would parse the whole text, thirty times
-    return line.group(1) if line else version(name)
-
-
-def _processor() -> str:
-    """Name the processor; Python reports none on Linux."""
-    with suppress(OSError):
-        line = _PROCESSOR.search(Path("/proc/cpuinfo").read_text(encoding="utf-8"))
-        return line.group(1) if line else platform.machine()
-    return platform.processor()
-
-
-def _commit() -> str | None:
-    """Find the git commit of the package's own source, if it is a checkout.
-
-    A repository around an installed package belongs to another program. In its own repository the
-    package is the folder ``trackbench`` at the top, and the commit has its files.
-    """
-    package = Path(trackbench.__file__).parent
-    try:
-        words = ["rev-parse", "--show-prefix", "HEAD", "HEAD:./__init__.py"]
-        command = ["git", "-C", str(package), *words]
-        answer = subprocess.run(command, capture_output=True, text=True, check=True)
-    except (OSError, subprocess.CalledProcessError):
-        return None
-    prefix, commit, _ = answer.stdout.splitlines()
-    return commit if prefix == f"{package.name}/" else None
+def _timing(result: FilterResult) -> Row:
+    """Return the CPU time of all blocks, and of a run: the median of its measured times, if any."""
+    runs = sum(t.runs for t in result.timing)
+    cpu_s = sum(t.cpu_s for t in result.timing)
+    seconds, *operations = result.measured or ([], None, None)
+    of_run = median(np.array(seconds)) if seconds else Estimate(cpu_s / runs, np.nan)
+    repeats = ";".join(f"{s:.6g}" for s in seconds)
+    return runs, cpu_s, *of_run, repeats, *("-" if n is None else f"{n:.6g}" for n in operations)

@@ -1,0 +1,118 @@
+"""Facts of a run for its manifest: versions, machine, commit, digests of code and packages."""
+
+import hashlib
+import platform
+import re
+import subprocess
+import sys
+from contextlib import suppress
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, distribution, version
+from importlib.resources import files
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import trackbench
+from trackbench.config.experiment import Experiment
+from trackbench.core import compiled
+from trackbench.execution import code_digests
+from trackbench.execution.code_digests import code_digest
+from trackbench.execution.runner import Outcome
+
+_PIN = re.compile(r"^([A-Za-z0-9_.-]+)==([^\s;\\]+)(?! ;)", re.MULTILINE)
+"""A package that every system installs: one that only some systems need has a marker behind a ``;``."""
+_VERSION = re.compile(r"^Version: (\S+)$", re.MULTILINE)
+_PROCESSOR = re.compile(r"^model name\s*: (.+)$", re.MULTILINE)
+_PACKAGES = ("numpy", "scipy", "pandas", "matplotlib", "pydantic", "PyYAML")
+
+
+def facts_of_run(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
+    """Collect the content of both manifests but for the format and the digests of the files."""
+    filters = experiment.points[0].filters
+    steps = [len(point.scenario.steps) - 1 for point in experiment.points]
+    recorded = all(point.scenario.recorded_runs is not None for point in experiment.points)
+    fixed = [label for label, f in filters.items() if f.deterministic and recorded]
+    looped = [label for label, f in filters.items() if f.loops_over_runs]
+    return {
+        "trackbench": trackbench.__version__,
+        "commit": _commit(),
+        "date": datetime.now(UTC).date().isoformat(),
+        "experiment": experiment.settings.name,
+        "seed": experiment.settings.seed,
+        "runs": experiment.settings.runs,
+        "steps": steps[0] if len(set(steps)) == 1 else steps,
+        "python": sys.version.split()[0],
+        "platform": platform.platform(),
+        "processor": _processor(),
+        "packages": {name: version(name) for name in _PACKAGES}
+        | dict(chain.from_iterable(plugin.packages for plugin in experiment.plugins)),
+        "lock": compare_lock(),
+        "plugins": {Path(plugin.path).name: plugin.digest for plugin in experiment.plugins},
+        "code": code_digest(),
+        "arithmetic": {
+            "own": code_digests.own_arithmetic(),
+            "numpy": code_digests.numpy_arithmetic(),
+            "compiled": compiled.kernels is not None,
+        },
+        "failed": [
+            {**experiment.points[i].values, "filter": label, "reason": why}
+            for (i, label), why in outcome.failures.items()
+        ],
+        "blocks": {"computed": outcome.computed, "reused": outcome.reused},
+        "wall_s": round(outcome.wall_s, 3),
+        **({"loops_over_runs": looped} if looped else {}),
+        **({"deterministic": fixed} if fixed else {}),
+    }
+
+
+def lock_file() -> Path:
+    """Locate the lock file: beside the code in a wheel, in requirements/ in a checkout."""
+    package = Path(str(files("trackbench")))
+    in_wheel = package / "requirements.txt"
+    return in_wheel if in_wheel.is_file() else package.parent / "requirements" / "run.txt"
+
+
+def compare_lock() -> dict[str, Any]:
+    """Digest the lock file; find the packages that are installed in another version."""
+    content = lock_file().read_bytes()
+    pins = dict(_PIN.findall(content.decode()))
+    installed = {name: _installed(name) for name in pins}
+    other = {name: now for name, now in installed.items() if now not in (pins[name], None)}
+    digest = hashlib.sha256(content).hexdigest()
+    return {"file": "requirements/run.txt", "sha256": digest, "other": other}
+
+
+def _installed(name: str) -> str | None:
+    """Look up a package's version; None if it is not installed, as a tool of the build may be."""
+    try:
+        text = distribution(name).read_text("METADATA")
+    except PackageNotFoundError:
+        return None
+    line = _VERSION.search(text or "")  # `version` would parse the whole text, thirty times
+    return line.group(1) if line else version(name)
+
+
+def _processor() -> str:
+    """Name the processor; Python reports none on Linux."""
+    with suppress(OSError):
+        line = _PROCESSOR.search(Path("/proc/cpuinfo").read_text(encoding="utf-8"))
+        return line.group(1) if line else platform.machine()
+    return platform.processor()
+
+
+def _commit() -> str | None:
+    """Find the git commit of the package's own source, if it is a checkout.
+
+    A repository around an installed package belongs to another program. In its own repository the
+    package is the folder ``trackbench`` at the top, and the commit has its files.
+    """
+    package = Path(trackbench.__file__).parent
+    try:
+        words = ["rev-parse", "--show-prefix", "HEAD", "HEAD:./__init__.py"]
+        command = ["git", "-C", str(package), *words]
+        answer = subprocess.run(command, capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    prefix, commit, _ = answer.stdout.splitlines()
+    return commit if prefix == f"{package.name}/" else None
