@@ -1,7 +1,7 @@
 """Guess of a recording's format, columns, units and errors, for a config that runs."""
 
 import re
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from itertools import chain, islice
 from typing import Any, Literal, NamedTuple
 
@@ -70,6 +70,8 @@ class Guess:
     runs: list[tuple[str, int]]
     sensors: list[SensorGuess]
     speed: float
+    names: list[str] = field(default_factory=list)
+    """all columns of the table"""
 
     @property
     def moves(self) -> bool:
@@ -120,7 +122,7 @@ def recognized(path: str, given: Naming | None = None) -> Guess:
     if missing and not given.missing:
         why["missing"] = "guess: far outside the others"
     # Step 3: read all rows.
-    return _measured(path, naming, why, sensors)
+    return replace(_measured(path, naming, why, sensors), names=names)
 
 
 def _measured(path: str, naming: Naming, why: dict[str, str], sensors: list[SensorGuess]) -> Guess:
