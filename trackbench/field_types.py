@@ -13,7 +13,11 @@ from annotated_types import Ge, Gt, Interval
 
 if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler
-    from pydantic_core.core_schema import CoreSchema, ValidationInfo
+    from pydantic_core.core_schema import (
+        CoreSchema,
+        ValidationInfo,
+        ValidatorFunctionWrapHandler,
+    )
 
 Count = Annotated[int, Interval(ge=1, le=10**15)]
 """A number of things, at least one."""
@@ -154,6 +158,32 @@ class Registered:
         return core_schema.with_info_plain_validator_function(
             read, json_schema_input_schema=core_schema.any_schema()
         )
+
+
+class HoldsComponents:
+    """Base of a dataclass, itself no component, whose keys hold components, as ``Assume``."""
+
+    @classmethod
+    def __get_pydantic_core_schema__(
+        cls, source: object, handler: "GetCoreSchemaHandler"
+    ) -> "CoreSchema":
+        """Return the schema with the key that holds the dataclass put into the context's path."""
+        from pydantic_core import core_schema
+
+        if (key := handler.field_name) is None:  # the dataclass alone
+            return handler(source)
+
+        def read(
+            value: object, validate: "ValidatorFunctionWrapHandler", info: "ValidationInfo"
+        ) -> object:
+            reader: Any = info.context
+            reader.path.append(key)
+            try:
+                return validate(value)
+            finally:
+                reader.path.pop()
+
+        return core_schema.with_info_wrap_validator_function(read, handler(source))
 
 
 def is_number(value: object) -> TypeGuard[float]:

@@ -18,7 +18,11 @@ from trackbench.field_types import DataError
 from trackbench.help.copied_filter import parts_of_copy
 from trackbench.registry import GROUPS, kinds
 from trackbench.scenarios.recordings.column_mapping import Naming
-from trackbench.scenarios.recordings.guess_config import config_parts, unknown_places
+from trackbench.scenarios.recordings.guess_config import (
+    config_parts,
+    unknown_places,
+    unused_columns,
+)
 from trackbench.scenarios.recordings.guess_format import recognized
 from trackbench.yaml_source import MarkedMapping, Source
 
@@ -91,11 +95,11 @@ def write_new(what: str, name: str, folder: Path, form: str = "", source: str = 
 
 def write_config_for(
     data: Path, name: str, folder: Path, changes: Sequence[str] = ()
-) -> tuple[list[Path], list[str]]:
+) -> tuple[list[Path], list[str], list[str]]:
     """Write an experiment on recorded data with guessed columns and units; existing files stay.
 
     ``changes``, such as ``columns.time=Zeit``, are keys of the recording that need no guess. Return the
-    file, and the names of sensors whose place must be written into it.
+    file, the names of sensors whose place must be written into it, and the columns it does not use.
     """
     words = _words("experiment", name)
     path = folder / f"{'_'.join(words)}.yaml"
@@ -120,7 +124,7 @@ def write_config_for(
     for part, lines in {**file, "@FILE@": data.name, **config_parts(guess)}.items():
         text = text.replace(part, lines)
     write_text(path, text)
-    return [path], unknown_places(guess)
+    return [path], unknown_places(guess), unused_columns(guess)
 
 
 def _words(what: str, name: str) -> list[str]:

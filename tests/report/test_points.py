@@ -122,6 +122,16 @@ def test_a_key_in_a_table_is_that_of_the_point(
     assert [cells[0].estimate.value for cells in results.tables["t"].cells] == expected
 
 
+def test_linked_paths_of_equal_values_show_one(tmp_path: Path) -> None:
+    more = "filters: {A: {kind: pf}, B: {kind: offset, off: 1.0}}\n"
+    more += "tables: {t: {kind: metrics, columns: {N: N}, filters: [A]}}\n"
+    grid = "{filters.A.N & filters.B.off: [[5, 5], [5, 9], 7], scenario.score.steps: [[2, 2]]}"
+    table = with_offset(tmp_path, CONFIG + more + f"grid: {grid}\n").tables["t"]
+    keys = [tuple(cell.text for cell in row[:2]) for row in table.texts().rows]
+    assert keys == [("5", "[2, 2]"), ("[5, 9]", "[2, 2]"), ("7", "[2, 2]")]
+    assert [row[0] for row in table.csv_rows()] == ["[5, 5]", "[5, 9]", "7"]
+
+
 def test_a_key_of_a_plugin_is_known_without_it(tmp_path: Path) -> None:
     results = with_offset(tmp_path, CONFIG + OFFSET + "grid: {filters.A.off: [1, 2]}\n")
     unknown = Results(results.folder)

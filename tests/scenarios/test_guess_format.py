@@ -69,6 +69,40 @@ def test_its_numbers_are_near(tmp_path: Path) -> None:
         assert 2e-4 <= sigma_azimuth <= 4e-4
 
 
+def test_columns_that_are_not_used_are_named(tmp_path: Path) -> None:
+    azimuth = np.degrees(np.arctan2(Y, X + 9e3))
+    columns = (T, np.hypot(X + 9e3, Y), azimuth, *[np.round(azimuth, 2)] * 2)
+    table(tmp_path / "m.csv", "time,range,azimuth_deg,elevation,Sea state", *columns)
+    done = trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path)
+    line = "columns not used: elevation, \"Sea state\" (to use one: --set 'columns.range=ITS NAME')"
+    assert done.stdout.splitlines()[1] == line
+    assert '      # not used: elevation, "Sea state"\n' in (tmp_path / "m.yaml").read_text()
+    # Twelve names are counted on the screen, and written into the file.
+    table(tmp_path / "n.csv", "t,x,y," + ",".join("abcdefghijkl"), T, X, Y, *[T] * 12)
+    done = trackbench("new", "experiment", "--from", "n.csv", cwd=tmp_path)
+    assert "not used: a, b, c, d, e, f, g, h, i and 3 more" in done.stdout
+    assert "# not used: a, b, c, d, e, f, g, h, i, j, k, l\n" in (tmp_path / "n.yaml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("names", "x", "y", "digit"),
+    [
+        # A degree of latitude is 111 km: the sixth decimal 0.11 m, a unit of 1e-7 deg 0.011 m.
+        ("t;lon;lat", "8.{:06}", "47.{:06}", 0.1),
+        ("t;lon;lat", "8{:07}", "47{:07}", 0.01),
+        ("t;x;y", "5,0{}", "-7,1{}", 0.01),
+        ("t;x [km];y [km]", "5.0{}", "7.1{}", 10.0),
+    ],
+)
+def test_errors_are_not_smaller_than_the_last_digit(
+    tmp_path: Path, names: str, x: str, y: str, digit: float
+) -> None:
+    # Every second row repeats the one before: each is half a digit from the line of its neighbors.
+    rows = [f"{i};{x.format(i // 2)};{y.format(i // 2)}" for i in range(20)]
+    (tmp_path / "m.csv").write_text("\n".join([names, *rows]) + "\n")
+    assert recognized(str(tmp_path / "m.csv")).sensors[0].sigmas[1] == digit
+
+
 def test_the_ferries(tmp_path: Path) -> None:
     data = EXPERIMENTS / "data" / "solent-ais.csv"
     made = trackbench("new", "experiment", "ferry", "--from", str(data), cwd=tmp_path)

@@ -419,7 +419,7 @@ def test_a_row_is_received_after_its_time(tmp_path: Path, row: str, what: str) -
 
 def test_a_config_for_a_recording_filters_late_rows_again(tmp_path: Path) -> None:
     recorded(tmp_path)
-    (path,), _ = write_config_for(tmp_path / "m.csv", "guessed", tmp_path)
+    (path,), *_ = write_config_for(tmp_path / "m.csv", "guessed", tmp_path)
     late = load(path).points[0].scenario.late
     assert late is not None
     assert late.kind == "refilter"

@@ -61,6 +61,7 @@ def test_a_table(tmp_path: Path, name: str) -> None:
         ("ambiguous_days.csv", 'time_format="%d/%m/%Y"', 86400.0),
         ("ambiguous_days.csv", 'time_format="%m/%d/%Y"', 86400.0 * 334 / 11),
         ("nohead_latlon.csv", "format.names=[time, latitude, longitude]", 1.0),
+        ("other_day_clock.csv", "columns.date=flown", 1.0),
         ("samesec.csv", "same_time=mean", 1.0),
         ("piraeus.csv", 'columns.run=""', 1.0),
     ],

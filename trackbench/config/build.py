@@ -100,7 +100,7 @@ def build(
     if not isinstance(data, dict):
         source.add_problem(keys, f"{shown(data)} is not a mapping")
         return None
-    reader = _Reader(source, keys, [])
+    reader = _Reader(source, keys, [], [])
     try:
         with plugin_code(cls, reader.parts):
             try:
@@ -163,10 +163,12 @@ class _Reader(NamedTuple):
     keys: Keys
     parts: list[object]
     """components that it has built"""
+    path: list[str]
+    """keys of the dataclasses between the component and a key, as `assume`"""
 
     def read(self, group: Group, key: str, value: object, hint: object) -> object:
         """Build what the key holds: a component, several, or None where its type allows these."""
-        keys = (*self.keys, key)
+        keys = (*self.keys, *self.path, key)
         if value is None and _may_be(hint, type(None)):
             return None
         if not isinstance(value, list) or not _may_be(hint, tuple):

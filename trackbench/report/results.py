@@ -160,8 +160,10 @@ class Results(ResultsFolder):
         return tables
 
     def with_units(self, table: Table) -> Table:
-        """Return the table with the units of the grid's paths in its headings."""
+        """Return the table with the units of the grid's paths, and which of these are linked."""
         table.units = {single_paths(path)[0]: unit for path, unit in self.grid_units.items()}
+        for first, *others in filter(lambda paths: paths[1:], map(single_paths, self.grid)):
+            table.linked[first] = 1 + len(others)
         return table
 
     @property

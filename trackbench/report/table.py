@@ -4,7 +4,7 @@ import base64
 import re
 import unicodedata
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from html import escape
 from itertools import chain
 from math import floor, isfinite, isinf, log10
@@ -217,6 +217,8 @@ class Table:
     notes: list[str] = field(default_factory=list)
     units: dict[str, str] = field(default_factory=dict)
     """units of key headers that do not name theirs, which the files in CSV leave out"""
+    linked: dict[str, int] = field(default_factory=dict)
+    """key headers of linked paths, and how many these are"""
     best: set[tuple[int, int]] = field(default_factory=set)
     """row and column of the best values, and of those without a significant difference from them"""
 
@@ -257,13 +259,20 @@ class Table:
         return rows
 
     def texts(self) -> TextTable:
-        """Return ``value ± stderr`` in every cell; lost runs are named in a last column."""
+        """Return ``value ± stderr`` in every cell; lost runs are named in a last column.
+
+        Linked paths of equal values, [100, 100], have the one value.
+        """
         lost = any(cell.lost for cell in chain.from_iterable(self.cells))
         keys = [f"{h} ({self.units[h]})" if h in self.units else h for h in self.key_headers]
         heads = [*keys, *self.value_headers, *(["Lost runs"] if lost else [])]
         table = TextTable(self.title, heads, notes=self.notes)
         for r, (values, cells) in enumerate(zip(self.keys, self.cells, strict=True)):
-            row = [Text(key) for key in values]
+            row = []
+            for head, key in zip(self.key_headers, values, strict=True):
+                parts = key.strip("[]").split(", ")
+                is_one = len(parts) == self.linked.get(head) and len({*parts}) == 1
+                row.append(Text(parts[0] if is_one else key))
             for i, c in enumerate(cells):
                 bold, tex = r"\bfseries " if (r, i) in self.best else "", None
                 if isfinite(c.estimate.value) and not c.words:
@@ -277,8 +286,8 @@ class Table:
         return table
 
     def markdown(self) -> str:
-        """Return a Markdown table."""
-        return self.texts().markdown()
+        """Return a Markdown table, whose keys are those of the CSV file."""
+        return replace(self, linked={}).texts().markdown()
 
     def text(self, cell: Cell) -> str:
         """Return ``0.3164 ± 0.0080``; in words where there is no number, or no error of it."""

@@ -16,8 +16,9 @@ from trackbench.core.cramer_rao import largest_deviation, posterior_cramer_rao
 from trackbench.core.distributions import PointMass
 from trackbench.core.random_streams import Streams, block_stream
 from trackbench.core.sums import mean, total
-from trackbench.models.base import append_noise, extra_std
+from trackbench.models.base import SampledMotion, append_noise, extra_std
 from trackbench.models.motions.kinematic import Linear
+from trackbench.models.motions.nonlinear import AdditiveNoise
 from trackbench.models.sensors.base import Sensors, sensors_of
 from trackbench.scenarios.starts.base import Start
 
@@ -38,10 +39,22 @@ class Course(NamedTuple):
     """Steps (K,) from the first state on, the motion, the sensors and the first state's bound."""
 
     steps: Sequence[int]
-    motion: Linear
+    motion: SampledMotion
     sensor: Sensors
     initial: Array
     squares: Squares
+
+
+def has_bound(motion: SampledMotion) -> bool:
+    """Test whether a motion is x' = F x + b(k) + N(0, Q) with constant matrices."""
+    J = getattr(motion.step, "J", None) if isinstance(motion, AdditiveNoise) else None
+    return isinstance(motion, Linear) or (J is not None and J.constant is not None)
+
+
+def matrices(motion: SampledMotion) -> tuple[Array, Array]:
+    """F and Q of a motion with a bound."""
+    assert isinstance(motion, Linear | AdditiveNoise)
+    return motion.jacobian(np.zeros(len(motion.components)), 1), motion.Q
 
 
 def along(course: Course, path: Array) -> Bound:
@@ -50,9 +63,8 @@ def along(course: Course, path: Array) -> Bound:
     pairs = list(zip(course.steps, path.T, strict=True))[1:]
     gained = (course.sensor.information(x, k) for k, x in pairs)
     # J' = (Q + F J^-1 F')^-1 + H' R^-1 H from the covariance of the start, J_0^-1.
-    P = posterior_cramer_rao(
-        course.initial, course.motion.F[:n, :n], course.motion.Q[:n, :n], gained
-    )
+    F, Q = matrices(course.motion)
+    P = posterior_cramer_rao(course.initial, F[:n, :n], Q[:n, :n], gained)
     return Bound(_roots(course.squares(P, path)))
 
 
@@ -78,10 +90,10 @@ def over_paths(course: Course, first: Callable[[int, Streams], Array]) -> Bound 
     """
     if hasattr(course.sensor, "H"):
         return None
-    rng, motion = block_stream(0, 0), course.motion
+    rng, motion, (F, Q) = block_stream(0, 0), course.motion, matrices(course.motion)
     start = first(BATCHES * _PATHS, rng)
     n = len(start)
-    if not motion.Q.any() and (start == start[:, :1]).all():
+    if not Q.any() and (start == start[:, :1]).all():
         return None
     scored = [start[:, :_SCORED]]
 
@@ -98,7 +110,7 @@ def over_paths(course: Course, first: Callable[[int, Streams], Array]) -> Bound 
             yield np.concatenate([whole / BATCHES, (whole - batches) / (BATCHES - 1)], axis=-1)
 
     initial = np.repeat(course.initial[..., None], 1 + BATCHES, axis=-1)
-    P = posterior_cramer_rao(initial, motion.F[:n, :n], motion.Q[:n, :n], gained())
+    P = posterior_cramer_rao(initial, F[:n, :n], Q[:n, :n], gained())
     paths = np.stack(scored, axis=1)
     bounds = [_mean_squares(course.squares, P[:, :, i], paths) for i in range(1 + BATCHES)]
     return Bound(_roots(bounds[0]), tuple(map(_roots, bounds[1:])))

@@ -14,7 +14,7 @@ from trackbench.core.random_streams import Streams
 from trackbench.field_types import Finite, InvalidKeyError, Natural, Positive, Registered, Unit
 from trackbench.models.base import Model, SampledMotion
 from trackbench.models.delays import Late
-from trackbench.models.motions.kinematic import ConstantVelocity, Linear
+from trackbench.models.motions.kinematic import ConstantVelocity
 from trackbench.models.motions.nonlinear import AngledMotion
 from trackbench.models.sensors.base import (
     Assume,
@@ -30,6 +30,7 @@ from trackbench.scenarios.bound import (
     Bound,
     Course,
     along,
+    has_bound,
     over_paths,
     position_sigma,
     why_no_bound_of,
@@ -336,19 +337,18 @@ class Tracking(Scenario):
             return "the data are recorded"
         if self.faults:
             return "the bound is of a sensor without faults"
-        if not isinstance(self._motion, Linear):
-            return "the target is driven by a motion that is not linear"
+        if not has_bound(self._motion):
+            return "the target's motion is not x' = F x + b with constant F and Q"
         return why_no_bound_of(self.true_sensor, self._start) or self.target.why_no_bound
 
     @cached_property
     def _bound(self) -> Bound:
         """Posterior Cramer-Rao bound, over the paths of a driven target."""
-        motion, line, path = self._motion, self._timeline, self.target.path(self._timeline)
-        assert isinstance(motion, Linear)
+        line, path = self._timeline, self.target.path(self._timeline)
         sensor, steps = self.true_sensor, line.steps.tolist()[self._skipped :]
         initial = self._start.bound(path, self.first, sensor, self.T, self.target.diffusion)
         squares = partial(self.score.squares, sensor, self.components)
-        course = Course(steps, motion, sensor, initial, squares)
+        course = Course(steps, self._motion, sensor, initial, squares)
         driven = self.target.own_motion is not None
         over_first_states = over_paths(course, self._first_states) if driven else None
         return over_first_states or along(course, path[:, self._skipped :])

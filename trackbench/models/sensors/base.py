@@ -21,6 +21,7 @@ from trackbench.extension_points import Part
 from trackbench.field_types import (
     Count,
     Finite,
+    HoldsComponents,
     InvalidKeyError,
     Natural,
     OpenShare,
@@ -185,7 +186,7 @@ class SensorBase(Part):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Assume:
+class Assume(HoldsComponents):
     """Motion, sensor and prior of the filter model; a key that is not set takes the true one."""
 
     motion: Annotated[Motion | None, Registered("motions")] = None

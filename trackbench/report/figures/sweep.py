@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from trackbench.config.experiment import Point
-from trackbench.config.grid import filters_of, is_of_scenario
+from trackbench.config.grid import filters_of, is_of_scenario, single_paths
 from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import Measure, OfSummary, measure, measured
 from trackbench.field_types import is_number
@@ -55,7 +55,10 @@ class RmseVsParameter(FigureKind):
         problems = missing_paths(points, parameter=path)
         for value in [] if problems else [point.values[path] for point in points]:
             if _common_number(value) is None:
-                return {"parameter": f"{value!r} in the grid of {path} is no number"}
+                what = f"{value!r} in the grid of {path} is no number"
+                if len(single_paths(path)) > 1:
+                    what += ": give the linked paths equal values, or show these in a table"
+                return {"parameter": what}
         return problems
 
     def default_caption(self, results: Results) -> str:

@@ -40,6 +40,12 @@ def config_parts(guess: Guess) -> dict[str, str]:
     }
 
 
+def unused_columns(guess: Guess) -> list[str]:
+    """Name the columns of the table that the config does not read."""
+    used = _used_columns(guess).values()
+    return [quoted(" ".join(name.split())) for name in guess.names if name not in used]
+
+
 def unknown_places(guess: Guess) -> list[str]:
     """Name the sensors whose place must be written into the config."""
     names = [s.name or "the sensor" for s in guess.sensors if s.kind in ("range", "bearing")]
@@ -53,18 +59,25 @@ def _lacks_origin(guess: Guess) -> bool:
     return is_geodetic and len(kinds) > 1 and "position" in kinds and not guess.naming.origin
 
 
-def _target_lines(guess: Guess) -> Iterator[str]:
-    naming, why = guess.naming, guess.why
-    yield "columns:  # guess, from their names"
+def _used_columns(guess: Guess) -> dict[str, str]:
+    naming = guess.naming
     # Only what the sensors below measure: a file of several sensors has further columns.
     read = {"time", "date", "step", "received", "run", "sensor", "latitude", "longitude"}
     read |= {"vx", "vy", "speed", "course"} if guess.moves else set()
     read = read.union(*(sensor.quantities for sensor in guess.sensors))
     if {"x", "y"} <= naming.columns.keys() or not read & {"x", "y"}:
         read -= {"latitude", "longitude"}
-    columns = {name: column for name, column in naming.columns.items() if name in read}
+    return {name: column for name, column in naming.columns.items() if name in read}
+
+
+def _target_lines(guess: Guess) -> Iterator[str]:
+    naming, why = guess.naming, guess.why
+    columns = _used_columns(guess)
+    yield "columns:  # guess, from their names"
     yield from (f"  {name}: {quoted(column)}" for name, column in columns.items())
-    units = {name: unit for name, unit in naming.units.items() if name in read}
+    if unused := unused_columns(guess):
+        yield f"  # not used: {', '.join(unused)}"
+    units = {name: unit for name, unit in naming.units.items() if name in columns}
     if units:
         yield "units:"
         yield from (f"  {name}: {unit}{_comment(why, name)}" for name, unit in units.items())

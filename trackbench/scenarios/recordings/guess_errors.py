@@ -1,9 +1,14 @@
 """Errors and speeds that a recording shows, for a first try of filters."""
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.scenarios.recordings.column_mapping import UNITS
+from trackbench.core.conversions import SEMI_MAJOR_AXIS
+from trackbench.field_types import decimals
+from trackbench.scenarios.recordings.column_mapping import UNITS, Naming
+from trackbench.scenarios.recordings.csv_tables import number, parsed
 from trackbench.scenarios.recordings.rows import Rows
 
 SENSORS = {
@@ -57,6 +62,25 @@ def levels_of(rows: Rows, kind: str, in_degrees: bool) -> tuple[tuple[float, ...
         r, a = values
         values = [r * np.cos(a), r * np.sin(a)]
     return sigmas, 0.0 if kind == "bearing" else _speed(time, *values)
+
+
+def not_finer(
+    sigmas: Sequence[float],
+    quantities: Sequence[str],
+    naming: Naming,
+    cells: Callable[[str], list[str]],
+) -> tuple[float, ...]:
+    """Raise deviations of errors to the step of the last digit in the ``cells`` of a column."""
+    out = []
+    for name, sigma in zip(quantities, sigmas, strict=False):  # those of velocities come after
+        latlon = {"x": "longitude", "y": "latitude"} if name not in naming.columns else {}
+        source = latlon.get(name, name)
+        texts = [cell.replace(",", ".") for cell in cells(naming.columns[source])]
+        finite = np.flatnonzero(np.isfinite(parsed(number, texts)[0]))
+        digits = max((decimals(texts[i]) for i in finite), default=0)
+        step = 10.0**-digits * naming.scale(source) * (SEMI_MAJOR_AXIS if latlon else 1.0)
+        out.append(max(sigma, float(f"{step:.1g}")))
+    return tuple(out)
 
 
 def _scatter(time: Array, value: Array) -> float:

@@ -1,7 +1,7 @@
 """Guess of a recording's format, columns, units and errors, for a config that runs."""
 
 import re
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from itertools import chain, islice
 from typing import Any, Literal, NamedTuple
 
@@ -32,7 +32,13 @@ from trackbench.scenarios.recordings.csv_tables import (
     parsed,
     read_table,
 )
-from trackbench.scenarios.recordings.guess_errors import SENSORS, levels_of, velocities_agree
+from trackbench.scenarios.recordings.dates import instant
+from trackbench.scenarios.recordings.guess_errors import (
+    SENSORS,
+    levels_of,
+    not_finer,
+    velocities_agree,
+)
 from trackbench.scenarios.recordings.guess_time import (
     DateForm,
     date_form,
@@ -40,7 +46,13 @@ from trackbench.scenarios.recordings.guess_time import (
     unit_by_speed,
 )
 from trackbench.scenarios.recordings.row_order import in_order
-from trackbench.scenarios.recordings.rows import Gathered, Rows, chosen_runs, read_rows
+from trackbench.scenarios.recordings.rows import (
+    Gathered,
+    Rows,
+    check_turns,
+    chosen_runs,
+    read_rows,
+)
 
 _TURN = 2.0 * np.pi
 _SAMPLE = 10_000  # rows
@@ -70,6 +82,8 @@ class Guess:
     runs: list[tuple[str, int]]
     sensors: list[SensorGuess]
     speed: float
+    names: list[str] = field(default_factory=list)
+    """all columns of the table"""
 
     @property
     def moves(self) -> bool:
@@ -102,6 +116,11 @@ def recognized(path: str, given: Naming | None = None) -> Guess:
     if "time" in columns and not clock.form:
         times, dates = (sample.cells(columns[k]) if k in columns else [] for k in ("time", "date"))
         clock = date_form(path, times, dates, sample.line)
+        # A column `day` may be a number of days: only beside times of a day, and with whole dates.
+        day = next((name for name in names if name.lower() == "day"), "")
+        if clock.form and "%d" not in clock.form and not parsed(instant, sample.cells(day))[1]:
+            columns["date"] = day
+            clock = date_form(path, times, sample.cells(day), sample.line)
     if clock.why:
         why["time_format"] = clock.why
     elif "time" in columns and "time" not in units and not clock.is_date:
@@ -120,7 +139,12 @@ def recognized(path: str, given: Naming | None = None) -> Guess:
     if missing and not given.missing:
         why["missing"] = "guess: far outside the others"
     # Step 3: read all rows.
-    return _measured(path, naming, why, sensors)
+    guess = _measured(path, naming, why, sensors)
+    sensors = [
+        s._replace(sigmas=not_finer(s.sigmas, s.quantities, guess.naming, sample.cells))
+        for s in guess.sensors
+    ]
+    return replace(guess, sensors=sensors, names=names)
 
 
 def _measured(path: str, naming: Naming, why: dict[str, str], sensors: list[SensorGuess]) -> Guess:
@@ -136,6 +160,9 @@ def _measured(path: str, naming: Naming, why: dict[str, str], sensors: list[Sens
     in_degrees = "azimuth" not in units and is_wide
     if in_degrees:
         units["azimuth"], why["azimuth"] = "deg", "guess: there are angles beyond 2 pi"
+    for names, rows in zip(wanted, every, strict=True):
+        scaled = rows._replace(values=rows.values * (UNITS["deg"] if in_degrees else 1.0))
+        check_turns(gathered, scaled, {"azimuth": len(names) - 1} if "azimuth" in names else {})
     # Sort the runs by length; noise and speed are those of the longest.
     sizes = np.sum([np.bincount(rows.run, minlength=len(gathered.runs)) for rows in every], axis=0)
     runs = sorted(zip(gathered.runs, sizes.tolist(), strict=True), key=lambda run: -run[1])

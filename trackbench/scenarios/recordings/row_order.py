@@ -48,7 +48,11 @@ def _check_falls(gathered: Gathered, rows: Rows) -> None:
             usual = usual_interval(time)
     if largest > _MOST_INTERVALS * usual:
         what = f"time falls by {largest:.9g}{unit}, where rows usually are {usual:.9g}{unit} apart"
-        way = "write dates or go on counting if a clock began anew, or sort the rows by time"
+        form = gathered.naming.time_format
+        beside = " or say `columns: {date: NAME}`" if form and "%d" not in form else ""
+        way = (
+            f"write dates{beside} or go on counting if a clock began anew, or sort the rows by time"
+        )
         raise DataError(
             gathered.place(rows, place, f"{what} ({late} rows come after later ones): {way}")
         )

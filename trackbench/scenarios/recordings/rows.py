@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from trackbench.core.arrays import Array
 from trackbench.errors import reason
 from trackbench.field_types import DataError, InvalidKeyError, Place, require_regular_file
-from trackbench.scenarios.recordings.column_mapping import Columns, Naming
+from trackbench.scenarios.recordings.column_mapping import UNITS, Columns, Naming
 from trackbench.scenarios.recordings.csv_tables import Table
 
 TICK = 1e-6
@@ -327,12 +327,20 @@ def check_turns(gathered: Gathered, rows: Rows, angles: Mapping[str, int]) -> No
     """Raise DataError for angles, by name and row of the values, that are too large to be in radians."""
     for name, i in angles.items():
         most, turn = (0.5, "a quarter turn") if name == "elevation" else (2.0, "a whole turn")
-        wide = np.flatnonzero(np.abs(rows.values[i]) > most * np.pi + TICK)
+        sizes = np.abs(rows.values[i])
+        wide = np.flatnonzero(sizes > most * np.pi + TICK)
         if len(wide):
             what = f"{name}: {rows.values[i, wide[0]]:.9g} rad is beyond {turn}"
             more = f", as are {len(wide) - 1} more" if len(wide) > 1 else ""
-            way = f"say `units: {{{name}: deg}}`, or correct the cells"
-            raise DataError(gathered.place(rows, int(wide[0]), f"{what}{more}: {way}"))
+            # A unit in which the numbers of all cells are possible.
+            scale = gathered.naming.scale(name)
+            largest = float(np.nanmax(sizes)) / scale
+            others = [unit for unit in ("deg", "mrad") if UNITS[unit] != scale]
+            fit = [unit for unit in others if largest * UNITS[unit] <= most * np.pi + TICK]
+            fit = fit or (["deg"] if scale == 1.0 else [])
+            way = "".join(f"say `units: {{{name}: {unit}}}`, or " for unit in fit[:1])
+            what = f"{what}{more}: {way}correct the cells"
+            raise DataError(gathered.place(rows, int(wide[0]), what))
 
 
 class FromFiles:
