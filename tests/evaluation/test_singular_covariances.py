@@ -10,8 +10,9 @@ from trackbench.core.posterior_scores import distance_in_range
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.exact_errors import exact_series
 from trackbench.evaluation.run_block import run_block
+from trackbench.filters.ekf import IPLF
 from trackbench.filters.kf import KF
-from trackbench.filters.ukf import UKF
+from trackbench.filters.ukf import CKF, GHKF, UKF
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.motions.nonlinear import MapMotion
 from trackbench.models.sensors.base import Assume
@@ -50,6 +51,46 @@ SINGULAR_R = Tracking(
     start=GaussianStart(sigma=(1.0, 2.0, 0.5)),
     last=15,
 )
+
+
+EXACT_SUM = Tracking(  # b + c is measured without noise; c of the prior is known
+    target=Driven(
+        motion=MapMotion(
+            components=NAMES,
+            next={"a": "a + b", "b": "0.9*b + 0.1*c", "c": "0.8*c"},
+            Q=(0.0, 0.3, 0.2),
+        ),
+        initial={"a": 1.0, "b": 2.0, "c": 3.0},
+    ),
+    sensor=FunctionSensor(h={"u": "a", "v": "b + c"}, R=((1.0, 0.0), (0.0, 0.0))),
+    start=GaussianStart(sigma=(1.0, 2.0, 0.0)),
+    last=20,
+)
+
+
+@pytest.mark.parametrize(
+    "tracker",
+    [KF(), UKF(), UKF(noise="additive"), CKF(), GHKF(), IPLF(), IPLF(form="square-root")],
+)
+def test_an_exact_sum_of_components(tracker: Any) -> None:
+    """Variances of a from a scalar recursion: b + c is known, so the error of c is that of -b."""
+    aa, ab, bb, expected = 1.0, 0.0, 4.0, [1.0]
+    for error_of_c in [0.0] + [-1.0] * 19:  # per error of b; of the prior c is known
+        of_b, of_c = 0.9 + 0.1 * error_of_c, 0.8 * error_of_c
+        # predict a, b and c
+        A, AB, AC = aa + 2 * ab + bb, of_b * (ab + bb), of_c * (ab + bb)
+        B, BC, C = of_b**2 * bb + 0.3, of_b * of_c * bb, of_c**2 * bb + 0.2
+        # measure v = b + c without noise, then a with variance 1
+        AV, BV, V = AB + AC, B + BC, B + 2 * BC + C
+        A, AB, B = A - AV * AV / V, AB - AV * BV / V, B - BV * BV / V
+        aa, ab, bb = A - A * A / (A + 1), AB - A * AB / (A + 1), B - AB * AB / (A + 1)
+        expected.append(aa)
+    output = track(EXACT_SUM, tracker, RUNS, covariances=1)
+    assert output.cov is not None
+    np.testing.assert_allclose(output.cov[0, 0, :, 0], expected, rtol=1e-6)
+    # NEES of rank 2: five standard errors
+    nees = output.nees.mean(axis=1) / 3.0
+    np.testing.assert_allclose(nees, 1.0, rtol=0, atol=5.0 * np.sqrt(1.0 / RUNS))
 
 
 @pytest.mark.parametrize("tracker", [KF(), UKF()])
