@@ -1,5 +1,6 @@
 """NEES of singular covariances: the distance in their range, of as many degrees as their rank."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -8,9 +9,11 @@ import pytest
 from tests.conftest import track
 from trackbench.core.posterior_scores import distance_in_range
 from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.exact_errors import exact_series
+from trackbench.evaluation.error_series import over_windows
+from trackbench.evaluation.exact_errors import exact_series, why_not_exact
 from trackbench.evaluation.run_block import run_block
 from trackbench.filters.ekf import IPLF
+from trackbench.filters.imm import IMM
 from trackbench.filters.kf import KF
 from trackbench.filters.ukf import CKF, GHKF, UKF
 from trackbench.models.motions.kinematic import WhiteAcceleration
@@ -91,6 +94,32 @@ def test_an_exact_sum_of_components(tracker: Any) -> None:
     # NEES of rank 2: five standard errors
     nees = output.nees.mean(axis=1) / 3.0
     np.testing.assert_allclose(nees, 1.0, rtol=0, atol=5.0 * np.sqrt(1.0 / RUNS))
+
+
+def _measuring(h: dict[str, str], R: Any) -> Tracking:
+    return replace(EXACT_SUM, sensor=FunctionSensor(h=h, R=R))
+
+
+def test_a_redundant_component_is_refused_by_name() -> None:
+    """S of u, v and u + v has no inverse if the third noise is the sum of the others as well."""
+    h = {"u": "1000*a", "v": "b + c", "w": "1000*a + b + c"}
+    redundant = _measuring(h, ((1.0, 0.0, 1.0), (0.0, 0.0, 0.0), (1.0, 0.0, 1.0)))
+    assert "`w` is a combination" in KF().conflicts(redundant)[""]
+    same = MapMotion(components=NAMES, next={x: x for x in NAMES}, Q=(0.1, 0.2, 0.3))
+    imm = IMM(motions=(same, same), transition=((0.9, 0.1), (0.1, 0.9)))
+    assert "singular" in imm.conflicts(redundant)["filter"]
+    assert (
+        why_not_exact(BlockTask(redundant, KF(), 1, 0, 1, 1)) == "its estimates leave the numbers"
+    )
+    # Any noise of its own, however small, makes the component one more measurement.
+    for R in ((1.0, 0.0, 1e-16), (1e-16, 1e-16, 1e-16)):
+        assert KF().conflicts(_measuring(h, R)) == {}
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_series_without_values_has_no_mean() -> None:
+    means = over_windows({"squared_a": np.full((3, 2), np.nan)}, {"": np.ones(3, bool)}, ())
+    assert np.isnan(means["rmse_a"]).all()
 
 
 @pytest.mark.parametrize("tracker", [KF(), UKF()])
