@@ -1,5 +1,6 @@
 """NEES of singular covariances: the distance in their range, of as many degrees as their rank."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -8,10 +9,13 @@ import pytest
 from tests.conftest import track
 from trackbench.core.posterior_scores import distance_in_range
 from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.exact_errors import exact_series
+from trackbench.evaluation.error_series import over_windows
+from trackbench.evaluation.exact_errors import exact_series, why_not_exact
 from trackbench.evaluation.run_block import run_block
+from trackbench.filters.ekf import IPLF
+from trackbench.filters.imm import IMM
 from trackbench.filters.kf import KF
-from trackbench.filters.ukf import UKF
+from trackbench.filters.ukf import CKF, GHKF, UKF
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.motions.nonlinear import MapMotion
 from trackbench.models.sensors.base import Assume
@@ -50,6 +54,72 @@ SINGULAR_R = Tracking(
     start=GaussianStart(sigma=(1.0, 2.0, 0.5)),
     last=15,
 )
+
+
+EXACT_SUM = Tracking(  # b + c is measured without noise; c of the prior is known
+    target=Driven(
+        motion=MapMotion(
+            components=NAMES,
+            next={"a": "a + b", "b": "0.9*b + 0.1*c", "c": "0.8*c"},
+            Q=(0.0, 0.3, 0.2),
+        ),
+        initial={"a": 1.0, "b": 2.0, "c": 3.0},
+    ),
+    sensor=FunctionSensor(h={"u": "a", "v": "b + c"}, R=((1.0, 0.0), (0.0, 0.0))),
+    start=GaussianStart(sigma=(1.0, 2.0, 0.0)),
+    last=20,
+)
+
+
+@pytest.mark.parametrize(
+    "tracker",
+    [KF(), UKF(), UKF(noise="additive"), CKF(), GHKF(), IPLF(), IPLF(form="square-root")],
+)
+def test_an_exact_sum_of_components(tracker: Any) -> None:
+    """Variances of a from a scalar recursion: b + c is known, so the error of c is that of -b."""
+    aa, ab, bb, expected = 1.0, 0.0, 4.0, [1.0]
+    for error_of_c in [0.0] + [-1.0] * 19:  # per error of b; of the prior c is known
+        of_b, of_c = 0.9 + 0.1 * error_of_c, 0.8 * error_of_c
+        # predict a, b and c
+        A, AB, AC = aa + 2 * ab + bb, of_b * (ab + bb), of_c * (ab + bb)
+        B, BC, C = of_b**2 * bb + 0.3, of_b * of_c * bb, of_c**2 * bb + 0.2
+        # measure v = b + c without noise, then a with variance 1
+        AV, BV, V = AB + AC, B + BC, B + 2 * BC + C
+        A, AB, B = A - AV * AV / V, AB - AV * BV / V, B - BV * BV / V
+        aa, ab, bb = A - A * A / (A + 1), AB - A * AB / (A + 1), B - AB * AB / (A + 1)
+        expected.append(aa)
+    output = track(EXACT_SUM, tracker, RUNS, covariances=1)
+    assert output.cov is not None
+    np.testing.assert_allclose(output.cov[0, 0, :, 0], expected, rtol=1e-6)
+    # NEES of rank 2: five standard errors
+    nees = output.nees.mean(axis=1) / 3.0
+    np.testing.assert_allclose(nees, 1.0, rtol=0, atol=5.0 * np.sqrt(1.0 / RUNS))
+
+
+def _measuring(h: dict[str, str], R: Any) -> Tracking:
+    return replace(EXACT_SUM, sensor=FunctionSensor(h=h, R=R))
+
+
+def test_a_redundant_component_is_refused_by_name() -> None:
+    """S of u, v and u + v has no inverse if the third noise is the sum of the others as well."""
+    h = {"u": "1000*a", "v": "b + c", "w": "1000*a + b + c"}
+    redundant = _measuring(h, ((1.0, 0.0, 1.0), (0.0, 0.0, 0.0), (1.0, 0.0, 1.0)))
+    assert "`w` is a combination" in KF().conflicts(redundant)[""]
+    same = MapMotion(components=NAMES, next={x: x for x in NAMES}, Q=(0.1, 0.2, 0.3))
+    imm = IMM(motions=(same, same), transition=((0.9, 0.1), (0.1, 0.9)))
+    assert "singular" in imm.conflicts(redundant)["filter"]
+    assert (
+        why_not_exact(BlockTask(redundant, KF(), 1, 0, 1, 1)) == "its estimates leave the numbers"
+    )
+    # Any noise of its own, however small, makes the component one more measurement.
+    for R in ((1.0, 0.0, 1e-16), (1e-16, 1e-16, 1e-16)):
+        assert KF().conflicts(_measuring(h, R)) == {}
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_series_without_values_has_no_mean() -> None:
+    means = over_windows({"squared_a": np.full((3, 2), np.nan)}, {"": np.ones(3, bool)}, ())
+    assert np.isnan(means["rmse_a"]).all()
 
 
 @pytest.mark.parametrize("tracker", [KF(), UKF()])

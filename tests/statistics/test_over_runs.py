@@ -81,6 +81,8 @@ def test_estimates_of_five_values_by_hand() -> None:
     assert st.rms(X) == pytest.approx((rms, of_squares / (2 * rms)))
     ds = (np.square(X - 5.0) - 13.2) / (2 * np.sqrt(13.2))
     assert st.deviation(X) == pytest.approx((np.sqrt(13.2), np.sqrt(np.square(ds).sum() / 4 / 5)))
+    for alone in (st.deviation(X[:1]), st.variance(X[:1])):  # one run has no spread
+        assert np.isnan(alone).all()
     sums = (np.array([a]) for a in (X.sum(), squares.sum(), 5.0))
     found = st.mean_from_sums(*sums)
     assert (found.value[0], found.stderr[0]) == pytest.approx(tuple(st.mean(X)))

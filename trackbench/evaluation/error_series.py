@@ -186,6 +186,7 @@ class SeriesSums:
             out[name] = StepSums(*(part + 0.0 for part in parts))
         return out
 
+    @np.errstate(all="ignore")  # a run may have no value
     def over_windows(self, values: Mapping[str, Array]) -> dict[str, Array]:
         """Return each metric's numbers per run (M,) by window; ``values`` are the whole series."""
         by_window: list[dict[str, Array]] = [{} for _ in self._windows]

@@ -72,6 +72,8 @@ def why_not_exact(task: BlockTask) -> str | None:
             "its scenario draws more than normal noise: `detection`, `outliers`, a random `delay`"
         )
         return f"{what}, a random path"
+    if not np.isfinite(output.mean).all():
+        return "its estimates leave the numbers"
     numbers = {"states": data.truth, "measurements": data.measurements, "estimates": output.mean}
     bent = (name for name, x in numbers.items() if not _is_affine(x))
     return next((f"{name} are not linear in the noise of motion and sensor" for name in bent), None)

@@ -235,9 +235,9 @@ def exact_rows(
     columns = {name: values[:, None] for name, values in means.items()}
     per_run, steps = {"lost": np.zeros(1)} | over_windows(columns, windows, ()), {}
     for name, values in means.items():
-        # Sums as of one run; the mean square of a signed error gives its spread.
+        # Sums as of two equal runs; the mean square of a signed error gives its spread.
         squares, known = means.get(name.replace("error", "squared", 1), values), ~np.isnan(values)
-        steps[name] = StepSums(np.where(known, values, 0.0), squares, known.astype(float))
+        steps[name] = StepSums(2.0 * np.where(known, values, 0.0), 2.0 * squares, 2.0 * known)
     result = FilterResult(per_run, steps, {}, None, [])
     over_runs = [r for r in summary_rows(result, sizes, windows) if is_exact(measured(r.metric))]
     return over_runs, [*step_columns(result, sizes)]
@@ -266,10 +266,11 @@ def _step_metrics(
 
 
 def _spread(total: Array, squares: Array, number: Array) -> Estimates:
-    """Return standard deviations over runs; their standard errors as of normal values."""
+    """Return standard deviations over two runs or more; their standard errors as of normal values."""
     with np.errstate(all="ignore"):
         # s = sqrt(E x^2 - (E x)^2), and its standard error s / sqrt(2 M)
         std = np.sqrt(np.maximum(squares / number - np.square(total / number), 0.0))
+        std = np.where(number < 2.0, np.nan, std)
         return Estimates(std, std / np.sqrt(2.0 * number))
 
 

@@ -32,6 +32,8 @@ from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.registry import register
 
 _CUBATURE = Unscented(1.0, 0.0, 0.0)
+_LEAST_SPREAD = 1e-10  # standard deviation, as a share of the state, that a regression resolves
+_WIDENING = 1e-8  # share of the predicted covariance
 
 
 @register("filters", "ekf")
@@ -166,16 +168,27 @@ class IPLF(NonlinearFilter):
     def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
         """Predict by the rule's points; regress the measurement again over each posterior."""
         predicted = point_prediction(model, state, k, self.assumed, self.rule)
-        posterior, first = predicted, None
+        over, first = predicted, None
         for _ in range(self.iterations):
             # nu = z - E h(x) - A (m - m_i): A is the slope of the regression about estimate m_i.
-            at, slope, cov = _regression(model, posterior, k, self.assumed, self.rule)
+            at, slope, cov = _regression(model, over, k, self.assumed, self.rule)
             nu = model.sensor.innovation(z, at)
-            nu = nu - linalg.matvec(slope, predicted.mean - posterior.mean)
+            nu = nu - linalg.matvec(slope, predicted.mean - over.mean)
             posterior, innovation = kalman.update(predicted, nu, slope, cov)
+            over = _spread(posterior, predicted)
             first = first or innovation
         assert first is not None
         return posterior, first
+
+
+def _spread(posterior: Gaussian, predicted: Gaussian) -> Gaussian:
+    """Widen a posterior that an exact measurement leaves without spread, so that it has a slope."""
+    least = _LEAST_SPREAD * np.abs(posterior.mean)
+    known = ~(linalg.diagonal(linalg.root(posterior.cov)) > least).all(axis=0)
+    if not known.any():
+        return posterior
+    wide = posterior.cov + _WIDENING * predicted.cov
+    return Gaussian(posterior.mean, np.where(known, wide, posterior.cov))
 
 
 def _regression(

@@ -8,7 +8,7 @@ import numpy as np
 from annotated_types import Ge, Interval
 from numpy.random import Generator
 
-from trackbench.core import kalman
+from trackbench.core import kalman, linalg
 from trackbench.core.arrays import Array, Index, Mask, fixed
 from trackbench.core.conversions import Conversion
 from trackbench.core.distributions import (
@@ -90,7 +90,10 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
         raise NotImplementedError
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Reject weights on noise that is not normal."""
+        """Reject a redundant component of the measurement, and weights on noise that is not normal."""
+        if name := _redundant_component(scenario):
+            what = f"`{name}` is a combination of other measured components, its noise included"
+            return {"": f"the innovation covariance is singular: {what}; leave it out"}
         if self.robust is None or not has_density(scenario.model.sensor):
             return {}
         what = "weighs normal noise of covariance R, and this sensor's noise is not normal"
@@ -199,6 +202,24 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
     def diagnostics(self, state: Tracked) -> dict[str, Array]:
         """Report ``nis`` of a used measurement; ``gated``: 1 where it was refused; its mean weight."""
         return {"nis": state.nis} | of_refusals(self, state.nis, state.gated, state.weight)
+
+
+def _redundant_component(scenario: Scene) -> str | None:
+    """Name a measured component that follows from others in a linear model with constant noise."""
+    motion, sensor = scenario.model
+    if not hasattr(sensor, "jacobian") or len(sensor.components) < 2:
+        return None
+    x, k = np.ones((len(motion.components), 1)), int(scenario.steps[-1])
+    H, R = sensor.jacobian(x, k), sensor.measurement(x, k).cov
+    if H.ndim > 2 or R.ndim > 2:
+        return None
+    # A combination d has neither state nor noise: d' [H R] = 0, whatever the units of the columns.
+    B = np.hstack([H, R])
+    for axis in (1, 0):
+        largest = np.abs(B).max(axis=axis, keepdims=True)
+        B = B / np.where(largest > 0.0, largest, 1.0)
+    pivots = np.diagonal(linalg.root_in_range(linalg.matmul(B, B.T)))
+    return next((sensor.components[i] for i in np.flatnonzero(pivots == 0.0)), None)
 
 
 def of_refusals(

@@ -61,6 +61,7 @@ def idle_noise_mean(scene: Scene) -> dict[str, str]:
 
 
 _CANCELLED = 1e-10  # share of a variance that a difference leaves with fewer than six digits
+_UNRESOLVED = 1e-12  # share of a variance that a pivot of a difference may owe to rounding
 MODEL_NOISE = AssumedNoise()
 """The noise of the model."""
 
@@ -344,7 +345,11 @@ def _condition(
     # Step 4: K = C S^-1, m + K nu, P - K S K'.
     note("covariances", S, components=2)
     posterior = kalman.condition(predicted, known, C, S)
-    if (cancelled := is_cancelled(posterior.cov, predicted.cov)).any():
+    cancelled = is_cancelled(posterior.cov, predicted.cov)
+    # A direction without spread, such as of an exact measurement of a sum, is left with rounding.
+    pivots = np.square(linalg.diagonal(linalg.root(posterior.cov)))
+    cancelled |= ~(pivots >= _UNRESOLVED * linalg.diagonal(predicted.cov)).all(axis=0)
+    if cancelled.any():
         # The difference has lost its digits: sum the squares of x - K z over the points, plus K R K'.
         K = linalg.matmul(C, linalg.inverse(S))
         moved = linalg.matvec(K[:, :, None], relative - z_mean[:, None])

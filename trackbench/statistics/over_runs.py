@@ -76,8 +76,10 @@ def median(x: Array) -> Estimate:
 
 @_quietly
 def deviation(x: Array) -> Estimate:
-    """Return the standard deviation (divisor M) of a step's errors over runs."""
-    stderr = mean(influence("std", x)).stderr if len(x) > 1 else np.nan
+    """Return the standard deviation (divisor M) of a step's errors over runs; of one run none."""
+    if len(x) < 2:
+        return Estimate(np.nan, np.nan)
+    stderr = mean(influence("std", x)).stderr
     return Estimate(float(np.sqrt(_mean(np.square(x - _mean(x))))), stderr)
 
 

@@ -84,7 +84,10 @@ class Metrics(TableKind):
                 table.add([*keys, head], [Cell.of(term) for term in gains])
             table.notes += _lost_notes(results, point, labels)
             table.notes += _tail_notes(expressions, labels, self.columns.values())
-        # Notes on filters that loop over runs, and on filters that failed.
+        # Notes on spreads over one run, filters that loop over runs, and filters that failed.
+        kinds = {m.statistic or m.family[0].over_runs for m in self.columns.values()}
+        if results.config["runs"] == 1 and kinds & {"std", "variance"}:
+            table.notes.append("One run has no standard deviation or variance over the runs.")
         slow = [label for label in labels if label in results.loops_over_runs]
         if slow and any("cpu_s" in str(m) for m in self.columns.values()):
             table.notes.append(f"Time of {', '.join(slow)}: one run after the other.")
