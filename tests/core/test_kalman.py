@@ -67,3 +67,23 @@ def test_a_missing_measurement_leaves_its_run_at_the_prediction(rng: np.random.G
     np.testing.assert_allclose(updated.cov[..., 1], P)
     alone, _ = kalman.update(Gaussian(m[:, :1], P), nu[:, :1], H, R)
     np.testing.assert_allclose(updated.mean[:, 0], alone.mean[:, 0])
+
+
+@pytest.mark.parametrize("n_z", [3, 40, 41, 120])
+@pytest.mark.parametrize("batch", [(), (7,)])
+def test_the_gain_of_many_sensors_of_one_number(n_z: int, batch: tuple[int, ...]) -> None:
+    """With variances r_i: posterior 1 / (1 / P + sum 1 / r_i), gains P+ / r_i."""
+    variances = np.linspace(1.0, 3.0, n_z)
+    P = np.full((1, 1, *batch), 2.0) * np.arange(1.0, 1.0 + (batch or (1,))[0]).reshape(batch)
+    nu = np.ones((n_z, *batch)) * np.linspace(-1.0, 2.0, n_z).reshape(n_z, *[1] * len(batch))
+    H, R = np.ones((n_z, 1)), np.diag(variances)
+    posterior, innovation = kalman.update(Gaussian(np.zeros((1, *batch)), P), nu, H, R)
+    variance = 1.0 / (1.0 / P[0, 0] + (1.0 / variances).sum())
+    np.testing.assert_allclose(posterior.cov[0, 0], variance, rtol=1e-10)
+    mean = variance * (np.linspace(-1.0, 2.0, n_z) / variances).sum()
+    np.testing.assert_allclose(posterior.mean[0], mean, rtol=1e-10)
+    # by moments in place of H
+    before, C = Gaussian(np.zeros((1, *batch)), P), np.repeat(P, n_z, axis=1)
+    np.testing.assert_allclose(
+        kalman.condition(before, nu, C, innovation.S).mean[0], mean, rtol=1e-9
+    )

@@ -22,6 +22,9 @@ from trackbench.core.arrays import (
 from trackbench.core.distributions import LOG_2PI, Factored, Gaussian, from_root, zero_mean_log_prob
 from trackbench.core.elementary import log
 
+_MOST_INVERTED = 40
+"""Measured components up to which a gain takes the inverse of S, in n^3 steps."""
+
 
 class Innovation(NamedTuple):
     """Innovation ``nu`` (n_z, *batch) and its covariance ``S`` (n_z, n_z[, *batch])."""
@@ -265,7 +268,7 @@ def gain(P: Array, H: Array, R: Array) -> tuple[Array, Array]:
     S = linalg.symmetrize(linalg.matmul(H, linalg.transpose(HP)))
     S = S + with_axes_of(S, R)
     # K = (H P)' S^-1
-    return S, linalg.matmul(linalg.transpose(HP), linalg.inverse(S))
+    return S, _times_inverse(linalg.transpose(HP), S)
 
 
 @once
@@ -276,7 +279,8 @@ def _joseph(P: Array, K: Array, H: Array, R: Array) -> Array:
         if compiled.kernels.joseph(P, H, R, K, out):
             return out
     IKH = linalg.identity_minus(linalg.matmul(K, H))
-    return linalg.sandwich(IKH, P) + linalg.sandwich(K, with_axes_of(K, R))
+    R = R if len(R) > _MOST_INVERTED else with_axes_of(K, R)
+    return linalg.sandwich(IKH, P) + linalg.sandwich(K, R)
 
 
 def condition(predicted: Gaussian, nu: Array, C: Array, S: Array) -> Gaussian:
@@ -286,5 +290,16 @@ def condition(predicted: Gaussian, nu: Array, C: Array, S: Array) -> Gaussian:
         mean, cov = np.empty(m.shape), np.empty(P.shape)
         if compiled.kernels.condition(m, P, nu, C, S, mean, cov):
             return Gaussian(mean, cov)
-    K = linalg.matmul(C, linalg.inverse(S))
+    K = _times_inverse(C, S)
     return Gaussian(m + linalg.matvec(K, nu), P - linalg.sandwich(K, S))
+
+
+def _times_inverse(C: Array, S: Array) -> Array:
+    """Compute ``C S^-1`` for C (m, n[, *batch]) and S (n, n[, *batch]); for large n in m n^2 steps."""
+    if len(S) <= _MOST_INVERTED:
+        return linalg.matmul(C, linalg.inverse(S))
+    # L L' x = c for each row c of C; L' with its axes reversed is lower as well.
+    L = linalg.cholesky(S)
+    reverse = linalg.transpose(L)[::-1, ::-1]
+    rows = [linalg.solve_lower(reverse, linalg.solve_lower(L, c)[::-1])[::-1] for c in C]
+    return np.stack(rows)
