@@ -270,3 +270,11 @@ def test_a_control_variate_of_a_near_filter(tmp_path: Path) -> None:
     assert spread == pytest.approx(stderr.mean(axis=0), rel=0.45)
     assert spread[1] < spread[0] / 3.0
     assert abs(off[:, 1].mean()) < 3.5 * spread[1] / sqrt(len(off))
+
+
+@pytest.mark.usefixtures("no_report")
+def test_one_run_has_no_spread_and_an_exact_one_has(tmp_path: Path) -> None:
+    found = stored(run(config() | {"runs": 1}, tmp_path / "out"), "per_step.csv")
+    assert np.isnan(found["KF", "std_x", "20"][0])
+    # After two scans the position is the last measurement.
+    assert found["KF, exact", "std_x", "1"][0] == pytest.approx(10.0, rel=1e-4)
