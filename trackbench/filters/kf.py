@@ -207,11 +207,11 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
 def _redundant_component(scenario: Scene) -> str | None:
     """Name a measured component that follows from others in a linear model with constant noise."""
     motion, sensor = scenario.model
-    if not hasattr(sensor, "jacobian") or len(sensor.components) < 2:
+    if not hasattr(sensor, "H") or len(sensor.components) < 2:
         return None
     x, k = np.ones((len(motion.components), 1)), int(scenario.steps[-1])
-    H, R = sensor.jacobian(x, k), sensor.measurement(x, k).cov
-    if H.ndim > 2 or R.ndim > 2:
+    H, R = sensor.H(len(x)), sensor.measurement(x, k).cov
+    if R.ndim > 2:
         return None
     # A combination d has neither state nor noise: d' [H R] = 0, whatever the units of the columns.
     B = np.hstack([H, R])
