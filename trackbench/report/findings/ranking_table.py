@@ -221,10 +221,14 @@ def _duration(seconds: float) -> str:
     return f"{phrases.rounded(seconds * scale, 2)} {unit}"
 
 
+def _is_empty(rows: list[list[Text]], column: int) -> bool:
+    return all(row[column].text in ("–", "0") for row in rows)
+
+
 def _without_empty(results: Results, table: TextTable) -> TextTable:
     """Leave out columns without a word, and the column of lost runs if there are none."""
     columns = range(len(table.heads))
-    empty = [i for i in columns if {row[i].text for row in table.rows} <= {"–", "0"}]
+    empty = [i for i in columns if _is_empty(table.rows, i)]
     shown = [i for i in columns if i < 3 or i not in empty]
     if _LOST in [table.heads[i] for i in empty]:
         table.title += "; no lost runs"
