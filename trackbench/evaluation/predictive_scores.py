@@ -244,10 +244,8 @@ class _Innovations:
 
     def add_steps(self, predicted: Gaussian, z: Array, steps: Sequence[int]) -> None:
         """Add the predictions of steps, means (n, T, M), and their measurements (n_z, T, M)."""
-        n, model = (
-            len(predicted.mean),
-            Model(self._model.motion, SensorOfSteps(self._model.sensor, steps)),
-        )
+        n = len(predicted.mean)
+        model = Model(self._model.motion, SensorOfSteps(self._model.sensor, steps))
         # The batch (T, M) becomes one axis.
         cov = np.broadcast_to(predicted.cov, (n, n, *z.shape[1:])).reshape(n, n, -1)
         together = Gaussian(predicted.mean.reshape(n, -1), cov)

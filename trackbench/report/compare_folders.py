@@ -304,14 +304,13 @@ def conclusion(rows: Sequence[Row], names: tuple[str, str]) -> str:
     apart = [row for row in rows if row.change.sign != 0]
     untested = sum(row.verdict == UNTESTED for row in rows)
     level = f"at {100 * rules.LEVEL:g} % over the numbers of a metric"
-    text = (
-        f"Of {counted(len(rows), 'number')} {same} are equal, byte for byte, {len(apart)} differ "
-    )
-    text += f"significantly ({level})"
-    text += f", and {untested} are untested: too few runs." if untested else "."
-    if unseen := {row.metric for row in apart} - {row.metric for row in apart if row.is_primary}:
+    parts = [f"{same} are equal, byte for byte", f"{len(apart)} differ significantly ({level})"]
+    if untested:
+        parts.append(f"{untested} are untested: too few runs")
+    text = f"Of {counted(len(rows), 'number')} {phrases.listed(parts)}."
+    if others := {row.metric for row in apart if not row.is_primary}:
         text += (
-            f" Of metrics that are no errors: {phrases.listed(sorted(unseen))} (--json has all)."
+            f" Some of these are {phrases.listed(sorted(others))}, which have no row (see --json)."
         )
     primary = [row for row in rows if row.is_primary and row.how != EQUAL] or rows
     for verdict in (WORSE, BETTER):

@@ -162,8 +162,9 @@ class Results(ResultsFolder):
     def with_units(self, table: Table) -> Table:
         """Return the table with the units of the grid's paths, and which of these are linked."""
         table.units = {single_paths(path)[0]: unit for path, unit in self.grid_units.items()}
-        for first, *others in filter(lambda paths: paths[1:], map(single_paths, self.grid)):
-            table.linked[first] = 1 + len(others)
+        for paths in map(single_paths, self.grid):
+            if len(paths) > 1:
+                table.linked[paths[0]] = len(paths)
         return table
 
     @property
