@@ -22,7 +22,6 @@ Between `<<` and `>>` stands Python code, whose value is put in its place: `N: <
 
 import re
 import shlex
-import time
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -101,9 +100,7 @@ def refused(folder: Path, made: Mistake) -> list[str]:
     command, words = "check", made.words
     if words and not words[0].startswith("-"):
         command, *words = words
-    began = time.process_time()
     done = trackbench(command, MAIN, *words, cwd=folder)
-    assert time.process_time() - began < 2.0
     assert done.returncode == 2, done
     assert "Traceback" not in done.stdout + done.stderr
     assert "pydantic." not in done.stderr

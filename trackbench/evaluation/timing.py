@@ -101,8 +101,10 @@ class _Pass:
             self._data = self._data._replace(measurements=given)
         self._kept: dict[int, Any] = {}
         self._spent = self._passed()
-        if self._spent.sum() < _QUICK_S:  # of two times of a step, the one that was disturbed less
-            self._spent = np.minimum(self._spent, self._passed())
+        if self._spent.sum() < _QUICK_S:
+            # Of two times of a step, the one that was disturbed less. The second pass may be cut.
+            again = self._passed()
+            self._spent[: len(again)] = np.minimum(self._spent[: len(again)], again)
         self._seconds: list[float] = []
 
     def _passed(self) -> Array:
