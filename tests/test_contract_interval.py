@@ -27,6 +27,7 @@ class Constants(PerRun, kind="constants"):
             q = 25 * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
             self.FQ = np.kron(np.eye(2), f), np.kron(np.eye(2), q)
         F, Q = self.FQ
+        THEN
         m, P = F @ self.mean, F @ self.cov @ F.T + Q
         if z is not None and not np.isnan(z).any():
             H = np.kron(np.eye(2), [[1, 0]])
@@ -54,17 +55,31 @@ filters:
 """
 
 
+RIGHT_F = "F = np.kron(np.eye(2), np.array([[1, dt], [0, 1]]))"
+ITS_ERRORS = "fits at equal intervals and not at unequal ones: RMSE "
+ITS_ESTIMATES = "is the EKF at equal intervals and not at unequal ones: the mean is off by "
+
+
 @pytest.mark.parametrize(
-    ("when", "verdict"), [("self.FQ is None", "bad"), ("True", "good"), ("not z is None", "bad")]
+    ("when", "then", "why"),
+    [
+        ("False", "", ITS_ERRORS),
+        ("not z is None", "", ITS_ERRORS),
+        ("False", RIGHT_F, ITS_ESTIMATES),
+        ("False", f"{RIGHT_F}; Q = Q * dt / 2", ITS_ESTIMATES),
+        ("True", "", ""),
+    ],
 )
-def test_a_filter_of_the_first_interval_is_found(when: str, verdict: str, tmp_path: Path) -> None:
-    (tmp_path / "mine.py").write_text(FILTER.replace("WHEN", f"self.FQ is None or ({when})"))
+def test_a_filter_of_the_first_interval_is_found(
+    when: str, then: str, why: str, tmp_path: Path
+) -> None:
+    text = FILTER.replace("WHEN", f"self.FQ is None or ({when})").replace("THEN", then)
+    (tmp_path / "mine.py").write_text(text)
     (tmp_path / "on.yaml").write_text(f"{ON}  KF: {{kind: kf}}\n")
     (findings,) = check_file(tmp_path / "mine.py", on=tmp_path / "on.yaml").values()
     (found,) = [f for f in findings if f.check == CHECKS["interval"][0]]
-    assert found.verdict == verdict
-    if verdict == "bad":
-        assert found.why.startswith("fits at equal intervals and not at unequal ones: RMSE ")
+    assert found.verdict == ("bad" if why else "good")
+    assert found.why.startswith(why)
 
 
 @pytest.mark.parametrize("sensor", SHIPPED)
