@@ -29,7 +29,9 @@ from trackbench.models.motions.irregular import Irregular
 from trackbench.models.motions.kinematic import ConstantVelocity, WhiteAcceleration
 from trackbench.models.motions.turn import CoordinatedTurn, UnknownTurn
 from trackbench.models.sensors.base import Assume
+from trackbench.models.sensors.function import FunctionSensor
 from trackbench.scenarios.score import Score
+from trackbench.scenarios.starts.without_scans import GaussianStart
 from trackbench.scenarios.targets.base import Launch
 from trackbench.scenarios.targets.legs import Legs
 
@@ -228,6 +230,17 @@ def test_stone_soup_takes_a_motion_that_is_not_linear() -> None:
         assume=Assume(motion=UnknownTurn(q=0.1, turn_walk_deg_s=0.7)),
     )
     equal(run(StoneSoupEKF, turning), track(turning, EKF(), RUNS), 1e-8)
+
+
+def test_stone_soup_takes_a_linear_sensor_that_scales() -> None:
+    """Its own linear model only picks components of the state."""
+    pytest.importorskip("stonesoup")
+    scaled = FunctionSensor(h={"a": "2*px", "b": "3*py + 1"}, R=100.0, angles=())
+    plain = FunctionSensor(h={"a": "2*px", "b": "3*py"}, R=100.0, angles=())
+    for sensor in (scaled, plain):
+        start = GaussianStart(sigma=(100.0, 10.0, 100.0, 10.0))
+        scenario = replace(SHORT, sensor=sensor.for_state(SHORT.components), start=start)
+        equal(run(StoneSoupEKF, scenario), track(scenario, EKF(), RUNS), 1e-8)
 
 
 def test_an_angle_may_cross_the_cut() -> None:

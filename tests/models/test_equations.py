@@ -14,6 +14,7 @@ from trackbench.models.base import Model
 from trackbench.models.motions.kinematic import Linear
 from trackbench.models.motions.nonlinear import MapMotion, OdeMotion
 from trackbench.models.motions.turn import UnknownTurn
+from trackbench.models.sensors.base import StackedSensor, is_linear
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.report.results import Results
@@ -258,6 +259,35 @@ def test_known_inputs_leave_the_kalman_filter() -> None:
         assert not hasattr(other, "linear")
     noisy: Any = MapMotion(components=("p",), next={"p": "p + 1"}, Q="1 + p**2").sampled(1.0)
     assert not hasattr(noisy, "linear")
+
+
+def test_a_sensor_with_an_offset_that_changes_leaves_the_kalman_filter() -> None:
+    """z = H(k) x + b(k) + N(0, R(k)) by a program of its own; a nonlinear sensor stays refused."""
+    motion: Any = MapMotion(components=("p", "v"), next={"p": "p + v", "v": "v"}, Q=0.1).sampled(1)
+    sensor = FunctionSensor(
+        h={"z": "2*p + 0.5*sin(k) + 3", "w": "p*(1 + 0.1*k) - v"},
+        R={"z": "4", "w": "1 + 0.1*k"},
+        state=("p", "v"),
+    )
+    model, tracker = Model(motion, sensor), make_filter("kf")
+    F, rng = np.array([[1.0, 1.0], [0.0, 1.0]]), np.random.default_rng(2)
+    m, P = np.array([1.0, 2.0]), np.diag([9.0, 1.0])
+    state: Any = tracker.init(model, Gaussian(m[:, None], P), rng)
+    for k in range(1, 8):
+        z = 10.0 * rng.standard_normal(2)
+        state = tracker.step(model, state, z[:, None], k, rng)
+        H, R = np.array([[2.0, 0.0], [1.0 + 0.1 * k, -1.0]]), np.diag([4.0, 1.0 + 0.1 * k])
+        m, P = F @ m, F @ P @ F.T + 0.1 * np.eye(2)
+        K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
+        m, P = m + K @ (z - H @ m - [0.5 * np.sin(k) + 3.0, 0.0]), P - K @ H @ P
+        got = tracker.estimate(state)
+        np.testing.assert_allclose(got.mean[:, 0], m, rtol=1e-11)
+        np.testing.assert_allclose(got.cov.reshape(2, 2), P, rtol=1e-11)
+    assert is_linear(StackedSensor((sensor, sensor)))
+    for h, R in (("p*v", "1"), ("sin(p)", "1"), ("p + 1", "1 + p**2")):
+        bent = FunctionSensor(h={"z": h}, R=R, state=("p", "v"), angles=())
+        assert not is_linear(bent)
+        assert not is_linear(StackedSensor((sensor, bent)))
 
 
 def test_an_eigenvalue_of_zero_is_judged_relative_to_the_largest() -> None:

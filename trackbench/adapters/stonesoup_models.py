@@ -33,9 +33,11 @@ def models(one: PerRun) -> tuple[Foreign, Foreign]:
         transition = LinearGaussianTimeInvariantTransitionModel(
             transition_matrix=motion.F.copy(), covariance_matrix=CovarianceMatrix(motion.Q.copy())
         )
-    if hasattr(sensor, "H"):
-        rows = [int(row.argmax()) for row in sensor.H(size)]
-        return transition, LinearSensor(ndim_state=size, mapping=rows, noise_covar=noise)
+    H = sensor.H(size) if hasattr(sensor, "H") else np.zeros((1, size))
+    rows = H.argmax(axis=1)
+    # Stone Soup's linear model picks components of the state.
+    if np.array_equal(H, np.eye(size)[rows]):
+        return transition, LinearSensor(ndim_state=size, mapping=rows.tolist(), noise_covar=noise)
     every = tuple(range(size))
     return transition, SensorModel(ndim_state=size, mapping=every, noise_covar=noise, of=one)
 

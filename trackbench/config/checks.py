@@ -43,7 +43,7 @@ _NEEDS = {
     "motion.Q": "a linear motion",
     "motion.T": "steps of equal length",
     "motion.T|intervals": "a motion with a sampling time",
-    "sensor.H": "a linear sensor",
+    **dict.fromkeys(["sensor.H", "sensor.H|linear"], "a linear sensor"),
     "sensor.jacobian": "a sensor with a Jacobian",
     "sensor.per_axis": "a sensor of planar positions, as it works axis by axis (try imm, or cmkf)",
     "sensor.reading": "a sensor of range and azimuth",

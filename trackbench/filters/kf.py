@@ -304,7 +304,7 @@ class KF(GaussianFilter):
     The covariance does not depend on the data: it and the gain are computed once for all runs.
     """
 
-    requires: ClassVar[tuple[str, ...]] = ("motion.F|linear", "sensor.H")
+    requires: ClassVar[tuple[str, ...]] = ("motion.F|linear", "sensor.H|linear")
     is_linear: ClassVar[bool] = True
 
     def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:

@@ -280,6 +280,13 @@ class StackedSensor:
         parts = [sensor.H for sensor in self.sensors]  # type: ignore[attr-defined]
         return lambda n: np.concatenate([H(n) for H in parts])
 
+    @property
+    def linear(self) -> bool:
+        """Return True; AttributeError if a sensor is nonlinear."""
+        if not all(is_linear(sensor) for sensor in self.sensors):
+            raise AttributeError("a sensor is nonlinear")
+        return True
+
     def information(self, x: Array, k: int, certain: bool = False) -> Array:
         """Return ``H' R^-1 H`` (n_x, n_x[, M]) of all measurements of x (n_x[, M]) at step k."""
         # The information of independent sensors adds.
@@ -335,9 +342,19 @@ class ScaledNoise:
         """H (n_z, n) as a function of n; AttributeError if the sensor is nonlinear."""
         return self.sensor.H  # type: ignore[union-attr]
 
+    @property
+    def linear(self) -> bool:
+        """Return True; AttributeError if the sensor is nonlinear."""
+        return self.sensor.linear  # type: ignore[union-attr]
+
 
 Sensors: TypeAlias = SensorBase | StackedSensor
 """One sensor, or several as one."""
+
+
+def is_linear(sensor: object) -> bool:
+    """Test for z_k = H x_k + b + noise, with H, b and the noise free of the state."""
+    return hasattr(sensor, "H") or hasattr(sensor, "linear")
 
 
 def stack(sensors: tuple[SensorBase, ...] | SensorBase) -> Sensors:

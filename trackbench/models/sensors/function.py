@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import product
 from math import inf, isclose, pi
 from typing import ClassVar, Literal
 
@@ -373,6 +374,14 @@ class FunctionSensor(SensorBase):
         if jacobian.constant is None or R.constant is None or not h.is_zero_at_zero():
             raise AttributeError("h is not linear")
         return Constant(jacobian.constant)
+
+    @property
+    def linear(self) -> bool:
+        """Return True; AttributeError unless z_k = H x_k + b + noise, H, b and R free of the state."""
+        _, jacobian, R = self._programs
+        if self.is_count or any(p.uses(name) for p, name in product((jacobian, R), self.state)):
+            raise AttributeError("h is not linear")
+        return True
 
 
 @dataclass(frozen=True, eq=False)
