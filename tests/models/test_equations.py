@@ -14,7 +14,7 @@ from trackbench.models.base import Model
 from trackbench.models.motions.kinematic import Linear
 from trackbench.models.motions.nonlinear import MapMotion, OdeMotion
 from trackbench.models.motions.turn import UnknownTurn
-from trackbench.models.sensors.base import StackedSensor, is_linear
+from trackbench.models.sensors.base import StackedSensor
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.report.results import Results
@@ -283,11 +283,11 @@ def test_a_sensor_with_an_offset_that_changes_leaves_the_kalman_filter() -> None
         got = tracker.estimate(state)
         np.testing.assert_allclose(got.mean[:, 0], m, rtol=1e-11)
         np.testing.assert_allclose(got.cov.reshape(2, 2), P, rtol=1e-11)
-    assert is_linear(StackedSensor((sensor, sensor)))
+    assert StackedSensor((sensor, sensor)).linear
     for h, R in (("p*v", "1"), ("sin(p)", "1"), ("p + 1", "1 + p**2")):
         bent = FunctionSensor(h={"z": h}, R=R, state=("p", "v"), angles=())
-        assert not is_linear(bent)
-        assert not is_linear(StackedSensor((sensor, bent)))
+        assert not hasattr(bent, "linear")
+        assert not hasattr(StackedSensor((sensor, bent)), "linear")
 
 
 def test_an_eigenvalue_of_zero_is_judged_relative_to_the_largest() -> None:

@@ -1,7 +1,4 @@
-"""Base of all sensors, with the key `assume`, and several sensors stacked into one measurement.
-
-A base sensor has measurement times, and errors that filters do not model.
-"""
+"""Base of all sensors, with the key `assume`, and several sensors stacked into one measurement."""
 
 from abc import abstractmethod
 from collections.abc import Callable
@@ -84,8 +81,7 @@ class SensorBase(Part):
 
     def __post_init__(self) -> None:
         if self.bias and len(self.bias) != len(self.components):
-            names = ", ".join(self.components)
-            raise ValueError(f"bias has {len(self.bias)} numbers for {names}")
+            raise ValueError(f"bias has {len(self.bias)} numbers for {', '.join(self.components)}")
 
     @abstractmethod
     def measurement(self, x: Array, k: int) -> Gaussian:
@@ -283,9 +279,7 @@ class StackedSensor:
     @property
     def linear(self) -> bool:
         """Return True; AttributeError if a sensor is nonlinear."""
-        if not all(is_linear(sensor) for sensor in self.sensors):
-            raise AttributeError("a sensor is nonlinear")
-        return True
+        return all(sensor.linear for sensor in self.sensors)  # type: ignore[attr-defined]
 
     def information(self, x: Array, k: int, certain: bool = False) -> Array:
         """Return ``H' R^-1 H`` (n_x, n_x[, M]) of all measurements of x (n_x[, M]) at step k."""
@@ -350,11 +344,6 @@ class ScaledNoise:
 
 Sensors: TypeAlias = SensorBase | StackedSensor
 """One sensor, or several as one."""
-
-
-def is_linear(sensor: object) -> bool:
-    """Test for z_k = H x_k + b + noise, with H, b and the noise free of the state."""
-    return hasattr(sensor, "H") or hasattr(sensor, "linear")
 
 
 def stack(sensors: tuple[SensorBase, ...] | SensorBase) -> Sensors:

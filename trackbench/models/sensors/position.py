@@ -20,6 +20,7 @@ class LinearSensor(SensorBase):
     places: ClassVar[slice]
     """slice of the state that is measured"""
     any_state: ClassVar[bool] = False
+    linear: ClassVar[bool] = True
 
     @property
     def R(self) -> Array:
