@@ -69,7 +69,7 @@ def chosen_labels(source: Source, settings: Settings) -> list[str]:
         if label not in known:
             add_label_problem(source, settings, ("smoothed", i), label)
     for i, label in enumerate(settings.exact):
-        if label not in labels_to_run(known, settings.only, settings.reference):
+        if label not in known:
             add_label_problem(source, settings, ("exact", i), label)
         if exact_label(label) in (*known, settings.bound):
             source.add_problem(("exact", i), f"{exact_label(label)!r} is already a label")
@@ -192,6 +192,8 @@ def check_bound(source: Source, scenario: Scenario) -> None:
 def check_exact(source: Source, settings: Settings, point: Point) -> None:
     """Check that the filters whose exact errors are requested are linear, and so is the scenario."""
     for i, label in enumerate(settings.exact):
+        if label not in point.filters:
+            continue  # `only` leaves it out
         tracker, assume = point.filters[label], point.assumed.get(label)
         with plugin_code(tracker, point.scenario, assume):
             why = why_not_exact(BlockTask(point.scenario, tracker, 0, 0, 1, 1, assume=assume))
