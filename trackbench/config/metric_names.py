@@ -190,12 +190,10 @@ def _kind(settings: Settings, label: str) -> type:
 
 
 def _numbers(tracker: AnyFilter) -> set[str]:
-    """Name the keys of a filter that are numbers."""
     return {key for key, x in field_values(tracker).items() if type(x) in (int, float)}
 
 
 def _predictive_series(settings: Settings, scenario: Scenario, tracker: Made) -> list[str]:
-    """Name the series that exist on request."""
     scores = tracker is not None and has_likelihood(tracker)
     names = predictive_series(scenario.true_sensor.components, scores, settings.hold_out)
     if scenario.has_truth:

@@ -355,8 +355,6 @@ class _ParticleRecorder:
 
 
 class _Clock:
-    """Adds up the CPU time of the blocks it is entered for."""
-
     cpu_s = 0.0
 
     def __enter__(self) -> None:

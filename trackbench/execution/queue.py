@@ -63,10 +63,7 @@ class Queue:
         self._plugins: dict[BlockTask, tuple[Plugin, ...]] = {}
 
     def add(self, tasks: Sequence[BlockTask], plugins: tuple[Plugin, ...]) -> None:
-        """Append the tasks that are new, as stacks.
-
-        Several workers get at least two stacks each.
-        """
+        """Append the tasks that are new, as stacks: at least two for each of several workers."""
         most = len(tasks) // (2 * self._workers) if self._workers > 1 else len(tasks)
         last: dict[BlockTask, Stack] = {}
         stacks: list[Stack] = []
@@ -255,7 +252,6 @@ def _joined(stacks: Sequence[Stack], most: int) -> list[Stack]:
 
 
 def _results(future: Future[list[Computed]]) -> list[Computed] | Exception:
-    """Return the stacks' results or the task's error; raises if the engine failed."""
     try:
         return future.result()
     except (BrokenExecutor, WriteError):
@@ -300,7 +296,6 @@ class _Lines:
 
 
 def _kind() -> Any:
-    """Return the bar's class: the notebook's where it can be shown."""
     import tqdm
 
     if not (_in_notebook() and find_spec("ipywidgets")):
@@ -311,5 +306,4 @@ def _kind() -> Any:
 
 
 def _in_notebook() -> bool:
-    """Test whether an IPython kernel runs this process."""
     return "ipykernel" in sys.modules and sys.modules["IPython"].get_ipython() is not None

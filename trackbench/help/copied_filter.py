@@ -112,7 +112,6 @@ def _scenario(kind: str, keys: str, scenarios: list[str]) -> str:
 
 
 def _imports(module: ModuleType, source: str) -> dict[str, _Import]:
-    """Find the imports that a piece of a module's source needs, by name."""
     known = {name: (module.__name__, name, "") for name in vars(module)}
     for node in ast.walk(ast.parse(inspect.getsource(module))):
         if isinstance(node, ast.ImportFrom | ast.Import):
@@ -125,7 +124,6 @@ def _imports(module: ModuleType, source: str) -> dict[str, _Import]:
 
 
 def _import_lines(imports: Iterable[_Import]) -> str:
-    """Write imports, Python's own first."""
     named: dict[str, list[str]] = {}
     for of, name, alias in sorted(imports):
         named.setdefault(of, []).append(f"{name} as {alias}" if alias else name)

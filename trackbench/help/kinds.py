@@ -182,7 +182,6 @@ def _described(kind: str, group: Group, cls: type[Part]) -> str:
 
 
 def _notes(group: Group, cls: type[Part]) -> Iterator[str]:
-    """Yield further facts about a kind, a line each."""
     from trackbench.models.sensors.base import SensorBase
     from trackbench.scenarios.base import Scenario
     from trackbench.scenarios.targets.base import Target

@@ -92,7 +92,6 @@ class KeptFigures:
 
 @cache
 def _sources() -> str:
-    """Digest of the package's own source."""
     digest = hashlib.sha256()
     _add(digest, sorted(Path(trackbench.__file__).parent.rglob("*.py")))
     return digest.hexdigest()
@@ -117,10 +116,7 @@ def _set_ups() -> Iterator[Path]:
 
 
 def draw_figure(spec: FigureKind, results: Results, formats: Sequence[str]) -> Files:
-    """Draw a figure as the content of a file, for each format; none of tracks if every filter failed.
-
-    Raises OutputError if the drawing fails.
-    """
+    """Draw a figure in each format, none of tracks if all filters failed. Raises OutputError."""
     with catch_errors(spec):
         if spec.shown_runs and not results.shown:
             return []
@@ -268,7 +264,6 @@ def _table_files(results: Results, name: str, spec: TableKind) -> Iterator[tuple
 
 
 def _remove(target: Path, group: str, name: str, forms: Iterable[str]) -> None:
-    """Remove earlier files of a table or figure that cannot be made now."""
     for place, form in product((group, f"run/{group}"), forms):
         path = atomic_files.within(target, place) / f"{name}.{form}"
         if path.is_file():

@@ -220,7 +220,6 @@ class CsvFiles:
                 self._writers["summary.csv"].writerow([*before, *row])
 
     def _cells(self, point: int, label: str) -> list[Any]:
-        """Begin a row: values of the grid point, and the filter."""
         return [*self._experiment.points[point].values.values(), label]
 
     def _head(self, point: int, label: str) -> str:
@@ -228,7 +227,6 @@ class CsvFiles:
 
 
 def _texts(values: Array | Index, file: str) -> list[str]:
-    """Write numbers as the file has them."""
     bits = np.ascontiguousarray(values).view(f"u{values.itemsize}")
     if len(values) > 1 and (bits == bits[0]).all():
         return _texts(values[:1], file) * len(values)

@@ -117,7 +117,6 @@ class Tracking(Scenario):
 
     @cached_property
     def _timeline(self) -> Timeline:
-        """Every step, those that a start uses up included."""
         if self._recorded_timeline is None:
             return self._schedule.regular(self.T)
         return self._schedule.of_recorded(self._recorded_timeline)
@@ -335,7 +334,6 @@ class Tracking(Scenario):
 
     @cached_property
     def _bound(self) -> bound.Bound:
-        """Posterior Cramer-Rao bound, over the paths of a driven target."""
         line, path = self._timeline, self.target.path(self._timeline)
         sensor, steps = self.true_sensor, line.steps.tolist()[self._skipped :]
         initial = self._start.bound(path, self.first, sensor, self.T, self.target.diffusion)

@@ -126,10 +126,7 @@ def largest_share(a: Array, b: Array) -> float:
 
 
 def compare_derived(results: Results, folder: Path) -> Iterator[str]:
-    """Yield differences of a folder's tables and verdicts from those that follow from the results.
-
-    These are written to the target of the results.
-    """
+    """Yield differences of a folder's tables and verdicts from those made of the results."""
     write_tables(results, tex=True)
     for what, line in zip(results.unmade, results.unmade_lines, strict=True):
         if (folder / "tables" / f"{what.removeprefix('table ')}.csv").is_file():

@@ -84,7 +84,6 @@ def _compare_search(
 
 
 def _compare_trials(label: str, stored: list[Trial], again: list[Trial]) -> Iterator[str]:
-    """Yield the first trial that differs, in the stored digits: the next ones depend on it."""
     if len(stored) != len(again):
         yield f"{_FILE}: {label}: has {len(stored)} trials, computed again {len(again)}"
     for a, b in zip(stored, map(Trial.rounded, again), strict=False):

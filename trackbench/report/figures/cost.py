@@ -129,7 +129,6 @@ def _spots(every: Sequence[costs.Curve]) -> list[costs.Spot]:
 
 
 def _values(spots: Sequence[costs.Spot]) -> tuple[Array, Array]:
-    """Return CPU times (µs) and errors, each with standard errors (2, n); none is nothing."""
     estimates = np.array([[spot.cost.estimate, spot.error.estimate] for spot in spots])
     times, errors = np.nan_to_num(estimates.reshape(-1, 2, 2).transpose(1, 2, 0))
     return costs.MICRO * times, errors

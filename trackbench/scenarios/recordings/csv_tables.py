@@ -133,10 +133,7 @@ def read_table(
     time_format: str = "",
     form: csv_lines.TextFormat | None = None,
 ) -> Table:
-    """Read columns of a table; raises DataError with up to twenty mistakes and their lines.
-
-    Dates are in ISO 8601, or in a form of strptime.
-    """
+    """Read columns, dates by ISO 8601 or ``time_format``; raises DataError with up to 20 mistakes."""
     reading = _Reading(path, contents, time_format)
     if is_parquet(path):
         # Parquet: the cells become text, so that both formats have the same parsers.
@@ -177,8 +174,6 @@ def first_rows(path: str, form: csv_lines.TextFormat | None, number: int) -> lis
 
 
 class _Reading:
-    """A table on its way from cells to arrays, a piece at a time."""
-
     def __init__(self, path: str, contents: Mapping[str, Content], form: str) -> None:
         # A date that stands beside the time is put before it.
         self._date = next((name for name, content in contents.items() if content == "date"), None)
@@ -314,5 +309,4 @@ def _parquet(path: str, columns: list[str] | None) -> Any:
 
 
 def _shown(value: object) -> str:
-    """Write a cell of a data frame as a CSV has it."""
     return "" if value is None or value != value or str(value) == "NaT" else str(value)

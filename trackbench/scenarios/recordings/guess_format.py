@@ -181,7 +181,6 @@ def _measured(path: str, naming: Naming, why: dict[str, str], sensors: list[Sens
 
 
 def _has_velocity(columns: dict[str, str]) -> bool:
-    """Test whether there are columns of a velocity, or of speed and course."""
     return columns.keys() >= {*_VELOCITY} or columns.keys() >= {*COURSE}
 
 
@@ -264,7 +263,6 @@ def _columns(
 
 
 def _no_time(names: list[str]) -> str:
-    """Explain what to write where no column looks like a time."""
     what = f"no column looks like a time or a step; there are {', '.join(names)[:200]}"
     if {"year", "month", "day"} <= {name.lower() for name in names}:
         return f"{what}: join the parts of dates into one column, 2025-04-03 10:00:00"
@@ -311,7 +309,6 @@ def _sensors(
 
 
 def _no_position(columns: dict[str, str], sample: "_Sample", names: list[str]) -> str:
-    """Explain what to write where a table, or one of its sensors, has nothing that is measured."""
     pairs = "x and y, latitude and longitude, range and azimuth, or range"
     known = ", ".join(names)[:200]
     for name in filter(columns.get, _MEASURED):
@@ -331,8 +328,6 @@ def _no_position(columns: dict[str, str], sample: "_Sample", names: list[str]) -
 
 
 class _Sample:
-    """First rows of a table, as text."""
-
     def __init__(self, path: str, names: list[str], form: csv_lines.TextFormat) -> None:
         self._names = names
         self.line = 1 if is_parquet(path) else csv_lines.layout_of(path, form).before + 1

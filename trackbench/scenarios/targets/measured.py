@@ -152,7 +152,6 @@ class Measured(FromFiles, Naming, Target):
 
     @property
     def _recording(self) -> "Recording":
-        """Recording read for the scenario's sensor and start."""
         return self.__dict__["_read"][1]
 
     def own_timeline(self, sensor: Sensors, start: Start, T: float) -> Timeline:
@@ -226,7 +225,6 @@ class Measured(FromFiles, Naming, Target):
         }
 
     def _check(self, sensor: Sensors, start: Start) -> None:
-        """Raise InvalidKeyError for what does not go with sensors and start."""
         every = sensors_of(sensor)
         if start.of_truth:
             what = "recorded data start from their scans, or as `given`: what is true is not known"
@@ -250,7 +248,6 @@ class Measured(FromFiles, Naming, Target):
             raise InvalidKeyError(what, "target", "sensors")
 
     def _truth(self, gathered: Gathered, clock: time_alignment.Clock) -> Array:
-        """Return the truth (n_x, K + 1, M) at the clock's steps."""
         assert self.truth is not None
         naming = self.truth_naming or replace(self, format=None)
         of_truth = replace(
@@ -287,7 +284,6 @@ class Measured(FromFiles, Naming, Target):
         return Flight(truth, recorded_columns(measurements[:, :end], rng), arrival)
 
     def _padded(self) -> Array:
-        """Return the truth at every step, those that the start uses up included."""
         recording = self._recording
         runs, steps = self.recorded_runs, len(recording.clock.steps)
         out = np.full((len(self.components), steps, runs), np.nan)
