@@ -59,10 +59,7 @@ _FILE = "tuning.csv"
 
 
 def verify(folder: Path, runs: int, allow_plugins: bool = False) -> list[str]:
-    """Recompute so many runs and return what differs, a line each; nothing if all bytes are the same.
-
-    Raises UserError if the folder has no results, or its config is invalid.
-    """
+    """Recompute so many runs; return what differs, a line each. Raises UserError for no results."""
     try:
         with explain_content_errors(folder):
             results = open_results(folder)

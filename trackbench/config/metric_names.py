@@ -147,10 +147,7 @@ def names_of(
     left_out: dict[str, AnyFilter],
     with_diagnostics: bool,
 ) -> Names:
-    """Collect the names of all filters, of those that are not run too, at every scenario.
-
-    ``with_diagnostics`` adds the filters' diagnostics, at the first point of each scenario and the last.
-    """
+    """Name the metrics of all filters, run or not, at every scenario; diagnostics only if wanted."""
     names = Names(has_truth=all(p.scenario.has_truth for p in points))
     names.components = points[0].scenario.components
     names.has_delays = any(p.scenario.longest_delay for p in points)

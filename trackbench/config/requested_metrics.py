@@ -256,10 +256,7 @@ def takes_times(experiment: Experiment) -> bool:
 
 @dataclass(frozen=True)
 class Contributions:
-    """Requested measures of which per_run.csv stores each run's contribution.
-
-    Those of every filter; and those at many steps, only of the filters that need them, by label.
-    """
+    """Measures whose shares of runs per_run.csv stores: of every filter, or at many steps by label."""
 
     everywhere: tuple[Measure, ...]
     of_steps: Mapping[str, tuple[Measure, ...]]

@@ -172,10 +172,7 @@ def _steps_ahead(tracker: AnyFilter, model: Model, state: Any, z: Array, k: int)
 
 @contextmanager
 def _sealed(task: BlockTask, *shared: Any) -> Iterator[None]:
-    """Raise WrongReturnError if code of a plugin writes to what filters share, and undo it.
-
-    numpy cannot write to it; a library that takes an array's address can.
-    """
+    """Raise WrongReturnError if a plugin writes to what filters share, by address, and undo it."""
     if not foreign_parts((task.filter, task.scenario, task.assume)):
         yield
         return

@@ -41,10 +41,7 @@ def start_forkserver(*modules: str) -> None:
 
 @contextmanager
 def _safe_path() -> Iterator[None]:
-    """Start Python processes that import nothing from the working folder.
-
-    Workers get the path of this process when they begin.
-    """
+    """Start Python processes that import nothing from the working folder; they get this path later."""
     before = os.environ.get(_SAFE)
     os.environ[_SAFE] = "1"
     try:

@@ -174,10 +174,7 @@ class Queue:
             self._waiting.extendleft([task] for task in reversed(stack))
 
     def _batch(self, least_seconds: float) -> list[Stack]:
-        """Return the next stack, or as many of the same plugins as take so many seconds.
-
-        Every worker gets at least two batches of what waits.
-        """
+        """Return the next stack, or some of its plugins' that take so many seconds; two a worker."""
         most = 1 if self.deaths else max(len(self._waiting) // (2 * self._workers), 1)
         batch: list[Stack] = []
         seconds = 0.0

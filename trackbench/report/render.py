@@ -247,10 +247,7 @@ def write_tables(results: Results, tex: bool = False) -> dict[str, Table]:
 
 
 def _table_files(results: Results, name: str, spec: TableKind) -> Iterator[tuple[str, Table]]:
-    """Yield a table by its folders; none if the table failed.
-
-    A table with CPU times stands in ``run/tables/``, and without them in ``tables/``.
-    """
+    """Yield a table by folder: with CPU times ``run/tables``, without ``tables``; none if failed."""
     table = results.tables.get(name)
     if table is None:
         return

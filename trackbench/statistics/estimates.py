@@ -27,10 +27,7 @@ COLLAPSED_NOTE = (
 
 
 def collapsed_in_words(anees: Array) -> str:
-    """Return ``collapsed in 3 of 40 runs`` from each run's ANEES or ANIS (M,).
-
-    Empty if no run collapsed, or if there is one run only, whose number says as much.
-    """
+    """Return ``collapsed in 3 of 40 runs`` from ANEES or ANIS (M,); empty if none, or of one run."""
     runs = anees[~np.isnan(anees)]
     collapsed = int(np.sum(runs > _COLLAPSED_ANEES))
     return f"collapsed in {collapsed} of {len(runs)} runs" if collapsed and len(runs) > 1 else ""
