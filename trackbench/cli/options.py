@@ -1,7 +1,4 @@
-"""Options that several commands share: types for typer, shell completion, conversion for the API.
-
-Wrong configs complete to nothing.
-"""
+"""Options that several commands share: types for typer, shell completion, conversion for the API."""
 
 import inspect
 import os

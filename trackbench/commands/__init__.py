@@ -1,7 +1,4 @@
-"""Commands shared by the command line and Python, and the check of their keyword arguments.
-
-A misspelt keyword of a Python function is a UserError, not a TypeError.
-"""
+"""Commands shared by the command line and Python; a misspelt keyword of a function is a UserError."""
 
 from collections.abc import Callable, Iterable
 from functools import wraps
@@ -23,10 +20,7 @@ def check_keywords(name: str, keywords: Iterable[str], known: list[str]) -> None
 
 
 def with_known_keywords(*options: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Decorate a function to raise UserError for an unknown keyword argument.
-
-    ``options`` are the keywords that the decorated function accepts as ``**changes``.
-    """
+    """Let a function with ``**changes`` raise UserError for a keyword that is not in ``options``."""
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
         named = signature(function).parameters.values()

@@ -1,7 +1,4 @@
-"""Commands on a stored results folder: report, plot, codecheck.yml.
-
-They compute no run and import nothing that could.
-"""
+"""Commands on a stored results folder: report, plot, codecheck.yml. They compute no run."""
 
 import os
 import sys

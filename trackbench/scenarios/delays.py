@@ -37,10 +37,7 @@ def arrivals(sensor: Sensors, recorded: Array | None, z: Array, rng: Streams) ->
 
 
 def treatment(assume: Assume) -> Late | None:
-    """Choose a filter's treatment of late measurements; None if it gets them on time.
-
-    Raises InvalidKeyError if the filter has neither.
-    """
+    """Choose a filter's treatment of late measurements; None without. Raises InvalidKeyError."""
     if assume.delay == "none":
         return None
     if assume.late is None:
