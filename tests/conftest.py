@@ -17,6 +17,7 @@ for _name in ("MAKEFLAGS", "MFLAGS"):
 
 import numpy as np
 import pytest
+import typer.main
 
 from trackbench import registry
 from trackbench.config.build import hints_of
@@ -139,6 +140,15 @@ def _no_fsync() -> Iterator[None]:
     """Leave files to the system's cache: no test cuts the power, and each fsync takes milliseconds."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(os, "fsync", lambda descriptor: None)
+        yield
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _commands_read_once() -> Iterator[None]:
+    """Let typer read the signatures of the commands once a session, not at each call of the CLI."""
+    name = "get_command_from_info"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(typer.main, name, cache(getattr(typer.main, name)))
         yield
 
 

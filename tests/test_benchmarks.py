@@ -49,7 +49,9 @@ def _least(name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Module
     for key, value in LEAST[name].items():
         monkeypatch.setattr(module, key, value)
     if name == "w2_workers":
-        monkeypatch.setattr(module, "CONFIG", module.CONFIG.replace("N: 10000", "N: 20"))
+        monkeypatch.setattr(
+            module, "CONFIG", module.CONFIG.replace("N: 10000", "N: 20") + "figures: {}\n"
+        )
     if name == "w3_kalman":
         monkeypatch.setattr(module, "workloads", lambda: [module._workload(2)])
     if name == "w7_process":

@@ -1,6 +1,7 @@
 """Shipped experiments are found by name, listed, shown and copied, from any folder."""
 
 import os
+import re
 import subprocess
 import sys
 from io import BytesIO
@@ -16,7 +17,6 @@ from tests.times import seconds
 from trackbench import yaml_source
 from trackbench.config import shipped_experiments
 from trackbench.config.load import load
-from trackbench.config.shipped_experiments import with_parts
 from trackbench.yaml_source import read
 
 NAMES = sorted(path.stem for path in EXPERIMENTS.glob("*.yaml"))
@@ -90,9 +90,9 @@ def test_a_config_is_shown_as_it_is() -> None:
 
 
 def _folders(name: str) -> str:
-    """The folders of all files of an experiment."""
-    parts = with_parts(EXPERIMENTS / f"{name}.yaml")
-    return " ".join(sorted({p.parent.name + p.suffix for p in parts if p.is_file()}))
+    """The folders of the files that an experiment names."""
+    text = (EXPERIMENTS / f"{name}.yaml").read_text()
+    return " ".join(sorted({a + b for a, b in re.findall(r"\b(\w+/)[\w-]+(\.\w+)\b", text)}))
 
 
 @pytest.mark.parametrize("name", {_folders(name): name for name in NAMES}.values())

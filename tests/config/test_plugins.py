@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.commands import spawned, trackbench
+from tests.commands import BARE, spawned, trackbench
 from tests.papers import merwe_text
 from trackbench import api
 from trackbench.config.load import load
@@ -243,13 +243,13 @@ def test_what_a_plugin_prints_is_not_among_the_objects(config: Path, engine: str
         1,
     )
     (config.parent / "half.py").write_text("import os\nprint('loaded')\n" + loud)
-    words = ("run", "own.yaml", "--allow-plugins", "--json", "--format", "svg", "--fresh")
+    words = ("run", "own.yaml", "--allow-plugins", "--json", "--fresh", *BARE)
     how = ("--engine", engine, "--workers", "2")
     done = spawned(*words, *how, cwd=config.parent)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["experiment"] == "own"
     assert {"loaded", "hi", "there"} <= set(done.stderr.splitlines())
-    done = spawned("check", "none.yaml", "--json", cwd=config.parent)
+    done = trackbench("check", "none.yaml", "--json", cwd=config.parent)
     assert (done.returncode, json.loads(done.stdout)["good"]) == (2, False)
     done = trackbench(*words, "--engine", "serial", cwd=config.parent)
     assert json.loads(done.stdout)["failed"] == []

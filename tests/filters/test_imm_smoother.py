@@ -242,12 +242,12 @@ def test_a_component_without_noise_stays_known() -> None:
 
 @pytest.mark.parametrize("quick", [WhiteAcceleration(q=100.0), ConstantAcceleration(q=4.0)])
 def test_a_long_track_with_maneuvers(quick: Motion) -> None:
-    """All measurements serve better than eight later ones, and these better than none."""
+    """All measurements serve better than four later ones, and these better than none."""
     legs = Leg(start=60, end=90, ax=8.0, ay=-5.0), Leg(start=130, end=140, ax=-20.0, ay=10.0)
-    scenario = maneuver(duration=200.0, legs=legs, score_from=0.0)
+    scenario = maneuver(duration=150.0, legs=legs, score_from=0.0)
     motions, rows = (WhiteAcceleration(q=0.01), quick), ((0.95, 0.05), (0.05, 0.95))
     rmse = []
-    for smooth in (False, FixedLag(lag=8), True):
+    for smooth in (False, FixedLag(lag=4), True):
         found = per_run(scenario, make_imm(motions, rows, (0.5, 0.5), smooth), 50, "rmse_position")
         rmse.append(found)
     assert rmse[2].mean() < 0.6 * rmse[0].mean()

@@ -58,8 +58,9 @@ def test_lost_runs_have_a_column_only_where_there_are_any():
 
 def test_a_run_writes_latex_on_request(folder, tmp_path):
     options = api.Options(
-        engine="serial", quiet=True, out=tmp_path / "o", runs=4, only=["PF"], formats=("tex",)
-    )
+        engine="serial", quiet=True, out=tmp_path / "o", runs=4, only=["PF"], formats=("tex",),
+        set=["figures={time: {kind: rmse-vs-time}}"],
+    )  # fmt: skip
     api.run(folder / "config.yaml", options)
     assert r"\toprule" in (tmp_path / "o" / "tables" / "table1.tex").read_text()
     assert (tmp_path / "o" / "figures" / "time.pdf").stat().st_size > 5000
