@@ -234,6 +234,15 @@ def test_tables_and_figures_show_it_where_it_exists(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("no_report")
+def test_exact_errors_of_a_filter_that_is_left_out(tmp_path: Path) -> None:
+    near = {"kind": "kf", "assume": {"motion": {"kind": "cv", "q": 0.25}}}
+    given = config() | {"filters": {"KF": {"kind": "kf"}, "Near": near}, "exact": ["KF", "Near"]}
+    options = api.Options(engine="serial", quiet=True, out=tmp_path / "out", formats=())
+    results = api.run(given | {"runs": 5, "only": ["Near"]}, options).results
+    assert results.labels == ["Near", "Near, exact"]
+
+
+@pytest.mark.usefixtures("no_report")
 def test_a_control_variate_of_a_near_filter(tmp_path: Path) -> None:
     near = {"kind": "kf", "assume": {"motion": {"kind": "cv", "q": 0.25}}}
     filters = {"KF": {"kind": "kf"}, "Near": near}
