@@ -21,7 +21,10 @@ _touched: ContextVar[list[Path] | None] = ContextVar("touched", default=None)
 
 
 def free_name(name: str, taken: Iterable[str]) -> str:
-    """Append the first number that makes the name differ from all taken ones, whatever their case."""
+    """Give the name the first number that makes it differ from all that are taken, if one does.
+
+    Names that differ in case only are one file on some systems.
+    """
     # name, name-2, name-3, ...
     folded = {other.casefold() for other in taken}
     numbered = (f"{name[:_LONGEST]}-{n}" for n in count(2))
@@ -55,7 +58,10 @@ def write_bytes(path: Path, content: bytes) -> None:
 
 @contextmanager
 def atomic_write(path: Path) -> Iterator[IO[bytes]]:
-    """Write a temporary file, fsync, rename: the old file stays until then. Raises WriteError."""
+    """Write a temporary file, fsync, rename: the old file stays until the new one is complete.
+
+    Raises WriteError if the disk is full or the folder may not be written.
+    """
     partial = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         partial.unlink(missing_ok=True)

@@ -77,7 +77,10 @@ class UnitIf(NamedTuple):
 
 
 def require_regular_file(path: str | Path) -> Path:
-    """Return the path; raises OSError for no file, a folder, a device or pipe without an end."""
+    """Return the path of a file that can be read to its end.
+
+    Raises OSError for a missing file, a folder, and a device or a pipe, which may have no end.
+    """
     mode = os.stat(path).st_mode
     if stat.S_ISDIR(mode):
         raise OSError(errno.EISDIR, "is a folder")

@@ -196,6 +196,7 @@ def text_of(path: Path) -> str:
 
 @cache
 def _stdin() -> str:
+    """Read stdin, which can be read once."""
     content = sys.stdin.buffer.read(_LARGEST_FILE + 1)
     if len(content) > _LARGEST_FILE:
         raise OSError(errno.EFBIG, "has more than 1 MB")
@@ -289,6 +290,8 @@ class _Loader(yaml.SafeLoader):
 
 
 class _Builder:
+    """Plain data with positions from the nodes of one document."""
+
     def __init__(self, name: str) -> None:
         self.name = name
         self.problems: list[Problem] = []

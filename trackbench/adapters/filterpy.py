@@ -124,6 +124,7 @@ def _as_state(z: Array, part: Foreign) -> Array:
 
 
 def _bank_of(target: Foreign) -> tuple[Foreign, ...]:
+    """Return the filters of an IMM."""
     return tuple(getattr(target, _BANK, ()))
 
 

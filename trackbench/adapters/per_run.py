@@ -155,6 +155,8 @@ def _moments(returned: object, n: int, one: type) -> tuple[Array, Array]:
 
 
 class _LazyGenerator:
+    """Generator of one run, created when it is first used."""
+
     def __init__(self, block: Generator, run: int) -> None:
         self._block, self._run = block, run
 

@@ -114,6 +114,7 @@ def gate(
 
 
 def _gate_table(verdict: "Verdict", name: str, worse: str) -> "TextTable":
+    """Tabulate the numbers of the changed filters, with a headline and notes."""
     from trackbench.errors import counted
     from trackbench.report import compare_folders as comparison
     from trackbench.report.findings import phrases

@@ -45,6 +45,7 @@ def list_(
 
 
 def _listing(word: str | None, config: Path | None, allow_plugins: bool) -> str:
+    """List one word; without a word, the groups with their sizes."""
     from trackbench.help import metrics
     from trackbench.help.kinds import experiments, groups_with_counts, listing, problems
 

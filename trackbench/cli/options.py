@@ -1,4 +1,7 @@
-"""Options that several commands share: types for typer, shell completion, conversion for the API."""
+"""Options that several commands share: types for typer, shell completion, conversion for the API.
+
+Wrong configs complete to nothing.
+"""
 
 import inspect
 import os

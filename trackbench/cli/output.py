@@ -89,6 +89,7 @@ def _stdout_apart() -> Iterator[TextIO]:
 
 
 def _is_the_systems(stream: TextIO) -> bool:
+    """Distinguish the real stdout from a caller's replacement."""
     try:
         return stream.fileno() == _STDOUT
     except (OSError, ValueError):

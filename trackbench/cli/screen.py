@@ -137,5 +137,6 @@ def _least(table: TextTable, column: int, wrapped: str) -> int:
 
 
 def _texts(table: TextTable, column: int) -> list[str]:
+    """List the heading of a column, then its cells."""
     cells = [row[column] for row in table.rows]
     return [table.heads[column], *("*" * cell.best + cell.text for cell in cells)]

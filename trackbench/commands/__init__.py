@@ -1,4 +1,7 @@
-"""Commands shared by the command line and Python; a misspelt keyword of a function is a UserError."""
+"""Commands shared by the command line and Python, and the check of their keyword arguments.
+
+A misspelt keyword of a Python function is a UserError, not a TypeError.
+"""
 
 from collections.abc import Callable, Iterable
 from functools import wraps
@@ -20,7 +23,10 @@ def check_keywords(name: str, keywords: Iterable[str], known: list[str]) -> None
 
 
 def with_known_keywords(*options: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Let a function with ``**changes`` raise UserError for a keyword that is not in ``options``."""
+    """Decorate a function to raise UserError for an unknown keyword argument.
+
+    ``options`` are the keywords that the decorated function accepts as ``**changes``.
+    """
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
         named = signature(function).parameters.values()

@@ -291,6 +291,7 @@ def _check_out(folder: Path, data: Collection[str]) -> None:
 
 
 def _stored_runs(folder: Path) -> int:
+    """Count the runs of the results in a folder; 0 without results."""
     with suppress(OSError, ValueError, LookupError, TypeError):
         return int(json.loads((folder / "manifest.json").read_bytes())["runs"])
     return 0

@@ -114,6 +114,7 @@ def run_each(configs: Sequence[Config], options: Options, sweep: bool = False) -
 
 
 def _import_ahead() -> None:
+    """Import what tables and verdicts need while workers compute blocks."""
     with suppress(Exception):  # the program may be ending; whoever needs them imports them himself
         import_module("scipy.special")
         import_module("pandas")

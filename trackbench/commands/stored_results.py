@@ -1,4 +1,7 @@
-"""Commands on a stored results folder: report, plot, codecheck.yml. They compute no run."""
+"""Commands on a stored results folder: report, plot, codecheck.yml.
+
+They compute no run and import nothing that could.
+"""
 
 import os
 import sys

@@ -35,7 +35,10 @@ def _cached(function: F) -> F:
 
 @_cached
 def adapter(cls: type[T], documented: bool = False) -> TypeAdapter[T]:
-    """Build a dataclass's strict validator; ``documented``: with docstrings of attributes, slowly."""
+    """Build the strict validator of a dataclass: unknown keys are mistakes.
+
+    ``documented`` adds the docstrings of attributes to its JSON schema, which takes time.
+    """
     config = ConfigDict(
         extra="forbid",
         use_attribute_docstrings=documented,
@@ -73,7 +76,10 @@ def file_keys(cls: type) -> frozenset[str]:
 
 
 def _configure(hint: object, config: ConfigDict, done: set[type]) -> None:
-    """Make a dataclass and all within it strict, here, so that a filter stays a plain dataclass."""
+    """Make a dataclass, and every dataclass within it, strict and documented.
+
+    Set here and not on each class, so that a filter stays a plain dataclass.
+    """
     if isinstance(hint, type) and is_dataclass(hint) and hint not in done:
         done.add(hint)
         setattr(hint, "__pydantic_config__", config)  # noqa: B010
@@ -192,6 +198,7 @@ class _Reader(NamedTuple):
 
 
 def _may_be(hint: object, cls: type) -> bool:
+    """Test whether a key of this type may hold an instance of the class."""
     return any(cls in (option, get_origin(option)) for option in (hint, *get_args(hint)))
 
 

@@ -113,6 +113,7 @@ def check_fit(source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenario
 
 
 def _remedy(scenario: Scenario, need: str) -> str:
+    """Explain what to do about a requirement that a scenario does not meet."""
     component = need.partition(".")[0]
     if component == "sensor":
         parts = walk_parts(scenario.true_sensor)
@@ -201,6 +202,7 @@ def check_exact(source: Source, settings: Settings, point: Point) -> None:
 
 
 def _add_conflicts(source: Source, keys: Keys, conflicts: dict[str, str]) -> None:
+    """Add the problems that a component reports by key; an empty key means the component."""
     for key, what in conflicts.items():
         source.add_problem((*keys, *key.split(".")) if key else keys, what)
 
@@ -240,7 +242,10 @@ def check_key_figure(source: Source, settings: Settings) -> None:
 def check_named_filters(
     source: Source, settings: Settings, group: Group, parts: dict[str, Exhibit]
 ) -> None:
-    """Check that labels and comparing measures of tables and figures name existing filters only."""
+    """Check that tables and figures name existing filters only.
+
+    They do under ``filters``, under what they declare as ``label_keys``, and in measures that compare.
+    """
     for name, part in parts.items():
         named: list[tuple[Keys, str]] = []
         for key in ("filters", *part.label_keys):

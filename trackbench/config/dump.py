@@ -111,6 +111,7 @@ def _with_varied_defaults(experiment: Experiment) -> set[Keys]:
 
 
 def _only_set(full: object, config: object) -> object:
+    """Reduce ``full`` to the keys that the config sets."""
     if isinstance(full, dict) and isinstance(config, dict):
         return {key: _only_set(full.get(key, value), value) for key, value in config.items()}
     if isinstance(full, list) and isinstance(config, list):

@@ -82,7 +82,10 @@ def combinations(
     reference: str | None,
     every: bool,
 ) -> list[Places]:
-    """Order the points: every combination, or one filter group at a time beside first values."""
+    """Order the points by their values: every combination, or one filter group at a time.
+
+    While one group is varied, the others keep their first values.
+    """
     points: set[Places] = set()
     for varied in _varied_together(grid, labels, reference, every):
         points |= set(product(*(range(len(v) if p in varied else 1) for p, v in grid.items())))

@@ -52,6 +52,7 @@ def inline_parts(source: Source, folder: Path) -> dict[str, list[Problem]]:
 
 
 def _include_nested(source: Source, keys: Keys, depth: int) -> None:
+    """Include the components within a component; paths are relative to their file."""
     data = source.at(keys)
     inner: Iterable[str | int] = data if isinstance(data, dict) else range(len(data))
     for key in list(inner):
@@ -165,7 +166,10 @@ def _inline(source: Source, keys: Keys, folder: Path, depth: int) -> None:
 def deep_merge(
     base: Mapping[str, object], top: Mapping[str, object], by_kind: bool = False
 ) -> MarkedMapping:
-    """Merge ``top`` into ``base``, inner mappings too; ``by_kind``: not into one of another kind."""
+    """Merge the keys of ``top`` into ``base``; a mapping in both is merged in the same way.
+
+    ``by_kind``: a mapping of another kind, and so with other keys, replaces that of the base.
+    """
     merged, on_top = MarkedMapping(base), MarkedMapping(top)
     merged.marks |= on_top.marks
     merged.key_marks |= on_top.key_marks

@@ -13,8 +13,23 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from trackbench.config import checks, tuned_entries
 from trackbench.config.build import build, build_kind
+from trackbench.config.checks import (
+    QUICK,
+    check_assumed,
+    check_bound,
+    check_drawable,
+    check_exact,
+    check_figures,
+    check_fit,
+    check_idle,
+    check_idle_settings,
+    check_key_figure,
+    check_named_filters,
+    check_problem,
+    chosen_labels,
+    with_recorded_runs,
+)
 from trackbench.config.experiment import DrawnExhibit, Exhibit, Experiment, Point, Settings
 from trackbench.config.filter_model import check_idle_late, check_late, read_assumed
 from trackbench.config.grid import add_axis, apply_point, grid_points
@@ -23,6 +38,14 @@ from trackbench.config.plugin_checks import add_filters, load_plugins, show_filt
 from trackbench.config.published import Published, read_published
 from trackbench.config.python_tables import put_tables
 from trackbench.config.requested_metrics import check_metrics, check_trained_metrics
+from trackbench.config.tuned_entries import (
+    Chosen,
+    add_smoothed,
+    add_tuned,
+    training_point,
+    tuned_axes,
+    with_defaults,
+)
 from trackbench.errors import Mark, Problem, RunError, UserError
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.filters.base import AnyFilter
@@ -62,7 +85,7 @@ def load(
     grid: Sequence[str] = (),
     product: bool = False,
     allow_plugins: bool = False,
-    tuned_values: Mapping[str, tuned_entries.Chosen] | None = None,
+    tuned_values: Mapping[str, Chosen] | None = None,
     filter_files: Sequence[Path] = (),
     quick: bool = False,
     tables: Mapping[str, object] | None = None,
@@ -99,8 +122,8 @@ def load(
         source.data.pop("problem", None)
     _set_only(source, only)
     show_filters(source, added)
-    tuned_entries.add_tuned(source, tuned_values or {})
-    tuned_entries.add_smoothed(source)
+    add_tuned(source, tuned_values or {})
+    add_smoothed(source)
     # Step 2: run the plugins' code, so that their kinds are known, and validate.
     plugins = load_plugins(source, home, allow_plugins, (*filter_files, *chosen))
     try:
@@ -123,7 +146,7 @@ def _with_unread(unread: dict[str, list[Problem]], error: UserError) -> UserErro
 
 def _set_runs(source: Source, runs: int | None, seed: int | None, quick: bool) -> None:
     if quick:
-        override(source, ("runs",), QUICK_RUNS, Mark(checks.QUICK))
+        override(source, ("runs",), QUICK_RUNS, Mark(QUICK))
     for key, number in {"runs": runs, "seed": seed}.items():
         if number is not None:
             override(source, (key,), number, Mark(f"--{key}"))
@@ -172,7 +195,7 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
     # Step 1: the top level.
     whole = build(Settings, source, ())
     settings = _settings(source, whole)
-    labels = checks.chosen_labels(source, settings)
+    labels = chosen_labels(source, settings)
     # Step 2: scenario and filters at each point of the grid.
     built = []
     for values, marks in grid_points(source, settings):
@@ -180,19 +203,19 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
         built.append(_point(source, labels, values))
     points = [point for point in built if point is not None]
     whole_grid = points if len(points) == len(built) else []
-    checks.check_idle(source, whole_grid)
+    check_idle(source, whole_grid)
     check_idle_late(source, whole_grid)
     for point in points if not source.problems else ():
-        checks.check_exact(source, settings, point)
-    checks.check_idle_settings(source, settings, points)
-    checks.check_problem(source, settings)
+        check_exact(source, settings, point)
+    check_idle_settings(source, settings, points)
+    check_problem(source, settings)
     left_out = _filters(source, [label for label in settings.filters if label not in labels])
     if whole:
-        settings = checks.with_recorded_runs(source, settings, points)
+        settings = with_recorded_runs(source, settings, points)
     # Step 3: what is tuned.
-    training = tuned_entries.training_point(source, points[0]) if settings.tune and points else None
-    settings = tuned_entries.with_defaults(source, settings, points, training)
-    axes = tuned_entries.tuned_axes(source, settings, points, training)
+    training = training_point(source, points[0]) if settings.tune and points else None
+    settings = with_defaults(source, settings, points, training)
+    axes = tuned_axes(source, settings, points, training)
     # Step 4: tables and figures.
     if whole:
         _add_default_exhibits(source, settings, points)
@@ -200,11 +223,11 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
     figures: dict[str, DrawnExhibit] = _exhibits("figures", source, points)
     exhibits: dict[Group, dict[str, Exhibit]] = {"tables": tables, "figures": {**figures}}
     for group, parts in exhibits.items():
-        checks.check_named_filters(source, settings, group, parts)
-        checks.check_drawable(source, group, parts, whole_grid)
-    checks.check_key_figure(source, settings)
+        check_named_filters(source, settings, group, parts)
+        check_drawable(source, group, parts, whole_grid)
+    check_key_figure(source, settings)
     if whole:  # else the runs may not be known
-        checks.check_figures(source, settings, figures, points)
+        check_figures(source, settings, figures, points)
     # Step 5: names of metrics and published files.
     only_names = not source.problems
     check_metrics(source, settings, whole_grid, exhibits, left_out)
@@ -242,11 +265,11 @@ def _point(source: Source, labels: list[str], values: dict[str, object]) -> Poin
         source.add_problem(("scenario",), str(error))
         return None
     point = Point(dict(values), scenario, filters, assumed)
-    checks.check_bound(source, scenario)
+    check_bound(source, scenario)
     for label, tracker in filters.items():
-        assumed_scenario = checks.check_assumed(source, point, label)
+        assumed_scenario = check_assumed(source, point, label)
         if tracker is not None and assumed_scenario is not None:
-            checks.check_fit(source, ("filters", label), tracker, assumed_scenario)
+            check_fit(source, ("filters", label), tracker, assumed_scenario)
             check_late(source, ("filters", label), tracker, assumed_scenario)
     return point
 

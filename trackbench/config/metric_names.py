@@ -147,7 +147,10 @@ def names_of(
     left_out: dict[str, AnyFilter],
     with_diagnostics: bool,
 ) -> Names:
-    """Name the metrics of all filters, run or not, at every scenario; diagnostics only if wanted."""
+    """Collect the names of all filters, of those that are not run too, at every scenario.
+
+    ``with_diagnostics`` adds the filters' diagnostics, at the first point of each scenario and the last.
+    """
     names = Names(has_truth=all(p.scenario.has_truth for p in points))
     names.components = points[0].scenario.components
     names.has_delays = any(p.scenario.longest_delay for p in points)
@@ -187,10 +190,12 @@ def _kind(settings: Settings, label: str) -> type:
 
 
 def _numbers(tracker: AnyFilter) -> set[str]:
+    """Name the keys of a filter that are numbers."""
     return {key for key, x in field_values(tracker).items() if type(x) in (int, float)}
 
 
 def _predictive_series(settings: Settings, scenario: Scenario, tracker: Made) -> list[str]:
+    """Name the series that exist on request."""
     scores = tracker is not None and has_likelihood(tracker)
     names = predictive_series(scenario.true_sensor.components, scores, settings.hold_out)
     if scenario.has_truth:

@@ -48,7 +48,10 @@ def unknown(word: str, known: list[str]) -> str:
 def mistakes_of(
     error: ValidationError, source: Source, keys: Keys, cls: type, also: Sequence[str] = ()
 ) -> list[Problem]:
-    """Locate and describe mistakes in the mapping at ``keys``; ``also`` names keys beside its own."""
+    """Locate and describe what the validator of ``cls`` found wrong with the mapping at ``keys``.
+
+    ``also`` names keys that stand beside those of the dataclass.
+    """
     problems: dict[Problem, None] = {}
     for item in error.errors(include_url=False):
         problems |= dict.fromkeys(_problems(item, source, keys, cls, also))
@@ -121,6 +124,7 @@ def _dataclass_at(cls: type, path: Keys, tags: Keys) -> type[Any] | None:
 
 
 def _describe(kind: str, ctx: Mapping[str, object], value: object, message: str) -> str:
+    """Describe in words what the validator found wrong with a value."""
     text = shown(value)
     if kind == "value_error":
         return str(ctx["error"])

@@ -92,7 +92,10 @@ def _append(items: list[object], value: object, mark: Mark) -> None:
 def load_plugins(
     source: Source, folder: Path, allowed: bool, chosen: Sequence[Path] = ()
 ) -> tuple[Plugin, ...]:
-    """Load the config's ``plugins`` if their code may run or was chosen; raises UserError."""
+    """Load the config's ``plugins``, paths counted from ``folder``; raises UserError.
+
+    A config that names plugins is refused unless their code may be run, or the user chose the file.
+    """
     chosen_paths = {file.resolve() for file in chosen}
     names = source.data.get("plugins") or []
     if not isinstance(names, list):
@@ -117,17 +120,20 @@ def load_plugins(
 
 
 def _texts(source: Source, key: str) -> list[str]:
+    """Read the words in a list of the config; the validation of the whole reports other values."""
     words = source.data.get(key) or []
     return [word for word in words if isinstance(word, str)] if isinstance(words, list) else []
 
 
 def _missing(source: Source, files: Sequence[Path]) -> list[Problem]:
+    """List a mistake for each declared file that does not exist."""
     what = "no such file or folder; write its path from the config's folder"
     missing = [i for i, file in enumerate(files) if not file.exists()]
     return [source.problem(("files", i), f"{files[i]}: {what}") for i in missing]
 
 
 def _check_apart(plugins: list[Plugin], source: Source) -> None:
+    """Reject two plugins of a config that register the same kind."""
     owners: dict[tuple[str, str], Plugin] = {}
     for i, plugin in enumerate(plugins):
         for group, kind, _ in registered(plugin.module):
@@ -225,6 +231,7 @@ def exhibit_conflicts(part: Exhibit, points: Sequence[Point]) -> dict[str, str]:
 
 
 def _check_shown(part: DrawnExhibit) -> None:
+    """Raise WrongReturnError unless a figure declares properly which tracks it needs."""
     runs, components = part.shown_runs, part.shown_components
     _ = part.shown_covariances, part.shown_measurements, part.shown_particles
     if not isinstance(runs, int):

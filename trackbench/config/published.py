@@ -255,6 +255,7 @@ def _misspelt(known: _Known, folders: list[Path]) -> Iterator[Problem]:
 
 
 def _configs(folder: Path) -> Iterator[str]:
+    """Yield the names of the experiments in a folder."""
     for path in glob(f"{escape(str(folder))}/*.yaml"):
         with suppress(OSError):
             name = re.search(r"^name: *[\"']?([\w.-]+)", text_of(Path(path)), re.MULTILINE)
@@ -300,7 +301,10 @@ def _read(name: str, text: str, known: _Known, published: Published) -> list[Pro
 
 
 def _source(name: str, line: int, cls: type, header: list[str], cells: list[str]) -> Source:
-    """Read a row as a mapping with positions: no empty or padded cells, numbers as in YAML."""
+    """Read one row as a mapping with positions, without the spaces around cells.
+
+    Empty cells are left out, numbers are read as in YAML.
+    """
     row = MarkedMapping()
     source = Source(row, Mark(name, line, 1))
     if len(cells) != len(header):
@@ -329,6 +333,7 @@ def _source(name: str, line: int, cls: type, header: list[str], cells: list[str]
 
 
 def _check(row: PublishedNumber | Claim, source: Source, labels: list[str] | None) -> None:
+    """Check a row's labels and expressions."""
     first, second = row.expression, None
     if isinstance(row, Claim):
         second, named = row.right_expression, {"left": split(row.left), "right": row.rights}
@@ -351,6 +356,7 @@ def _check(row: PublishedNumber | Claim, source: Source, labels: list[str] | Non
 def _check_point(
     row: PublishedNumber | Claim, source: Source, points: Sequence[Mapping[str, object]] | None
 ) -> None:
+    """Check that a row's point can be read and is one of the grid."""
     if not all("=" in part for part in split(row.point)):
         source.add_problem(("point",), f"{row.point!r} is not path=value; path=value")
     elif points and not any(picks(row.point, values) for values in points):
@@ -358,6 +364,7 @@ def _check_point(
 
 
 def _check_reading(row: PublishedNumber, source: Source, before: list[PublishedNumber]) -> None:
+    """Check that rows of one number agree on it and name their interpretation."""
     for other in before:
         if other.printed_at != row.printed_at:
             continue
@@ -372,6 +379,7 @@ def _check_reading(row: PublishedNumber, source: Source, before: list[PublishedN
 
 
 def _check_claim(row: Claim, source: Source) -> None:
+    """Check a claim's text, filter and comparison."""
     if not row.claim.strip():
         source.add_problem(("claim",), "is empty")
     if (row.expressions or row.rights) and not row.left.strip():

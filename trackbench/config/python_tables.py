@@ -69,6 +69,7 @@ def _components(
 
 
 def _frame(value: object, components: Sequence[str], mark: Mark) -> "pd.DataFrame":
+    """Build the table with a column for each component; raises UserError."""
     import pandas as pd
 
     if isinstance(value, pd.DataFrame):

@@ -136,6 +136,7 @@ def _in_value(value: object, hint: object, keys: Keys) -> Iterator[MetricRequest
 
 
 def _unknown(request: MetricRequest, names: Names, settings: Settings) -> str | None:
+    """Explain why a metric is unknown, if the config names it."""
     role, word = _where(request, settings)
     if role == "efficiency" and settings.reference is None:
         return f"{word!r} compares with the reference filter; name one under `reference`"
@@ -172,6 +173,7 @@ def _unknown(request: MetricRequest, names: Names, settings: Settings) -> str | 
 
 
 def _left_out(request: MetricRequest, names: Names, settings: Settings) -> str | None:
+    """Explain that a metric is one that its file does not store."""
     role, word = _where(request, settings)
     if role == "efficiency":
         return _missing_parts(request.measure, settings)
@@ -188,6 +190,7 @@ def _left_out(request: MetricRequest, names: Names, settings: Settings) -> str |
 
 
 def _missing_parts(m: Measure, settings: Settings) -> str | None:
+    """Explain which parts of an expression are not stored."""
     stored = stored_metrics(settings, "summary.csv")
     missing = [] if stored is None else [p.base for p in m.made_of() if p.base not in stored]
     if not missing:
@@ -256,7 +259,10 @@ def takes_times(experiment: Experiment) -> bool:
 
 @dataclass(frozen=True)
 class Contributions:
-    """Measures whose shares of runs per_run.csv stores: of every filter, or at many steps by label."""
+    """Requested measures of which per_run.csv stores each run's contribution.
+
+    Those of every filter; and those at many steps, only of the filters that need them, by label.
+    """
 
     everywhere: tuple[Measure, ...]
     of_steps: Mapping[str, tuple[Measure, ...]]

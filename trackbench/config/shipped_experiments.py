@@ -79,6 +79,7 @@ def problems() -> list[ShippedProblem]:
 
 
 def _published_numbers(name: str, files: str) -> int:
+    """Count the published numbers that an experiment measures, each once."""
     printed = set()
     for path in re.findall(r"[^\[\], ]+", files):
         with (folder() / path).open(encoding="utf-8", newline="") as file:
@@ -90,7 +91,10 @@ def _published_numbers(name: str, files: str) -> int:
 
 
 def located(config: Path, note: Callable[[str], None]) -> Path:
-    """Find the file of a path or shipped experiment; ``note`` a word that is both."""
+    """Find the file of a config: of that path, or else the shipped experiment of that name.
+
+    Raises UserError for a word that is neither; says so if it is both.
+    """
     word = str(config)
     if config.is_file() or not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", word):
         if word in names():
@@ -132,7 +136,10 @@ def copied(name: str, target: Path) -> list[Path]:
 
 
 def with_parts(file: Path, files: frozenset[Path] = frozenset()) -> frozenset[Path]:
-    """Collect a YAML file and every file that it names, directly or not; some may not exist."""
+    """Collect a YAML file and every file that it names, directly or through another; some may not exist.
+
+    Raises UserError if one of them is no YAML.
+    """
     from trackbench.yaml_source import read
 
     files |= {file}
@@ -159,5 +166,6 @@ def _title(text: str) -> str:
 
 
 def _line(key: str, text: str) -> str:
+    """Return the value of a key that stands on a line of its own."""
     match = re.search(rf"^{key}: (.+)$", text, re.MULTILINE)
     return match[1].strip("\"'") if match else ""

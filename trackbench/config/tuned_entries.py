@@ -77,6 +77,7 @@ def add_smoothed(source: Source) -> None:
 
 
 def _check_tuned_label(source: Source, label: str) -> None:
+    """Reject an entry under the tuned filter's label that is another filter."""
     keys = source.at(("tune", label))
     if not isinstance(keys, dict) or not _is_entry(source, tuned_label(label)):
         return
@@ -130,6 +131,7 @@ def _with_tuned_of_only(source: Source, labels: list[str]) -> list[str]:
 
 
 def _add_part(source: Source, group: str, name: str, part: dict[str, object]) -> None:
+    """Add a table or figure of tuning unless the config has it."""
     mark = source.key_mark(("tune",))
     mark = mark if mark.line else Mark("tune")
     if group not in source.data:

@@ -204,6 +204,7 @@ def _is_made_large(m: Measure) -> bool:
 
 
 def _per_run(m: Measure) -> str:
+    """Name of the values per run that it is of."""
     return in_window(m.base, m.window) if m.family[0].per_component else m.name
 
 

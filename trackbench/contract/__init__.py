@@ -204,6 +204,7 @@ def check_filter(
 
 
 def _exemptions(tracker: AnyFilter, scenario: Scenario, why_not_linear: str) -> dict[str, str]:
+    """Collect the checks that are left out, with reasons."""
     exempt: dict[str, str] = dict(type(tracker).contract_exemptions)
     if isinstance(tracker, GaussianFilter) and tracker.robust:
         exempt.setdefault("kalman", "weighs measurements by `robust`")

@@ -166,6 +166,7 @@ simulate = LatestResults(_simulate, size=2)
 def _simulate_copies(
     scenario: Scenario, seed: int, first_run: int, width: int, copies: int
 ) -> Simulation:
+    """Repeat the same runs several times, with the prior's moments."""
     data = simulate(scenario, seed, first_run, width)
 
     def repeated(rows: Any) -> Any:

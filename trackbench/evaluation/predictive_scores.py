@@ -180,6 +180,7 @@ class PredictionScorer:
         return self._tracker.step(self._model, before, z, step.k, self._rng)
 
     def _prediction(self, step: Step, z: Array) -> Gaussian:
+        """Return the estimate after a step without a measurement."""
         if self._has_predictions and (stored := _finite(getattr(step.after, "prediction", None))):
             return stored
         nothing = freeze(np.full_like(z, np.nan))
@@ -228,6 +229,8 @@ class PredictionScorer:
 
 
 class _Innovations:
+    """Innovations of predictions, computed for many steps in one call."""
+
     def __init__(self, model: Model) -> None:
         self._model = model
         self._waiting: list[tuple[Gaussian, Array, int]] = []

@@ -41,7 +41,10 @@ def run_block(task: BlockTask) -> BlockResult:
 
 
 def run_whole_block(task: BlockTask) -> dict[int, BlockResult]:
-    """Reduce the block over the runs used, and over its width, which a batch of more runs needs."""
+    """Return the block reduced over the runs that are used, and over all of its width.
+
+    The second costs next to nothing, and is what a later batch of more runs needs.
+    """
     return run_stack([task])[0]
 
 
@@ -180,7 +183,10 @@ def _series_and_sums(
     exact_mean: Array | None,
     twin_mean: Array | None,
 ) -> tuple[dict[str, Array], SeriesSums]:
-    """Return the series and their sums, added up in pieces of steps that fit the cache."""
+    """Return the series of errors and those that are told, and their sums.
+
+    The steps are taken in pieces, whose series are added up while they are in the cache.
+    """
     values, whole = dict[str, Array](), {"nees": output.nees} | predictive
     sums = SeriesSums(task.scenario.windows, task.filter.summed_diagnostics | LATE_COUNTS)
     steps, runs = output.nees.shape

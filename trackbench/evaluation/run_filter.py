@@ -15,7 +15,6 @@ from trackbench.core.arrays import Array, LatestResults, Seal, any_nan, freeze
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.posterior_scores import ParticlePosterior, Posterior
 from trackbench.core.random_streams import aside_stream, block_stream, side_by_side
-from trackbench.evaluation import validate_output
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.consistency_and_calibration import (
     Calibration,
@@ -24,6 +23,13 @@ from trackbench.evaluation.consistency_and_calibration import (
 )
 from trackbench.evaluation.late_measurements import Deliveries, Refilter, deliveries
 from trackbench.evaluation.predictive_scores import PredictionScorer, Step, after_first
+from trackbench.evaluation.validate_output import (
+    check_axes,
+    check_estimate,
+    check_names,
+    check_numbers,
+    explain_read_only_errors,
+)
 from trackbench.extension_points import foreign_parts
 from trackbench.filters.base import AnyFilter, Steps, WrongReturnError, has_expectations
 from trackbench.filters.external import ProgramRunError
@@ -56,7 +62,7 @@ class FilterOutput(NamedTuple):
     particles: Array | None = None
 
 
-@validate_output.explain_read_only_errors()
+@explain_read_only_errors()
 def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> FilterOutput:
     """Run the filter over the block's data; estimates of every step, the prior's included.
 
@@ -79,7 +85,7 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
         states = [state]
         if not tracker.smooths:
             recorder.add(state, estimate)
-        validate_output.check_axes(estimate, prior.mean)
+        check_axes(estimate, prior.mean)
         # Step 2: one timed step per measurement, or many in one call; recording is not timed.
         steps, at_once = task.scenario.steps[1:].tolist(), max(1, _AT_ONCE // task.runs)
         one_by_one = tracker.smooths or recorder.needs_states
@@ -172,7 +178,10 @@ def _steps_ahead(tracker: AnyFilter, model: Model, state: Any, z: Array, k: int)
 
 @contextmanager
 def _sealed(task: BlockTask, *shared: Any) -> Iterator[None]:
-    """Raise WrongReturnError if a plugin writes to what filters share, by address, and undo it."""
+    """Raise WrongReturnError if code of a plugin writes to what filters share, and undo it.
+
+    numpy cannot write to it; a library that takes an array's address can.
+    """
     if not foreign_parts((task.filter, task.scenario, task.assume)):
         yield
         return
@@ -233,15 +242,15 @@ class _Recorder:
 
     def note(self, diagnostics: dict[str, Array]) -> None:
         """Record the diagnostics of a step."""
-        validate_output.check_numbers("diagnostic", diagnostics, self._task.runs)
+        check_numbers("diagnostic", diagnostics, self._task.runs)
         if self._noted is None:
-            validate_output.check_names(diagnostics)
+            check_names(diagnostics)
         self._noted = self._filled(self._noted, self._next_note, diagnostics)
         self._next_note += 1
 
     def add(self, state: Any, estimate: Gaussian) -> None:
         """Record a step's state and estimate; score the truth's components of the estimate."""
-        validate_output.check_estimate(estimate, self._sizes, self._task.runs)
+        check_estimate(estimate, self._sizes, self._task.runs)
         k, n = self._next, self._sizes[0]
         # Drop the components that only the filter's motion has: the truth has none of them.
         if len(estimate.mean) > n:
@@ -272,10 +281,10 @@ class _Recorder:
 
     def add_steps(self, steps: Steps) -> None:
         """Record the estimates and diagnostics of many steps."""
-        validate_output.check_estimate(steps.estimate, self._sizes, *steps.estimate.mean.shape[1:])
+        check_estimate(steps.estimate, self._sizes, *steps.estimate.mean.shape[1:])
         mean, cov = (a[: self._sizes[0]] for a in (steps.estimate.mean, steps.estimate.cov))
         n, count, runs = mean.shape
-        validate_output.check_numbers("diagnostic", steps.diagnostics, count, runs)
+        check_numbers("diagnostic", steps.diagnostics, count, runs)
         part = slice(self._next, self._next + count)
         self._noted = self._filled(self._noted, part, steps.diagnostics)
         self._mean[:, part] = mean
@@ -352,6 +361,8 @@ class _ParticleRecorder:
 
 
 class _Clock:
+    """Adds up the CPU time of the blocks it is entered for."""
+
     cpu_s = 0.0
 
     def __enter__(self) -> None:

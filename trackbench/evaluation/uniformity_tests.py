@@ -125,6 +125,7 @@ def kolmogorov(pit: Array, places: int = 0) -> float:
 
 
 def _cells(pit: Array, cells: int) -> Index:
+    """Return the index of the equal part of (0, 1) that contains each value (M,)."""
     return np.clip(pit * cells, 0, cells - 1).astype(int)
 
 

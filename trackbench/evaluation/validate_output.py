@@ -103,6 +103,7 @@ def check_names(names: Iterable[str]) -> None:
 
 
 def _is_real(given: Any, *shapes: tuple[int, ...]) -> bool:
+    """Test whether the value is an unmasked array of real numbers."""
     return type(given) is np.ndarray and given.dtype.kind in "fiub" and given.shape in shapes
 
 

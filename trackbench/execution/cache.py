@@ -82,6 +82,7 @@ def _foreign_code(cls: type[Any]) -> Iterator[str]:
 
 @cache
 def _package_digest(name: str) -> str:
+    """Return the digest of an installed package's source, or of a module's."""
     try:
         file = Path(inspect.getsourcefile(sys.modules[name]) or "")
     except TypeError:  # typed into an interpreter: equal to nothing that was ever kept
@@ -205,7 +206,10 @@ _BESIDE = re.compile(r"\.gitignore|shared-[0-9a-f]{16}")
 
 
 def mark_cache(root: Path) -> bool:
-    """Mark a folder as a cache unless it has other files; return whether it is one."""
+    """Mark a folder as a cache unless it has other files; return whether it is marked.
+
+    Raises WriteError.
+    """
     marker = root / _MARKER
     with suppress(OSError):
         return require_regular_file(marker).read_text(encoding="utf-8") == _MARK

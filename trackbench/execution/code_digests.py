@@ -132,7 +132,10 @@ def numpy_arithmetic() -> str:
 
 
 def uses_numpy_arithmetic(*parts: Any) -> bool:
-    """Test for numpy's functions: plugins may call them, and gamma noise of some shapes does."""
+    """Test whether scenarios or filters compute with numpy's functions.
+
+    Plugins do, and so does gamma noise of a shape that numpy draws.
+    """
     inner_parts = chain.from_iterable(map(walk_parts, parts))
     return not all(map(_uses_own_arithmetic_only, inner_parts))
 

@@ -25,7 +25,10 @@ T = TypeVar("T")
 
 
 def start_forkserver(*modules: str) -> None:
-    """Start the process that workers are forked from, with these imports, where a system has one."""
+    """Start the process that workers are forked from and let it import these modules.
+
+    The first call decides on the modules. Systems without a fork server (Windows) skip this.
+    """
     for name in _BLAS:  # blocks are what runs side by side
         os.environ.setdefault(name, "1")
     if _can_fork() and not is_worker_bootstrapping():
@@ -41,7 +44,10 @@ def start_forkserver(*modules: str) -> None:
 
 @contextmanager
 def _safe_path() -> Iterator[None]:
-    """Start Python processes that import nothing from the working folder; they get this path later."""
+    """Start Python processes that import nothing from the working folder.
+
+    Workers get the path of this process when they begin.
+    """
     before = os.environ.get(_SAFE)
     os.environ[_SAFE] = "1"
     try:
@@ -174,7 +180,10 @@ def cpu_count() -> int:
 
 
 def check_address_space() -> None:
-    """Raise RunError if this shell allows too little memory to load libraries, which may hang."""
+    """Raise RunError if this shell allows less memory than libraries take when they are loaded.
+
+    Loading them with less may wait for ever instead of failing.
+    """
     if sys.platform == "win32":
         return
     import resource

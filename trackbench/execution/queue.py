@@ -63,7 +63,10 @@ class Queue:
         self._plugins: dict[BlockTask, tuple[Plugin, ...]] = {}
 
     def add(self, tasks: Sequence[BlockTask], plugins: tuple[Plugin, ...]) -> None:
-        """Append the tasks that are new, as stacks: at least two for each of several workers."""
+        """Append the tasks that are new, as stacks.
+
+        Several workers get at least two stacks each.
+        """
         most = len(tasks) // (2 * self._workers) if self._workers > 1 else len(tasks)
         last: dict[BlockTask, Stack] = {}
         stacks: list[Stack] = []
@@ -174,7 +177,10 @@ class Queue:
             self._waiting.extendleft([task] for task in reversed(stack))
 
     def _batch(self, least_seconds: float) -> list[Stack]:
-        """Return the next stack, or some of its plugins' that take so many seconds; two a worker."""
+        """Return the next stack, or as many of the same plugins as take so many seconds.
+
+        Every worker gets at least two batches of what waits.
+        """
         most = 1 if self.deaths else max(len(self._waiting) // (2 * self._workers), 1)
         batch: list[Stack] = []
         seconds = 0.0
@@ -249,6 +255,7 @@ def _joined(stacks: Sequence[Stack], most: int) -> list[Stack]:
 
 
 def _results(future: Future[list[Computed]]) -> list[Computed] | Exception:
+    """Return the stacks' results or the task's error; raises if the engine failed."""
     try:
         return future.result()
     except (BrokenExecutor, WriteError):
@@ -293,6 +300,7 @@ class _Lines:
 
 
 def _kind() -> Any:
+    """Return the bar's class: the notebook's where it can be shown."""
     import tqdm
 
     if not (_in_notebook() and find_spec("ipywidgets")):
@@ -303,4 +311,5 @@ def _kind() -> Any:
 
 
 def _in_notebook() -> bool:
+    """Test whether an IPython kernel runs this process."""
     return "ipykernel" in sys.modules and sys.modules["IPython"].get_ipython() is not None

@@ -47,7 +47,11 @@ class Outcome:
     """what it goes on for, if its runs end by precision: the number that is farthest from it"""
 
     def results(self) -> Iterator[tuple[Key, FilterResult]]:
-        """Yield each filter's merged results, one at a time, decoded from the stored blocks."""
+        """Yield each filter's merged results, so that one filter is in memory at a time.
+
+        Blocks are always decoded from their bytes, whether this run or an earlier one computed
+        them.
+        """
         for key, tasks in self.plan.tasks.items():
             if key not in self.failures:
                 yield key, merge(self._block(task) for task in tasks)
@@ -113,6 +117,7 @@ def execute(
 
 
 def _enqueue(outcome: Outcome, queue: Queue, tasks: Iterable[BlockTask]) -> None:
+    """Queue missing blocks of the plan."""
     missing = list(tasks)
     queue.add(missing, outcome.plan.plugins)
     outcome.missing.update(missing)
@@ -129,6 +134,7 @@ def _extend_plan(outcome: Outcome, bigger: Plan, queue: Queue, bar: Any) -> None
 
 
 def _failures(plan: Plan, queue: Queue) -> dict[Key, str]:
+    """Return why filters of the plan failed."""
     reasons = {key: queue.failed.get(algorithm(tasks[0])) for key, tasks in plan.tasks.items()}
     return {key: why for key, why in reasons.items() if why is not None}
 

@@ -18,8 +18,16 @@ from trackbench.field_types import Count, NonNegative, Positive
 from trackbench.filters.base import Steps
 from trackbench.filters.cmkf import polar_moments
 from trackbench.filters.kf import MAX_ORDER, MERWE_DEMO, NonlinearFilter, Tracked, constant_steps
-from trackbench.models import gaussian_steps
 from trackbench.models.base import Differentiable, DifferentiableSensor, Model, Scene, jacobian_at
+from trackbench.models.gaussian_steps import (
+    AssumedNoise,
+    extended_prediction,
+    extended_step,
+    extended_transition,
+    is_cancelled,
+    point_prediction,
+    point_transition,
+)
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.registry import register
 
@@ -60,11 +68,11 @@ class EKF(NonlinearFilter):
 
     def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
         """Predict and update by the derivatives."""
-        return gaussian_steps.extended_step(model, state, z, k, self.assumed, self.order)
+        return extended_step(model, state, z, k, self.assumed, self.order)
 
     def transition(self, model: Model, state: Gaussian, k: int) -> Transition:
         """Predict to step k by the derivatives, with the covariance with x_{k-1}."""
-        return gaussian_steps.extended_transition(model, state, k, self.assumed, self.order)
+        return extended_transition(model, state, k, self.assumed, self.order)
 
 
 @register("filters", "iekf")
@@ -81,7 +89,7 @@ class IEKF(NonlinearFilter):
 
     def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
         """Predict; linearize the measurement again at each new estimate."""
-        predicted = gaussian_steps.extended_prediction(model, state, k, self.assumed)
+        predicted = extended_prediction(model, state, k, self.assumed)
         posterior, first = predicted, None
         sensor = cast(DifferentiableSensor, model.sensor)
         for _ in range(self.iterations):
@@ -114,7 +122,7 @@ class MCAEKF(NonlinearFilter):
 
     def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
         """Predict, inflate the range's variance, update."""
-        predicted = gaussian_steps.extended_prediction(model, state, k, self.assumed)
+        predicted = extended_prediction(model, state, k, self.assumed)
         sensor = cast(RangeAzimuth, model.sensor)
         expected = self.assumed.measurement(model, predicted.mean, k)
         nu = sensor.innovation(z, expected.mean)
@@ -155,13 +163,11 @@ class IPLF(NonlinearFilter):
 
     def transition(self, model: Model, state: Gaussian, k: int) -> Transition:
         """Predict to step k by the rule's points, with the covariance with x_{k-1}."""
-        return gaussian_steps.point_transition(
-            model, state, k, self.assumed, self.rule, augmented=False
-        )
+        return point_transition(model, state, k, self.assumed, self.rule, augmented=False)
 
     def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
         """Predict by the rule's points; regress the measurement again over each posterior."""
-        predicted = gaussian_steps.point_prediction(model, state, k, self.assumed, self.rule)
+        predicted = point_prediction(model, state, k, self.assumed, self.rule)
         over, first = predicted, None
         for _ in range(self.iterations):
             # nu = z - E h(x) - A (m - m_i): A is the slope of the regression about estimate m_i.
@@ -186,7 +192,7 @@ def _spread(posterior: Gaussian, predicted: Gaussian) -> Gaussian:
 
 
 def _regression(
-    model: Model, over: Gaussian, k: int, assumed: gaussian_steps.AssumedNoise, rule: PointRule
+    model: Model, over: Gaussian, k: int, assumed: AssumedNoise, rule: PointRule
 ) -> tuple[Array, Array, Array]:
     """Regress the measurement on the state over N(m, P) (eqs. 5-9).
 
@@ -205,7 +211,7 @@ def _regression(
     R = with_trailing(assumed.measurement(model, over.mean, k).cov, 1, leading=2)
     spread = points.cross(offsets, mean, offsets, mean)
     unexplained = spread - linalg.sandwich(slope, over.cov)
-    if (cancelled := gaussian_steps.is_cancelled(unexplained, spread)).any():
+    if (cancelled := is_cancelled(unexplained, spread)).any():
         # As of a linear sensor: sum the squares of z - slope x over the points.
         moved = linalg.matvec(slope[:, :, None], points.x - over.mean[:, None])
         rest, zero = offsets - mean[:, None] - moved, np.zeros_like(mean)

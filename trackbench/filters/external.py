@@ -192,6 +192,7 @@ class External(Filter[ProgramState]):
         return Gaussian(state.mean, state.cov)
 
     def _answers(self, state: ProgramState, lines: Sequence[_Line]) -> tuple[Array, Array]:
+        """Collect the estimates of all runs after each line: mean (n, T, M), covariance (n, n, T, M)."""
         runs, n, pool = len(lines[0].of_runs), len(state.mean), _pool(self, state.hello)
         mean = np.empty((n, len(lines), runs))
         cov = np.full((n, n, len(lines), runs), np.nan)
@@ -231,6 +232,7 @@ class External(Filter[ProgramState]):
 
 
 def _digest(word: str) -> str:
+    """Digest a file, a program that is found on the PATH, or a word that is neither."""
     path = Path(shutil.which(word) or word)
     try:
         content = path.read_bytes() if path.is_file() else word.encode()
@@ -297,6 +299,7 @@ def _stamps(tracker: External) -> list[tuple[int, ...]]:
 
 
 def _words(answers: Sequence[str]) -> Iterator[tuple[int, str]]:
+    """Yield the fields that are no numbers, each with the index of its answer."""
     for i, answer in enumerate(answers):
         for word in answer.split():
             try:
@@ -332,6 +335,8 @@ class _Copy:
 
 
 class _Pool:
+    """Programs of one filter, started when they are needed."""
+
     def __init__(self, tracker: External, hello: str) -> None:
         self._tracker, self._hello = tracker, hello
         self._copies: dict[int, _Copy] = {}

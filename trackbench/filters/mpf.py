@@ -121,6 +121,7 @@ def _propagate(motion: Linear, state: PFState, rng: Generator) -> tuple[Array, A
 
 
 def _add_velocity_variance(moments: Gaussian, C: Array) -> Gaussian:
+    """Add C of each velocity to the covariance of the particles."""
     cov = moments.cov.copy()
     cov[1, 1] += C
     cov[3, 3] += C

@@ -148,6 +148,7 @@ class ParticleFilter(WeightedParticlesFilter):
         return w, collapsed, (Evidence(mass, state.log_w, w.shape[1]),)
 
     def _size(self, age: int) -> int:
+        """Return the number of particles after so many steps."""
         return self.N * (self.boost if age < self.boost_scans else 1)
 
     def _resample(self, cloud: Particles, rng: Streams, size: int) -> tuple[Particles, Index]:

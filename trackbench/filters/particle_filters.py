@@ -72,6 +72,7 @@ class PF(SimulatingSmoother):
         }
 
     def _move(self, model: Model, joint: Particles, z: Array, k: int, rng: Generator) -> Particles:
+        """Move children (n, M, N) from their parents, of (children, parents) (2 n, M, N)."""
         # The transition from the parents is both proposal and prior: only likelihoods remain.
         x, parents = np.split(joint.x, 2)
         transition = model.motion.transition(parents, k)

@@ -124,6 +124,7 @@ class PlaneGrid(Filter[Planes]):
 
 
 def _moments(states: Iterable[State]) -> Gaussian:
+    """Return the means (2, M) and covariances (2, 2, M)."""
     each = [s.moments if isinstance(s, Plane) else Gaussian(s, np.zeros((2, 2))) for s in states]
     return Gaussian(
         np.stack([m.mean for m in each], axis=-1), np.stack([m.cov for m in each], axis=-1)

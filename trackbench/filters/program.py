@@ -119,6 +119,7 @@ class Program:
             raise self._broken(self._end(), answered) from None
 
     def _end(self) -> str:
+        """Return how the program ended."""
         with suppress(subprocess.TimeoutExpired):
             code = self._process.wait(_END_S)
             names = {number.value: number.name for number in signal.Signals}

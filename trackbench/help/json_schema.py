@@ -58,6 +58,7 @@ _ELSEWHERE: list[JsonSchema] = [
 
 
 def _definitions(group: Group, kind: str, cls: type[Part]) -> JsonSchema:
+    """Define one kind and the types that its keys refer to."""
     name = f"{group}.{kind}"
     schema = adapter(cls, documented=True).json_schema(ref_template=f"#/$defs/{name}.{{model}}")
     inner = {f"{name}.{model}": part for model, part in schema.pop("$defs", {}).items()}
@@ -107,6 +108,7 @@ def _without_required(schema: Any) -> Any:
 
 
 def _replace(properties: JsonSchema, key: str, by: JsonSchema) -> None:
+    """Replace a key's schema and keep its description."""
     description = properties.get(key, {}).get("description")
     properties[key] = by | ({"description": description} if description else {})
 

@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING, cast
 
 from trackbench.extension_points import Part, hooks, key_of, overridden_hooks
 from trackbench.field_types import dataclasses_in, part_group
-from trackbench.help import metrics
+from trackbench.help.metrics import (
+    JsonRow,
+    columns,
+    common_metrics,
+    described,
+    facts,
+    statistics_known,
+)
 from trackbench.metrics import METRICS
 from trackbench.registry import GROUPS, Group, base_of, documentation, kinds
 
@@ -22,7 +29,7 @@ if TYPE_CHECKING:
 def listing(group: str) -> str:
     """List the kinds of a group with the first line of their documentation."""
     docs = documentation(cast(Group, group))
-    rows = metrics.columns((kind, _paragraphs(doc)[0]) for kind, doc in docs.items())
+    rows = columns((kind, _paragraphs(doc)[0]) for kind, doc in docs.items())
     return "\n".join([f"{group}:", *rows])
 
 
@@ -31,10 +38,10 @@ def groups_with_counts() -> str:
     from trackbench.config.shipped_experiments import names
 
     known: dict[str, list[str]] = {group: [*documentation(group)] for group in GROUPS}
-    known |= {"metrics": metrics.common_metrics(), "experiments": names()}
+    known |= {"metrics": common_metrics(), "experiments": names()}
     sizes = {group: len(kinds) for group, kinds in known.items()} | {"metrics": len(METRICS)}
     rows = ((g, f"{sizes[g]:>3}", ", ".join([*k[:5], "..."][: sizes[g]])) for g, k in known.items())
-    return "\n".join(["groups (trackbench list GROUP):", *metrics.columns(rows)])
+    return "\n".join(["groups (trackbench list GROUP):", *columns(rows)])
 
 
 def experiments() -> str:
@@ -61,17 +68,17 @@ def problems() -> str:
     for p in problems():
         rows.append((p.name, f"v{p.version}", str(p.numbers), _time(p.cpu_s), p.reference, p.title))
     head = "standard problems (trackbench run NAME; cited as trackbench/NAME vVERSION, N runs;"
-    return "\n".join([f"{head} time on one processor):", "", *metrics.columns(rows)])
+    return "\n".join([f"{head} time on one processor):", "", *columns(rows)])
 
 
-def rows(groups: Sequence[str]) -> Iterator[metrics.JsonRow]:
+def rows(groups: Sequence[str]) -> Iterator[JsonRow]:
     """Yield a row per kind, per shipped experiment and per standard problem."""
     from trackbench.config.shipped_experiments import listed, problems
 
     for group in groups:
         if group in ("metrics", "statistics"):
-            known = METRICS if group == "metrics" else metrics.statistics_known()
-            yield from filter(None, map(metrics.facts, known))
+            known = METRICS if group == "metrics" else statistics_known()
+            yield from filter(None, map(facts, known))
             continue
         if group in ("experiments", "problems"):
             shipped = listed() if group == "experiments" else problems()
@@ -92,10 +99,10 @@ def description(kind: str) -> str:
     if kind in GROUPS:
         return _hooks_of(kind)
     texts = [_described(kind, group, cls) for group, cls in _classes_of(kind)]
-    return "\n\n".join([*texts, *filter(None, [metrics.described(kind)])])
+    return "\n\n".join([*texts, *filter(None, [described(kind)])])
 
 
-def entries(kind: str) -> Iterator[metrics.JsonRow]:
+def entries(kind: str) -> Iterator[JsonRow]:
     """Yield the description as data: one per group with such a kind, or one per hook of a group."""
     if kind in GROUPS:
         for hook in hooks(base_of(kind)):
@@ -110,7 +117,7 @@ def entries(kind: str) -> Iterator[metrics.JsonRow]:
             "presets": cls.presets if group == "filters" else {},
             "notes": [*_notes(group, cls)],
         }
-    if metric := metrics.facts(kind):
+    if metric := facts(kind):
         yield {**metric, "keys": [], "presets": {}, "notes": []}
 
 
@@ -143,7 +150,7 @@ def _classes_of(kind: str) -> list[tuple[Group, type[Part]]]:
     from trackbench.errors import Mark, Problem, UserError
 
     classes = [(g, kinds(g)[kind]) for g in GROUPS if kind in kinds(g)]
-    if not classes and metrics.described(kind) is None:
+    if not classes and described(kind) is None:
         known = [*GROUPS, *chain.from_iterable(map(kinds, GROUPS)), *METRICS]
         what = f"there is no such kind; {unknown(kind, known)}"
         raise UserError(Problem(Mark("describe"), kind, what))
@@ -161,7 +168,7 @@ def _rows(group: str, cls: type[Part]) -> list[tuple[str, str, str]]:
 def _hooks_of(group: Group) -> str:
     base = base_of(group)
     declared = list(hooks(base))
-    rows = list(metrics.columns((hook.form, hook.text) for hook in declared))
+    rows = list(columns((hook.form, hook.text) for hook in declared))
     needed = sum(hook.needed for hook in declared)  # which come first
     must = [f"a class of the group {group} has:", *rows[:needed]]
     may = ["and may have:", *rows[needed:]]
@@ -171,7 +178,7 @@ def _hooks_of(group: Group) -> str:
 def _described(kind: str, group: Group, cls: type[Part]) -> str:
     lines = [f"{kind} ({group[:-1]})", ""]
     lines += [paragraph + "\n" for paragraph in _paragraphs(cls.__doc__ or "")]
-    lines += metrics.columns(_rows(group, cls))
+    lines += columns(_rows(group, cls))
     for name, keys in cls.presets.items():
         values = ", ".join(f"{k}: {v}" for k, v in keys.items()) or "the defaults"
         lines.append(f"\n  preset {name}: {values}")
@@ -182,6 +189,7 @@ def _described(kind: str, group: Group, cls: type[Part]) -> str:
 
 
 def _notes(group: Group, cls: type[Part]) -> Iterator[str]:
+    """Yield further facts about a kind, a line each."""
     from trackbench.models.sensors.base import SensorBase
     from trackbench.scenarios.base import Scenario
     from trackbench.scenarios.targets.base import Target

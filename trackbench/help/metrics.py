@@ -136,6 +136,7 @@ def statistics_known() -> dict[str, str]:
 
 
 def _facts(metric: Metric, unit: str) -> str:
+    """Write the unit and the better direction of a metric."""
     better = _BETTER.get(metric.better, f"{metric.better} is better" if metric.better else "")
     unit = {"1": "", "quantity": "unit of the quantity"}.get(unit, unit)
     return ", ".join(filter(None, [unit, better]))

@@ -58,7 +58,10 @@ def call_hook(hook: Callable[[S], T], kind: type, about: S) -> T:
 
 
 def check_scenario(scenario: Scenario, bounded: bool) -> None:
-    """Raise PluginError for what would stop the runner in plugins; ``bounded``: in bounds, too."""
+    """Raise PluginError for what would stop the runner in the plugin components of a scenario.
+
+    ``bounded`` if its lower bounds are wanted.
+    """
     plugins = foreign_parts(scenario)
     if not plugins:
         return

@@ -114,6 +114,7 @@ def place_within(error: BaseException, files: set[str]) -> str:
 
 
 def _plugin_classes(part: object) -> list[type]:
+    """List the plugin classes that a component is made of."""
     cls = part if isinstance(part, type) else type(part)
     bases = getattr(cls, "one", cls).__mro__  # `one` is the class that PerRun loops over
     pythons = sys.stdlib_module_names  # such as of `object` and `Generic`

@@ -98,6 +98,7 @@ def read_plugin(path: Path, files: Iterable[Path] = (), environment: Iterable[st
 
 
 def _digest_of_all(file: Path) -> str:
+    """Digest a file, or all files in a folder."""
     if not file.is_dir():
         return digest_of(require_regular_file(file))
     names = sorted(inner for inner in file.rglob("*") if inner.is_file())
@@ -120,6 +121,7 @@ def _values(variables: Iterable[str]) -> Digests:
 
 
 def _versions(names: Iterable[str]) -> Iterator[tuple[str, str]]:
+    """Yield installed packages of these names with their versions."""
     for name in sorted(set(names).difference(("", *_KEYED), sys.stdlib_module_names)):
         try:
             yield name, version(name)
@@ -182,6 +184,7 @@ _loaded: dict[str, Plugin] = {}
 
 
 def _new_module(plugin: Plugin) -> ModuleType:
+    """Make a module under the name of the content, in which the code is to run."""
     module = ModuleType(plugin.module)
     module.__file__ = plugin.path
     setattr(module, "__plugin_digest__", plugin.identity)  # noqa: B010 (no such field in the type)
@@ -200,6 +203,7 @@ def _mark(plugin: Plugin, modules: Iterable[str]) -> None:
 
 
 def _with_opened(plugin: Plugin, opened: Opened) -> Plugin:
+    """Add the files that a plugin opened and the variables that it read."""
     modules, packages = imports(plugin.source, plugin.path)  # it may have extended the path
     known = {plugin.path, *(name for name, _ in (*plugin.files, *plugin.code))}
     folders = tuple(f"{name}{os.sep}" for name, _ in plugin.files)

@@ -122,6 +122,7 @@ def imports(source: bytes, plugin: str) -> tuple[dict[str, str], set[str]]:
 
 
 def _names(source: bytes, parent: str) -> Iterator[str]:
+    """Yield the names of modules that a source imports, anywhere in it."""
     try:
         nodes = [*ast.walk(ast.parse(source))]
     except (SyntaxError, ValueError):  # reported when it runs

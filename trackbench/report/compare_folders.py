@@ -274,6 +274,7 @@ def with_unit(metric: str) -> str:
 
 
 def _series(row: Row) -> str:
+    """Name the filter, and its point of the grid."""
     return ", ".join(filter(None, [row.filter, phrases.heading(row.point)]))
 
 

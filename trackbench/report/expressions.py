@@ -201,6 +201,7 @@ class Evaluator:
         return None
 
     def _common_runs(self, *sides: Measure) -> Mask | bool:
+        """Find the runs that every side's metric exists for."""
         common: Mask | bool = True
         for side in sides:
             for m in (side.plain, side.plain.of(side.other)) if side.other else (side,):
@@ -219,6 +220,7 @@ class Evaluator:
 
     @ignore_float_errors
     def _win_rate(self, mine: Measure, other: Measure) -> RunEstimate:
+        """Estimate the share of the common runs in which a filter's metric is below another's."""
         a, b = (self.runs.get((m.filter, str(m))) for m in (mine, other))
         if a is None or b is None:
             return MISSING

@@ -80,7 +80,10 @@ def check_folder(folder: Path) -> None:
 
 
 def open_with_notes(folder: Path, allow_plugins: bool = False) -> Results:
-    """Open results and print notes: changed files, outputs of plugins that may not run."""
+    """Return the results in a folder, and print notes on other files that were changed.
+
+    Notes also name tables and figures of plugins whose code may not run.
+    """
     results = open_results(folder)
     lines, recorded = changed_files(results), results.manifest.get("plugins", {})
     for plugin in load_plugins(results.source, folder, allowed=True) if allow_plugins else ():
@@ -131,6 +134,7 @@ def _check_manifest(results: Results) -> None:
 
 
 def _lines(folder: Path, damage: Damage) -> list[str]:
+    """Describe missing files in a line and changed ones in a line."""
     ends = ((damage.missing, ("is", "are"), "missing"), (damage.changed, ("was", "were"), _CHANGED))
     lines = []
     for names, verbs, what in ends:

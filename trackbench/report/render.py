@@ -18,7 +18,15 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import trackbench
-from trackbench import atomic_files
+from trackbench.atomic_files import (
+    ensure_folder,
+    record_writes,
+    remove,
+    within,
+    write_bytes,
+    write_csv,
+    write_text,
+)
 from trackbench.config.mistakes import unknown
 from trackbench.errors import Mark, Problem, UserError, WriteError
 from trackbench.execution.cache import figure_cache_folder
@@ -79,11 +87,11 @@ class KeptFigures:
     def put(self, spec: FigureKind, files: Files) -> None:
         """Keep a figure's files; what cannot be kept will be drawn again."""
         # They are none of the results folder's files.
-        with atomic_files.record_writes(), suppress(OSError, WriteError):
+        with record_writes(), suppress(OSError, WriteError):
             for form, content in files:
                 path = self._path(spec, form)
                 path.parent.mkdir(parents=True, exist_ok=True)
-                atomic_files.write_bytes(path, content)
+                write_bytes(path, content)
 
     def _path(self, spec: FigureKind, form: str) -> Path:
         key = hashlib.sha256(f"{self.made_of} {spec!r}".encode()).hexdigest()
@@ -92,6 +100,7 @@ class KeptFigures:
 
 @cache
 def _sources() -> str:
+    """Digest of the package's own source."""
     digest = hashlib.sha256()
     _add(digest, sorted(Path(trackbench.__file__).parent.rglob("*.py")))
     return digest.hexdigest()
@@ -116,7 +125,10 @@ def _set_ups() -> Iterator[Path]:
 
 
 def draw_figure(spec: FigureKind, results: Results, formats: Sequence[str]) -> Files:
-    """Draw a figure in each format, none of tracks if all filters failed. Raises OutputError."""
+    """Draw a figure as the content of a file, for each format; none of tracks if every filter failed.
+
+    Raises OutputError if the drawing fails.
+    """
     with catch_errors(spec):
         if spec.shown_runs and not results.shown:
             return []
@@ -236,18 +248,21 @@ def write_tables(results: Results, tex: bool = False) -> dict[str, Table]:
         with results.without(f"table {name}", spec):
             files = [*_table_files(results, name, spec)]
         for group, table in files:
-            folder = atomic_files.ensure_folder(atomic_files.within(results.target, group))
-            atomic_files.write_csv(folder / f"{name}.csv", table.csv_header, table.csv_rows())
-            atomic_files.write_text(folder / f"{name}.md", table.markdown())
+            folder = ensure_folder(within(results.target, group))
+            write_csv(folder / f"{name}.csv", table.csv_header, table.csv_rows())
+            write_text(folder / f"{name}.md", table.markdown())
             if tex:
-                atomic_files.write_text(folder / f"{name}.tex", table.texts().tex(name))
+                write_text(folder / f"{name}.tex", table.texts().tex(name))
         if not files:
             _remove(results.target, "tables", name, TABLE_FORMS)
     return results.tables
 
 
 def _table_files(results: Results, name: str, spec: TableKind) -> Iterator[tuple[str, Table]]:
-    """Yield a table by folder: with CPU times ``run/tables``, without ``tables``; none if failed."""
+    """Yield a table by its folders; none if the table failed.
+
+    A table with CPU times stands in ``run/tables/``, and without them in ``tables/``.
+    """
     table = results.tables.get(name)
     if table is None:
         return
@@ -261,10 +276,11 @@ def _table_files(results: Results, name: str, spec: TableKind) -> Iterator[tuple
 
 
 def _remove(target: Path, group: str, name: str, forms: Iterable[str]) -> None:
+    """Remove earlier files of a table or figure that cannot be made now."""
     for place, form in product((group, f"run/{group}"), forms):
-        path = atomic_files.within(target, place) / f"{name}.{form}"
+        path = within(target, place) / f"{name}.{form}"
         if path.is_file():
-            atomic_files.remove(path)
+            remove(path)
 
 
 def write_figures(
@@ -292,11 +308,9 @@ def write_figures(
         with results.without(f"figure {name}"), drawing_for(page):
             contents = draw(name, spec) if draw else draw_figure(spec, results, forms)
         for form, content in contents:
-            folder = atomic_files.ensure_folder(
-                atomic_files.within(results.folder, figure_folder(spec))
-            )
+            folder = ensure_folder(within(results.folder, figure_folder(spec)))
             path = folder / f"{name}{page.ending}.{form}"
-            atomic_files.write_bytes(path, content)
+            write_bytes(path, content)
             written.append(path)
         if f"figure {name}" in results.unmade:
             _remove(results.folder, "figures", f"{name}{page.ending}", FIGURE_FORMS)

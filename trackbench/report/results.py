@@ -145,6 +145,7 @@ class Results(ResultsFolder):
         return built
 
     def _default(self, group: Group) -> dict[str, Any]:
+        """Make the default tables or figures of an experiment that names none."""
         metrics = self.columns("summary")["metric"]
         keys = default_keys(group, metrics, len(self.grid_points), len(self.labels))
         return {DEFAULT: kinds(group)[keys.pop("kind")](**keys)} if keys else {}

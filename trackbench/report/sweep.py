@@ -46,6 +46,7 @@ def as_sweep(experiment: Experiment) -> Experiment:
 
 
 def _figures(settings: Settings) -> dict[str, DrawnExhibit]:
+    """Make a figure for each group of paths that are varied together, if they are one or two."""
     grid = list(settings.grid)
     apart = independent_filter_paths(grid, settings.filters, settings.reference)
     together = [path for path in grid if path not in set[str]().union(*apart)]

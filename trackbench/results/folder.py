@@ -298,6 +298,7 @@ class ResultsFolder:
             return read_tuning(file, tune, taken)
 
     def _at(self, path: str) -> Any:
+        """Look up a value of the config; nothing if it is not there."""
         value: Any = self.config
         for key in split_path(self.source, path):
             children = value if isinstance(value, dict) else dict(enumerate(value or ()))

@@ -25,7 +25,10 @@ GridPoint: TypeAlias = dict[str, Any]
 
 
 def printable_json(text: str) -> Any:
-    """Parse JSON; raises ValueError for control characters in texts, as a terminal obeys some."""
+    """Parse a JSON file; raises ValueError for control characters in its texts.
+
+    Anybody may have written it, and a terminal obeys some of these characters.
+    """
     content = json.loads(text)
     for word in _texts(content):
         if what := unprintable_reason(word):
@@ -97,7 +100,10 @@ def facts_of_point(point: Point, shown: Callable[[str], str] = str) -> PointFact
 
 
 def points_text(points: Sequence[Point], folder: Path) -> str:
-    """Write a line per point, what differs from the first; data paths are relative to ``folder``."""
+    """Write the file's content: a line per point, with what differs from the first point.
+
+    Paths of data files are relative to ``folder``.
+    """
     facts = (facts_of_point(point, partial(path_from, folder=folder)) for point in points)
     first: dict[str, Any] = {}
     lines = []
@@ -109,7 +115,10 @@ def points_text(points: Sequence[Point], folder: Path) -> str:
 
 
 def same_points(stored: str, computed: str) -> bool:
-    """Test whether a file has the computed content, but for keys that newer versions add."""
+    """Test whether a file's content is the computed one, but for keys of newer versions.
+
+    The config does not name such a key, so it has its default.
+    """
     try:
         return stored == computed or _is_part(json.loads(stored), json.loads(computed))
     except ValueError:
@@ -134,6 +143,7 @@ def points_in(text: str) -> Iterator[PointFacts]:
 
 
 def _changed(first: dict[str, Any], other: dict[str, Any]) -> dict[str, Any]:
+    """Keep the facts that differ; of filters, label by label."""
     filters = {b: keys for b, keys in other["filters"].items() if keys != first["filters"].get(b)}
     out = {key: value for key, value in other.items() if value != first.get(key)}
     return {**out, "filters": filters} if filters else out

@@ -94,6 +94,7 @@ def _installed(name: str) -> str | None:
 
 
 def _processor() -> str:
+    """Name the processor; Python reports none on Linux."""
     with suppress(OSError):
         line = _PROCESSOR.search(Path("/proc/cpuinfo").read_text(encoding="utf-8"))
         return line.group(1) if line else platform.machine()

@@ -111,7 +111,10 @@ def sensor_paths(scenario: Scenario) -> list[tuple[int, Array]]:
 
 
 def measured_positions(scenario: Scenario, z: Array) -> Array | None:
-    """Locate measurements (n_z, T, r): (axes, T, r), NaN if missing; None if no sensor can."""
+    """Locate measurements (n_z, T, r): positions (axes, T, r), NaN for a missing one.
+
+    None if no sensor measures a position at once.
+    """
     sensor = scenario.true_sensor
     located = position_part(sensor) if isinstance(sensor, Sensors) else None
     if located is None:

@@ -9,7 +9,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trackbench import atomic_files
+from trackbench.atomic_files import (
+    CsvWriter,
+    Row,
+    atomic_write,
+    cells,
+    ensure_folder,
+    note,
+    shortened,
+    within,
+    write_bytes,
+    write_text,
+)
 from trackbench.config.dump import as_yaml, data_files, resolved
 from trackbench.config.experiment import Experiment
 from trackbench.config.metric_names import is_stored, stored_metrics
@@ -91,21 +102,19 @@ def write_results(
     published = experiment.published.files
     inputs = {"config.yaml", *(f"published/{name}" for name in published)}
     remove_outputs(folder, keep=inputs)  # the run may read these; they are replaced whole
-    atomic_files.write_text(folder / "config.yaml", as_yaml(resolved(experiment, folder)))
+    write_text(folder / "config.yaml", as_yaml(resolved(experiment, folder)))
     for name, text in published.items():
-        atomic_files.write_text(
-            atomic_files.ensure_folder(atomic_files.within(folder, "published")) / name, text
-        )
-    atomic_files.write_text(folder / POINTS_FILE, points_text(experiment.points, folder))
+        write_text(ensure_folder(within(folder, "published")) / name, text)
+    write_text(folder / POINTS_FILE, points_text(experiment.points, folder))
     for name, path in data_files(experiment, folder).items():
         if path.resolve() != (folder / name).resolve():
-            atomic_files.write_bytes(folder / name, path.read_bytes())
+            write_bytes(folder / name, path.read_bytes())
         elif path.is_file():  # not so a pattern of names
-            atomic_files.note(folder / name)
+            note(folder / name)
     track_files: dict[str, TrackFile] = {"shown.npz": FigureTracks(experiment)}
     if tracks:
         track_files["tracks.npz"] = TrackFile(experiment)
-    atomic_files.ensure_folder(atomic_files.within(folder, "run"))
+    ensure_folder(within(folder, "run"))
     losses, requested, settings = {}, requested_contributions(experiment), experiment.settings
     spent: dict[BlockTask, float] = {}  # several points may share a filtered block
     with ExitStack() as files:
@@ -136,12 +145,10 @@ class CsvFiles:
 
     def __init__(self, files: ExitStack, folder: Path, experiment: Experiment) -> None:
         self._experiment = experiment
-        self._writers: dict[str, atomic_files.CsvWriter] = {}
+        self._writers: dict[str, CsvWriter] = {}
         for name, columns in COLUMNS.items():
             path = folder / (TIMING if name == "timing.csv" else name)
-            self._writers[name] = atomic_files.CsvWriter(
-                files.enter_context(atomic_files.atomic_write(path))
-            )
+            self._writers[name] = CsvWriter(files.enter_context(atomic_write(path)))
             self._writers[name].writerow([*experiment.settings.grid, *columns])
 
     def add(self, key: Key, result: FilterResult) -> None:
@@ -186,7 +193,7 @@ class CsvFiles:
         stored = stored_metrics(self._experiment.settings, "per_run.csv")
         for metric, values in per_run.items():
             if is_stored(stored, measured(metric).base):
-                texts, name = _texts(values, "per_run.csv"), atomic_files.cells([metric])
+                texts, name = _texts(values, "per_run.csv"), cells([metric])
                 lines = [f"{head},{run},{name},{x}\n" for run, x in enumerate(texts)]
                 self._writers["per_run.csv"].write("".join(lines))
 
@@ -202,10 +209,7 @@ class CsvFiles:
             at, runs = heads[of_series.positions].tolist(), _texts(of_series.runs, file)
             for metric, estimates in of_series.metrics.items():
                 if is_stored(stored, measured(metric).base):
-                    name, value, stderr = (
-                        atomic_files.cells([metric]),
-                        *(_texts(x, file) for x in estimates),
-                    )
+                    name, value, stderr = cells([metric]), *(_texts(x, file) for x in estimates)
                     rows = zip(at, value, stderr, runs, strict=True)
                     lines.append([f"{a},{name},{x},{s},{n}\n" for a, x, s, n in rows])
             self._writers[file].write("".join(chain.from_iterable(zip(*lines, strict=True))))
@@ -220,19 +224,21 @@ class CsvFiles:
                 self._writers["summary.csv"].writerow([*before, *row])
 
     def _cells(self, point: int, label: str) -> list[Any]:
+        """Begin a row: values of the grid point, and the filter."""
         return [*self._experiment.points[point].values.values(), label]
 
     def _head(self, point: int, label: str) -> str:
-        return atomic_files.cells(self._cells(point, label))
+        return cells(self._cells(point, label))
 
 
 def _texts(values: Array | Index, file: str) -> list[str]:
+    """Write numbers as the file has them."""
     bits = np.ascontiguousarray(values).view(f"u{values.itemsize}")
     if len(values) > 1 and (bits == bits[0]).all():
         return _texts(values[:1], file) * len(values)
     if values.dtype.kind != "f":
         return [str(x) for x in values.tolist()]
-    return atomic_files.shortened(values.tolist(), DIGITS[file])
+    return shortened(values.tolist(), DIGITS[file])
 
 
 def _without_runs(columns: StepColumns) -> StepColumns:
@@ -244,7 +250,7 @@ def _without_runs(columns: StepColumns) -> StepColumns:
     return columns._replace(metrics=metrics, runs=np.zeros_like(columns.runs))
 
 
-def _timing(result: FilterResult) -> atomic_files.Row:
+def _timing(result: FilterResult) -> Row:
     """Return the CPU time of all blocks, and of a run: the median of its measured times, if any."""
     runs = sum(t.runs for t in result.timing)
     cpu_s = sum(t.cpu_s for t in result.timing)

@@ -69,7 +69,10 @@ def along(course: Course, path: Array) -> Bound:
 
 
 def position_sigma(sensor: Sensors, state: Array, k: int) -> float | None:
-    """Bound the position's deviation, m, by one scan of a state (n_x,); None if it shows none."""
+    """Bound the standard deviation, m, of the position by one scan of a state (n_x,).
+
+    None if a scan does not tell the position.
+    """
     # Covariance of the position: inverse of its block of H' R^-1 H.
     information = sensor.information(state, k, certain=True)
     position = information[0::2, 0::2]

@@ -37,7 +37,10 @@ def arrivals(sensor: Sensors, recorded: Array | None, z: Array, rng: Streams) ->
 
 
 def treatment(assume: Assume) -> Late | None:
-    """Choose a filter's treatment of late measurements; None without. Raises InvalidKeyError."""
+    """Choose a filter's treatment of late measurements; None if it gets them on time.
+
+    Raises InvalidKeyError if the filter has neither.
+    """
     if assume.delay == "none":
         return None
     if assume.late is None:

@@ -147,6 +147,7 @@ class FaultContext(NamedTuple):
         return ScaledNoise(assumed, int(self.steps[1]), fixed(scales))
 
     def _stretch(self, fault: Fault, z: Array) -> Stretch:
+        """Cut out the measurements of a fault's sensor in its steps."""
         inside = self.measured(fault)
         times = self.times[1:][inside]
         elapsed = times - (times[0] if fault.from_ is None else fault.from_)

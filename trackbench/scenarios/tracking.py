@@ -25,8 +25,16 @@ from trackbench.models.sensors.base import (
     stack_for,
 )
 from trackbench.registry import register
-from trackbench.scenarios import bound
 from trackbench.scenarios.base import Scenario, Simulation
+from trackbench.scenarios.bound import (
+    Bound,
+    Course,
+    along,
+    has_bound,
+    over_paths,
+    position_sigma,
+    why_no_bound_of,
+)
 from trackbench.scenarios.delays import arrivals, longest_delay_of, treatment
 from trackbench.scenarios.faults import AnyFault, FaultContext, recovery
 from trackbench.scenarios.score import Score, diverged
@@ -117,6 +125,7 @@ class Tracking(Scenario):
 
     @cached_property
     def _timeline(self) -> Timeline:
+        """Every step, those that a start uses up included."""
         if self._recorded_timeline is None:
             return self._schedule.regular(self.T)
         return self._schedule.of_recorded(self._recorded_timeline)
@@ -272,7 +281,7 @@ class Tracking(Scenario):
         state = self.target.start(self._timeline)
         if self._drawn_start is not None:
             state = self._drawn_start.distribution(1).mean[:, 0]
-        return bound.position_sigma(self.true_sensor, state, self.first)
+        return position_sigma(self.true_sensor, state, self.first)
 
     @property
     def lost_beyond(self) -> float | None:
@@ -328,20 +337,21 @@ class Tracking(Scenario):
             return "the data are recorded"
         if self.faults:
             return "the bound is of a sensor without faults"
-        if not bound.has_bound(self._motion):
+        if not has_bound(self._motion):
             return "the target's motion is not x' = F x + b with constant F and Q"
-        return bound.why_no_bound_of(self.true_sensor, self._start) or self.target.why_no_bound
+        return why_no_bound_of(self.true_sensor, self._start) or self.target.why_no_bound
 
     @cached_property
-    def _bound(self) -> bound.Bound:
+    def _bound(self) -> Bound:
+        """Posterior Cramer-Rao bound, over the paths of a driven target."""
         line, path = self._timeline, self.target.path(self._timeline)
         sensor, steps = self.true_sensor, line.steps.tolist()[self._skipped :]
         initial = self._start.bound(path, self.first, sensor, self.T, self.target.diffusion)
         squares = partial(self.score.squares, sensor, self.components)
-        course = bound.Course(steps, self._motion, sensor, initial, squares)
+        course = Course(steps, self._motion, sensor, initial, squares)
         driven = self.target.own_motion is not None
-        over_first_states = bound.over_paths(course, self._first_states) if driven else None
-        return over_first_states or bound.along(course, path[:, self._skipped :])
+        over_first_states = over_paths(course, self._first_states) if driven else None
+        return over_first_states or along(course, path[:, self._skipped :])
 
     def _first_states(self, number: int, rng: Streams) -> Array:
         """Draw true states (n_x, N) of the step from which the bound goes on."""

@@ -5,8 +5,19 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array, Mask
-from trackbench.statistics import intervals
 from trackbench.statistics import intervals as inference
+from trackbench.statistics.intervals import (
+    Events,
+    Sides,
+    correlation,
+    interval_of,
+    interval_of_difference,
+    of_variances,
+    quantile,
+    stderr_of,
+    studentized,
+    studentized_difference,
+)
 from trackbench.statistics.over_runs import Estimate, influence_of_ratio, mean, z_score
 from trackbench.statistics.series import series_mean
 
@@ -27,7 +38,10 @@ COLLAPSED_NOTE = (
 
 
 def collapsed_in_words(anees: Array) -> str:
-    """Return ``collapsed in 3 of 40 runs`` from ANEES or ANIS (M,); empty if none, or of one run."""
+    """Return ``collapsed in 3 of 40 runs`` from each run's ANEES or ANIS (M,).
+
+    Empty if no run collapsed, or if there is one run only, whose number says as much.
+    """
     runs = anees[~np.isnan(anees)]
     collapsed = int(np.sum(runs > _COLLAPSED_ANEES))
     return f"collapsed in {collapsed} of {len(runs)} runs" if collapsed and len(runs) > 1 else ""
@@ -79,7 +93,7 @@ class RunEstimate(NamedTuple):
         return in_words(self.lost, self.runs + self.lost) if self.lost else ""
 
     @property
-    def sides(self) -> intervals.Sides | None:
+    def sides(self) -> Sides | None:
         """Limits of both numbers of a difference that is tested by them."""
         if self.pair is None:
             return None
@@ -88,12 +102,9 @@ class RunEstimate(NamedTuple):
         assert b.influences is not None
         others = factor * b.influences
         if not isinstance(a, Share) or not isinstance(b, Share):
-            return intervals.of_variances(a.influences, others)
-        first, second = (
-            intervals.Events(a.events, a.runs),
-            intervals.Events(b.events, b.runs, factor),
-        )
-        return intervals.Sides(first, second, intervals.correlation(a.influences, others))
+            return of_variances(a.influences, others)
+        first, second = Events(a.events, a.runs), Events(b.events, b.runs, factor)
+        return Sides(first, second, correlation(a.influences, others))
 
     def parts(self, number: int) -> "list[RunEstimate]":
         """Return the number without each of so many batches of consecutive runs in turn.
@@ -143,19 +154,19 @@ class RunEstimate(NamedTuple):
                 return z_score(Estimate(self.value - target, np.hypot(self.stderr, other)))
             sides = self.sides
             if sides is not None:
-                return intervals.studentized_difference(self.value - target, sides, other)
-            return intervals.studentized(self.value - target, self.influences, other)
+                return studentized_difference(self.value - target, sides, other)
+            return studentized(self.value - target, self.influences, other)
 
     def interval(self, level: float = 0.95, other: float = 0.0) -> tuple[float, float]:
         """Return the confidence interval: all targets that `z` accepts; NaN without an error."""
         with np.errstate(all="ignore"):
             if self.influences is None:
-                width = intervals.quantile(level, np.inf) * float(np.hypot(self.stderr, other))
+                width = quantile(level, np.inf) * float(np.hypot(self.stderr, other))
                 return self.value - width, self.value + width
             sides = self.sides
             if sides is not None:
-                return intervals.interval_of_difference(self.value, sides, level, other)
-            return intervals.interval_of(self.value, self.influences, level, other)
+                return interval_of_difference(self.value, sides, level, other)
+            return interval_of(self.value, self.influences, level, other)
 
 
 class Share(RunEstimate):
@@ -244,7 +255,7 @@ class OfSteps(RunEstimate):
     def interval(self, level: float = 0.95, other: float = 0.0) -> tuple[float, float]:
         """Return the confidence interval of the steps' mean, by Student's t."""
         assert self.influences is not None
-        width = intervals.quantile(level, series_mean(self.influences).freedom) * self.stderr
+        width = quantile(level, series_mean(self.influences).freedom) * self.stderr
         return self.value - width, self.value + width
 
 
@@ -314,4 +325,4 @@ def as_difference_of_proportions(
     if a.influences is None or b.influences is None:
         return term
     apart = term._replace(pair=(a, b, factor))
-    return apart._replace(stderr=term.stderr or intervals.stderr_of(*apart.interval()))
+    return apart._replace(stderr=term.stderr or stderr_of(*apart.interval()))

@@ -91,6 +91,7 @@ class Search:
         return tuple(axis.at(share) for axis, share in zip(self._axes, place, strict=True))
 
     def _with_each_choice(self, place: Shares) -> list[Shares]:
+        """Try every combination of choices at the place; of many, each changed alone."""
         choices = []
         for i, n in enumerate(len(axis.choices) for axis in self._axes):
             choices += [[(i, (k + 0.5) / n) for k in range(n)]] if n else []
@@ -142,6 +143,7 @@ class Search:
         return None
 
     def _at(self, place: Shares, numbers: Array) -> Shares:
+        """Return the place with other shares of the numeric axes."""
         changed = dict(zip(self._numbers, numbers.tolist(), strict=True))
         return tuple(changed.get(i, share) for i, share in enumerate(place))
 
@@ -283,7 +285,10 @@ def read_tuning(
     tune: Mapping[str, Mapping[str, Any]],
     taken: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
 ) -> dict[str, Record]:
-    """Read the records of tuned filters by label; ``taken`` are these keys' values in the config."""
+    """Read the records of the filters that a config tunes, by label.
+
+    ``taken`` are the values of these keys that the config's tuned filters have.
+    """
     trials: dict[tuple[str, str], list[dict[str, str]]] = {}
     for row in csv.DictReader(file):
         trials.setdefault((row["filter"], row["trial"]), []).append(row)

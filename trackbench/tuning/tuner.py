@@ -37,7 +37,10 @@ def tune(
     fresh: bool = False,
     progress: bool = True,
 ) -> dict[str, Record]:
-    """Search every tuned filter's keys; a filter that raises ranks last. ``fresh``: no old blocks."""
+    """Search the keys of every tuned filter and store finished blocks.
+
+    ``fresh`` ignores earlier blocks. A trial whose filter raises ranks last.
+    """
     store.prepare()
     queue = Queue(workers, store)
     blocks = _SessionBlocks(store, fresh)
@@ -79,6 +82,8 @@ class _SessionBlocks:
 
 
 class _Tuner:
+    """Search of one filter with the blocks that it waits for."""
+
     def __init__(self, experiment: Experiment, label: str, blocks: _SessionBlocks) -> None:
         self.label, self.budget = label, experiment.settings.tuning.evaluations
         self.training = Training(experiment, label)
@@ -127,6 +132,7 @@ class _Tuner:
                 self._results[task] = result
 
     def _score(self, tasks: list[BlockTask]) -> RunEstimate | None:
+        """Score a trial's blocks; None for an invalid or failed filter."""
         results = [block for block in map(self._results.get, tasks) if block is not None]
         if not tasks or len(results) < len(tasks):
             return None
@@ -168,7 +174,10 @@ class Training:
         return [self._block(trial, i) for i in range(self._blocks(trial))]
 
     def score(self, per_run: Mapping[str, Array]) -> RunEstimate:
-        """Score a trial by its values per run; raises UserError if the objective lacks a metric."""
+        """Return the score that a trial's values per run give it.
+
+        Raises UserError if a metric of the objective is missing.
+        """
         for name in self.objective.metrics:
             if name not in per_run:  # of recorded data it is not known beforehand what there is
                 what = f"{self._label} has no {name!r} here"

@@ -214,6 +214,7 @@ class Singer(PerAxis):
 
 
 def _integrate(p: list[float]) -> list[float]:
+    """Integrate a polynomial from zero, by its coefficients."""
     return [0.0, *(c / (n + 1) for n, c in enumerate(p))]
 
 

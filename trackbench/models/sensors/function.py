@@ -198,6 +198,7 @@ class FunctionSensor(SensorBase):
                 object.__setattr__(self, "angles", self._angles_by_default())
 
     def _check_noise(self) -> None:
+        """Raise InvalidKeyError if keys contradict the noise."""
         if self.noise == "poisson":
             object.__setattr__(self, "noise", Noise(kind="poisson"))
         if self.noise is None:

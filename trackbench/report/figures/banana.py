@@ -159,6 +159,7 @@ class PosteriorEllipses(FigureKind):
 
 
 def _kind(part: Any) -> str | None:
+    """Read the kind of a part in plain data; None of several sensors, and of none."""
     return part.get("kind") if isinstance(part, dict) else None
 
 

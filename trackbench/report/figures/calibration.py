@@ -20,7 +20,14 @@ from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style, svg_file
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.results import Results
-from trackbench.report.tables import calibration
+from trackbench.report.tables.calibration import (
+    check_rank,
+    histogram,
+    judged,
+    pits,
+    shares_of_runs,
+    steps_that_are_not,
+)
 from trackbench.results.point_facts import GridPoint
 
 _ALPHA, _LEAST_P = 0.01, 1e-4
@@ -45,19 +52,19 @@ class CalibrationFigure(FigureKind):
 
     def __post_init__(self) -> None:
         for head, m in self.columns.items():
-            calibration.check_rank(m, "columns", head)
+            check_rank(m, "columns", head)
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
         """Reject steps outside the run."""
-        return calibration.steps_that_are_not("columns", self.columns.values(), points)
+        return steps_that_are_not("columns", self.columns.values(), points)
 
     def default_caption(self, results: Results) -> str:
         """Return which ranks are uniform, as far as the runs show, and which are not."""
         point = results.points()[0]
         ranks = []
         for label, (head, m) in product(results.chosen(self.filters), self.columns.items()):
-            ranks.append((label, head, calibration.histogram(results, point, label, m)))
-        verdict = calibration.judged(ranks, _ALPHA)
+            ranks.append((label, head, histogram(results, point, label, m)))
+        verdict = judged(ranks, _ALPHA)
         parts = {"flat but for chance": verdict.good, "not flat": list(verdict.bad)}
         words = [f"{joined(map(named, b))} {verb(b)} {what}" for what, b in parts.items() if b]
         where = f"At {phrases.heading(point)}: " if point else ""
@@ -72,7 +79,7 @@ class CalibrationFigure(FigureKind):
         figure, axes = style.subplots(*shape, height, sharex=True, squeeze=False)
         for line, (point, label) in zip(axes, rows, strict=True):
             for ax, m in zip(line, self.columns.values(), strict=True):
-                ranks = calibration.histogram(results, point, label, m)
+                ranks = histogram(results, point, label, m)
                 if not ranks.runs:
                     ax.set_axis_off()
                 else:
@@ -122,11 +129,11 @@ class Reliability(Curves):
     """label of the vertical axis"""
 
     def __post_init__(self) -> None:
-        calibration.check_rank(self.metric, "metric")
+        check_rank(self.metric, "metric")
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
         """Reject a step outside the run."""
-        return calibration.steps_that_are_not("metric", [self.metric], points)
+        return steps_that_are_not("metric", [self.metric], points)
 
     def default_caption(self, results: Results) -> str:
         """Return the coverage of the 90 % region."""
@@ -169,13 +176,13 @@ def _coverage(
     """Count truths within: levels, shares, standard errors (zero at a step), number of runs."""
     central = m.family[1] != "nees"
     if m.steps:
-        values = calibration.pits(results, point, label, m)
+        values = pits(results, point, label, m)
         values = values[~np.isnan(values)]
         within = np.sort(np.abs(2.0 * values - 1.0) if central else values)
         level = np.linspace(0.0, 1.0, _LEVELS)
         share = np.searchsorted(within, level, side="right") / max(len(within), 1)
         return level, share, np.zeros(_LEVELS), len(within)
-    shares = calibration.shares_of_runs(results, point, label, m)
+    shares = shares_of_runs(results, point, label, m)
     if central:  # the two tenths in the middle, and ever more on either side
         shares = shares[TENTHS // 2 - 1 :: -1] + shares[TENTHS // 2 :]
     shares = shares[:, ~np.isnan(shares).any(axis=0)]

@@ -11,7 +11,17 @@ from trackbench.config.experiment import Point
 from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import Expression, measure
 from trackbench.registry import register
-from trackbench.report import costs
+from trackbench.report.costs import (
+    COST,
+    MICRO,
+    Curve,
+    Spot,
+    cost_conflicts,
+    curves,
+    front,
+    own_sizes,
+    shown,
+)
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import joined
@@ -53,8 +63,8 @@ class AccuracyVsCost(FigureKind):
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
         """Require a grid over which a filter varies."""
         labels = [b for b in points[0].filters if self.filters is None or b in self.filters]
-        most = max(labels, key=lambda b: len(costs.own_sizes(points, b, self.along)), default="")
-        return costs.cost_conflicts(points, self.metric, self.along, {"along": most})
+        most = max(labels, key=lambda b: len(own_sizes(points, b, self.along)), default="")
+        return cost_conflicts(points, self.metric, self.along, {"along": most})
 
     def default_caption(self, results: Results) -> str:
         """Return the filters on the front."""
@@ -78,7 +88,7 @@ class AccuracyVsCost(FigureKind):
         for (ax,), scene, head in zip(axes, drawn, heads, strict=True):
             self._panel(ax, results, scene)
             ax.set_title(head)
-            ax.set_xlabel(costs.COST)
+            ax.set_xlabel(COST)
         axes[0][0].set_ylabel(self.y_label or str(self.metric))
         return style.finished(figure, self.title, len(every))
 
@@ -91,7 +101,7 @@ class AccuracyVsCost(FigureKind):
             self._curve(ax, curve, look)
         spots = _spots(drawn)
         x, y = _values(self._front(drawn))
-        dearest = [costs.MICRO * max(spot.cost.value for spot in spots)] if spots else []
+        dearest = [MICRO * max(spot.cost.value for spot in spots)] if spots else []
         ax.step([*x[0], *dearest], [*y[0], *y[0, -1:]], where="post", label="Front", **_FRONT)
         # Of a bound, which has no runs, summary.csv has the value.
         floor, expressions = self._floor(results), Evaluator(results, points_of(results, scene)[0])
@@ -106,29 +116,30 @@ class AccuracyVsCost(FigureKind):
     def _floor(self, results: Results) -> str:
         return self.floor or str(results.config.get("reference"))
 
-    def _curves(self, results: Results, scene: GridPoint) -> list[costs.Curve]:
-        labels = [b for b in costs.shown(results, self.filters) if b != self._floor(results)]
-        return costs.curves(results, scene, labels, self.metric, self.along)
+    def _curves(self, results: Results, scene: GridPoint) -> list[Curve]:
+        labels = [b for b in shown(results, self.filters) if b != self._floor(results)]
+        return curves(results, scene, labels, self.metric, self.along)
 
-    def _front(self, every: Sequence[costs.Curve]) -> list[costs.Spot]:
-        return list(costs.front(_spots(every), self.metric.family[0].more_is_better))
+    def _front(self, every: Sequence[Curve]) -> list[Spot]:
+        return list(front(_spots(every), self.metric.family[0].more_is_better))
 
-    def _curve(self, ax: Axes, curve: costs.Curve, look: LineStyle) -> None:
+    def _curve(self, ax: Axes, curve: Curve, look: LineStyle) -> None:
         x, y = _values(curve.spots)
         ax.plot(x[0], y[0], markersize=3.5, label=curve.name, **look)
         bars = {"elinewidth": 0.8, "capsize": 1.5, "xerr": 2.0 * x[1]}
         style.error_bars(ax, x[0], y[0], y[1], curve.name, look["color"], **bars)
         for spot in curve.spots if not curve.is_fixed else ():
-            place = (costs.MICRO * spot.cost.value, spot.error.value)
+            place = (MICRO * spot.cost.value, spot.error.value)
             ax.annotate(phrases.number(spot.size), place, (2.5, 2.5), textcoords="offset points",
                         fontsize=6, color=look["color"])  # fmt: skip
 
 
-def _spots(every: Sequence[costs.Curve]) -> list[costs.Spot]:
+def _spots(every: Sequence[Curve]) -> list[Spot]:
     return list(chain.from_iterable(curve.spots for curve in every))
 
 
-def _values(spots: Sequence[costs.Spot]) -> tuple[Array, Array]:
+def _values(spots: Sequence[Spot]) -> tuple[Array, Array]:
+    """Return CPU times (µs) and errors, each with standard errors (2, n); none is nothing."""
     estimates = np.array([[spot.cost.estimate, spot.error.estimate] for spot in spots])
     times, errors = np.nan_to_num(estimates.reshape(-1, 2, 2).transpose(1, 2, 0))
-    return costs.MICRO * times, errors
+    return MICRO * times, errors

@@ -102,6 +102,7 @@ def cliques(mean: Array, critical: float) -> list[tuple[float, float]]:
 
 
 def _panel(ax: Axes, labels: list[str], mean: Array, groups: list[tuple[float, float]]) -> None:
+    """Draw ranks on the upper axis, labels left and right below it, bars for the groups."""
     k = len(labels)
     order = np.argsort(mean)
     half = (k + 1) // 2

@@ -107,5 +107,6 @@ class Autocorrelation(Curves):
 
 
 def _mean(values: Array | None) -> float:
+    """Average the runs that have a value."""
     known = np.empty(0) if values is None else values[~np.isnan(values)]
     return float(known.mean()) if len(known) else np.nan

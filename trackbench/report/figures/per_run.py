@@ -60,6 +60,7 @@ class RmsePerRun(Curves):
 
 
 def _in_order(values: Array) -> tuple[Array, Array]:
+    """Sort values over percentages of runs; NaN for lost runs."""
     if not len(values):
         return values, values
     ranked = np.sort(values)

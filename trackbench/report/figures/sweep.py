@@ -130,6 +130,7 @@ def _line(
 
 
 def _common_number(value: object) -> float | None:
+    """Take the number of a grid value; of linked paths the one that all of them have."""
     values = value if isinstance(value, list) else [value]
     first = values[0] if values and is_number(values[0]) else None
     return first if all(other == first for other in values) else None
@@ -249,6 +250,7 @@ class SweepFigure(FigureKind):
         return style.finished(figure, self.title)
 
     def _heat_maps(self, section: _Section, labels: list[str]) -> Figure:
+        """Draw a panel per filter, on one color scale; the best value is framed."""
         (x, y), metrics = self.paths, self._metrics(section.results)
         words, metric = next(iter(metrics.items()), ("", measured("mean(rmse)")))
         # Fields of the filters that have any number, and their common color scale.
@@ -285,6 +287,7 @@ class SweepFigure(FigureKind):
         return self.metrics or shown_metrics(results)
 
     def _labels(self, results: Results) -> tuple[list[str], list[str]]:
+        """Choose the filters that are shown, and those of them that these paths vary."""
         chosen = results.chosen(self.filters)
         varied = [b for b in chosen if _vary(results, self.paths, b)]
         return [b for b in chosen if b in varied or not _vary(results, results.grid, b)], varied

@@ -126,6 +126,7 @@ class Track(FigureKind):
         return style.finished(figure, self.title)
 
     def _best(self, results: Results) -> list[str]:
+        """Choose the best filters of the first ranking, else the first ones."""
         every = rankings(results)
         ranked = [c.label for c in every[0].order] if every else []
         return (ranked or results.filters)[: self.best]

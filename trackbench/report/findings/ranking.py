@@ -272,6 +272,7 @@ def _best_of_each(settings: Sequence[Candidate], sign: float) -> list[Candidate]
 
 
 def _losing(candidates: Sequence[Candidate]) -> list[Candidate]:
+    """Find the filters that lose significantly more of the same runs than another."""
     losing = []
     for a in candidates:
         others = (b.lost for b in candidates if b is not a and len(b.lost) == len(a.lost))

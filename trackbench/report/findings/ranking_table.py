@@ -43,6 +43,7 @@ def ranking_tables(results: Results, numbers: bool = False) -> list[TextTable]:
 
 
 def _table(results: Results, standing: Ranking, of_settings: bool) -> TextTable:
+    """Tabulate one ranking, of filters or of one filter's settings."""
     order, metric = standing.order, standing.metric
     shown = [*order, *standing.losing][: _MOST_SETTINGS if of_settings else None]
     is_score = metric.family[0].is_score
@@ -83,6 +84,7 @@ def _table(results: Results, standing: Ranking, of_settings: bool) -> TextTable:
 
 
 def _insert(rows: list[list[Text]], row: list[Text], is_score: bool) -> None:
+    """Insert a row without a rank at the place of its number, at the end without one."""
     sign, place = -1.0 if is_score else 1.0, len(rows)
     number, *others = ((cells[1].number or 0.0) * sign for cells in (row, *rows))
     for i, other in enumerate(others):
@@ -106,6 +108,7 @@ def _row(results: Results, c: Candidate, name: str, ratio: str) -> list[Text]:
 
 
 def _unranked(results: Results, standing: Ranking, matters: float) -> Iterator[list[Text]]:
+    """Yield the reference, the bound, exact errors, and filters without a number."""
     metric, reference = standing.metric, standing.reference
     if reference is not None:
         ratio = _ratio(standing, reference, matters)
@@ -223,6 +226,7 @@ def _is_empty(rows: list[list[Text]], column: int) -> bool:
 
 
 def _without_empty(results: Results, table: TextTable) -> TextTable:
+    """Leave out columns without a word, and the column of lost runs if there are none."""
     columns = range(len(table.heads))
     empty = [i for i in columns if _is_empty(table.rows, i)]
     shown = [i for i in columns if i < 3 or i not in empty]
@@ -238,6 +242,7 @@ def _without_empty(results: Results, table: TextTable) -> TextTable:
 
 
 def _over_scenes(results: Results, standings: Sequence[Ranking]) -> TextTable:
+    """Count for each filter at how many scenarios of the grid it is among the best."""
     first = standings[0]
     is_score = first.metric.family[0].is_score
     paths = " and ".join(phrases.axis(path) for path in first.scene)
@@ -275,10 +280,12 @@ def _over_candidates(results: Results, candidates: Sequence[Candidate]) -> Itera
 
 
 def _span(texts: Sequence[str]) -> str:
+    """Join the first and last text."""
     return " to ".join(dict.fromkeys((texts[0], texts[-1]))) if texts else ""
 
 
 def _by_scene(results: Results, standings: Sequence[Ranking]) -> TextTable:
+    """Tabulate the numbers: a row for each scenario of the grid, a column for each filter."""
     first = standings[0]
     head = head_of([*first.order, *first.losing][0].sample.statistic, first.metric)
     table = TextTable(head, [*map(phrases.axis, first.scene), *results.filters])

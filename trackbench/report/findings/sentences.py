@@ -49,6 +49,7 @@ def _undecided(standing: Ranking) -> str:
 
 
 def _tuned(results: Results, standing: Ranking) -> str:
+    """Name the untuned filters that a tuned best one is compared with."""
     tuned = {tuned_label(label): label for label in results.config.get("tune") or {}}
     best = standing.best
     if best is None or best.label not in tuned:
@@ -62,6 +63,7 @@ def _tuned(results: Results, standing: Ranking) -> str:
 
 
 def _other_metrics(results: Results, standing: Ranking) -> str:
+    """Name the other metrics by which another filter is better than the best."""
     better: dict[str, list[str]] = {}
     names = [name for name in ranking_metrics(results) if name != standing.metric.metric]
     for metric in names:

@@ -125,6 +125,7 @@ def _write_index(folder: Path, experiments: Overview, everything: Verdicts) -> P
 
 
 def _card(folder: Path, results: Results, comparison: Verdicts) -> dict[str, Any]:
+    """Describe an experiment for the index; its link is empty if it has no report."""
     from markupsafe import Markup
 
     config, report = results.config, results.folder / "report.html"
@@ -143,6 +144,7 @@ _POSITIONS, _OTHERS = "Targets with measured positions", "Other dynamic systems"
 
 
 def _by_topic(experiments: Overview) -> dict[str, Overview]:
+    """Group the experiments by what is estimated and measured; topics without any are left out."""
     groups: dict[str, Overview] = {t: [] for t in (_RECORDINGS, _ANGLES, _POSITIONS, _OTHERS)}
     for item in experiments:
         groups[_topic(item[0])].append(item)
@@ -162,6 +164,7 @@ def _topic(results: Results) -> str:
 
 
 def _result(results: Results) -> str:
+    """Write the result in a few words; nothing if the runs are missing."""
     return short_answer(rankings(results)) if _has_runs(results) else ""
 
 
@@ -189,6 +192,7 @@ def short_answer(standings: Sequence[Ranking]) -> str:
 
 
 def _together(comparisons: list[Verdicts]) -> Verdicts:
+    """Join the verdicts of several experiments, to count them together."""
     whole = Verdicts([], [], [])
     for c in comparisons:
         for name, rows in vars(whole).items():
@@ -197,6 +201,7 @@ def _together(comparisons: list[Verdicts]) -> Verdicts:
 
 
 def _opened(folder: Path) -> tuple[Overview, int]:
+    """Open the experiments; count those that are left out because their runs are missing."""
     if not os.path.isdir(folder):
         raise UserError(f"{folder}: there is no such folder")
     candidates = sorted(p.parent for p in folder.glob("*/config.yaml"))

@@ -81,6 +81,7 @@ def _rerun(results: Results) -> str:
 
 
 def _programs(results: Results) -> list[str]:
+    """Find the filters that are programs in other languages."""
     return [label for label, f in results.config["filters"].items() if f["kind"] == "external"]
 
 

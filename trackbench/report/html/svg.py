@@ -103,6 +103,7 @@ def _may_stay(tag: str, key: str, value: str) -> bool:
 
 
 def _is_harmless(value: str) -> bool:
+    """Test whether a value refers to nothing but ids of its own file."""
     return _HARMLESS.fullmatch(_REFERENCE.sub("", value)) is not None
 
 
@@ -115,6 +116,7 @@ def _style(text: str) -> str:
 
 
 def _renamed(key: str, value: str, name: str) -> str:
+    """Rename the ids in an attribute's value."""
     if key == "id":
         return f"{name}-{value}"
     if key.rpartition("}")[2] == "href":

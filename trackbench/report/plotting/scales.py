@@ -79,6 +79,7 @@ def cut(axes: Sequence[Axes], errors: Mapping[str, Array]) -> None:
 
 
 def _data(line: Line2D) -> tuple[Array, Array]:
+    """Coordinates of a line."""
     return np.asarray(line.get_xdata(), dtype=float), np.asarray(line.get_ydata(), dtype=float)
 
 

@@ -95,7 +95,10 @@ def line(index: int) -> LineStyle:
 
 
 def filter_line(ax: Axes, x: Any, value: Array, look: LineStyle) -> bool:
-    """Draw a filter's line, unless it lost all runs; return whether it has any value."""
+    """Draw a filter's line; return whether it has any value.
+
+    A filter that lost all its runs has none, and no line in the legend.
+    """
     is_drawn = bool(np.isfinite(value).any())
     if is_drawn:
         ax.plot(x, value, **look)
@@ -149,7 +152,10 @@ def with_gaps(steps: Array, *series: Array) -> tuple[Array, ...]:
 
 
 def gray_line(ax: Axes, x: Array, value: Array, steps: int = 1) -> None:
-    """Draw another panel's filter behind, as means over windows; a value is of so many ``steps``."""
+    """Draw the line of another panel's filter behind, as means over windows of successive values.
+
+    Each value is that of so many ``steps``.
+    """
     if not len(x):
         return
     over = -(-len(x) // _GRAY_POINTS)
@@ -190,6 +196,7 @@ def _columns(labels: Sequence[str], width_in: float) -> int:
 
 
 def _legend(figure: Figure, without: Collection[str]) -> dict[str, Any]:
+    """Collect the lines by label; the first of each label."""
     handles: dict[str, Any] = {}
     for ax in figure.axes:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
@@ -206,7 +213,10 @@ _MOSAIC = 3
 def panels(
     number: int, rows: int, height_in: float, balanced: bool = False, **kwargs: Any
 ) -> tuple[Figure, Any]:
-    """Return a figure and axes (number, rows), four abreast; ``balanced``: 6 as 3 and 3."""
+    """Return a figure and the axes (number, rows) of so many panels, four beside each other at most.
+
+    ``balanced`` draws 6 panels as 3 and 3, not as 4 and 2.
+    """
     across = min(number, sheet().across)
     blocks = -(-number // across)
     if balanced:
@@ -261,7 +271,10 @@ def wrap_label(label: str, width: int = 24) -> str:
 
 @contextmanager
 def rc_context() -> Iterator[None]:
-    """Draw in the house style, without warnings of missing glyphs and axes near 1e308."""
+    """Draw in the house style, and leave the user's as it was.
+
+    Without warnings: of a glyph that the font has not, of axes that end near 1e308.
+    """
     import matplotlib as mpl
 
     with warnings.catch_warnings(), mpl.rc_context(_RC | dict(sheet().letters)):

@@ -113,6 +113,7 @@ def marked(content: str, figure: "Figure", labels: list[str]) -> str:
 
 
 def _panels(figure: "Figure") -> "list[Axes]":
+    """Find the axes with curves over numbers."""
     visible = [ax for ax in figure.axes if ax.axison and any(_curves(ax))]
     return [ax for ax in visible if {ax.get_xscale(), ax.get_yscale()} <= set(_SCALES)]
 

@@ -128,6 +128,7 @@ class CalibrationTable(TableKind):
 
 
 def _verdict(uniformity: Uniformity, alpha: float) -> Iterator[str]:
+    """Yield which ranks are not uniform, and which show no difference."""
     by = f"by {uniformity.tests} tests, {alpha:g} for all of them (Holm)"
     if uniformity.bad:
         words = "; ".join(f"{label} in {joined(heads)}" for label, heads in uniformity.bad.items())

@@ -189,6 +189,7 @@ def _refused(evaluators: Iterable[Evaluator]) -> dict[str, str]:
 
 
 def _stored(evaluators: Iterable[Evaluator]) -> set[str]:
+    """Collect the metrics that any filter has at any point of the grid."""
     every = chain.from_iterable(evaluator.stored for evaluator in evaluators)
     return {metric for _, metric in every}
 
@@ -199,6 +200,7 @@ def _innovation_cell(evaluator: Evaluator, label: str, metric: str) -> Cell:
 
 
 def _error_columns(results: Results) -> dict[str, str]:
+    """Find a column for each component of the measurement: heading and metric."""
     columns = {}
     for head, kind in _ERRORS.items():
         for name in dict.fromkeys(results.columns("summary")["metric"]):
@@ -209,6 +211,7 @@ def _error_columns(results: Results) -> dict[str, str]:
 
 
 def _band_notes(results: Results, labels: list[str]) -> list[str]:
+    """Write the bands of a consistent filter, and where filters leave them."""
     said: dict[str, list[str]] = {}
     # Filters with equal bands share a sentence, and so do points.
     for point in results.points():
@@ -226,6 +229,7 @@ def _band_notes(results: Results, labels: list[str]) -> list[str]:
 
 
 def _note_on_bands(runs: dict[tuple[str, str], Array], label: str) -> list[str]:
+    """Write the sentence on a filter's bands; none for a filter without predictions."""
     numbers = runs.get((label, "innovations"), np.empty(0))
     finite = ~np.isnan(numbers)
     if not finite.any():

@@ -106,6 +106,7 @@ def _compared(evidence: Evaluator, claim: ClaimRow) -> tuple[RunEstimate, str]:
 
 
 def _ranges(names: list[str], words: list[str]) -> str:
+    """Write ``holds at 0, 0.1; inconclusive at 1; fails at 10``."""
     by_verdict: dict[str, list[str]] = {"holds": [], UNDECIDED: [], "fails": []}
     for name, word in zip(names, words, strict=True):
         by_verdict.get(word, by_verdict[UNDECIDED]).append(name)

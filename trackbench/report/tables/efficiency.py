@@ -153,6 +153,7 @@ class EqualCost(TableKind):
         return table
 
     def _add(self, table: Table, keys: list[str], rivals: Sequence[Curve], budget: Spot) -> None:
+        """Add the rows at one CPU time, and the conclusion."""
         reference = AtCost(budget.size, logged(budget.error), lost=budget.lost)
         # Every filter's error at this CPU time; None where its own times do not reach.
         errors = {curve.name: curve.at(budget.cost) for curve in rivals}
@@ -199,6 +200,7 @@ def _cells(at: AtCost, reference: AtCost) -> list[Cell]:
 
 
 def _compared(errors: dict[str, AtCost], higher: bool) -> tuple[list[str], list[str], list[str]]:
+    """Find the best filter, those that may be as good, and worse ones that lose fewer runs."""
     sign = -1.0 if higher else 1.0
     order = sorted(errors, key=lambda name: sign * errors[name].error.value)
     pairs = {(a, b): compare_at(errors[b], errors[a]) for a, b in combinations(order, 2)}

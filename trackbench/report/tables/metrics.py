@@ -125,6 +125,7 @@ def best_labels(expressions: Evaluator, labels: Sequence[str], m: Measure) -> li
 
 
 def _candidate(expressions: Evaluator, m: Measure) -> Iterator[Candidate]:
+    """Yield a filter with the values of its runs, if the measure has them."""
     if (column := expressions.per_run(m)) is None:
         return
     statistic, values = column
@@ -145,6 +146,7 @@ def _cell(expressions: Evaluator, m: Measure) -> Cell:
 
 
 def _lost_notes(results: Results, point: GridPoint, labels: list[str]) -> Iterator[str]:
+    """Yield why runs were lost, in words."""
     runs = results.runs(point)
     for label in labels:
         codes = runs.get((label, "lost"), np.empty(0))
@@ -159,6 +161,7 @@ def _lost_notes(results: Results, point: GridPoint, labels: list[str]) -> Iterat
 def _tail_notes(
     expressions: Evaluator, labels: Sequence[str], columns: Collection[Expression]
 ) -> Iterator[str]:
+    """Yield for each error the filters of which a few runs decide a number, with their medians."""
     medians: dict[tuple[str, str], str] = {}
     errors: list[Measure] = []
     for m in columns:

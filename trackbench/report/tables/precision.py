@@ -2,7 +2,13 @@
 
 from dataclasses import dataclass
 
-from trackbench.evaluation import precision_check
+from trackbench.evaluation.precision_check import (
+    PrecisionCheck,
+    PrecisionTarget,
+    check_precision,
+    checkpoints,
+    exact_after,
+)
 from trackbench.evaluation.summary import FilterResult
 from trackbench.field_types import Digits
 from trackbench.registry import register
@@ -27,8 +33,8 @@ class Precision(TableKind):
         """Check every number of `until` at each number of runs at which the run looked."""
         config = results.config
         until = config.get("until", {}).items()
-        wanted = [precision_check.PrecisionTarget.read(metric, error) for metric, error in until]
-        stops = list(precision_check.checkpoints(config["min_runs"], config["runs"]))
+        wanted = [PrecisionTarget.read(metric, error) for metric, error in until]
+        stops = list(checkpoints(config["min_runs"], config["runs"]))
         heads = [*results.grid_heads, "Filter", "Number", "Standard error wanted", "Enough after"]
         table = Table(self.title, heads, ["Value"], self.digits)
         for point in results.points():
@@ -39,16 +45,13 @@ class Precision(TableKind):
                 result = FilterResult(per_run, {}, {}, None, [])
                 for w in wanted if "lost" in result.per_run else ():
                     # The number at every look; the last look gives the cell.
-                    looks: list[precision_check.PrecisionCheck] = []
+                    looks: list[PrecisionCheck] = []
                     for runs in stops:
-                        looks += precision_check.check_precision([w], result, sizes, {}, runs)
+                        looks += check_precision([w], result, sizes, {}, runs)
                     if looks:
                         row = looks[-1].row
                         cell = Cell(Estimate(row.value, row.stderr), row.runs, 0)
-                        enough = (
-                            precision_check.exact_after(stops, [look.enough for look in looks])
-                            or "no"
-                        )
+                        enough = exact_after(stops, [look.enough for look in looks]) or "no"
                         keys = [label, w.metric, config["until"][w.metric], enough]
                         table.add([*map(str, point.values()), *map(str, keys)], [cell])
         return table

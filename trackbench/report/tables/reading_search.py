@@ -183,6 +183,7 @@ def _by(statistic: str, number: PublishedNumber) -> PublishedNumber:
 
 
 def _is_average(m: Measure) -> bool:
+    """Test whether the expression is a statistic in the metric's unit over whole runs."""
     averages = [TIME_MEAN, *(name for name, s in STATISTICS.items() if s.power == 1)]
     return m.statistic in averages and not m.steps and not m.relation
 
@@ -292,6 +293,7 @@ class ClaimReadings(TableKind):
 def _judged(
     results: Results, claims: list[Claim], points: list[GridPoint]
 ) -> tuple[list[Claim], list[list[str]]]:
+    """Judge at every point the claims that any point measures."""
     evidence = [Evaluator(results, point) for point in points]
     measured, by_claim = [], []
     for claim in claims:

@@ -67,6 +67,7 @@ class TuningTable(TableKind):
 
 
 def _trained_on(results: Results) -> str:
+    """Describe the training runs, or the part of recorded ones, and the runs held out."""
     config = results.config
     share = (config["scenario"].get("score") or {}).get("train")
     if share is not None:
@@ -117,6 +118,7 @@ def _cells(record: Record, tuned: RunEstimate | None, untuned: RunEstimate | Non
 
 
 def _on_results(gain: Comparison) -> Iterator[str]:
+    """Yield what tuning lost on the runs of the results, or that it gained nothing."""
     untuned, tuned = gain.a, gain.b
     if tuned.lost > untuned.lost:
         lost = counted(tuned.lost, "run")

@@ -63,6 +63,7 @@ def _unjudged(claim: Claim, why: str) -> ClaimVerdict:
 
 
 def _at_each_step(claim: Claim, whole: Evaluator) -> list[Claim]:
+    """Repeat the claim at each of its steps."""
     sides = []
     for m in (claim.expression, claim.right_expression):
         sides.append(whole.at_each_step(m.of(claim.left)) if m else [None])
@@ -150,6 +151,7 @@ def _size(evidence: Evaluator, test: _Test) -> str:
 
 
 def _of_steps(weakest: _Test, zs: list[float]) -> str:
+    """Describe the weakest of tests at many steps, and how many are significant."""
     steps = weakest.claim.expression and weakest.claim.expression.steps
     surely = sum(rules.decided(z) > 0 for z in zs)
     where = f"at step {steps.first}; " if steps else ""

@@ -173,6 +173,7 @@ def markdown(results: Results, comparison: Verdicts) -> str:
 
 
 def _explained(table: TextTable, verdicts: Sequence[Verdict]) -> TextTable:
+    """Add a line of meaning for each word that occurs in a table of verdicts."""
     words = {verdict.word for verdict in verdicts}
     lines = {word: meaning for word, meaning in MEANINGS.items() if word in words}
     if words & {"differs", "holds", "fails"}:
@@ -195,6 +196,7 @@ def verdict_tables(comparison: Verdicts) -> list[TextTable]:
 
 
 def _number_tables(comparison: Verdicts) -> list[TextTable]:
+    """Tabulate verdicts per published table, and of those with several readings all of them."""
     places: dict[str, list[Reproduced]] = {}
     for number in comparison.numbers:
         published = number.best.published

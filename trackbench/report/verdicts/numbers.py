@@ -93,6 +93,7 @@ class Verdicts:
 
 
 def _rank(row: Compared) -> tuple[int, float]:
+    """Sort the best verdict first; of equal ones the nearest value."""
     printed, value = row.published.value, row.measured.value
     off = abs(value - printed) if not isinstance(printed, str) and isfinite(value) else inf
     return NUMBER_WORDS.index(row.verdict.word), off

@@ -237,7 +237,10 @@ class Columns:
         return self.naming.called(name, self.names)
 
     def take(self, name: str, content: Content) -> str | None:
-        """Note a quantity's column, which then is read; raises DataError if another one has it."""
+        """Note the column of a quantity or of a key such as ``run``, which then is read.
+
+        Raises DataError if it is the column of another quantity, too.
+        """
         column = self.column(name)
         if column is not None:
             other = self._used.setdefault(column, _plain(name))

@@ -116,6 +116,7 @@ def _encoding(path: str) -> str:
 
 @contextmanager
 def _opened(path: str, encoding: str) -> Iterator[TextIO]:
+    """Open a text file within the block. Raises DataError where the block cannot read it."""
     try:
         encoding = encoding or _encoding(path)
         file = require_regular_file(path)
@@ -195,6 +196,7 @@ def _header(
 
 
 def _split(line: str, ways: Sequence[str], widths: Sequence[int]) -> list[str]:
+    """Split a line by the first of the ways, a separator and patterns, that gives a usual width."""
     rows = [_parsed(line, ways[0]), *(re.split(way, line.strip()) for way in ways[1:])]
     return next((row for row in rows if len(row) in widths), rows[0])
 
@@ -240,13 +242,17 @@ def _separator(lines: Sequence[str]) -> str:
 
 
 def _parsed(line: str, separator: str) -> list[str]:
+    """Split one line into cells."""
     if separator == " ":
         return line.split()
     return next(csv.reader([line.rstrip("\r\n")], delimiter=separator), [])
 
 
 def table_rows(path: str, layout: Layout) -> Iterator[tuple[int, list[str]]]:
-    """Yield line number and cells of each row without comments; raises DataError for no table."""
+    """Yield the line number and cells of every row below the header; skip blank lines and comments.
+
+    Raises DataError for a file that is no table.
+    """
     with _opened(path, layout.encoding) as text:
         yield from _rows(path, text, layout)
 

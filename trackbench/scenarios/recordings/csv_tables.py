@@ -14,7 +14,13 @@ from numpy.typing import NDArray
 
 from trackbench.core.arrays import Array, Index
 from trackbench.field_types import DataError, Place, require_regular_file
-from trackbench.scenarios.recordings import csv_lines
+from trackbench.scenarios.recordings.csv_lines import (
+    Layout,
+    TextFormat,
+    is_value,
+    layout_of,
+    table_rows,
+)
 from trackbench.scenarios.recordings.dates import dates_quickly, instant, is_instant, moment
 
 _TIME_OF_DAY = re.compile(r" *[0-9]{1,2}:[0-9]{2}")
@@ -115,12 +121,12 @@ class Table(NamedTuple):
     dated: str
 
 
-def header(path: str, form: csv_lines.TextFormat | None = None) -> list[str]:
+def header(path: str, form: TextFormat | None = None) -> list[str]:
     """Read names of a table's columns. Raises DataError if the first line has numbers instead."""
     if is_parquet(path):
         return [str(name) for name in _parquet(path, None)]
-    layout = csv_lines.layout_of(path, form)
-    if layout.header and all(csv_lines.is_value(name) for name in layout.names if name):
+    layout = layout_of(path, form)
+    if layout.header and all(is_value(name) for name in layout.names if name):
         what = f"holds {', '.join(layout.names)[:60]} and no names of columns: name all"
         way = f"{len(layout.names)}, such as `format: {{names: [time, x, y]}}`"
         raise DataError(Place(path, layout.header, 1, f"{what} {way}"))
@@ -131,9 +137,12 @@ def read_table(
     path: str,
     contents: Mapping[str, Content],
     time_format: str = "",
-    form: csv_lines.TextFormat | None = None,
+    form: TextFormat | None = None,
 ) -> Table:
-    """Read columns, dates by ISO 8601 or ``time_format``; raises DataError with up to 20 mistakes."""
+    """Read columns of a table; raises DataError with up to twenty mistakes and their lines.
+
+    Dates are in ISO 8601, or in a form of strptime.
+    """
     reading = _Reading(path, contents, time_format)
     if is_parquet(path):
         # Parquet: the cells become text, so that both formats have the same parsers.
@@ -141,7 +150,7 @@ def read_table(
         shown = {name: list(map(_shown, frame[name].tolist())) for name in contents}
         reading.add(np.arange(2, len(frame) + 2), shown)
         return reading.table()
-    layout = csv_lines.layout_of(path, form)
+    layout = layout_of(path, form)
     # Commas in cells that commas do not separate are decimal signs.
     decimal = form.decimal if form else None
     reading.may_have_commas = decimal is None and layout.separator != ","
@@ -149,7 +158,7 @@ def read_table(
     for name in contents:
         if layout.names.count(name) > 1:
             raise DataError(Place(path, max(layout.header, 1), 1, f"two columns {name}"))
-    lines = csv_lines.table_rows(path, layout)
+    lines = table_rows(path, layout)
     # CSV: read piece by piece, until there are too many mistakes.
     while rows := list(islice(lines, _ROWS_AT_A_TIME)):
         full_rows = reading.of_full_width(rows, layout)
@@ -162,18 +171,20 @@ def read_table(
     return reading.table()
 
 
-def first_rows(path: str, form: csv_lines.TextFormat | None, number: int) -> list[list[str]]:
+def first_rows(path: str, form: TextFormat | None, number: int) -> list[list[str]]:
     """Read the first rows, as text, of those with a cell for each column."""
     if is_parquet(path):
         frame = _parquet(path, header(path)).head(number)
         columns = (map(_shown, frame[name].tolist()) for name in frame)
         return list(map(list, zip(*columns, strict=True)))
-    layout = csv_lines.layout_of(path, form)
-    rows = (cells for _, cells in islice(csv_lines.table_rows(path, layout), number))
+    layout = layout_of(path, form)
+    rows = (cells for _, cells in islice(table_rows(path, layout), number))
     return [[*map(str.strip, cells)] for cells in rows if len(cells) == len(layout.names)]
 
 
 class _Reading:
+    """A table on its way from cells to arrays, a piece at a time."""
+
     def __init__(self, path: str, contents: Mapping[str, Content], form: str) -> None:
         # A date that stands beside the time is put before it.
         self._date = next((name for name, content in contents.items() if content == "date"), None)
@@ -189,7 +200,7 @@ class _Reading:
         self._lines: list[Index] = []
 
     def of_full_width(
-        self, rows: Sequence[tuple[int, list[str]]], layout: csv_lines.Layout
+        self, rows: Sequence[tuple[int, list[str]]], layout: Layout
     ) -> Sequence[tuple[int, list[str]]]:
         """Select the rows with a cell for each column; the others are mistakes."""
         width = len(layout.names)
@@ -309,4 +320,5 @@ def _parquet(path: str, columns: list[str] | None) -> Any:
 
 
 def _shown(value: object) -> str:
+    """Write a cell of a data frame as a CSV has it."""
     return "" if value is None or value != value or str(value) == "NaT" else str(value)

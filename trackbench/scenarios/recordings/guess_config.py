@@ -137,6 +137,7 @@ def _comment(why: dict[str, str], key: str) -> str:
 
 
 def _flow(form: TextFormat) -> str:
+    """Write the keys of a format that are set, in braces."""
     values = {f.name: getattr(form, f.name) for f in fields(form) if getattr(form, f.name)}
     keys = (f"{key}: {json.dumps(value, ensure_ascii=False)}" for key, value in values.items())
     return f"{{{', '.join(keys)}}}"

@@ -9,7 +9,6 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings import csv_lines, guess_errors, guess_time
 from trackbench.scenarios.recordings.column_mapping import (
     COURSE,
     GEODETIC,
@@ -19,6 +18,12 @@ from trackbench.scenarios.recordings.column_mapping import (
     outlying,
 )
 from trackbench.scenarios.recordings.column_names import columns_of, ranges_of, unit_in, words_of
+from trackbench.scenarios.recordings.csv_lines import (
+    TextFormat,
+    is_value,
+    layout_of,
+    table_rows,
+)
 from trackbench.scenarios.recordings.csv_tables import (
     first_rows,
     header,
@@ -28,6 +33,18 @@ from trackbench.scenarios.recordings.csv_tables import (
     read_table,
 )
 from trackbench.scenarios.recordings.dates import instant
+from trackbench.scenarios.recordings.guess_errors import (
+    SENSORS,
+    levels_of,
+    not_finer,
+    velocities_agree,
+)
+from trackbench.scenarios.recordings.guess_time import (
+    DateForm,
+    date_form,
+    unit_by_size,
+    unit_by_speed,
+)
 from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows import (
     Gathered,
@@ -80,7 +97,7 @@ def recognized(path: str, given: Naming | None = None) -> Guess:
     given = given or Naming()
     # Step 1: find the columns by their names.
     why: dict[str, str] = {}
-    form = _text_format(path, given.format or csv_lines.TextFormat(), why)
+    form = _text_format(path, given.format or TextFormat(), why)
     names = header(path, form)
     sample = _Sample(path, names, form)
     columns, units = _columns(names, sample, given, why)
@@ -95,19 +112,19 @@ def recognized(path: str, given: Naming | None = None) -> Guess:
         values = sample.numbers(columns.get(name, ""))
         if name not in units and (np.abs(values) > SMALLEST_E7).any():
             units[name], why[name] = "degE7", "guess: degrees would be impossible"
-    clock = guess_time.DateForm(given.time_format, bool(given.time_format))
+    clock = DateForm(given.time_format, bool(given.time_format))
     if "time" in columns and not clock.form:
         times, dates = (sample.cells(columns[k]) if k in columns else [] for k in ("time", "date"))
-        clock = guess_time.date_form(path, times, dates, sample.line)
+        clock = date_form(path, times, dates, sample.line)
         # A column `day` may be a number of days: only beside times of a day, and with whole dates.
         day = next((name for name in names if name.lower() == "day"), "")
         if clock.form and "%d" not in clock.form and not parsed(instant, sample.cells(day))[1]:
             columns["date"] = day
-            clock = guess_time.date_form(path, times, sample.cells(day), sample.line)
+            clock = date_form(path, times, sample.cells(day), sample.line)
     if clock.why:
         why["time_format"] = clock.why
     elif "time" in columns and "time" not in units and not clock.is_date:
-        unit = guess_time.unit_by_size(sample.numbers(columns["time"]))
+        unit = unit_by_size(sample.numbers(columns["time"]))
         if unit is not None:
             units["time"], why["time"] = unit, "guess: seconds would be thousands of years"
     missing = given.missing or _missing(sample, columns, measured)
@@ -117,16 +134,14 @@ def recognized(path: str, given: Naming | None = None) -> Guess:
         units=units,
         time_format=clock.form,
         missing=missing,
-        format=form if form != csv_lines.TextFormat() else None,
+        format=form if form != TextFormat() else None,
     )
     if missing and not given.missing:
         why["missing"] = "guess: far outside the others"
     # Step 3: read all rows.
     guess = _measured(path, naming, why, sensors)
     sensors = [
-        s._replace(
-            sigmas=guess_errors.not_finer(s.sigmas, s.quantities, guess.naming, sample.cells)
-        )
+        s._replace(sigmas=not_finer(s.sigmas, s.quantities, guess.naming, sample.cells))
         for s in guess.sensors
     ]
     return replace(guess, sensors=sensors, names=names)
@@ -160,19 +175,19 @@ def _measured(path: str, naming: Naming, why: dict[str, str], sensors: list[Sens
             why["same_time"] = "guess: several rows of a whole second; or mean, or last"
         longest.append(in_order(gathered, rows))
     levels = [
-        guess_errors.levels_of(rows, sensor.kind, in_degrees)
+        levels_of(rows, sensor.kind, in_degrees)
         for sensor, rows in zip(sensors, longest, strict=True)
     ]
     speed = next((speed for _, speed in levels if speed), 0.0)
     # Guess the unit of times and of speeds, now that the path is known.
     if "time" in columns and "time" not in units and not gathered.dated:
-        unit = guess_time.unit_by_speed(longest[0].time, speed)
+        unit = unit_by_speed(longest[0].time, speed)
         if unit is not None:
             units["time"] = unit
             why["time"] = f"guess: with seconds the usual speed would be {speed:.1g} m/s"
             speed /= UNITS[unit]
             longest[0] = longest[0]._replace(time=longest[0].time * UNITS[unit])
-    if velocity and not guess_errors.velocities_agree(longest[0], columns, units, why):
+    if velocity and not velocities_agree(longest[0], columns, units, why):
         for name in {*_VELOCITY, *COURSE} & columns.keys():
             columns.pop(name)
         why["velocity"] = "velocities are left out: they disagree with the positions"
@@ -181,17 +196,16 @@ def _measured(path: str, naming: Naming, why: dict[str, str], sensors: list[Sens
 
 
 def _has_velocity(columns: dict[str, str]) -> bool:
+    """Test whether there are columns of a velocity, or of speed and course."""
     return columns.keys() >= {*_VELOCITY} or columns.keys() >= {*COURSE}
 
 
-def _text_format(
-    path: str, given: csv_lines.TextFormat, why: dict[str, str]
-) -> csv_lines.TextFormat:
+def _text_format(path: str, given: TextFormat, why: dict[str, str]) -> TextFormat:
     """Guess the format: separator and decimal sign, header, a row of units."""
     if is_parquet(path):
         return given
-    layout = csv_lines.layout_of(path, given)
-    rows = [cells for _, cells in islice(csv_lines.table_rows(path, layout), _FIRST)]
+    layout = layout_of(path, given)
+    rows = [cells for _, cells in islice(table_rows(path, layout), _FIRST)]
     keys: dict[str, Any] = {}
     if layout.separator != ",":
         keys["separator"] = {"\t": "tab", " ": "space"}.get(layout.separator, layout.separator)
@@ -206,7 +220,7 @@ def _text_format(
         keys["decimal"] = ","
     if keys:
         why["format"] = "guess: as its first lines are"
-    if layout.header and not given.header and all(map(csv_lines.is_value, layout.names)):
+    if layout.header and not given.header and all(map(is_value, layout.names)):
         width = len(layout.names)
         names = _TUM if width == len(_TUM) else ("time", "x", "y") if width == 3 else ()
         if not names or (width == 3 and _may_be_degrees([layout.names, *rows])):
@@ -229,9 +243,9 @@ def _may_be_degrees(rows: list[list[str]]) -> bool:
 
 def _are_units(rows: list[list[str]]) -> bool:
     """Test whether the first of these rows holds words above values."""
-    if len(rows) < 2 or any(map(csv_lines.is_value, rows[0])):
+    if len(rows) < 2 or any(map(is_value, rows[0])):
         return False
-    return any(map(str.strip, rows[0])) and any(map(csv_lines.is_value, rows[1]))
+    return any(map(str.strip, rows[0])) and any(map(is_value, rows[1]))
 
 
 def _columns(
@@ -263,13 +277,14 @@ def _columns(
 
 
 def _no_time(names: list[str]) -> str:
+    """Explain what to write where no column looks like a time."""
     what = f"no column looks like a time or a step; there are {', '.join(names)[:200]}"
     if {"year", "month", "day"} <= {name.lower() for name in names}:
         return f"{what}: join the parts of dates into one column, 2025-04-03 10:00:00"
     way = (
         f"say which is one, `--set 'columns.time={names[0]}'` (or columns.step), or number the rows"
     )
-    if any(map(csv_lines.is_value, names)):
+    if any(map(is_value, names)):
         way += f", or name all {len(names)} if no line does, `--set 'format.names=[time, x, y]'`"
     return f"{what}: {way}"
 
@@ -288,7 +303,7 @@ def _sensors(
     for word in words:
         cells = sample.cells(columns.get("sensor", ""))
         rows = np.array([cell == word or not word for cell in cells], dtype=np.bool_)
-        for kind, quantities in guess_errors.SENSORS.items():
+        for kind, quantities in SENSORS.items():
             if all(name in numbers and (numbers[name] & rows).any() for name in quantities):
                 out.append(SensorGuess(word, kind, quantities))
                 break
@@ -309,6 +324,7 @@ def _sensors(
 
 
 def _no_position(columns: dict[str, str], sample: "_Sample", names: list[str]) -> str:
+    """Explain what to write where a table, or one of its sensors, has nothing that is measured."""
     pairs = "x and y, latitude and longitude, range and azimuth, or range"
     known = ", ".join(names)[:200]
     for name in filter(columns.get, _MEASURED):
@@ -328,9 +344,11 @@ def _no_position(columns: dict[str, str], sample: "_Sample", names: list[str]) -
 
 
 class _Sample:
-    def __init__(self, path: str, names: list[str], form: csv_lines.TextFormat) -> None:
+    """First rows of a table, as text."""
+
+    def __init__(self, path: str, names: list[str], form: TextFormat) -> None:
         self._names = names
-        self.line = 1 if is_parquet(path) else csv_lines.layout_of(path, form).before + 1
+        self.line = 1 if is_parquet(path) else layout_of(path, form).before + 1
         self._rows = first_rows(path, form, _SAMPLE)
         self._units: list[str] = []
         if form.skip:

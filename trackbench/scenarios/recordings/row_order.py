@@ -35,6 +35,7 @@ def in_order(gathered: Gathered, rows: Rows, difference: Difference = np.subtrac
 
 
 def _check_falls(gathered: Gathered, rows: Rows) -> None:
+    """Report rows that come after later ones. Raises DataError if the clock falls far."""
     late, largest, place = 0, 0.0, 0
     unit = "" if gathered.stepped else " s"
     for indices in np.split(np.arange(len(rows.run)), np.flatnonzero(np.diff(rows.run)) + 1):

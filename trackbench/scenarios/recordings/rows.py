@@ -136,6 +136,7 @@ class Gathered:
 
 
 def _clock(stepped: bool, dated: str) -> str:
+    """Name what a clock's column holds."""
     return "numbers of steps" if stepped else dated.replace("date", "dates") or "seconds"
 
 

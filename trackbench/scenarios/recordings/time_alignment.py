@@ -117,6 +117,7 @@ def _union(sensors: Sequence[Rows], shift: Array, begin: float) -> Array:
 
 
 def _distance(times: Array) -> float | None:
+    """Return the distance of times that are equally far from each other."""
     apart = np.diff(times)
     if not len(apart):
         return None
@@ -198,6 +199,7 @@ def _placed(gathered: Gathered, rows: Rows, clock: Clock) -> tuple[Index, Array]
 
 
 def _nearest(run: Numbers, place: Index, away: Array, among: Index) -> Index:
+    """Select the row nearest to the step's time, among rows of a run in the same step."""
     # Sort by run, step and distance; take the first of each run and step.
     order = among[np.lexsort((away[among], place[among], run[among]))]
     first = np.ones(len(order), dtype=np.bool_)

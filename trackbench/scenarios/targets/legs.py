@@ -346,6 +346,7 @@ class RandomLegs(Target):
         return measured_along(truth, timeline, sensor, rng, scans, runs)
 
     def _flown(self, steps: int, T: float, rng: Streams, runs: int) -> Array:
+        """Draw states (4, K, M)."""
         # Step 1: draw the shares of the first state, and each leg's length and accelerations.
         x, y, share, heading, many = rng.random((5, runs))
         most, number = self.legs[1], _uniform_whole(self.legs, many)

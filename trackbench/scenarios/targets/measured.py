@@ -14,7 +14,6 @@ from trackbench.models.base import position_velocity_names
 from trackbench.models.priors import TwoPoint
 from trackbench.models.sensors.base import SensorBase, Sensors, rows_of, sensors_of
 from trackbench.registry import register
-from trackbench.scenarios.recordings import time_alignment
 from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows import (
@@ -24,6 +23,14 @@ from trackbench.scenarios.recordings.rows import (
     check_turns,
     chosen_runs,
     read_rows,
+)
+from trackbench.scenarios.recordings.time_alignment import (
+    Clock,
+    common_clock,
+    initial_scans,
+    measurement_array,
+    truth_at,
+    with_scans,
 )
 from trackbench.scenarios.starts.base import Start, position_part
 from trackbench.scenarios.targets.base import Flight, Scored, Target, Timeline, recorded_columns
@@ -36,7 +43,7 @@ class Recording(NamedTuple):
     ``arrivals`` (S, K, M) are steps at which measurements of S sensors were received, if that is known.
     """
 
-    clock: time_alignment.Clock
+    clock: Clock
     scans: Array
     apart: Array
     measurements: Array
@@ -152,6 +159,7 @@ class Measured(FromFiles, Naming, Target):
 
     @property
     def _recording(self) -> "Recording":
+        """Recording read for the scenario's sensor and start."""
         return self.__dict__["_read"][1]
 
     def own_timeline(self, sensor: Sensors, start: Start, T: float) -> Timeline:
@@ -195,11 +203,11 @@ class Measured(FromFiles, Naming, Target):
         # Step 2: take the first scans from the sensor that measures the position.
         telling = position_part(sensor)
         place = 0 if telling is None else parts.index(telling[1])
-        start = time_alignment.initial_scans(gathered, rows[place], scans) if scans else None
+        start = initial_scans(gathered, rows[place], scans) if scans else None
         # Step 3: put all runs on one clock, and the measurements on its steps.
-        clock = time_alignment.common_clock(gathered, rows, start, T, self.resample)
+        clock = common_clock(gathered, rows, start, T, self.resample)
         resampled = self.resample is not None
-        measurements, arrivals = time_alignment.measurement_array(gathered, rows, clock, resampled)
+        measurements, arrivals = measurement_array(gathered, rows, clock, resampled)
         # Step 4: add the scans of the start and the truth.
         first = np.full((len(sensor.components), scans, len(gathered.runs)), np.nan)
         if start is not None:
@@ -208,7 +216,7 @@ class Measured(FromFiles, Naming, Target):
         gathered.check_origin(origin, *path)
         apart = np.full(len(gathered.runs), np.nan) if start is None else start.apart
         notices = tuple(dict.fromkeys(gathered.notices))
-        clock = time_alignment.with_scans(clock, gathered, scans, apart)
+        clock = with_scans(clock, gathered, scans, apart)
         return Recording(clock, first, apart, measurements, truth, notices, arrivals)
 
     def _of_position(self, sensor: Sensors) -> set[str]:
@@ -225,6 +233,7 @@ class Measured(FromFiles, Naming, Target):
         }
 
     def _check(self, sensor: Sensors, start: Start) -> None:
+        """Raise InvalidKeyError for what does not go with sensors and start."""
         every = sensors_of(sensor)
         if start.of_truth:
             what = "recorded data start from their scans, or as `given`: what is true is not known"
@@ -247,7 +256,8 @@ class Measured(FromFiles, Naming, Target):
             what = f"names {len(set(self.sensors))} of {len(every)} sensors: give each a name"
             raise InvalidKeyError(what, "target", "sensors")
 
-    def _truth(self, gathered: Gathered, clock: time_alignment.Clock) -> Array:
+    def _truth(self, gathered: Gathered, clock: Clock) -> Array:
+        """Return the truth (n_x, K + 1, M) at the clock's steps."""
         assert self.truth is not None
         naming = self.truth_naming or replace(self, format=None)
         of_truth = replace(
@@ -259,7 +269,7 @@ class Measured(FromFiles, Naming, Target):
         gathered.notices += [f"truth: {what}" for what in of_truth.notices]
         gathered.geodetic, gathered.planar = of_truth.geodetic, of_truth.planar
         angles = [i for i, name in enumerate(self.components) if name in self.angles]
-        return time_alignment.truth_at(of_truth, rows, clock, gathered.runs, self.truth_gap, angles)
+        return truth_at(of_truth, rows, clock, gathered.runs, self.truth_gap, angles)
 
     def start(self, timeline: Timeline) -> Array:
         """Return the position of the first scan, as the true state is unknown."""
@@ -284,6 +294,7 @@ class Measured(FromFiles, Naming, Target):
         return Flight(truth, recorded_columns(measurements[:, :end], rng), arrival)
 
     def _padded(self) -> Array:
+        """Return the truth at every step, those that the start uses up included."""
         recording = self._recording
         runs, steps = self.recorded_runs, len(recording.clock.steps)
         out = np.full((len(self.components), steps, runs), np.nan)

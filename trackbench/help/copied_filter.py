@@ -1,0 +1,139 @@
+"""Parts of a plugin that begins as a shipped filter: the copy of its `step`, and a config it runs on."""
+
+import ast
+import inspect
+import re
+import sys
+from collections.abc import Iterable
+from textwrap import dedent
+from types import ModuleType
+from typing import TypeAlias
+
+from trackbench.config.load import load
+from trackbench.config.mistakes import unknown
+from trackbench.errors import Mark, Problem, UserError
+from trackbench.filters.base import Filter
+from trackbench.registry import kinds
+from trackbench.yaml_source import parse
+
+_LINE = 100
+_Import: TypeAlias = tuple[str, str, str]
+"""A module, a name in it and its alias; without a module the name is that of one."""
+_MODELS = (
+    "motions: [{kind: cv, q: 0.1}, {kind: ca, q: 0.01}], transition: [[0.95, 0.05], [0.05, 0.95]]"
+)
+_KEYS = {
+    "adaptive-kf": "nmf: {q: 0.1}, mf: {q: 0.01}, detector: {eta: 20, window_s: 10}",
+    "alpha-beta": "q: 1",
+    "imm": _MODELS,
+    "input-estimation": "motion: {q: 0.1}, window_s: 10, min_window_s: 4",
+    "mmpf": _MODELS,
+    "vdf": "nmf: {q: 0.1}, mf: {q: 0.01}, eta: 20",
+}
+"""Values of the keys that have no default."""
+_PLANE = """\
+  T: 2
+  last: 50
+  target: {kind: driven, motion: {kind: cwna, q: 1}, launch: {x: 3000, vx: 20, y: 2000, vy: -90}}
+  sensor: @SENSOR@
+  start: two-scan"""
+_SCENARIOS = [
+    _PLANE.replace("@SENSOR@", "{kind: position, sigma: 20}"),
+    _PLANE.replace("@SENSOR@", "{kind: range-azimuth, sigma_range: 20, sigma_azimuth_mrad: 5}"),
+    """\
+  T: 0.5
+  last: 5
+  target:
+    kind: driven
+    motion: {kind: map, components: [a, b], next: {a: a + b*T, b: b - sin(a)*T}, Q: 0.01}
+    initial: {a: 1}
+  sensor: {kind: function, h: {z: a}, R: 0.1}
+  start: {kind: gaussian, sigma: [0.1, 0.1]}""",
+    """\
+  first: 1
+  last: 50
+  target: {kind: driven, motion: sine-gamma, launch: {x: 1}}
+  sensor: {kind: square-then-line, R: 0.1}
+  start: known""",
+]
+"""Keys of the scenarios that are tried, one after the other."""
+
+
+def parts_of_copy(kind: str) -> dict[str, str]:
+    """Fill a template's marks for a filter of this kind; raises UserError."""
+    known = kinds("filters")
+    cls = known.get(kind)
+    if cls is None:
+        what = f"{kind!r} is not a kind of filter; {unknown(kind, list(known))}"
+        raise UserError(Problem(Mark("--from"), "", what))
+    if issubclass(cls, Filter) and cls.runs_program:
+        what = f"{kind!r} is a program: `trackbench new filter NAME --language` writes one"
+        raise UserError(Problem(Mark("--from"), "", what))
+    owner = next(base for base in cls.__mro__ if "step" in vars(base))
+    source = dedent(inspect.getsource(vars(owner)["step"]))
+    module = inspect.getmodule(owner)
+    assert module is not None
+    imports = {
+        *_imports(module, source).values(),
+        ("dataclasses", "dataclass", ""),
+        ("trackbench.registry", "register", ""),
+        (cls.__module__, cls.__name__, ""),
+    }
+    methods = sorted(set(re.findall(r"\bself\.(\w+)\(", source)))
+    keys = f", {_KEYS[kind]}" if kind in _KEYS else ""
+    # A few particles, the default of these filters, are enough for one component.
+    scenarios = _SCENARIOS[::-1] if hasattr(cls, "N") else _SCENARIOS
+    scenario = _scenario(kind, keys, scenarios)
+    return {
+        "@IMPORTS@": _import_lines(imports),
+        "@BASE@": cls.__name__,
+        "@FROM@": kind,
+        "@CALLS@": ", ".join(f"`{name}`" for name in methods) or "no other method",
+        "@STEP@": "\n".join(f"    {line}".rstrip() for line in source.splitlines()),
+        "@KEYS@": keys,
+        "@ON@": " --on @MODULE@.yaml" if keys else "",
+        "@ON_FILE@": ", CONFIG" if keys else "",
+        "@SCENARIO@": scenario,
+    }
+
+
+def _scenario(kind: str, keys: str, scenarios: list[str]) -> str:
+    """Find the first scenario on which the filter runs; raises UserError if it runs on none."""
+    refused = UserError()
+    for scenario in scenarios:
+        text = f"name: a\nscenario:\n  kind: tracking\n{scenario}\nfilters:\n"
+        try:
+            load(parse(f"{text}  F: {{kind: {kind}{keys}}}\n", "config").data)
+        except UserError as error:
+            refused = error
+        else:
+            return scenario
+    raise refused
+
+
+def _imports(module: ModuleType, source: str) -> dict[str, _Import]:
+    """Find the imports that a piece of a module's source needs, by name."""
+    known = {name: (module.__name__, name, "") for name in vars(module)}
+    for node in ast.walk(ast.parse(inspect.getsource(module))):
+        if isinstance(node, ast.ImportFrom | ast.Import):
+            of = str(node.module) if isinstance(node, ast.ImportFrom) else ""
+            for item in node.names:
+                known[item.asname or item.name] = (of, item.name, item.asname or "")
+    names = {node.id for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Name)}
+    names |= set(re.findall(r"\w+", " ".join(re.findall(r'cast\("([^"]*)"', source))))
+    return {name: known[name] for name in names & known.keys()}
+
+
+def _import_lines(imports: Iterable[_Import]) -> str:
+    """Write imports, Python's own first."""
+    named: dict[str, list[str]] = {}
+    for of, name, alias in sorted(imports):
+        named.setdefault(of, []).append(f"{name} as {alias}" if alias else name)
+    lines = [(name, f"import {name}") for name in named.pop("", [])]
+    for of, names in named.items():
+        line = f"from {of} import {', '.join(names)}"
+        if len(line) > _LINE:
+            line = f"from {of} import (\n" + "".join(f"    {name},\n" for name in names) + ")"
+        lines.append((of, line))
+    own = [line for of, line in lines if of.partition(".")[0] in sys.stdlib_module_names]
+    return "\n".join([*own, "", *(line for _, line in lines if line not in own)])

@@ -1,0 +1,109 @@
+"""Check that a stored results folder is reproduced, byte for byte.
+
+The first runs are recomputed, and tables, pairs and verdicts are made again from the stored runs. With
+all runs, or in a clone, which has digests in place of the runs, everything is recomputed. The core's
+arithmetic has equal bytes on every machine, so any difference is a change; its size per filter tells
+rounding, of an older version or of a plugin that calls numpy's functions, from another algorithm.
+
+CPU times cannot be recomputed, and figures and report.html depend on the versions of matplotlib and of
+this program. The manifest's digests protect these.
+"""
+
+import shutil
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import replace
+from itertools import chain
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from trackbench import api
+from trackbench.config.experiment import Experiment
+from trackbench.execution.cache import BlockStore, cache_folder
+from trackbench.execution.engines import cpu_count, engine
+from trackbench.execution.plan import check_memory, make_plan
+from trackbench.execution.runner import execute
+from trackbench.report.open import (
+    IncompleteResultsError,
+    changed_files,
+    explain_content_errors,
+    open_results,
+)
+from trackbench.report.results import Results
+from trackbench.results.point_facts import POINTS_FILE, points_in, points_text, same_points
+from trackbench.results.write import write_results
+from trackbench.verify.compare import compare_all_runs, compare_derived, compare_first_runs
+from trackbench.verify.tuning import compare_tuning
+
+
+def verify(folder: Path, runs: int, allow_plugins: bool = False) -> list[str]:
+    """Recompute so many runs and return what differs, a line each; nothing if all bytes are the same.
+
+    Raises UserError if the folder has no results, or its config is invalid.
+    """
+    try:
+        with explain_content_errors(folder):
+            results = open_results(folder)
+            options = api.Options(allow_plugins=allow_plugins)
+            experiment = api.prepare(folder / "config.yaml", options)
+            return changed_files(results) + list(_compare(results, experiment, runs))
+    except IncompleteResultsError as error:
+        return [str(line) for line in error.problems]
+
+
+def _compare(results: Results, experiment: Experiment, runs: int) -> Iterator[str]:
+    folder, every = results.folder, experiment.settings.runs
+    if any(results.index_of(point) is None for point in results.points()):
+        yield "summary.csv: is of other points than the config's grid"
+        return
+    # The points of the grid, as the config gives them now.
+    points = points_text(experiment.points, folder)
+    stored = folder / POINTS_FILE
+    if stored.is_file() and not same_points(stored.read_text(encoding="utf-8"), points):
+        yield f"{POINTS_FILE}: is not what the config makes of the points"
+    with TemporaryDirectory() as temporary:
+        target, recomputed = Path(temporary, "derived"), Path(temporary, "recomputed")
+        target.mkdir()
+        recomputed.mkdir()
+        results = replace(results, out=target, point_facts=tuple(points_in(points)))
+        yield from compare_tuning(results, experiment, runs)
+        has_runs = (folder / "per_run.csv").is_file()
+        if has_runs:
+            yield from compare_derived(results, folder)
+            columns = chain.from_iterable(results.runs(p).values() for p in results.points())
+            numbers = set(map(len, columns))
+            if numbers - {every}:
+                # As many runs as the config asks for may take for ever.
+                yield "per_run.csv: has not as many runs of every metric as the config asks for"
+                return
+        tracks = (folder / "tracks.npz").is_file()
+        if has_runs and runs < every:
+            computed = recompute(experiment, recomputed, runs, tracks)
+            yield from compare_first_runs(results, computed)
+            return
+        computed = recompute(experiment, recomputed, every, tracks)
+        differences = [*compare_all_runs(results, computed)]
+        yield from differences
+        if not has_runs and not differences:
+            if (folder / "tuning.csv").is_file():
+                shutil.copy(folder / "tuning.csv", recomputed)
+            facts = {**results.manifest, **(computed.run_facts or {})}
+            yield from compare_derived(replace(computed, out=target, run_facts=facts), folder)
+
+
+def recompute(experiment: Experiment, folder: Path, runs: int, tracks: bool) -> Results:
+    """Write the results of the first runs to a folder and return them.
+
+    Blocks are as wide as for all runs: `block: fit` depends on their number.
+    """
+    if min(experiment.shown_runs, experiment.settings.runs) > runs:
+        experiment = replace(experiment, figures={})
+    plan = make_plan(experiment, tracks).first(runs)
+    workers = min(cpu_count(), len(plan.unique))
+    check_memory(experiment, tracks)
+    fewer = replace(experiment, settings=replace(experiment.settings, runs=runs))
+    store, processes = BlockStore(cache_folder()), engine("processes", workers)
+    outcomes = execute([plan], store, processes, workers, fresh=True, progress=False)
+    with closing(outcomes):
+        _, facts = write_results(folder, fewer, next(outcomes), tracks)
+    return Results(folder, facts)

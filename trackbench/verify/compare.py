@@ -1,0 +1,164 @@
+"""Compare the files of a stored results folder with recomputed ones, byte for byte."""
+
+import filecmp
+from collections.abc import Iterator
+from itertools import zip_longest
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.evaluation.metric_expression import TIME_MEAN, measured
+from trackbench.report.render import write_tables
+from trackbench.report.results import Results
+from trackbench.report.sweep import write_sweep
+from trackbench.report.verdicts.files import FILES, write_comparison, write_paired
+from trackbench.report.verdicts.numbers import compare
+from trackbench.results.folder_contents import DATA_FILES, TIME_VERDICTS, check_digests
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_TRACKS = ("shown.npz", "tracks.npz")
+_NUMBERS = ("value", "stderr")
+
+
+def compare_first_runs(stored: Results, computed: Results) -> Iterator[str]:
+    """Yield differences in the first runs, and in the numbers that do not depend on runs."""
+    runs, grid = computed.config["runs"], stored.grid
+    frames = [_values_of_runs(results, runs) for results in (stored, computed)]
+    yield from compare_frames("per_run.csv", *frames)
+    without_runs = [stored.config.get("bound"), *stored.exact]
+    for name in ("summary", "per_step"):
+        if not (stored.folder / f"{name}.csv").is_file():
+            continue
+        whole = [getattr(results, name) for results in (stored, computed)]
+        # Whether any component is left out of a NEES depends on all runs.
+        whole = [frame[~frame["metric"].str.startswith("unused_")] for frame in whole]
+        names = [set(frame[[*grid, "filter", "metric"]].itertuples(False, None)) for frame in whole]
+        if names[0] != names[1]:
+            yield f"{name}.csv: has other rows than are computed again"
+        else:
+            frames = [frame[frame["filter"].isin(without_runs)] for frame in whole]
+            yield from compare_frames(f"{name}.csv", *frames)
+    for name in _TRACKS:
+        if (computed.folder / name).is_file() and (stored.folder / name).is_file():
+            yield from compare_arrays(name, stored, computed)
+
+
+def _values_of_runs(results: Results, runs: int) -> "pd.DataFrame":
+    """Select the first runs' values without contributions to an average: they depend on all runs."""
+    frame = results.per_run
+    metrics = frame["metric"].unique()
+    whole = [metric for metric in metrics if measured(metric).statistic == TIME_MEAN]
+    return frame[(frame["run"] < runs) & ~frame["metric"].isin(whole)]
+
+
+def compare_all_runs(stored: Results, computed: Results) -> Iterator[str]:
+    """Yield differences of all recomputed runs from the stored files, or from their digests."""
+    digests = stored.manifest["files"]
+    for name in (*DATA_FILES, "summary.csv", "tracks.npz"):
+        paths = stored.folder / name, computed.folder / name
+        if paths[0].is_file():
+            if not paths[1].is_file() or not filecmp.cmp(*paths, shallow=False):
+                yield from _explain(name, stored, computed)
+        elif name in digests and check_digests(computed.folder, {name: digests[name]}).changed:
+            yield f"{name}: has another digest when it is computed again"
+
+
+def _explain(name: str, stored: Results, computed: Results) -> Iterator[str]:
+    """Yield the differences of two files with other bytes; the same arrays may be packed otherwise."""
+    if name in _TRACKS:
+        yield from compare_arrays(name, stored, computed)
+        return
+    frames = [getattr(results, name.removesuffix(".csv")) for results in (stored, computed)]
+    lines = [*compare_frames(name, *frames)]
+    yield from lines or [f"{name}: has other bytes when it is computed again, of equal numbers"]
+
+
+def compare_frames(name: str, stored: "pd.DataFrame", computed: "pd.DataFrame") -> Iterator[str]:
+    """Yield a line for each filter with other numbers, or one if the rows are of other things."""
+    keys = [column for column in computed if column not in _NUMBERS]
+    a, b = (frame.reset_index(drop=True) for frame in (stored, computed))
+    if not a[keys].equals(b[keys]):
+        rows = [frame[keys].itertuples(index=False, name=None) for frame in (a, b)]
+        odd = next((pair for pair in zip_longest(*rows) if pair[0] != pair[1]), ((), ()))
+        first, expected = (", ".join(map(str, row or ["nothing"])) for row in odd)
+        what = "has other rows than are computed again"
+        yield f"{name}: {what}; the first is {first!r}, it should be {expected!r}"
+        return
+    for label in a["filter"].unique():
+        mine = (a["filter"] == label).to_numpy()
+        columns = [column for column in _NUMBERS if column in a]
+        numbers = (frame.loc[mine, columns].to_numpy() for frame in (a, b))
+        yield from describe_difference(f"{name}: {label}", *numbers)
+
+
+def compare_arrays(name: str, stored: Results, computed: Results) -> Iterator[str]:
+    """Yield differences in a file of tracks, of the runs that are computed."""
+    arrays, again = stored.arrays(name), computed.arrays(name)
+    if arrays.keys() != again.keys():
+        yield f"{name}: holds other arrays than are computed again"
+        return
+    for key, array in again.items():
+        first = arrays[key][..., : array.shape[-1]]
+        yield from describe_difference(f"{name}: {key}", first, array)
+
+
+def describe_difference(what: str, stored: Array, computed: Array) -> Iterator[str]:
+    """Yield a line on unequal numbers: how many, and the largest relative difference."""
+    if stored.shape != computed.shape:
+        yield f"{what}: has shape {stored.shape}, computed again {computed.shape}"
+        return
+    differs = (stored != computed) & ~(np.isnan(stored) & np.isnan(computed))
+    if differs.any():
+        largest = largest_share(stored[differs], computed[differs])
+        by = f"by {largest:.1e} of the value at most"
+        yield f"{what}: {differs.sum()} of {differs.size} numbers differ, {by}"
+
+
+@np.errstate(all="ignore")
+def largest_share(a: Array, b: Array) -> float:
+    """Find the largest difference of two arrays (n,) relative to the larger value; inf for a NaN."""
+    share = np.abs(a - b) / np.maximum(np.abs(a), np.abs(b))
+    return float(np.nan_to_num(share, nan=np.inf).max())
+
+
+def compare_derived(results: Results, folder: Path) -> Iterator[str]:
+    """Yield differences of a folder's tables and verdicts from those that follow from the results.
+
+    These are written to the target of the results.
+    """
+    write_tables(results, tex=True)
+    for what, line in zip(results.unmade, results.unmade_lines, strict=True):
+        if (folder / "tables" / f"{what.removeprefix('table ')}.csv").is_file():
+            yield line
+    write_paired(results)
+    write_comparison(results, compare(results))
+    if (folder / "sweep.csv").is_file():
+        write_sweep(results)
+    written = {p.relative_to(results.target) for p in results.target.rglob("*") if p.is_file()}
+    for name in sorted(written):
+        stored, computed = folder / name, results.target / name
+        is_optional = name.suffix == ".tex" or name.parts[0] == "run"
+        if not stored.is_file():
+            if not is_optional:
+                yield f"{name}: is not there"
+        elif stored.read_bytes() != computed.read_bytes():
+            yield _first_other_row(name, stored, computed)
+    for name in map(Path, (*FILES, TIME_VERDICTS)):
+        if (folder / name).is_file() and name not in written:
+            yield f"{name}: nothing is published about this experiment"
+
+
+def _first_other_row(name: Path, stored: Path, computed: Path) -> str:
+    texts = (path.read_text(encoding="utf-8", errors="replace") for path in (stored, computed))
+    a, b = (text.splitlines() for text in texts)
+    if len(a) != len(b):
+        return f"{name}: has {len(a)} lines, of the stored runs it has {len(b)}"
+    pairs = [(x, y) for x, y in zip(a, b, strict=True) if x != y]
+    if not pairs:
+        return f"{name}: has other line ends than are written from the stored runs"
+    what = f"{len(pairs)} rows do not follow from the stored runs; the first is"
+    return f"{name}: {what} {pairs[0][0]!r}, it should be {pairs[0][1]!r}"

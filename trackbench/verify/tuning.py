@@ -1,0 +1,97 @@
+"""Compare tuning.csv with the search that it records.
+
+The values that are tried depend on the ranks of the trials before them and on nothing else. So the
+search is repeated with the stored ranks and without a run. The first and the best trial are recomputed,
+or all trials if all runs are.
+"""
+
+from collections.abc import Iterator
+from contextlib import suppress
+from itertools import takewhile
+from math import isfinite
+
+from trackbench.config.experiment import Experiment
+from trackbench.config.tuning import tuned_label
+from trackbench.evaluation.run_block import run_whole_block
+from trackbench.evaluation.summary import merge
+from trackbench.execution.cache import BlockStore, cache_folder
+from trackbench.execution.engines import cpu_count, engine
+from trackbench.report.results import Results
+from trackbench.tuning.search import Rank, Record, Search, Trial, Values
+from trackbench.tuning.tuner import Training, given_values, tune
+
+_FILE = "tuning.csv"
+
+
+def compare_tuning(results: Results, experiment: Experiment, runs: int) -> Iterator[str]:
+    """Yield differences in tuning.csv, and in the values that the config took from it."""
+    is_whole = runs >= experiment.settings.runs
+    repeated: dict[str, Record] = {}
+    if is_whole and results.tuning:
+        workers, store = cpu_count(), BlockStore(cache_folder())
+        processes = engine("processes", workers)
+        repeated = tune(experiment, store, processes, workers, fresh=True, progress=False)
+    for label in experiment.tuned:
+        if label not in results.tuning:
+            yield f"{_FILE}: has no trials of {label}"
+            continue
+        record, training = results.tuning[label], Training(experiment, label)
+        yield from _compare_search(experiment, label, record, training)
+        for key, value in record.best.values.items():
+            taken = given_values(experiment, tuned_label(label)).get(key)
+            if taken != value:
+                what = f"{key} is {taken}, the best trial of {_FILE} has {value}"
+                yield f"config.yaml: {tuned_label(label)}: {what}"
+        stored = record.trials if is_whole else [record.trials[0], record.best]
+        again = repeated[label].trials if is_whole else _run_trials(record, training, stored)
+        yield from _compare_trials(label, stored, again)
+
+
+def _run_trials(record: Record, training: Training, trials: list[Trial]) -> list[Trial]:
+    again = []
+    for trial in trials:
+        tasks = training.tasks(_trial_values(record, trial))
+        blocks = [run_whole_block(task)[task.runs_used] for task in tasks]
+        score = training.score(merge(blocks).per_run) if blocks else None
+        again.append(Trial.of(trial.values, score))
+    return again
+
+
+def _trial_values(record: Record, trial: Trial) -> Values:
+    return tuple(trial.values[axis.key] for axis in record.axes)
+
+
+def _compare_search(
+    experiment: Experiment, label: str, record: Record, training: Training
+) -> Iterator[str]:
+    """Yield the first trial that the search does not try after the stored ranks before it."""
+    ranks: dict[Values, Rank] = {_trial_values(record, t): t.rank for t in record.trials}
+    tried: list[Values] = []
+    search = Search(record.axes, training.start, experiment.settings.tuning.evaluations).run()
+    with suppress(StopIteration):
+        wanted = next(search)
+        while set(wanted) <= ranks.keys():
+            tried += wanted
+            wanted = search.send({values: ranks[values] for values in wanted})
+        tried += wanted
+    # The stored digits of two equal objectives do not order them, nor then the search.
+    finite = [rank for rank in ranks.values() if isfinite(rank[1])]
+    is_ordered = len(set(finite)) == len(finite)
+    if is_ordered and tried != list(ranks):
+        same = takewhile(lambda pair: pair[0] == pair[1], zip(tried, ranks, strict=False))
+        what = "is not what the search asks for after those before it"
+        yield f"{_FILE}: {label}: trial {len(list(same))} {what}"
+
+
+def _compare_trials(label: str, stored: list[Trial], again: list[Trial]) -> Iterator[str]:
+    """Yield the first trial that differs, in the stored digits: the next ones depend on it."""
+    if len(stored) != len(again):
+        yield f"{_FILE}: {label}: has {len(stored)} trials, computed again {len(again)}"
+    for a, b in zip(stored, map(Trial.rounded, again), strict=False):
+        if repr(a) != repr(b):
+            texts = []
+            for trial in (a, b):
+                at = ", ".join(f"{key} = {value}" for key, value in trial.values.items())
+                texts.append(f"{at}: {trial.objective:g} ± {trial.stderr:g}")
+            yield f"{_FILE}: {label} at {texts[0]}, computed again at {texts[1]}"
+            return
