@@ -23,9 +23,8 @@ WIDTH = 5
 class Clock:
     """Seconds that only the filters here spend; ``disturbances`` come on top at the next readings."""
 
-    def __init__(self) -> None:
-        self.seconds = 0.0
-        self.disturbances: list[float] = []
+    seconds = 0.0
+    disturbances: ClassVar[list[float]] = []
 
     def __call__(self) -> float:
         self.seconds += self.disturbances.pop(0) if self.disturbances else 0.0
@@ -37,7 +36,8 @@ CLOCK = Clock()
 
 @pytest.fixture(autouse=True)
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
-    CLOCK.__init__()  # type: ignore[misc]
+    monkeypatch.setattr(CLOCK, "seconds", 0.0)
+    monkeypatch.setattr(CLOCK, "disturbances", [])
     monkeypatch.setattr(timing, "_clock", CLOCK)
     return CLOCK
 
@@ -121,7 +121,7 @@ def test_a_second_pass_that_is_cut(
 ) -> None:
     """The machine stops for a second in a step of the second pass: the first pass has the times."""
     monkeypatch.setattr(timing, "REPEATS", 6)
-    clock.disturbances = [0.0] * (2 * T + 2 * step + 1) + [1.0]
+    clock.disturbances += [0.0] * (2 * T + 2 * step + 1) + [1.0]
     assert medians(measure([task(Busy(1e-4))])) == pytest.approx([1e-4 * T / WIDTH])
     assert clock.disturbances == []
 

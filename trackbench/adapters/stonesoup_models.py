@@ -33,11 +33,13 @@ def models(one: PerRun) -> tuple[Foreign, Foreign]:
         transition = LinearGaussianTimeInvariantTransitionModel(
             transition_matrix=motion.F.copy(), covariance_matrix=CovarianceMatrix(motion.Q.copy())
         )
-    H = sensor.H(size) if hasattr(sensor, "H") else np.zeros((1, size))
-    rows = H.argmax(axis=1)
-    # Stone Soup's linear model picks components of the state.
-    if np.array_equal(H, np.eye(size)[rows]):
-        return transition, LinearSensor(ndim_state=size, mapping=rows.tolist(), noise_covar=noise)
+    if hasattr(sensor, "H"):
+        H = sensor.H(size)
+        rows = H.argmax(axis=1)
+        # Stone Soup's linear model only picks components of the state.
+        if np.array_equal(H, np.eye(size)[rows]):
+            picked = LinearSensor(ndim_state=size, mapping=rows.tolist(), noise_covar=noise)
+            return transition, picked
     every = tuple(range(size))
     return transition, SensorModel(ndim_state=size, mapping=every, noise_covar=noise, of=one)
 

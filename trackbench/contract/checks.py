@@ -240,7 +240,7 @@ def _check_unequal_intervals(tracker: AnyFilter, scenario: ModelDraws) -> None:
         raise LeftOutError("the errors do not fit at equal intervals, either")
     if what := misfit(tracker, other, runs):
         raise ContractError(f"fits at equal intervals and not at unequal ones: {what}")
-    # A mistake in Q alone is too small for that, and shows where the filter should be the EKF.
+    # A wrong Q alone hardly shows in the errors, but a filter that is the EKF is it at any intervals.
     if brief.random or _off_ekf(tracker, scenario, runs):
         return
     if what := _off_ekf(tracker, other, runs):
@@ -312,9 +312,8 @@ def _bias(error: Array, sigma: Array, N: int) -> str:
     bias = np.abs(error.mean(axis=-1))
     if not (bias > allowed).any():
         return ""
-    return (
-        f"the mean is biased, by {float((bias / allowed).max()):.1f} times what chance and N allow"
-    )
+    worst = float((bias / allowed).max())
+    return f"the mean is biased, by {worst:.1f} times what chance and N allow"
 
 
 CHECKS: dict[str, tuple[str, Check]] = {

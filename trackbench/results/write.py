@@ -178,7 +178,7 @@ class CsvFiles:
                 rows = bound_summary(bounds, scenario.windows, without)
                 self._add_summary(i, settings.bound, rows)
                 self._add_steps(i, settings.bound, bound_steps(bounds, without))
-            for name in filter(point.filters.__contains__, settings.exact):
+            for name in [name for name in settings.exact if name in point.filters]:
                 tracker, assume = point.filters[name], point.assumed.get(name)
                 task = BlockTask(
                     scenario, tracker, 0, 0, 1, 1, assume=assume, hold_out=settings.hold_out

@@ -21,6 +21,7 @@ class LinearSensor(SensorBase):
     """slice of the state that is measured"""
     any_state: ClassVar[bool] = False
     linear: ClassVar[bool] = True
+    """read by the Kalman filter, whose sensors may also have offsets and change with the step"""
 
     @property
     def R(self) -> Array:
