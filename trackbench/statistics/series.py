@@ -10,7 +10,7 @@ Student's t with nu degrees of freedom. ``docs/statistics.md`` has the levels th
 """
 
 from functools import lru_cache
-from math import pi, sqrt
+from math import ceil, pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -57,8 +57,8 @@ def series_mean(series: Array) -> SeriesMean:
     # Two standard errors of r: a short series of nearly a random walk shows a smaller r by chance.
     most = min(r + 2.0 * sqrt(max(1.0 - r * r, 0.0) / T), 1.0)
     if most >= MOST_CORRELATED:
-        limit = f"{MOST_CORRELATED:.3f}"
-        why = f"autocorrelation of the steps up to {most:.3f}, and less than {limit} is needed"
+        most = ceil(1000.0 * most) / 1000.0  # never rounded to the limit
+        why = f"autocorrelation of the steps up to {most:g}, and less than {MOST_CORRELATED:g} is needed"
         return SeriesMean(mean, np.nan, np.nan, why=why)
     u = d[1:] - r * d[:-1]
     # Step 2: long-run variance of u by cosines, and of d by 1 / (1 - r)^2.
