@@ -53,7 +53,9 @@ def test_many_runs_are_read_in_little_memory(tmp_path: Path) -> None:
     results = Results(folder)
     assert results.points() == [{}]
     taken = peak(results.runs, {})
+    # The data frame of the whole file, read by the same version of pandas.
+    of_the_frame = peak(lambda: Results(folder).per_run)
     assert {key: len(x) for key, x in results.runs({}).items()} == {
         (label, "rmse"): number for label in labels
     }
-    assert taken < 3 * 8 * len(labels) * number
+    assert taken < 0.5 * of_the_frame
