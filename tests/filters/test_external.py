@@ -279,6 +279,40 @@ def test_a_program_of_the_command_line_is_consented_to(compiled: Path, tmp_path:
         api.run(path, quiet=True, filters=[path])
 
 
+def test_words_after_a_program_of_the_command_line_need_consent(
+    compiled: Path, tmp_path: Path
+) -> None:
+    """The program alone is consented to; with arguments it may do anything else."""
+    program, path = compiled / "0", tmp_path / "own.yaml"
+    entry = "  Mine: {kind: external, command: [WORDS], parameters: {q: 1.0, sigma: 2.0}}\n"
+    path.write_text(CONFIG + entry.replace("WORDS", f"{program}, --remove"))
+    with pytest.raises(UserError, match=r"filters\.Mine\.command: a program is run only"):
+        api.run(path, out=tmp_path / "out", quiet=True, filters=[program])
+    path.write_text(CONFIG + entry.replace("WORDS", f"{program}"))
+    keys = {"quiet": True, "engine": "serial", "formats": ()}
+    report = api.run(path, out=tmp_path / "out", filters=[program], **keys)
+    assert report.failed == []
+
+
+def test_a_program_that_is_changed_while_it_runs_is_an_error(tmp_path: Path) -> None:
+    """It rewrites its own file at the last line of a run, and answers all lines well."""
+    answer = "word == 'step' and open(__file__, 'a').write('#') and None; print(good, flush=True)"
+    with pytest.raises(ProgramRunError, match="the program or its files changed meanwhile"):
+        track(planar(), script(tmp_path, answer), 1)
+
+
+def test_a_program_that_is_built_again_is_started_again(tmp_path: Path) -> None:
+    """Of the same content; programs that run already belong to the old file."""
+    tracker = script(tmp_path, "print(*[os.getpid()] * 4, flush=True)")
+    first, again = (int(track(planar(), tracker, 1).mean[0, 0, 0]) for _ in range(2))
+    assert first == again
+    path = Path(tracker.command[1])
+    path.write_text(path.read_text())
+    later = path.stat().st_mtime_ns + 10**9
+    os.utime(path, ns=(later, later))
+    assert int(track(planar(), tracker, 1).mean[0, 0, 0]) != first
+
+
 def test_the_program_and_its_files_are_part_of_the_key(tmp_path: Path) -> None:
     (tmp_path / "own").write_text("1")
     tracker = replace(script(tmp_path, "print(good, flush=True)"), files=(str(tmp_path / "own"),))

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from tests.report.test_verdicts import number
 from trackbench.report.verdicts.numbers import _is_near, _verdict
@@ -172,3 +173,27 @@ def test_the_interval_of_the_rules_is_of_95_percent():
     x = rng.standard_normal(100)
     term = RunEstimate(1.0, 0.1, x - x.mean(), 100)
     assert term.interval() == interval_of(1.0, x - x.mean(), 0.95)
+
+
+def test_the_weakest_of_comparisons_that_must_all_hold_needs_no_correction():
+    assert rules.weakest([4.0, 2.5, 3.0]) == 2.5
+    assert rules.weakest([4.0, -2.5, 3.0]) == -2.5
+    # Of many steps, too, as long as all of them point the way of the claim.
+    assert rules.weakest([4.0, 2.5, 3.0], steps=3) == 2.5
+    # One that is unknown decides.
+    for steps in (1, 3):
+        assert np.isnan(rules.weakest([4.0, nan, -3.0], steps))
+
+
+@pytest.mark.parametrize("zs", [[-3.0, 1.0], [2.0, -4.0, 0.5, 7.0], [-6.0] * 50], ids=len)
+def test_the_weakest_of_many_steps_that_fails_is_corrected_by_bonferroni(zs):
+    """n times the tail probability of the least z, of all comparisons, not of the steps alone."""
+    expected = stats.norm.ppf(len(zs) * stats.norm.cdf(min(zs)))
+    for steps in (2, len(zs)):
+        assert rules.weakest(zs, steps) == pytest.approx(expected, rel=1e-9)
+    assert min(zs) < rules.weakest(zs, 2) < 0.0
+
+
+def test_a_corrected_probability_is_a_half_at_most():
+    """Of fifty steps the least is below -1 by chance alone: that shows nothing."""
+    assert rules.weakest([-1.0, *np.linspace(0.0, 3.0, 49)], steps=50) == pytest.approx(0.0)

@@ -144,6 +144,19 @@ def test_a_fault_changes_the_measurements_of_its_window_alone(
     np.testing.assert_allclose(z[0, inside], changed, rtol=1e-12, atol=1e-12)
 
 
+def test_a_ramp_grows_from_the_given_time_also_between_two_steps(tmp_path: Path) -> None:
+    """From 14.8 s on: the first measurement with the fault, at 15 s, has 0.2 s of the ramp."""
+    ramp = {"name": "a", "kind": "bias", "ramp": [3.0], "from": 14.8, "to": 20.0}
+    of = experiment(tmp_path, ramp, filters=KNOWN, T=0.5)
+    faulty = of.points[0].scenario
+    assert isinstance(faulty, Tracking)
+    (_, z), (_, clean) = measured(faulty), measured(faulty.without_faults)
+    times = faulty.times[1:]
+    expected = np.where((times > 14.8) & (times < 20.1), 3.0 * (times - 14.8), 0.0)
+    np.testing.assert_allclose((z - clean)[0], expected[:, None] + 0.0 * z[0], atol=1e-12)
+    np.testing.assert_allclose(result(of, "Known").per_run["damage"], 0.0, atol=1e-9)
+
+
 def test_drawn_faults_have_streams_of_their_own(tmp_path: Path) -> None:
     half = BURST | {"share": 0.5, "steps": [1, 100]}
     _, z = measured(scenario(tmp_path, half), 400)
