@@ -24,6 +24,7 @@ from trackbench.evaluation.block import BlockTask
 from trackbench.execution.cache import block_key
 from trackbench.filters import program
 from trackbench.filters.external import External, ProgramRunError
+from trackbench.filters.program import programs_cpu_s
 from trackbench.scaffold import write_new
 
 SOURCE = Path(__file__).parents[1] / "programs" / "planar.c"
@@ -311,6 +312,22 @@ def test_a_program_that_is_built_again_is_started_again(tmp_path: Path) -> None:
     later = path.stat().st_mtime_ns + 10**9
     os.utime(path, ns=(later, later))
     assert int(track(planar(), tracker, 1).mean[0, 0, 0]) != first
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads the CPU clock of another process")
+def test_the_time_of_a_program_is_that_of_its_filter(tmp_path: Path) -> None:
+    """It works 20 ms for each answer, and answers the CPU seconds that it has spent by then."""
+    work = "end = time.process_time() + 0.02\n    while time.process_time() < end: pass"
+    answer = f"{work}\n    print(*[time.process_time()] * 4, flush=True)"
+    tracker, ready = script(tmp_path, answer), programs_cpu_s()
+    output = track(planar(), tracker, 1)
+    answers = output.mean[0].size
+    spent = programs_cpu_s() - ready
+    assert 0.02 * answers < spent < float(output.mean[0].max()) + 0.1
+    assert output.cpu_s > 0.02 * answers
+    # A program that ends takes no time from the filter that is timed meanwhile.
+    program.end_all()
+    assert spent <= programs_cpu_s() - ready < spent + 0.1
 
 
 def test_the_program_and_its_files_are_part_of_the_key(tmp_path: Path) -> None:

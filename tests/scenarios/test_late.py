@@ -30,8 +30,10 @@ from trackbench.filters.external import External
 from trackbench.filters.kf import KF
 from trackbench.models.delays import GeometricDelay, SharesDelay, UniformDelay
 from trackbench.models.sensors.base import Assume
+from trackbench.models.sensors.position import ScalarSensor
 from trackbench.scaffold import write_config_for
 from trackbench.scenarios.base import Simulation
+from trackbench.scenarios.delays import arrivals
 from trackbench.scenarios.faults import Bias
 
 pytestmark = pytest.mark.usefixtures("no_report")
@@ -494,6 +496,23 @@ def test_a_delay_is_its_longest_or_more_once_in_a_thousand(mean: float) -> None:
 def test_delays_of_a_range_or_a_list_have_a_largest() -> None:
     assert UniformDelay(least=2, most=5).longest == 5
     assert SharesDelay(shares=(0.5, 0.2, 0.3)).longest == 2
+
+
+def test_what_would_arrive_after_the_end_never_arrives(tmp_path: Path) -> None:
+    """A constant delay of three steps: the last three measurements are not there in time."""
+    sensor = {"kind": "scalar", "sigma": 2.0, "delay": 3}
+    data = task_of(experiment(tmp_path, SCALAR | {"sensor": sensor}).points[0], "apply").data
+    assert data.arrival is not None
+    due = np.arange(40)
+    expected = np.where(due < 37, due + 3, 40)
+    np.testing.assert_array_equal(data.arrival[0], np.repeat(expected[:, None], RUNS, axis=1))
+
+
+def test_a_recorded_arrival_that_is_unknown_is_on_time(tmp_path: Path) -> None:
+    recorded = np.array([[[2.0], [np.nan], [9.0], [np.nan]]])
+    found = arrivals(ScalarSensor(sigma=1.0), recorded, np.zeros((1, 4, 1)), RunStreams(1, [0]))
+    assert found is not None
+    assert found[0, :, 0].tolist() == [2, 1, 4, 3]
 
 
 def test_each_sensor_draws_its_delays(tmp_path: Path) -> None:
