@@ -31,7 +31,9 @@ reference: "10"
 )
 def test_runs_in_groups_are_those_of_the_frame(tmp_path: Path, grid: tuple[str, ...]) -> None:
     results = Results(ran(tmp_path, CONFIG, grid=grid).folder)
-    for point in results.points():
+    points = results.points()
+    assert points
+    for point in points:
         frame = results.per_run
         for path, value in point.items():
             frame = frame[frame[path] == value]
