@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from tests.commands import spawned
+from tests.conftest import plugins_forgotten
 from tests.papers import merwe_text
 from trackbench import api
 from trackbench.errors import UserError
@@ -238,6 +239,26 @@ def test_what_a_plugin_reads_undeclared_is_named_in_a_note(
     written(reads, "W", "files: [w.txt]\nenvironment: [GAIN]\n")
     done = spawned("run", "own.yaml", "--allow-plugins", "--workers", "1", cwd=tmp_path)
     assert "note: half.py read" not in done.stderr
+
+
+def test_a_filter_of_a_helper_has_the_key_of_all_that_the_plugin_imports(
+    tmp_path: Path, written: Callable[..., None]
+) -> None:
+    """The helper registers the filter; a further module, which the helper imports, is edited."""
+    written("import helper", "helper.FACTOR")
+    (tmp_path / "half.py").rename(tmp_path / "outer.py")
+    (tmp_path / "half.py").write_text("import outer\n")
+    keys = []
+    for value in ("2.5", "7.5"):
+        (tmp_path / "helper.py").write_text(f"FACTOR = {value}\n")
+        with plugins_forgotten():
+            experiment = api.prepare(tmp_path / "own.yaml", api.Options(allow_plugins=True))
+            (first, *_) = make_plan(experiment).tasks[0, "Half"]
+            assert type(first.filter).__module__ == "outer"
+            keys.append(block_key(first, 2))
+            for name in ("outer", "helper"):
+                sys.modules.pop(name, None)
+    assert keys[0] != keys[1]
 
 
 def test_a_worker_refuses_other_files_than_those_of_the_key(

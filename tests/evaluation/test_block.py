@@ -8,8 +8,8 @@ from tests.linear_problem import LINEAR
 from tests.papers import maneuver, merwe
 from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.error_series import NOT_LOST, series
-from trackbench.evaluation.run_block import run_block
+from trackbench.evaluation.error_series import NOT_FINITE, NOT_LOST, lost_runs, series
+from trackbench.evaluation.run_block import _stayed_finite, run_block
 from trackbench.statistics.over_runs import median
 
 
@@ -91,3 +91,21 @@ def test_a_track_is_less_certain_after_a_gap(kind: str) -> None:
     after = tracker.estimate(again).mean
     np.testing.assert_allclose(after[2], y + vy, rtol=1e-12)
     assert np.allclose(after[0], x + vx, rtol=1e-12) == (kind == "alpha-beta")
+
+
+def test_a_run_is_finite_in_all_that_any_run_estimates() -> None:
+    """Of three components and four runs nobody estimates the second component."""
+    mean = np.zeros((3, 5, 4))
+    mean[1] = np.nan
+    mean[0, 2, 1] = np.nan
+    mean[2, 4, 3] = np.inf
+    assert _stayed_finite(mean).tolist() == [True, False, True, False]
+    assert _stayed_finite(mean[:, :2]).tolist() == [True] * 4
+    assert _stayed_finite(np.full((3, 5, 4), np.nan)).tolist() == [False] * 4
+
+
+def test_a_run_with_an_infinite_error_is_lost() -> None:
+    """Its estimate is finite, and the square of its error is not."""
+    squared = np.array([[1.0, 4.0, 1.0], [2.0, np.inf, np.nan]])
+    lost = lost_runs(LINEAR, {"squared_position": squared}, np.ones(3, dtype=np.bool_))
+    assert lost.tolist() == [NOT_LOST, NOT_FINITE, NOT_LOST]

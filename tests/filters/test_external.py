@@ -24,6 +24,7 @@ from trackbench.evaluation.block import BlockTask
 from trackbench.execution.cache import block_key
 from trackbench.filters import program
 from trackbench.filters.external import External, ProgramRunError
+from trackbench.filters.program import programs_cpu_s
 from trackbench.scaffold import write_new
 
 SOURCE = Path(__file__).parents[1] / "programs" / "planar.c"
@@ -277,6 +278,56 @@ def test_a_program_of_the_command_line_is_consented_to(compiled: Path, tmp_path:
     assert report.results.labels == ["KF", "0"]
     with pytest.raises(UserError, match="neither the path of a Python file nor of a program"):
         api.run(path, quiet=True, filters=[path])
+
+
+def test_words_after_a_program_of_the_command_line_need_consent(
+    compiled: Path, tmp_path: Path
+) -> None:
+    """The program alone is consented to; with arguments it may do anything else."""
+    program, path = compiled / "0", tmp_path / "own.yaml"
+    entry = "  Mine: {kind: external, command: [WORDS], parameters: {q: 1.0, sigma: 2.0}}\n"
+    path.write_text(CONFIG + entry.replace("WORDS", f"{program}, --remove"))
+    with pytest.raises(UserError, match=r"filters\.Mine\.command: a program is run only"):
+        api.run(path, out=tmp_path / "out", quiet=True, filters=[program])
+    path.write_text(CONFIG + entry.replace("WORDS", f"{program}"))
+    keys = {"quiet": True, "engine": "serial", "formats": ()}
+    report = api.run(path, out=tmp_path / "out", filters=[program], **keys)
+    assert report.failed == []
+
+
+def test_a_program_that_is_changed_while_it_runs_is_an_error(tmp_path: Path) -> None:
+    """It rewrites its own file at the last line of a run, and answers all lines well."""
+    answer = "word == 'step' and open(__file__, 'a').write('#') and None; print(good, flush=True)"
+    with pytest.raises(ProgramRunError, match="the program or its files changed meanwhile"):
+        track(planar(), script(tmp_path, answer), 1)
+
+
+def test_a_program_that_is_built_again_is_started_again(tmp_path: Path) -> None:
+    """Of the same content; programs that run already belong to the old file."""
+    tracker = script(tmp_path, "print(*[os.getpid()] * 4, flush=True)")
+    first, again = (int(track(planar(), tracker, 1).mean[0, 0, 0]) for _ in range(2))
+    assert first == again
+    path = Path(tracker.command[1])
+    path.write_text(path.read_text())
+    later = path.stat().st_mtime_ns + 10**9
+    os.utime(path, ns=(later, later))
+    assert int(track(planar(), tracker, 1).mean[0, 0, 0]) != first
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads the CPU clock of another process")
+def test_the_time_of_a_program_is_that_of_its_filter(tmp_path: Path) -> None:
+    """It works 20 ms for each answer, and answers the CPU seconds that it has spent by then."""
+    work = "end = time.process_time() + 0.02\n    while time.process_time() < end: pass"
+    answer = f"{work}\n    print(*[time.process_time()] * 4, flush=True)"
+    tracker, ready = script(tmp_path, answer), programs_cpu_s()
+    output = track(planar(), tracker, 1)
+    answers = output.mean[0].size
+    spent = programs_cpu_s() - ready
+    assert 0.02 * answers < spent < float(output.mean[0].max()) + 0.1
+    assert output.cpu_s > 0.02 * answers
+    # A program that ends takes no time from the filter that is timed meanwhile.
+    program.end_all()
+    assert spent <= programs_cpu_s() - ready < spent + 0.1
 
 
 def test_the_program_and_its_files_are_part_of_the_key(tmp_path: Path) -> None:

@@ -38,12 +38,12 @@ def test_what_was_drawn_is_not_drawn_again(
     }
     monkeypatch.setattr(render, "pool", None)  # nobody who draws
     assert files(folder, fresh=False) == first
-    with pytest.raises(TypeError):
+    with pytest.raises(TypeError, match="object is not callable"):
         files(folder, fresh=True)
     assert cache_size(cache_folder()).figures.number == len(first)
     clear_cache(cache_folder())
     assert cache_size(cache_folder()).figures == (0, 0)
-    with pytest.raises(TypeError):
+    with pytest.raises(TypeError, match="object is not callable"):
         files(folder, fresh=False)
 
 

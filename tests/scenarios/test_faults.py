@@ -20,6 +20,8 @@ from trackbench.evaluation.exact_errors import exact_series, why_not_exact
 from trackbench.evaluation.run_block import run_block, run_stack
 from trackbench.execution.cache import block_key
 from trackbench.execution.plan import make_plan
+from trackbench.models.sensors.position import ScalarSensor
+from trackbench.scenarios.faults import Bias, FaultContext, recovery
 from trackbench.scenarios.tracking import Tracking
 
 PHI, Q, R, RUNS = 0.95, 1.0, 4.0, 40
@@ -142,6 +144,55 @@ def test_a_fault_changes_the_measurements_of_its_window_alone(
     t = (np.arange(-1, 11) * 0.5)[:, None]
     changed = expected(clean[0, 28:40], truth[0, 29:41], t)[1:]
     np.testing.assert_allclose(z[0, inside], changed, rtol=1e-12, atol=1e-12)
+
+
+def test_a_ramp_grows_from_the_given_time_also_between_two_steps(tmp_path: Path) -> None:
+    """From 14.8 s on: the first measurement with the fault, at 15 s, has 0.2 s of the ramp."""
+    ramp = {"name": "a", "kind": "bias", "ramp": [3.0], "from": 14.8, "to": 20.0}
+    of = experiment(tmp_path, ramp, filters=KNOWN, T=0.5)
+    faulty = of.points[0].scenario
+    assert isinstance(faulty, Tracking)
+    (_, z), (_, clean) = measured(faulty), measured(faulty.without_faults)
+    times = faulty.times[1:]
+    expected = np.where((times > 14.8) & (times < 20.1), 3.0 * (times - 14.8), 0.0)
+    np.testing.assert_allclose((z - clean)[0], expected[:, None] + 0.0 * z[0], atol=1e-12)
+    np.testing.assert_allclose(result(of, "Known").per_run["damage"], 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize(("first", "last"), [(1.01, 1.99), (0.96, 2.04), (1.0, 2.0)])
+def test_a_fault_between_two_steps_changes_none_outside_its_times(
+    tmp_path: Path, first: float, last: float
+) -> None:
+    bias = {"name": "a", "kind": "bias", "value": [3], "from": first, "to": last}
+    faulty = scenario(tmp_path, bias, T=0.05)
+    (_, z), (_, clean) = measured(faulty), measured(faulty.without_faults)
+    inside = [first - 1e-9 <= 0.05 * k <= last + 1e-9 for k in range(1, 101)]
+    np.testing.assert_array_equal((z != clean)[0, :, 0], inside)
+
+
+@pytest.mark.parametrize(
+    ("keys", "what"),
+    [
+        ({"density": {"kind": "uniform", "region": {"z": [5, 5]}}}, "ends before it begins"),
+        ({"density": {"kind": "uniform", "region": {"z": [5, 4]}}}, "ends before it begins"),
+        ({"factor": 3, "share": 0}, "a share of 0 changes nothing"),
+    ],
+)
+def test_outliers_that_change_nothing_are_refused(
+    tmp_path: Path, keys: dict[str, Any], what: str
+) -> None:
+    with pytest.raises(UserError, match=what):
+        scenario(tmp_path, {"name": "a", "kind": "outliers", **keys})
+
+
+def test_a_factor_multiplies_the_errors_about_the_sensors_bias(tmp_path: Path) -> None:
+    noise = {"name": "a", "kind": "noise", "factor": 3, "steps": [30, 40]}
+    faulty = scenario(tmp_path, noise, sensor={"kind": "scalar", "sigma": 2.0, "bias": [5.0]})
+    (truth, z), (_, clean) = measured(faulty), measured(faulty.without_faults)
+    error = clean[0, 29:40] - truth[0, 30:41]
+    assert abs(error.mean() - 5.0) < 5 * 2.0 / error.size**0.5
+    expected = truth[0, 30:41] + 5.0 + 3.0 * (error - 5.0)
+    np.testing.assert_allclose(z[0, 29:40], expected, rtol=1e-12, atol=1e-12)
 
 
 def test_drawn_faults_have_streams_of_their_own(tmp_path: Path) -> None:
@@ -301,6 +352,33 @@ def test_a_recording_without_truth_has_faults_that_need_none(tmp_path: Path) -> 
     np.testing.assert_array_equal(got["rejected_good"], 0.0)
     with pytest.raises(UserError, match="errors, which are known with a truth only"):
         scenario(tmp_path, NOISY, **recording(tmp_path))
+
+
+def test_recovery_is_judged_by_the_steps_that_have_a_truth() -> None:
+    """Half of the twin's RMSE over three known steps is 0.5: the first run is below from step 4 on."""
+    fault = Bias(name="a", steps=(1, 2), value=(9.0,), recovered=0.5)
+    steps = np.arange(7)
+    context = FaultContext(ScalarSensor(sigma=1.0), steps, 2.0 * steps)
+    first = np.array([0.0, 9.0, 9.0, 2.0, 0.45, np.nan, 0.45])
+    damage = np.stack([first, np.where(steps == 6, 0.55, first)], axis=1)
+    squared = np.square(damage + 1.0)  # the twin's error is one at every step
+    values = {"damage": damage, "squared": squared}
+    found = recovery(context, [fault], {"after a": steps > 2}, values)
+    np.testing.assert_array_equal(found["recovery_s[a]"], [4.0, np.nan])
+    np.testing.assert_array_equal(found["not_recovered[a]"], [0.0, 1.0])
+
+
+def test_a_run_without_a_truth_after_the_fault_has_no_recovery(tmp_path: Path) -> None:
+    bias = {"name": "a", "kind": "bias", "steps": [2, 3], "value": [40]}
+    keys = recording(tmp_path, **TRUTH)
+    rows = TRUE.splitlines(keepends=True)
+    early = [row for row in rows[1:] if row.startswith("2") or int(row.split(",")[1]) <= 2]
+    (tmp_path / "t.csv").write_text(rows[0] + "".join(early))
+    point = experiment(tmp_path, bias, filters={"KF": {"kind": "kf"}}, **keys).points[0]
+    got = run_block(BlockTask(point.scenario, point.filters["KF"], 1, 0, 2, 2)).per_run
+    for name in ("recovery_s[a]", "not_recovered[a]"):
+        assert np.isnan(got[name][0])
+    assert np.isfinite(got["not_recovered[a]"][1])
 
 
 def test_training_has_the_faults_before_its_end(tmp_path: Path) -> None:
