@@ -17,7 +17,7 @@ from trackbench.execution.block_file import BlockFile, write_block
 from trackbench.execution.code_digests import code_digest
 from trackbench.extension_points import foreign_parts
 from trackbench.plugins.errors import FilterError, blocked, guarded, located_message
-from trackbench.plugins.load import Plugin, load_plugin
+from trackbench.plugins.load import Plugin, forget_outdated, load_plugin
 from trackbench.plugins.patches import own_values, patch_message, undo_patches
 
 
@@ -49,6 +49,7 @@ def compute(
         raise RuntimeError("this worker has another version of trackbench, numpy or Python")
     if digests.arithmetic != expected.arithmetic:
         raise RuntimeError("this worker's floating point is not that of IEEE 754")
+    forget_outdated(plugins, as_now=False)
     for plugin in plugins:
         load_plugin(plugin)
     blocks: list[BlockTask] = pickle.loads(stack)
