@@ -270,6 +270,11 @@ def forget_outdated(plugins: Sequence[Plugin], as_now: bool) -> None:
             forget_modules(brought - kept)
 
 
+def loaded_identities() -> list[str]:
+    """Return the identities of the plugins whose code has run in this process, sorted."""
+    return sorted(plugin.identity for plugin in _loaded.values())
+
+
 def restore_modules(plugins: Iterable[Plugin]) -> None:
     """Put the modules back that loaded plugins imported, after another config imported its own."""
     for plugin in plugins:
