@@ -518,3 +518,28 @@ def test_variables_read_as_bytes_databases_and_libraries_are_noticed(
     (plugin,) = api.prepare(tmp_path / "own.yaml", api.Options(allow_plugins=True)).plugins
     assert [Path(name).name for name, _ in plugin.opened] == ["lib.so", "w.db"]
     assert [name for name, _ in plugin.variables] == ["GAIN"]
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_plugin_that_changes_the_working_folder_moves_no_results(
+    workers: int, tmp_path: Path, written: Callable[..., None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its own files are found from the folder that it went to, in every process."""
+    reads = (
+        "import os\nfrom pathlib import Path\nos.chdir(Path(__file__).parent / 'data')\n"
+        "def late():\n    os.chdir('inner')\n    return Path('w.txt').read_text()\n"
+    )
+    written(reads, "late()")
+    (tmp_path / "data" / "inner").mkdir(parents=True)
+    (tmp_path / "data" / "inner" / "w.txt").write_text("2.5")
+    home = tmp_path / "home"
+    home.mkdir()
+    monkeypatch.chdir(home)
+    monkeypatch.setenv("TRACKBENCH_CACHE", "cache")
+    report = api.run(
+        "../own.yaml", allow_plugins=True, quiet=True, formats=["svg"], workers=workers
+    )
+    assert not report.failed
+    assert Path.cwd() == home
+    assert sorted(file.name for file in home.iterdir()) == ["cache", "results"]
+    assert (home / "results" / "own" / "per_run.csv").is_file()

@@ -205,7 +205,10 @@ def load_plugin(plugin: Plugin, check: Callable[[type[Part]], None] | None = Non
     module = _new_module(plugin)
     try:
         with guarded(), recorded() as opened:
+            before_exec = os.getcwd()
             exec(compile(plugin.source, plugin.path, "exec"), module.__dict__)
+            chosen = os.getcwd()
+            _working_folders[plugin.module] = chosen if chosen != before_exec else ""
         if names := undo_patches(before):
             raise PluginError(f"{Path(plugin.path).name}: {patch_message(names)}")
         for _, _, cls in registry.registered(plugin.module):
@@ -230,10 +233,18 @@ def load_plugin(plugin: Plugin, check: Callable[[type[Part]], None] | None = Non
 
 _loaded: dict[str, Plugin] = {}
 """Plugins by module, as they were when their code ran."""
+_working_folders: dict[str, str] = {}
+"""By module: the folder that a plugin's code went to; empty if it stayed."""
 _brought: dict[str, dict[str, ModuleType]] = {}
 """Modules that each plugin brought, by the name of the plugin's module."""
 _executed: dict[str, set[str]] = {}
 """By path of each plugin whose code has run: files that it, or an earlier content of it, opened."""
+
+
+def working_folder_of(plugins: Sequence[Plugin]) -> str:
+    """Return the folder that the last of these plugins went to when it was loaded, or an empty text."""
+    folders = [_working_folders.get(plugin.module, "") for plugin in plugins]
+    return next((folder for folder in reversed(folders) if folder), "")
 
 
 def forget_outdated(plugins: Sequence[Plugin], as_now: bool) -> None:

@@ -71,7 +71,7 @@ def _check_depth(root: ET.Element, name: str) -> None:
     level = [root]
     depth = 0
     while level:
-        children = []
+        children: list[ET.Element] = []
         for element in level:
             children += element
         level = children
