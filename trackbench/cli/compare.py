@@ -142,7 +142,7 @@ def history(folders: Folders, metric: Metric = "", out: Figure = None, json: Jso
     from trackbench.errors import UserError
     from trackbench.report import history as of_folders
     from trackbench.report.compare_folders import save
-    from trackbench.report.open import open_results
+    from trackbench.report.open import explain_content_errors, open_results
 
     good = [folder for folder in folders if (folder / "config.yaml").is_file()]
     for folder in folders:
@@ -150,7 +150,9 @@ def history(folders: Folders, metric: Metric = "", out: Figure = None, json: Jso
             typer.echo(f"note: {folder}: is not a results folder, it has no config.yaml", err=True)
     if not good:
         raise UserError("name at least one results folder: trackbench history results/*")
-    tables = of_folders.history([open_results(folder) for folder in good], metric)
+    every = [open_results(folder) for folder in good]
+    with explain_content_errors(good[0] if len(good) == 1 else "one of these folders"):
+        tables = of_folders.history(every, metric)
     if out is not None:
         save(of_folders.draw(tables), out)
     for table in tables:

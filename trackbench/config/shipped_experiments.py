@@ -111,7 +111,11 @@ def named(name: str) -> Path:
         return _file(name)
     from trackbench.config.mistakes import unknown
 
-    what = f"is neither a file nor a shipped experiment; {unknown(name, names())}"
+    beside = [
+        f"{name}{ending}" for ending in (".yaml", ".yml") if Path(f"{name}{ending}").is_file()
+    ]
+    hint = f"did you mean {beside[0]}?" if beside else unknown(name, names())
+    what = f"is neither a file nor a shipped experiment; {hint}"
     raise UserError(Problem(Mark(name), "", what))
 
 
