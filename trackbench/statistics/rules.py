@@ -33,6 +33,8 @@ TINY = 0.01
 """Share of a number below which a significant difference is called tiny, unless the config has one."""
 NEAR_BEST = 2.0
 """Ratio to the best up to which an error without a significant difference shares the mark."""
+NATS_NEAR_BEST = log(NEAR_BEST)
+"""Nats below the best up to which a log score shares it: the predicted density is half as large."""
 NOT_CHANCE = 4.0
 """Standard errors from which a number that should be zero, one of some dozens, is not."""
 EQUAL, BETTER, WORSE = "equal", "better", "worse"

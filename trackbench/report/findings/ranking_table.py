@@ -25,6 +25,8 @@ _SECONDS = ((1.0, "s"), (1e3, "ms"), (1e6, "µs"))
 _LOST, _ANEES, _TIME = "Lost runs", "ANEES", "CPU per run"
 _FULL_BLOCK = 100
 """Runs that share the calls of a block so that a run's CPU time hardly depends on their number."""
+_FAR = 1000.0
+"""Ratio to the best beyond which an error shows that the filter has left the target."""
 _MOST_SETTINGS = 20
 """Longer tables of a filter's settings are cut to the best."""
 
@@ -72,7 +74,8 @@ def _table(results: Results, standing: Ranking, of_settings: bool) -> TextTable:
     if "n.s." in words:
         table.notes.append(
             f"n.s.: not significant at {100 * rules.LEVEL:g} % over all pairs of filters (an interval "
-            f"is of its pair alone){_runs_needed(standing)}."
+            f"is of its pair alone, and left out where it would show a difference)"
+            f"{_runs_needed(standing)}."
         )
     if "tiny" in words:
         table.notes.append(f"tiny: significant, but at most {phrases.percent(matters)}.")
@@ -80,7 +83,21 @@ def _table(results: Results, standing: Ranking, of_settings: bool) -> TextTable:
         table.notes.append(COLLAPSED_NOTE)
     if 1 < standing.runs < _FULL_BLOCK and any(row[-1].text != "–" for row in table.rows):
         table.notes.append("CPU times: a run takes less in blocks of more runs.")
-    return _without_empty(results, table)
+    far = _far_from_best(standing)
+    if far:
+        table.notes.append(
+            f"{phrases.listed(far)}: more than {_FAR:g} times the error of the best, and no run counts "
+            "as lost: `lost_beyond` under `score` sets the error from which a run does."
+        )
+    return _without_empty(results, table, names_losses=not far)
+
+
+def _far_from_best(standing: Ranking) -> list[str]:
+    """Name the filters that lost no run and have an error far beyond that of the best."""
+    if standing.metric.family[0].is_score or not standing.order:
+        return []
+    limit = _FAR * standing.order[0].overall.value
+    return [c.name for c in standing.order if not c.losses and c.overall.value > limit > 0.0]
 
 
 def _insert(rows: list[list[Text]], row: list[Text], is_score: bool) -> None:
@@ -146,7 +163,14 @@ def _ratio(standing: Ranking, c: Candidate, matters: float) -> str:
     is_score, wide = standing.metric.family[0].is_score, high - low
     texts = [f"{x:.2g}" if is_score else phrases.multiple(x, wide) for x in (value, low, high)]
     text = texts[0] + " x" * (not is_score)
-    text += f" ({texts[1]} to {texts[2]})" if isfinite(wide) else ""
+    if isfinite(wide):
+        interval_text = f" ({texts[1]} to {texts[2]})"
+    elif isfinite(low):
+        interval_text = f" (more than {phrases.rounded(low, 2)})"
+    else:
+        interval_text = ""
+    if not comparison.interval_contradicts:
+        text += interval_text
     if not comparison.is_tested:
         return text if standing.best is None else f"{text} {rules.UNTESTED}"
     if not comparison.sign:
@@ -161,8 +185,7 @@ def _beside(metric: Measure, comparison: Comparison) -> tuple[float, float, floa
         comparison = comparison.swapped
         value, limits = comparison.difference.value, comparison.difference.interval()
     else:
-        value, limits = comparison.ratio.value, comparison.ratio.interval()
-        limits = max(limits[0], 0.0), limits[1]
+        value, limits = comparison.ratio.value, comparison.ratio_interval
     return (value, *limits) if comparison.is_tested else (value, nan, nan)
 
 
@@ -225,12 +248,15 @@ def _is_empty(rows: list[list[Text]], column: int) -> bool:
     return all(row[column].text in ("–", "0") for row in rows)
 
 
-def _without_empty(results: Results, table: TextTable) -> TextTable:
-    """Leave out columns without a word, and the column of lost runs if there are none."""
+def _without_empty(results: Results, table: TextTable, names_losses: bool = True) -> TextTable:
+    """Leave out columns without a word, and the column of lost runs if there are none.
+
+    The title then says that no run is lost, if it ``names_losses``.
+    """
     columns = range(len(table.heads))
     empty = [i for i in columns if _is_empty(table.rows, i)]
     shown = [i for i in columns if i < 3 or i not in empty]
-    if _LOST in [table.heads[i] for i in empty]:
+    if names_losses and _LOST in [table.heads[i] for i in empty]:
         table.title += "; no lost runs"
     if any(row[-1].text.endswith("*") for row in table.rows):
         table.notes.append("*: filtered run by run, which is slower than the method.")
