@@ -282,6 +282,21 @@ def test_calibration_in_a_word(tmp_path, rng, A) -> None:
     }
 
 
+def test_the_word_on_consistency_belongs_to_all_filters_of_the_table(tmp_path, rng, A) -> None:
+    """Of six exact filters one or more had a word in a fourth of such tables; at 1 % in a hundredth."""
+    tables, wrong = 60, 0
+    errors = dict.fromkeys("ABCDEF", A)
+    for _ in range(tables):
+        nees = {label: rng.chisquare(2.0, M) for label in errors}
+        rows = ranked(folder(tmp_path, errors, nees=nees))
+        wrong += any("confident" in row.get("ANEES", "") for row in rows.values())
+    assert wrong <= 4
+    # One that is too certain by four standard errors has the word among many.
+    nees["A"] += 2.0 + 4.4 * np.sqrt(4.0 / M) - nees["A"].mean()
+    rows = ranked(folder(tmp_path, errors, nees=nees))
+    assert [label for label, row in rows.items() if row["ANEES"] == "overconfident"] == ["A"]
+
+
 @pytest.mark.parametrize(("filters", "settings"), [(6, 1), (2, 10)])
 def test_equal_filters_differ_in_one_experiment_of_a_hundred(rng, filters, settings) -> None:
     """The correction is for all that was tried, also where each filter is at the best of settings."""

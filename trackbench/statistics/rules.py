@@ -144,13 +144,17 @@ def is_no_chance(number: Estimate, runs: int) -> bool:
     return abs(normal_of_t(z_score(number), max(runs - 1.0, 1.0))) > NOT_CHANCE
 
 
-def credibility(low: float, high: float) -> str:
-    """Return the word on a filter from the 95 % interval of its ANEES or ANIS; empty if undecided."""
+def credibility(low: float, high: float, sign: int) -> str:
+    """Return the word on a filter from its ANEES or ANIS; empty if undecided.
+
+    It is calibrated if the 95 % interval (``low``, ``high``) is within `NEAR` of 1. Otherwise the
+    ``sign`` of a significant difference from 1 decides, by Holm at `LEVEL` over the filters of a table.
+    """
     if not isfinite(low + high):
         return ""
     if low >= 1.0 - NEAR and high <= 1.0 + NEAR:
         return "calibrated"
-    return "overconfident" if low > 1.0 else "underconfident" if high < 1.0 else ""
+    return {1: "overconfident", -1: "underconfident"}.get(sign, "")
 
 
 def share_that_matters(of_config: float | str | None) -> float:
