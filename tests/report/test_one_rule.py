@@ -43,7 +43,7 @@ def test_two_filters_have_one_answer_on_every_screen(tmp_path: Path, rng, statis
         (found,) = rankings(results)
         significant = bool(found.worse)
         # The first table, the marks, the list of pairs and the caption of a heat-map.
-        assert ranked(results)["B"][RATIO].endswith(") n.s.") != significant
+        assert ranked(results)["B"][RATIO].endswith("n.s.") != significant
         assert results.tables["t"].best == {(0, 0), *([] if significant else [(1, 0)])}
         ((_, (pair,)),) = results.pairs
         assert pair.word == ("better" if significant else "no significant difference")

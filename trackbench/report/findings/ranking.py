@@ -83,8 +83,13 @@ class Rival(NamedTuple):
     @property
     def is_near(self) -> bool:
         """True if its error is at most `rules.NEAR_BEST` times the best, with 95 % confidence."""
-        ratio = self.comparison.ratio
-        return self.comparison.is_equal or ratio.interval()[1] <= rules.NEAR_BEST
+        return self.comparison.is_equal or self.comparison.ratio_interval[1] <= rules.NEAR_BEST
+
+    @property
+    def is_near_score(self) -> bool:
+        """True if its score is at most `rules.NATS_NEAR_BEST` below the best, with 95 % confidence."""
+        low, _ = self.difference.interval()
+        return self.comparison.is_equal or -low <= rules.NATS_NEAR_BEST
 
 
 class Ranking(NamedTuple):
@@ -131,7 +136,7 @@ class Ranking(NamedTuple):
         ):
             return []
         is_score = self.metric.family[0].is_score
-        near = [*takewhile(lambda tie: is_score or tie.is_near, self.ties)]
+        near = [*takewhile(lambda tie: tie.is_near_score if is_score else tie.is_near, self.ties)]
         decides = self.worse or len(near) == len(self.not_worse)
         return self.among_the_best[: len(near) + 1] if decides else []
 
