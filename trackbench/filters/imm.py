@@ -27,7 +27,7 @@ from trackbench.filters.base import FixedLag, SmoothingFilter
 from trackbench.filters.ekf import EKF
 from trackbench.filters.jump_markov import JumpMarkov, shared_components
 from trackbench.filters.kf import GaussianFilter, gate_limits, of_refusals
-from trackbench.models.base import Model, Scene, extra_std
+from trackbench.models.base import Model, Scene, angle_rows, extra_std
 from trackbench.models.priors import augment_gaussian
 from trackbench.registry import register
 
@@ -49,6 +49,8 @@ class ModelBank(NamedTuple):
     """weights of the models before the last measurement (r, M)"""
     refused: Mask | None = None
     """runs (M,) whose gates refused the last measurement"""
+    angles: tuple[int, ...] = ()
+    """components of the estimate that are angles"""
     measurement_weight: Array | None = None
     """mean weight of the last measurement's components (M,) in a robust update"""
 
@@ -58,7 +60,7 @@ class ModelBank(NamedTuple):
         n, states = self.reported, self.states
         if any(len(s.mean) > n for s in states):
             states = tuple(Gaussian(s.mean[:n], s.cov[:n, :n]) for s in states)
-        return combine(states, self.weights)
+        return combine(states, self.weights, angles=self.angles)
 
     @property
     def prediction(self) -> Gaussian | None:
@@ -129,7 +131,9 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         first = Gaussian(first.mean[:n], first.cov[:n, :n])
         states = tuple(augment_gaussian(first, extra_std(m.motion)) for m in self.models(model))
         weights = np.repeat(self.initial_weights[:, None], runs, axis=1)
-        return ModelBank(states, weights, np.full(runs, np.nan), n)
+        angles = tuple(i for i in angle_rows(self.models(model)[0].motion) if i < n)
+        nis = np.full(runs, np.nan)
+        return ModelBank(states, weights, nis=nis, reported=n, angles=angles)
 
     def step(self, model: Model, state: ModelBank, z: Array, k: int, rng: Generator) -> ModelBank:
         """Mix, filter with every model, weigh by the likelihoods (Blom & Bar-Shalom 1988)."""
@@ -138,12 +142,14 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         models, mixed_states = self.models(model), []
         names = [m.motion.components for m in models]
         for j, like in enumerate(state.states):
-            # Step 2: mix the states, each filled up to the components of model j.
+            # Step 2: mix the states, each filled up to the components of model j; means of an angle are
+            # first brought near each other.
             filled = [
                 pad(s, like, common_components(of, names[j]), self.mixing == "unbiased")
                 for s, of in zip(state.states, names, strict=True)
             ]
-            mixed = combine(filled, mixing[:, j], self._without_spread(names, j))
+            spreadless, angles = self._without_spread(names, j), angle_rows(models[j].motion)
+            mixed = combine(filled, mixing[:, j], spreadless, angles)
             mixed_states.append(self.filter.prepared(mixed))
         # Step 3: filter with every model.
         pairs = [*zip(models, mixed_states, strict=True)]
@@ -169,7 +175,14 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
             missing = np.isnan(z).all(axis=0)
             weights = np.where(missing, predicted, weights)
             mean_nis = np.where(missing, np.nan, mean_nis)
-        bank = ModelBank(states, weights, mean_nis, state.reported, innovations, predicted)
+        bank = state._replace(
+            states=states,
+            weights=weights,
+            nis=mean_nis,
+            innovations=innovations,
+            predicted=predicted,
+            measurement_weight=None,
+        )
         if self.filter.robust is not None:
             mean = total(predicted * np.stack(sensor_weights), axis=0)
             bank = bank._replace(measurement_weight=mean)
@@ -191,7 +204,8 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
                 moves = [self._move(of, x, to, priors[j], k + 1 + step) for of, x in pairs]
                 # Step 2: x_{k+1} given i, j and all z; Pr(i, j | all z) = mu_j|T p_ij mu_i c_ij / c_j.
                 predicted = [move.predicted for move in moves]
-                ends, log_c = given_later(predicted, mixing[:, j], later.states[j])
+                angles = angle_rows(to.motion)
+                ends, log_c = given_later(predicted, mixing[:, j], later.states[j], angles)
                 share = update_weights(mixing[:, j], -2.0 * log_c)
                 rows.append(later.weights[j] * share)
                 # Step 3: smooth each state i.
@@ -200,7 +214,9 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
             joint = np.stack(rows)
             weights = total(joint, axis=0)
             joint /= np.where(weights > 0.0, weights, 1.0)
-            merged = [combine(x, joint[:, i]) for i, x in enumerate(zip(*smoothed, strict=True))]
+            merged = []
+            for i, x in enumerate(zip(*smoothed, strict=True)):
+                merged.append(combine(x, joint[:, i], angles=angle_rows(models[i].motion)))
             return bank._replace(states=tuple(merged), weights=weights)
 
         return backwards(states, one_back, self.lag)
