@@ -9,8 +9,9 @@ length of the error less that without faults. More: `predictive_scores`.
 
 import re
 from collections import defaultdict
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import cache
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -87,16 +88,28 @@ def _errors(
 
 
 def per_run_metrics(
-    scenario: Scenario, values: dict[str, Array], sums: "SeriesSums", finite: Mask
+    scenario: Scenario,
+    values: dict[str, Array],
+    sums: "SeriesSums",
+    finite: Mask,
+    weights: Mapping[str, Array] | None = None,
 ) -> dict[str, Array]:
     """Return numbers per run (M,) over each window, as each metric is made of its series; NaN if lost.
 
     ``rmse`` is eq. 14 of the hdepf paper. A name carries its window: ``rmse[k<=30]``. ``finite`` (M,)
-    says whose estimates stayed within the numbers. Raises ValueError if a name would be given twice.
+    says whose estimates stayed within the numbers. A series with ``weights`` (T + 1, M) has a
+    weighted mean over the steps. Raises ValueError if a name would be given twice.
     """
     # Step 1: the sums over the steps of each window.
     lost = lost_runs(scenario, values, finite)
     out = {"lost": lost} | sums.over_windows(values)
+    weights = weights or {}
+    for name, window in product(weights, scenario.windows):
+        mask = scenario.windows[window]
+        weight = weights[name][mask]
+        with np.errstate(invalid="ignore"):  # a run may have no such measurement
+            mean = _sum(weight * values[name][mask]) / total(weight, axis=0)
+        out[in_window(name, window)] = mean
     # Step 2: add the scenario's own metrics, whose names must be new.
     for name, numbers in checked_metrics(scenario.run_metrics(values), len(lost)).items():
         if name in out and (name == "lost" or is_reserved(name)):
@@ -128,6 +141,30 @@ def rejections(z: Array, twin: Array, diagnostics: Mapping[str, Array]) -> dict[
         "rejected_good": np.where(given & ~bad, gated, np.nan),
         "accepted_bad": np.where(given & bad, 1.0 - gated, np.nan),
     }
+
+
+def sensor_rejections(
+    z: Array, twin: Array, refused: Mask, sensors: Sequence[slice]
+) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Return `rejections` of several sensors, each with a gate: shares of each step's measurements.
+
+    ``refused`` (n_z, T, M) are the refused components, ``sensors`` the rows of each sensor. Returned
+    are also the numbers (T + 1, M) of the measurements that the shares are of.
+    """
+    shares, numbers = {}, {}
+    given = np.stack([~np.isnan(z[rows]).all(axis=0) for rows in sensors])
+    bad = np.stack([((z != twin) & ~np.isnan(z))[rows].any(axis=0) for rows in sensors])
+    rejected = np.stack([refused[rows].any(axis=0) for rows in sensors])
+    for name, counted, decided in (
+        ("rejected_good", given & ~bad, rejected),
+        ("accepted_bad", given & bad, ~rejected),
+    ):
+        number = counted.sum(axis=0).astype(float)
+        with np.errstate(invalid="ignore"):
+            share = (counted & decided).sum(axis=0) / number
+        shares[name] = np.insert(share, 0, np.nan, axis=0)
+        numbers[name] = np.insert(number, 0, 0.0, axis=0)
+    return shares, numbers
 
 
 def over_windows(

@@ -26,7 +26,7 @@ from trackbench.field_types import InvalidKeyError, Registered
 from trackbench.filters.base import FixedLag, SmoothingFilter
 from trackbench.filters.ekf import EKF
 from trackbench.filters.jump_markov import JumpMarkov, shared_components
-from trackbench.filters.kf import GaussianFilter, gate_limits, of_refusals
+from trackbench.filters.kf import GaussianFilter, number_of_refused, of_refusals, refused_components
 from trackbench.models.base import Model, Scene, angle_rows, extra_std
 from trackbench.models.priors import augment_gaussian
 from trackbench.registry import register
@@ -48,7 +48,9 @@ class ModelBank(NamedTuple):
     predicted: Array | None = None
     """weights of the models before the last measurement (r, M)"""
     refused: Mask | None = None
-    """runs (M,) whose gates refused the last measurement"""
+    """components (n_z, M) of the last measurement that the gates of all models refused"""
+    gated: Array | None = None
+    """number of measurements (M,), one of each sensor, that they refused"""
     angles: tuple[int, ...] = ()
     """components of the estimate that are angles"""
     measurement_weight: Array | None = None
@@ -85,7 +87,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
     spread about the mixed mean is left out by zero-mean, as the EKF/UKF Toolbox does"""
     filter: Annotated[GaussianFilter, Registered("filters")] = _EKF
     """filter of each model: ekf, ukf, {kind: cmkf, conversion: mucm}; for a linear model ekf is the
-    Kalman filter. Its `gate` refuses a measurement that is outside the gates of all models"""
+    Kalman filter. Its `gate` refuses a sensor's measurement that is outside the gates of all models"""
     smooth: bool | FixedLag = False
     """estimate each step from all measurements of the run, or from so many later ones: {lag: 5}"""
     contract_exemptions: ClassVar[dict[str, str]] = {"kalman": "has motions of its own"}
@@ -160,15 +162,28 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         # Step 4: weights mu_j ~ c_j N(nu_j; 0, S_j).
         judged = [innovation.nis_and_scale() for innovation in innovations]
         nis, mantissa, exponent = map(np.array, zip(*judged, strict=True))
-        refused = np.zeros(z.shape[1:], dtype=np.bool_)
+        refused, innovations_used = np.zeros(z.shape, dtype=np.bool_), innovations
         if self.filter.gate is not None:
-            # Where every model's gate refuses the measurement, predict only.
-            measured_components = (~np.isnan(innovations[0].nu)).sum(axis=0)
-            refused = (nis > gate_limits(self.filter.gate, len(z))[measured_components]).all(axis=0)
+            # Leave out what every model's gate refuses; without any other measurement predict only.
+            by_model = [
+                refused_components(self.filter.gate, model.sensor, z, innovation, nis_of_model)
+                for innovation, nis_of_model in zip(innovations, nis, strict=True)
+            ]
+            refused = np.logical_and.reduce(by_model)
             z = np.where(refused, np.nan, z)
             updated = [self.filter.robust_update(of, mixed, z, k) for of, mixed in pairs]
-            states, _, sensor_weights = zip(*updated, strict=True)
-        ratios = np.array([*map(self.filter.log_ratio, innovations, nis)])
+            states, accepted, sensor_weights = zip(*updated, strict=True)
+            # The likelihoods are those of the measurements of the other sensors.
+            partly = refused.any(axis=0) & ~np.isnan(z).all(axis=0)
+            if partly.any():
+                judged = [innovation.nis_and_scale() for innovation in accepted]
+                of_accepted = map(np.array, zip(*judged, strict=True))
+                nis, mantissa, exponent = (
+                    np.where(partly, new, old)
+                    for new, old in zip(of_accepted, (nis, mantissa, exponent), strict=True)
+                )
+                innovations_used = accepted
+        ratios = np.array([*map(self.filter.log_ratio, innovations_used, nis)])
         weights = update_weights(predicted, nis - 2.0 * ratios, mantissa, exponent)
         mean_nis = total(predicted * nis, axis=0)
         if any_nan(z):
@@ -186,7 +201,11 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         if self.filter.robust is not None:
             mean = total(predicted * np.stack(sensor_weights), axis=0)
             bank = bank._replace(measurement_weight=mean)
-        return bank._replace(refused=refused)
+        return bank._replace(refused=refused, gated=number_of_refused(model.sensor, refused))
+
+    def refused(self, state: ModelBank) -> Mask | None:
+        """Return the components (n_z, M) that the gates of all models refused."""
+        return state.refused
 
     def smoothed(
         self, model: Model, states: list[ModelBank], k: int, rng: Generator
@@ -261,7 +280,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
 
     def diagnostics(self, state: ModelBank) -> dict[str, Array]:
         """Report ``nis``, the models' mean; ``mode``, weight of all but the first; ``gated``."""
-        refusals = of_refusals(self.filter, state.nis, state.refused, state.measurement_weight)
+        refusals = of_refusals(self.filter, state.nis, state.gated, state.measurement_weight)
         return {"nis": state.nis, "mode": 1.0 - state.weights[0]} | refusals
 
 

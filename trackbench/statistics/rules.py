@@ -142,13 +142,17 @@ def is_no_chance(number: Estimate, runs: int) -> bool:
     return abs(normal_of_t(z_score(number), max(runs - 1.0, 1.0))) > NOT_CHANCE
 
 
-def credibility(low: float, high: float) -> str:
-    """Return the word on a filter from the 95 % interval of its ANEES or ANIS; empty if undecided."""
+def credibility(low: float, high: float, mean: tuple[float, float] = (1.0, 1.0)) -> str:
+    """Return the word on a filter from the 95 % interval of its ANEES or ANIS; empty if undecided.
+
+    ``mean`` are the least and the largest mean of a consistent filter.
+    """
+    least, largest = mean
     if not isfinite(low + high):
         return ""
-    if low >= 1.0 - NEAR and high <= 1.0 + NEAR:
+    if low >= least * (1.0 - NEAR) and high <= largest * (1.0 + NEAR):
         return "calibrated"
-    return "overconfident" if low > 1.0 else "underconfident" if high < 1.0 else ""
+    return "overconfident" if low > largest else "underconfident" if high < least else ""
 
 
 def share_that_matters(of_config: float | str | None) -> float:

@@ -208,7 +208,9 @@ def consistency(results: Results, candidate: Candidate) -> str:
         return "overconfident"
     # Judge by the 95 % interval of the mean over the runs.
     low, high = interval("mean", values)
-    return rules.credibility(low, high) or ("" if isnan(low) else "undecided")
+    accepted = results.facts(candidate.point).accepted_nis(candidate.label)
+    mean_if_consistent = (1.0, 1.0) if name == "nees" or accepted is None else accepted.mean
+    return rules.credibility(low, high, mean_if_consistent) or ("" if isnan(low) else "undecided")
 
 
 def _cpu_s(results: Results, c: Candidate) -> float:
