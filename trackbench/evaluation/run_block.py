@@ -175,7 +175,10 @@ def _reduce(task: BlockTask, data: Simulation, output: FilterOutput) -> dict[int
     values, sums = _series_and_sums(task, data, output, predictive, exact_mean, twin_mean)
     # Step 2: over the whole block, then trimmed: numpy adds up a single column in another order.
     finite = _stayed_finite(output.mean)
-    per_run = per_run_metrics(task.scenario, values, sums, finite, weights)
+    finite_truth: Mask | None = None
+    if task.scenario.recorded_runs is None:  # an unknown truth of a recording is NaN
+        finite_truth = np.asarray(np.isfinite(data.truth).all(axis=(0, 1)))
+    per_run = per_run_metrics(task.scenario, values, sums, finite, finite_truth, weights)
     lost = (per_run["lost"] != NOT_LOST).any()
     known = {task.width: {} if lost else sums.over_runs()}
     return {
