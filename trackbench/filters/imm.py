@@ -205,7 +205,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
 
     def refused(self, state: ModelBank) -> Mask | None:
         """Return the components (n_z, M) that the gates of all models refused."""
-        return state.refused
+        return None if self.filter.gate is None else state.refused
 
     def smoothed(
         self, model: Model, states: list[ModelBank], k: int, rng: Generator

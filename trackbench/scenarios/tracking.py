@@ -102,7 +102,8 @@ class Tracking(Scenario):
 
     @property
     def _fault_context(self) -> FaultContext:
-        return FaultContext(self.true_sensor, self.steps, self.times)
+        starts_with_scans = self._start.scans > 0
+        return FaultContext(self.true_sensor, self.steps, self.times, starts_with_scans)
 
     @property
     def longest_delay(self) -> int:
