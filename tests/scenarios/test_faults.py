@@ -1,5 +1,6 @@
 """Faults of sensors against scalar programs of a few lines."""
 
+import zlib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -511,3 +512,88 @@ def test_filters_that_need_the_kind_of_sensor_say_so(tmp_path: Path) -> None:
         load(tmp_path / "c.yaml")
     (tmp_path / "c.yaml").write_text(text.replace("los-rbpf", "gaussian-sum"))
     assert api.run(tmp_path / "c.yaml", out=tmp_path / "out", quiet=True, formats=()).failed == []
+
+
+def test_a_fault_of_one_time_has_one_measurement(tmp_path: Path) -> None:
+    faulty = scenario(tmp_path, {"name": "a", "kind": "bias", "from": 30, "to": 30, "value": [9]})
+    _, z = measured(faulty)
+    _, clean = measured(faulty.without_faults)
+    changed = np.zeros(100)
+    changed[29] = 9.0
+    np.testing.assert_allclose((z - clean)[0], np.tile(changed[:, None], (1, RUNS)), atol=1e-12)
+    with pytest.raises(UserError, match="ends at 29 s, and begins at 30 s; take a later end"):
+        scenario(tmp_path, {"name": "a", "kind": "bias", "from": 30, "to": 29, "value": [9]})
+
+
+OFF = {"name": "off", "kind": "bias", "steps": [20, 50], "value": [100]}
+STUCK = {"name": "stuck", "kind": "freeze", "steps": [20, 50]}
+WILD = {"name": "wild", "kind": "outliers", "steps": [30, 40], "factor": 10}
+
+
+def test_later_faults_multiply_the_errors_of_earlier_ones(tmp_path: Path) -> None:
+    """Errors e of a bias become 10 (e + 100); of a frozen value ten times its distance."""
+    for first, error_before in (
+        (OFF, lambda z, x: z[29:40] - x[30:41] + 100.0),
+        (STUCK, lambda z, x: z[18:19] - x[30:41]),
+    ):
+        faulty = scenario(tmp_path, first, WILD)
+        truth, z = measured(faulty)
+        _, clean = measured(faulty.without_faults)
+        error = z[0, 29:40] - truth[0, 30:41]
+        np.testing.assert_allclose(error, 10.0 * error_before(clean[0], truth[0]), rtol=1e-9)
+    # A bias that begins later is added to the larger errors.
+    late = OFF | {"steps": [35, 50]}
+    truth, z = measured(scenario(tmp_path, late, WILD))
+    _, clean = measured(scenario(tmp_path))
+    error, before = z[0, 34:40] - truth[0, 35:41], clean[0, 34:40] - truth[0, 35:41]
+    np.testing.assert_allclose(error, 10.0 * before + 100.0, rtol=1e-9, atol=1e-9)
+
+
+def test_a_filter_knows_a_bias_that_a_later_fault_multiplies(tmp_path: Path) -> None:
+    """It has the errors of a filter that knows the larger noise without any bias."""
+    found = []
+    for faults in ((OFF, WILD), (WILD,)):
+        of = experiment(tmp_path, *faults, filters=KNOWN)
+        found.append(result(of, "Known").per_run["rmse"])
+    np.testing.assert_allclose(*found, rtol=1e-9)
+    some = WILD | {"share": 0.5}
+    with pytest.raises(UserError, match="multiplies the bias of 'off' by a random factor"):
+        experiment(tmp_path, OFF, some, filters=KNOWN)
+
+
+def test_a_sensor_freezes_after_its_first_measurement(tmp_path: Path) -> None:
+    for when in ({"steps": [1, 30]}, {"from": 0, "to": 30}, {"to": 30}):
+        with pytest.raises(UserError, match="no measurement is before this fault"):
+            scenario(tmp_path, {"name": "a", "kind": "freeze", **when})
+    scenario(tmp_path, {"name": "a", "kind": "freeze", "steps": [2, 30]})
+    # A recorded sensor may begin later than its recording.
+    sensors = [{"kind": "scalar", "sigma": 2}, {"kind": "scalar", "sigma": 2}]
+    rows = [f"{t},{t},{t if t > 5 else ''}" for t in range(10)]
+    (tmp_path / "two.csv").write_text("\n".join(["time,1.z,2.z", *rows, ""]))
+    keys = recording(tmp_path) | {"sensor": sensors}
+    keys["target"] |= {"measurements": "two.csv"}
+    fault = {"name": "a", "kind": "freeze", "from": 4, "to": 8}
+    scenario(tmp_path, fault | {"sensor": 1}, **keys).simulate(RunStreams(1, range(1)), 1)
+    late = scenario(tmp_path, fault | {"sensor": 2}, **keys)
+    with pytest.raises(ValueError, match="freezes `z` before its first measurement"):
+        late.simulate(RunStreams(1, range(1)), 1)
+
+
+def test_faults_whose_names_have_one_crc_have_other_draws(tmp_path: Path) -> None:
+    """Of two sensors both are bad in 9 % of the steps, as of any other names."""
+    names = "plumless", "buckeroo"
+    assert len({zlib.crc32(name.encode()) for name in names}) == 1
+    half = {"kind": "outliers", "steps": [1, 100], "factor": 50, "share": 0.3}
+    sensors = [{"kind": "scalar", "sigma": 2}, {"kind": "scalar", "sigma": 2}]
+    changed = {}
+    for pair in (names, ("first", "second")):
+        faults = [{"name": n, "sensor": i, **half} for i, n in enumerate(pair, 1)]
+        faulty = scenario(tmp_path, *faults, sensor=sensors)
+        _, z = measured(faulty, 200)
+        _, clean = measured(faulty.without_faults, 200)
+        changed[pair] = z != clean
+        both = changed[pair].all(axis=0).mean()
+        assert both == pytest.approx(0.09, abs=5 * (0.09 * 0.91 / clean[0].size) ** 0.5)
+    # The fault that is listed first has the draws that it has alone.
+    alone = scenario(tmp_path, {"name": "plumless", "sensor": 1, **half}, sensor=sensors)
+    np.testing.assert_array_equal(measured(alone, 200)[1][0] != clean[0], changed[names][0])

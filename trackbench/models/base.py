@@ -154,6 +154,14 @@ def extra_std(motion: SampledMotion) -> tuple[float, ...]:
     return getattr(motion, "extra_std", ())
 
 
+def angle_rows(motion: SampledMotion) -> tuple[int, ...]:
+    """Return the rows of the state that are angles, rad: whole turns are no difference.
+
+    A motion that has angles has an attribute of this name.
+    """
+    return getattr(motion, "angle_rows", ())
+
+
 def append_noise(x: Array, std: tuple[float, ...], rng: Streams) -> Array:
     """Return states (n, *batch) with a further draw from N(0, s^2) for each s of ``std``."""
     if not std:

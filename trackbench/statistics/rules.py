@@ -144,15 +144,17 @@ def is_no_chance(number: Estimate, runs: int) -> bool:
     return abs(normal_of_t(z_score(number), max(runs - 1.0, 1.0))) > NOT_CHANCE
 
 
-def credibility(low: float, high: float, sign: int) -> str:
+def credibility(low: float, high: float, sign: int, mean: tuple[float, float] = (1.0, 1.0)) -> str:
     """Return the word on a filter from its ANEES or ANIS; empty if undecided.
 
-    It is calibrated if the 95 % interval (``low``, ``high``) is within `NEAR` of 1. Otherwise the
-    ``sign`` of a significant difference from 1 decides, by Holm at `LEVEL` over the filters of a table.
+    It is calibrated if the 95 % interval (``low``, ``high``) is within `NEAR` of ``mean``, the least
+    and the largest mean of a consistent filter. Otherwise the ``sign`` of a significant difference from
+    these decides, by Holm at `LEVEL` over the filters of a table.
     """
+    least, largest = mean
     if not isfinite(low + high):
         return ""
-    if low >= 1.0 - NEAR and high <= 1.0 + NEAR:
+    if low >= least * (1.0 - NEAR) and high <= largest * (1.0 + NEAR):
         return "calibrated"
     return {1: "overconfident", -1: "underconfident"}.get(sign, "")
 

@@ -229,34 +229,58 @@ def consistency(results: Results, candidates: Sequence[Candidate]) -> dict[Candi
     underconfident with a probability of 1 - `rules.LEVEL`.
     """
     every = {c: _normalized_squares(results, c) for c in candidates}
-    zs = [_z_of_one(values) for values in every.values()]
+    means = {c: _mean_if_consistent(results, c) for c in candidates}
+    zs = [_z_of_mean(values, means[c]) for c, values in every.items()]
     words = {}
     for (c, values), z, p in zip(every.items(), zs, rules.adjusted(zs), strict=True):
-        significant = p < rules.LEVEL
-        words[c] = _word_on(values, int(np.sign(z)) if significant else 0)
+        sign = int(np.sign(z)) if p < rules.LEVEL else 0
+        words[c] = _word_on(values, sign, means[c])
     return words
 
 
 def _normalized_squares(results: Results, candidate: Candidate) -> Array:
     """Return each run's NEES over the number of components, or ANIS: 1 if consistent; NaN left out."""
     runs = results.runs(candidate.point)
-    name = next((n for n in ("nees", "anis") if (candidate.label, n) in runs), None)
-    if name is None:
+    name = _consistency_metric(results, candidate)
+    if not name:
         return np.empty(0)
     n = results.facts(candidate.point).sizes[""] if name == "nees" else 1
     values = runs[candidate.label, name]
     return values[~np.isnan(values)] / n
 
 
-def _z_of_one(values: Array) -> float:
-    """Return z of a mean of one; NaN where the runs decide nothing, or a word of their own is shown."""
+def _consistency_metric(results: Results, candidate: Candidate) -> str:
+    """Name the metric that a filter's consistency is judged by; empty if it has none."""
+    runs = results.runs(candidate.point)
+    return next((n for n in ("nees", "anis") if (candidate.label, n) in runs), "")
+
+
+def _mean_if_consistent(results: Results, candidate: Candidate) -> tuple[float, float]:
+    """Return the least and largest mean of a consistent filter; a gate accepts small NIS only."""
+    accepted = results.facts(candidate.point).accepted_nis(candidate.label)
+    if accepted is None or _consistency_metric(results, candidate) == "nees":
+        return 1.0, 1.0
+    return accepted.mean
+
+
+def _z_of_mean(values: Array, if_consistent: tuple[float, float]) -> float:
+    """Return z of the mean of a consistent filter; NaN where the runs decide nothing.
+
+    Runs with a number that is not finite have a word of their own.
+    """
     if len(values) < 2 or not np.isfinite(values).all():
         return nan
-    return studentized(mean(values).value - 1.0, influence("mean", values))
+    least, largest = if_consistent
+    of_runs = mean(values).value
+    target = min(max(of_runs, least), largest)
+    return studentized(of_runs - target, influence("mean", values))
 
 
-def _word_on(values: Array, sign: int) -> str:
-    """Return the word on runs' normalized squares, of which the mean may differ significantly from 1."""
+def _word_on(values: Array, sign: int, if_consistent: tuple[float, float]) -> str:
+    """Return the word on runs' normalized squares.
+
+    ``sign`` is that of a significant difference of their mean from that of a consistent filter.
+    """
     if not len(values):
         return ""
     if words := collapsed_in_words(values):
@@ -265,7 +289,7 @@ def _word_on(values: Array, sign: int) -> str:
     if isinf(mean(values).value):
         return "overconfident"
     low, high = interval("mean", values)
-    return rules.credibility(low, high, sign) or ("" if isnan(low) else "undecided")
+    return rules.credibility(low, high, sign, if_consistent) or ("" if isnan(low) else "undecided")
 
 
 def _cpu_s(results: Results, c: Candidate) -> float:
