@@ -228,6 +228,7 @@ def _exemptions(tracker: AnyFilter, scenario: Scenario, why_not_linear: str) -> 
         exempt.setdefault("tracks", "is another problem than the contract's")
         if not isinstance(scenario, ModelDraws):
             exempt.setdefault("interval", exempt["tracks"])
+            exempt.setdefault("angles", exempt["tracks"])
     elif not takes_model(tracker, scenario is RADAR):
         # A filter of one run gets dt, so these checks are fair without its model.
         free = () if tracker.loops_over_runs else ("interval", "tracks")

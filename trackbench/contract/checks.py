@@ -293,6 +293,9 @@ def _check_angles(tracker: AnyFilter, scenario: Scenario) -> None:
     if not angles_of(problem):
         where = "this problem" if isinstance(scenario, ModelDraws) else "the contract's problem"
         raise LeftOutError(f"{where} has no angle; `--on CONFIG` names an experiment with one")
+    # The prior is turned as a normal distribution.
+    if needed := [name for name in tracker.all_requirements if name.startswith("prior.")]:
+        raise LeftOutError(f"needs {needed[0]}, which a turned problem has not")
     what = mistaken_angle(_of_many_particles(tracker), problem)
     if what is None:
         raise LeftOutError("no angle passes its cut, or no reference filter runs")
