@@ -1,5 +1,6 @@
 """A filter in another language: the Kalman filter of tests/programs/planar.c, and programs that fail."""
 
+import math
 import os
 import shutil
 import signal
@@ -41,6 +42,7 @@ FAULTS = {
     "covariance not propagated": "the covariance is too large",
     "process noise halved": "the covariance is too small",
     "state carried over": "does `init` set all of the state",
+    "azimuth not wrapped": "the innovation of azimuth is not wrapped",
 }
 
 
@@ -102,9 +104,38 @@ def test_it_passes_the_contract(compiled: Path) -> None:
 def test_planted_faults_are_found(compiled: Path, fault: str) -> None:
     path = compiled / str([*FAULTS].index(fault) + 1)
     tracker = external(path, q=25.0, sigma=40.0, sigma_azimuth=0.04)
-    problem = radar(at=(4000.0, 3000.0)) if fault == "degrees" else planar(sigma=40.0)
+    of_radar = fault in ("degrees", "azimuth not wrapped")
+    problem = radar(at=(4000.0, 3000.0)) if of_radar else planar(sigma=40.0)
     findings = check_filter(External, tracker, on=ModelDraws(base=problem))
     assert FAULTS[fault] in " ".join(str(f) for f in findings if f.verdict == "bad")
+
+
+def test_a_program_of_one_sensor_is_one_line_that_names_on(tmp_path: Path) -> None:
+    for first in ("print('error needs an elevation', flush=True)", "sys.exit('no elevation')"):
+        tracker = script(tmp_path, "print(good, flush=True)", first)
+        (finding,) = check_filter(External, tracker)
+        assert finding.verdict == "bad"
+        assert "elevation" in finding.why
+        assert "`--on CONFIG`" in finding.why
+    # A program that refuses the first problem is checked on another one of the contract.
+    first = "print('ready' if 'azimuth' in hello else 'error needs an azimuth', flush=True)"
+    tracker = script(tmp_path, "print(*['0.1'] * 4, flush=True)", first)
+    findings = [*check_filter(External, tracker)]
+    assert ("shapes", "good") in {finding[:2] for finding in findings}
+
+
+def test_angles_are_sent_within_half_a_turn(tmp_path: Path) -> None:
+    """Also those that noise carried over the cut, and recorded ones of any turn."""
+    answer = "print(*([fields[2]] if word == 'step' else ['0']), *['0'] * 3, flush=True)"
+    tracker, scenario = script(tmp_path, answer), radar()
+    data = simulate(scenario, 1)
+    z = data.measurements
+    z[1, :4, 0] = [math.pi + 0.01, 4.0 - 6.0 * math.pi, -math.pi, math.nan]
+    state = tracker.init(scenario.model, data.prior, new_rng())
+    sent = tracker.all_steps(scenario.model, state, z, 1).estimate.mean[0, :4, 0]
+    expected = [0.01 - math.pi, 4.0 - 2.0 * math.pi, math.pi]
+    np.testing.assert_allclose(sent[:3], expected, atol=1e-12)
+    assert z[1, 0, 0] == math.pi + 0.01
 
 
 def test_a_run_goes_on_from_any_of_its_states(compiled: Path) -> None:

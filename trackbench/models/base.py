@@ -355,6 +355,16 @@ class Scene(Part):
         return ()
 
 
+def measured_angle_rows(sensor: Sensor) -> tuple[int, ...]:
+    """Return the rows of the measured angles: a whole turn changes nothing in their innovation."""
+    n = len(sensor.components)
+    zero = np.zeros((n, n))
+    of_turn = np.diagonal(sensor.innovation(2.0 * np.pi * np.eye(n), zero))
+    of_tenth = np.diagonal(sensor.innovation(0.1 * np.eye(n), zero))
+    is_angle = np.isclose(of_turn, 0.0, atol=1e-9) & np.isclose(of_tenth, 0.1)
+    return tuple(np.flatnonzero(is_angle).tolist())
+
+
 def log_likelihood(sensor: Sensor, z: Array, x: Array, k: int) -> Array:
     """Return log p(z_k | x_k = x) (M[, N]) for measurements z (n_z, M) and states x (n_x, M[, N]).
 
