@@ -50,7 +50,7 @@ def _table(results: Results, standing: Ranking, of_settings: bool) -> TextTable:
     beside = "Below the best (nats)" if is_score else "Ratio to the best (95 %)"
     statistic = shown[0].sample.statistic if standing.runs > 1 else "rms"
     words = statistic_words(statistic, metric)
-    over = counted(standing.runs, "run") if standing.runs > 1 else "one run"
+    over = _runs_ranked(standing)
     title = f"{results.citation}: ranking" if results.citation else f"Ranking over {over}"
     title += f" by {words}"
     title += ", each filter at its best of the grid" * standing.chosen
@@ -81,6 +81,19 @@ def _table(results: Results, standing: Ranking, of_settings: bool) -> TextTable:
     if 1 < standing.runs < _FULL_BLOCK and any(row[-1].text != "–" for row in table.rows):
         table.notes.append("CPU times: a run takes less in blocks of more runs.")
     return _without_empty(results, table)
+
+
+def _runs_ranked(standing: Ranking) -> str:
+    """Count the runs of which any filter has a value or is lost, of recordings those with a truth."""
+    if standing.runs <= 1:
+        return "one run"
+    ranked = np.zeros(standing.runs, dtype=np.bool_)
+    for candidate in (*standing.order, *standing.losing):
+        values = candidate.sample.values
+        ranked[: len(values)] |= np.isfinite(values) | (candidate.lost[: len(values)] > 0)
+    count = int(ranked.sum())
+    every = counted(standing.runs, "run")
+    return every if count in (0, standing.runs) else f"{count} of {every}"
 
 
 def _insert(rows: list[list[Text]], row: list[Text], is_score: bool) -> None:
