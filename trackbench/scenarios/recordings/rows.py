@@ -27,13 +27,29 @@ from trackbench.scenarios.recordings.column_mapping import (
     Frame,
     Naming,
 )
+from trackbench.scenarios.recordings.column_names import columns_of, words_of
+from trackbench.scenarios.recordings.csv_lines import is_value
 from trackbench.scenarios.recordings.csv_tables import Table
+from trackbench.scenarios.recordings.mixtures import (
+    MOST_WORDS,
+    Split,
+    as_positions,
+    is_regular,
+    may_split,
+    role_of,
+    split_by,
+)
 
 TICK = 1e-6
 """s: times that are nearer to each other are one"""
 _LATEST = 1e12
 """s: beyond are no times, and ticks would not fit into their numbers"""
 _MOST_MISTAKES = 20
+_MOST_WORDS_SHOWN = 8
+_MOST_NUMBERS = 12
+"""values of a column of numbers that may name targets though its own name does not say so"""
+_UTC = frozenset(("utc", "gmt", "zulu"))
+"""Words in the name of a column whose dates need no zone of their own."""
 _NEAR_ORIGIN = 5e4
 """m: an origin within is not asked whether its numbers are exchanged"""
 Numbers = NDArray[np.integer[Any]]
@@ -69,8 +85,9 @@ class Gathered:
     """Common properties of the files, collected while they are read.
 
     Times are numbers of steps (``stepped``), or seconds, of dates (``dated``) after the first of them.
-    The first file (``clock_of``) says which. ``has_delays``: a column has the times at which rows were
-    received. ``unavailable`` counts cells with codes of "not available".
+    The first file (``clock_of``) says which; ``says_utc`` if its column's name has the zone.
+    ``has_delays``: a column has the times at which rows were received.
+    ``unavailable`` counts cells with codes of "not available".
     ``geodetic`` is the first file with latitude and longitude, and ``planar`` the first one with another
     quantity that depends on the position (``in_frame``). ``origin`` is given by the config's key
     ``origin_key``, or the first position of the ``chosen`` runs (default: of all); ``own_origins`` are
@@ -92,6 +109,7 @@ class Gathered:
     since: float | None = None
     stepped: bool = False
     dated: str = ""
+    says_utc: bool = False
     clock_of: str = ""
     has_delays: bool = False
     unavailable: Counter[str] = field(default_factory=Counter)
@@ -120,11 +138,15 @@ class Gathered:
     def timed(self, columns: Columns, table: Table, clock: str) -> Array:
         """Read times of a table's rows; all tables have clocks of one kind."""
         stepped = columns.contents[clock] == "step"
+        # Dates without a zone are in UTC, and go with those that have one if the column says UTC.
+        says_utc = table.dated == "date" and not _UTC.isdisjoint(words_of(clock))
         # The first file decides which clock all files have.
         if self.since is None:
             self.stepped, self.dated, self.clock_of = stepped, table.dated, columns.path
             self.since = float(table.columns[clock].min()) if table.dated else 0.0
-        if (stepped, table.dated) != (self.stepped, self.dated):
+            self.says_utc = says_utc
+        has_same_zone = bool(self.dated and table.dated) and (says_utc or self.says_utc)
+        if (stepped, table.dated) != (self.stepped, self.dated) and not has_same_zone:
             mine, first = _clock(stepped, table.dated), _clock(self.stepped, self.dated)
             what = (
                 f"its column {clock} has {mine}, and that of {self.clock_of} {first}: use one kind"
@@ -249,6 +271,7 @@ def _rows_of_file(
     run = columns.take("run", "label")
     which = columns.take("sensor", "label")
     several = columns.take_unnamed_runs() if run is None else None
+    labels = _possible_labels(columns)
     # Step 2: read them; times become seconds.
     table = columns.read()
     gathered.unavailable += columns.unavailable
@@ -290,6 +313,10 @@ def _rows_of_file(
     if columns.is_geodetic:
         places, frames = _frames_of_runs(gathered, columns, table, runs)
     quantities = columns.quantities(table, places, frames, runs)
+    for label in labels:
+        for components, of_sensor in zip(sensors, rows_by_sensor, strict=True):
+            part = {c: quantities[c][of_sensor] for c in components}
+            _check_label(columns, table, label, part, (runs[of_sensor], time[of_sensor]), of_sensor)
     files = np.full(len(time), len(gathered.files), dtype=np.int32)
     gathered.files.append(path)
     out = []
@@ -299,6 +326,83 @@ def _rows_of_file(
         rows = Rows(runs, time, values, files, table.lines, received)
         out.append(rows if isinstance(of_sensor, slice) else rows.at(of_sensor))
     return out
+
+
+class MixedRowsError(DataError):
+    """Rows of several targets or sensors, which a column names, would be those of one."""
+
+    def __init__(self, place: Place, column: str, role: str, split: Split) -> None:
+        super().__init__(place)
+        self.column, self.role, self.split = column, role, split
+
+
+def _possible_labels(columns: Columns) -> list[str]:
+    """Note and list the unused columns that may name the target or the sensor of each row."""
+    named = columns.naming.columns
+    if named.get("run") == "" or named.get("sensor") == "":
+        return []  # the config says that they are mixed
+    labels = []
+    quantities = columns_of(columns.names)
+    measured = {c.column for name, c in quantities.items() if name not in ("run", "sensor")}
+    for name, cells in columns.first_cells.items():
+        role = role_of(name)
+        if role == "quality" or (role == "" and (name in measured or _are_many_numbers(cells))):
+            continue
+        # Rows may be sorted by target: then the first of them name one alone.
+        has_words = may_split(cells) or (role != "" and len({*cells}) <= MOST_WORDS)
+        if has_words and columns.take_words(name):
+            labels.append(name)
+    return labels
+
+
+def _are_many_numbers(cells: Sequence[str]) -> bool:
+    """Test whether cells are numbers of so many values that they may be measured ones."""
+    words = {*cells} - {""}
+    return len(words) > _MOST_NUMBERS and all(map(is_value, words))
+
+
+def _check_label(
+    columns: Columns,
+    table: Table,
+    label: str,
+    quantities: Mapping[str, Array],
+    clock: tuple[Numbers, Array],
+    of_sensor: Numbers | slice,
+) -> None:
+    """Raise MixedRowsError if a column's words split the rows of the longest run of a sensor.
+
+    A column whose name says that it names targets or sensors may do so unless the rows agree as one;
+    any other column must show it.
+    """
+    runs, time = clock
+    codes, words = table.columns[label][of_sensor], table.words[label]
+    if not len(runs):
+        return
+    empty = words.index("") if "" in words else -1
+    is_longest = (runs == np.bincount(runs).argmax()) & (codes != empty)
+    rows = np.flatnonzero(is_longest)
+    found, counts = np.unique(codes[rows], return_counts=True)
+    values = as_positions({name: values[rows] for name, values in quantities.items()})
+    repeated = 2 <= len(found) <= MOST_WORDS and len(rows) >= 2 * len(found)
+    if not (repeated and len(values) and (counts > 1).sum() > 1):
+        return
+    role, split = role_of(label), split_by(codes[rows], time[rows], values)
+    is_mixed = split == "apart" or (split == "errors" and is_regular(codes[rows], time[rows]))
+    if role:
+        is_mixed = split != "one"
+    if not is_mixed:
+        return
+    shown = ", ".join(words[code] for code in found[:_MOST_WORDS_SHOWN].tolist())
+    more = ", ..." if len(found) > _MOST_WORDS_SHOWN else ""
+    what = (
+        f"column {label} has {len(found)} values ({shown}{more}), which would be one run and sensor"
+    )
+    if split in ("apart", "errors"):
+        what += "; the rows of each agree with themselves better than with the others"
+    way = f"say `columns: {{run: {label}}}` for a run each, `columns: {{sensor: {label}}}` for a sensor"
+    mix = "run" if columns.column("run") is None else "sensor"
+    way += f' each, or `columns: {{{mix}: ""}}` to mix them'
+    raise MixedRowsError(Place(columns.path, 1, 1, f"{what}: {way}"), label, role, split)
 
 
 def _frames_of_runs(
