@@ -197,6 +197,19 @@ def test_distances_from_the_origin(tmp_path: Path) -> None:
     assert " km from the first position (m.csv:2), the origin; a plane serves for 2000 km" in line
 
 
+def test_velocities_without_places_are_not_rotated(tmp_path: Path) -> None:
+    rows = [*PATH, (400.0, 51.0, 4.0)]
+    (tmp_path / "m.csv").write_text(table("time,latitude,longitude", *zip(*rows, strict=True)))
+    (tmp_path / "v.csv").write_text(table("time,vx,vy", [10, 20], [1, 2], [3, 4]))
+    path = config(tmp_path, {"measurements": ["m.csv", "v.csv"]}, sensor=BOTH)
+    np.testing.assert_array_equal(measured(path)[2:, 1:3], [[1, 2], [3, 4]])
+    (note,) = load(path).points[0].scenario.cautions
+    # 2 deg sin(51) = 1.55 deg.
+    assert note.endswith(
+        "not rotated: north at the target differs from that of the origin by up to 1.6 deg"
+    )
+
+
 def test_longitudes_from_0_to_360(tmp_path: Path) -> None:
     rows = [(t, p, q - 2.05) for t, p, q in PATH]
     (tmp_path / "m.csv").write_text(table("time,latitude,longitude", *zip(*rows, strict=True)))

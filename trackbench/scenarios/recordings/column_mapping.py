@@ -400,6 +400,13 @@ class Columns:
         """True if positions or velocities depend on latitude and longitude."""
         return any("latitude" in sources for sources in self._of.values())
 
+    @property
+    def has_velocities_alone(self) -> bool:
+        """True if the table has velocities along x and y, and no positions."""
+        own = {plain_name(name) for name, sources in self._of.items() if sources}
+        has_own_place = any(self.column(name) is not None for name in ("x", "y"))
+        return bool(own & {"vx", "vy"}) and not has_own_place
+
     def of_columns(self, names: Collection[str]) -> str:
         """Find the first of these quantities that has a column of its own; empty without one."""
         return next(

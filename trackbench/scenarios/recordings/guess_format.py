@@ -194,7 +194,9 @@ def _recognized_columns(path: str, given: Naming) -> Guess:
 def _measured(path: str, naming: Naming, why: dict[str, str], sensors: list[SensorGuess]) -> Guess:
     """Add what all rows show to the guess: runs, errors, speed, and further units."""
     # Errors and speeds are those of the mirror image, too, whatever the unit of angles.
-    gathered, units, columns = Gathered(replace(naming, clockwise=())), naming.units, naming.columns
+    # A row far from the others in any of the runs is reported when its run is read.
+    gathered = Gathered(replace(naming, clockwise=()), refuses_far_rows=False)
+    units, columns = naming.units, naming.columns
     by_name = [sensor.name for sensor in sensors] if columns.get("sensor") else []
     wanted = [sensor.quantities for sensor in sensors]
     velocity = _VELOCITY if wanted == [_PLACE] and not by_name and _has_velocity(columns) else ()

@@ -91,7 +91,8 @@ class Gathered:
     ``geodetic`` is the first file with latitude and longitude, and ``planar`` the first one with another
     quantity that depends on the position (``in_frame``). ``origin`` is given by the config's key
     ``origin_key``, or the first position of the ``chosen`` runs (default: of all); ``own_origins`` are
-    those of runs far from it. Heights count for a target ``in_space``.
+    those of ``far_runs``. ``not_rotated`` is a file of velocities without places. Heights count for a
+    target ``in_space``.
     """
 
     naming: Naming
@@ -102,6 +103,9 @@ class Gathered:
     chosen: Collection[str] = ()
     own_origins: dict[str, tuple[float, ...]] = field(default_factory=dict)
     placed_runs: set[str] = field(default_factory=set)
+    far_runs: list[str] = field(default_factory=list)
+    refuses_far_rows: bool = True
+    not_rotated: str = ""
     first_position: str = ""
     largest_distance: float = 0.0
     geodetic: str = ""
@@ -179,15 +183,27 @@ class Gathered:
         """Look up the numbers of those of these runs that the files have."""
         return np.array([i for i, name in enumerate(self.runs) if name in names], dtype=np.int32)
 
-    def note_distance(self) -> None:
-        """Add a note if the plane shortens distances, because positions lie far from the origin."""
-        if self.largest_distance <= FAR:
-            return
-        # The plane shortens a way that leads away from the origin by the share 1 - cos(d / R).
-        share = 1.0 - np.cos(self.largest_distance / SEMI_MAJOR_AXIS)
-        what = f"positions lie up to {_kilometers(self.largest_distance)} from the origin"
-        why = f"where the tangent plane shortens distances by {100.0 * share:.2g} %"
-        self.notices.append(f"{what}, {why}: an `origin` in their middle halves the distance")
+    def note_distances(self) -> None:
+        """Add notes on runs with an origin of their own, and on positions far from their origin."""
+        if self.far_runs:
+            shown = ", ".join(self.far_runs[:_MOST_WORDS_SHOWN])
+            shown += ", ..." if len(self.far_runs) > _MOST_WORDS_SHOWN else ""
+            what = f"runs that begin far from the first position that is read: {shown}"
+            self.notices.append(f"{what}; x and y of each count from its own first position")
+        distance = self.largest_distance
+        if distance > FAR:
+            # The plane shortens a way that leads away from the origin by the share 1 - cos(d / R).
+            share = 1.0 - np.cos(distance / SEMI_MAJOR_AXIS)
+            what = f"positions lie up to {_kilometers(distance)} from the origin"
+            why = f"where the tangent plane shortens distances by {100.0 * share:.2g} %"
+            self.notices.append(f"{what}, {why}: an `origin` in their middle halves the distance")
+        if self.not_rotated and self.origin is not None and distance > _NEAR_ORIGIN:
+            # Meridians converge by (d / R) tan(phi) on a way to the east.
+            slope = np.tan(np.deg2rad(min(abs(self.origin[0]), 89.0)))
+            turn = np.rad2deg(distance / SEMI_MAJOR_AXIS * slope)
+            what = f"{self.not_rotated} has velocities without latitude and longitude"
+            why = f"north at the target differs from that of the origin by up to {turn:.2g} deg"
+            self.notices.append(f"{what}, which are not rotated: {why}")
 
 
 def _clock(stepped: bool, dated: str) -> str:
@@ -284,6 +300,8 @@ def _rows_of_file(
         received = _received(gathered, columns, table, arrival, time)
     if columns.is_geodetic:
         gathered.geodetic = gathered.geodetic or path
+    elif columns.has_velocities_alone:
+        gathered.not_rotated = gathered.not_rotated or path
     if beside := columns.of_columns(gathered.in_frame):
         gathered.planar = gathered.planar or f"{path} has {beside}"
     # Step 3: number the runs; a file without their names is one run.
@@ -436,8 +454,7 @@ def _frames_of_runs(
         for name, row, distance in zip(names, begins.tolist(), away.tolist(), strict=True):
             if name not in gathered.placed_runs and distance > FAR:
                 gathered.own_origins[name] = _origin_at(places, row)
-                what = f"run {name} begins {_kilometers(distance)} from the first position that is read"
-                gathered.notices.append(f"{what}: its x and y count from its own first position")
+                gathered.far_runs.append(f"{name} by {_kilometers(distance)}")
             gathered.placed_runs.add(name)
     # Step 3: the rows of each origin, and how far from it they lie.
     own = [
@@ -487,7 +504,7 @@ def _check_distances(
             way = hint or f"{limit}: write latitude and longitude of a point near the positions"
             raise InvalidKeyError(f"{what}; {way}", *gathered.origin_key)
     too_far = np.flatnonzero(away > MOST_DISTANCE)
-    if len(too_far):
+    if len(too_far) and gathered.refuses_far_rows:
         row = int(known[too_far[0]])
         of = (
             "`origin`"

@@ -229,7 +229,7 @@ class Measured(FromFiles, Naming, Target):
             later, steps = truth[:, 1:], clock.steps[1:]
             gathered.notices += contradictions(sensor, self.components, later, measurements, steps)
         gathered.check_origin(origin, *path)
-        gathered.note_distance()
+        gathered.note_distances()
         apart = np.full(len(gathered.runs), np.nan) if start is None else start.apart
         notices = tuple(dict.fromkeys(gathered.notices))
         clock = with_scans(clock, gathered, scans, apart)
