@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.scenarios.test_clocks import config, table, tracked
+from trackbench import api
 from trackbench.config.load import load
 from trackbench.errors import UserError
 
@@ -149,10 +150,8 @@ def test_a_run_far_from_the_others_has_its_own_origin(tmp_path: Path) -> None:
         found = scenario.target._recording.truth[0::2, :, run]
         np.testing.assert_allclose(found, expected, atol=1e-3)
     (note,) = scenario.cautions
-    assert note.startswith("run B begins 4")
-    assert note.endswith(
-        " km from the first position that is read: its x and y count from its own first position"
-    )
+    assert note.startswith("runs that begin far from the first position that is read: B by 4")
+    assert note.endswith(" km; x and y of each count from its own first position")
     # A truth without runs is in one place only.
     (tmp_path / "truth.csv").write_text(text.replace("run,", "label,").split("B")[0])
     line = refused(path)
@@ -286,3 +285,14 @@ def test_runs_without_a_truth(tmp_path: Path) -> None:
     tracked(path)
     (tmp_path / "truth.csv").write_text(TRUTH.format("B", "B").replace("01", "A"))
     assert "has no run 01, 02; there are A, B: give runs one name in both files" in refused(path)
+
+
+def test_the_ranking_counts_the_runs_with_a_truth(tmp_path: Path) -> None:
+    rows = [[run, t, t + run, 2 * t] for run in range(4) for t in range(12)]
+    (tmp_path / "m.csv").write_text(table("run,time,x,y", *zip(*rows, strict=True)))
+    rows = [[*row[:2], row[2] + 0.1 * row[0] ** 2, row[3]] for row in rows if row[0] in (1, 3)]
+    (tmp_path / "truth.csv").write_text(table("run,time,px,py", *zip(*rows, strict=True)))
+    path = config(tmp_path, {"measurements": "m.csv", "truth": "truth.csv"})
+    report = api.run(path, out=tmp_path / "out", workers=1, quiet=True, formats=())
+    (ranking,) = report.ranking()
+    assert ranking.title.startswith("Ranking over 2 of 4 runs by position RMSE")
