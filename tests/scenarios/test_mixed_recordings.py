@@ -120,6 +120,21 @@ def test_targets_at_the_same_times(tmp_path: Path) -> None:
     assert guess.runs == [("A", 60), ("B", 60)]
 
 
+def test_many_targets(tmp_path: Path) -> None:
+    """Also if the rows are sorted by their names."""
+    ships = np.arange(N) % 40
+    values = LINE[:, ships] + 500.0 * ships + NOISE
+    write(tmp_path, "vessel name", [f"ship {ship}" for ship in ships], values, T // 40)
+    line = refused(config(tmp_path, {"measurements": "m.csv"}))
+    assert "column vessel name has 40 values (ship 0, ship 1, ship 2, ship 3, ship 4, " in line
+    times = np.concatenate([np.arange(1200.0)] * 2)
+    words = np.repeat(WORDS, 1200)
+    values = np.stack([np.where(words == "A", times, 900.0 - times), 0.1 * times])
+    write(tmp_path, "drone", words, values, times)
+    line = refused(config(tmp_path, {"measurements": "m.csv"}))
+    assert "column drone has 2 values (A, B)" in line
+
+
 def test_sensors_that_lie_apart_are_a_question(tmp_path: Path) -> None:
     write(tmp_path, "provider", WORDS[TURNS], LINE + 80.0 * TURNS + NOISE)
     done = trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path)

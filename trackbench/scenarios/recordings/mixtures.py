@@ -8,12 +8,18 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.scenarios.recordings.column_names import words_of
+from trackbench.scenarios.recordings.csv_lines import is_value
 
 Split = Literal["apart", "errors", "one", "unknown"]
 """Parts are apart, have errors of different sizes, agree as one, or cannot be compared."""
 
-MOST_WORDS = 50
+_MOST_WORDS = 50
+"""of a column whose name says nothing"""
+_MOST_PARTS = 12
+"""that are compared, the largest"""
 _MOST_ROWS = 20_000
+_MOST_NUMBERS = 12
+"""values of a column of numbers that may name targets though its own name does not say so"""
 _FEWEST = 8
 """rows of a part that can be compared with another part"""
 _APART = 4.0
@@ -37,14 +43,16 @@ _QUALITY = _word_set(
 )
 """Words in the names of columns that say how good a row is, not whose it is."""
 _SENSORS = _word_set(
-    "sensor source src provider device radar station receiver tracker camera lidar antenna instrument"
+    "sensor source src provider device radar station receiver tracker camera lidar antenna instrument "
+    "quelle fuente fonte bron kilde capteur sensore geber"
 )
 _PLACES = _word_set("anchor beacon landmark marker tower reflector")
 """Words for things at places of their own."""
 _TARGETS = _word_set(
     "mmsi icao icao24 hex callsign flight tail vessel ship boat vehicle car truck bus drone uav "
     "aircraft plane robot object target track trackid objectid person player animal bird "
-    "individual agent tag pedestrian bike rider runner"
+    "individual agent tag pedestrian bike rider runner schiff boot fahrzeug flugzeug navire bateau "
+    "avion buque barco nave skib schip vliegtuig"
 )
 
 
@@ -61,12 +69,22 @@ def role_of(name: str) -> Literal["quality", "sensor", "place", "target", ""]:
     return "target" if words & _TARGETS else ""
 
 
-def may_split(cells: Sequence[str]) -> bool:
-    """Test whether a column's cells are few words that are repeated, and not measured numbers."""
+def may_split(name: str, cells: Sequence[str]) -> bool:
+    """Test whether a column's first cells are words that are repeated, and not measured numbers.
+
+    Rows may be sorted by target, so that the first of them name one alone: the name must say so then.
+    """
     words = {cell for cell in cells if cell}
-    if not 2 <= len(words) <= MOST_WORDS or len(cells) < 2 * len(words):
+    role = role_of(name)
+    if role == "quality" or any(
+        re.fullmatch(r"[-+]?\d*[.,]\d+([eE][-+]?\d+)?", word) for word in words
+    ):
         return False
-    return not any(re.fullmatch(r"[-+]?\d*[.,]\d+([eE][-+]?\d+)?", word) for word in words)
+    if role:
+        return 0 < len(words) < len(cells)
+    if not 2 <= len(words) <= _MOST_WORDS or len(cells) < 2 * len(words):
+        return False
+    return len(words) <= _MOST_NUMBERS or not all(map(is_value, words))
 
 
 def split_by(codes: Index, time: Array, values: Array) -> Split:
@@ -74,7 +92,9 @@ def split_by(codes: Index, time: Array, values: Array) -> Split:
     whole = np.flatnonzero(np.isfinite(values).all(axis=0))[:_MOST_ROWS]
     order = whole[np.argsort(time[whole], kind="stable")]
     time, values, codes = time[order], values[:, order], codes[order]
-    parts = [np.flatnonzero(codes == code) for code in np.unique(codes).tolist()]
+    found, counts = np.unique(codes, return_counts=True)
+    largest = found[np.argsort(-counts, kind="stable")][:_MOST_PARTS]
+    parts = [np.flatnonzero(codes == code) for code in largest.tolist()]
     parts = [part for part in parts if len(part) >= 3]
     if len(parts) < 2:
         return "unknown"

@@ -28,10 +28,8 @@ from trackbench.scenarios.recordings.column_mapping import (
     Naming,
 )
 from trackbench.scenarios.recordings.column_names import columns_of, words_of
-from trackbench.scenarios.recordings.csv_lines import is_value
 from trackbench.scenarios.recordings.csv_tables import Table
 from trackbench.scenarios.recordings.mixtures import (
-    MOST_WORDS,
     Split,
     as_positions,
     is_regular,
@@ -46,8 +44,6 @@ _LATEST = 1e12
 """s: beyond are no times, and ticks would not fit into their numbers"""
 _MOST_MISTAKES = 20
 _MOST_WORDS_SHOWN = 8
-_MOST_NUMBERS = 12
-"""values of a column of numbers that may name targets though its own name does not say so"""
 _UTC = frozenset(("utc", "gmt", "zulu"))
 """Words in the name of a column whose dates need no zone of their own."""
 _NEAR_ORIGIN = 5e4
@@ -363,20 +359,10 @@ def _possible_labels(columns: Columns) -> list[str]:
     quantities = columns_of(columns.names)
     measured = {c.column for name, c in quantities.items() if name not in ("run", "sensor")}
     for name, cells in columns.first_cells.items():
-        role = role_of(name)
-        if role == "quality" or (role == "" and (name in measured or _are_many_numbers(cells))):
-            continue
-        # Rows may be sorted by target: then the first of them name one alone.
-        has_words = may_split(cells) or (role != "" and len({*cells}) <= MOST_WORDS)
-        if has_words and columns.take_words(name):
+        is_measured = name in measured and not role_of(name)
+        if not is_measured and may_split(name, cells) and columns.take_words(name):
             labels.append(name)
     return labels
-
-
-def _are_many_numbers(cells: Sequence[str]) -> bool:
-    """Test whether cells are numbers of so many values that they may be measured ones."""
-    words = {*cells} - {""}
-    return len(words) > _MOST_NUMBERS and all(map(is_value, words))
 
 
 def _check_label(
@@ -401,8 +387,8 @@ def _check_label(
     rows = np.flatnonzero(is_longest)
     found, counts = np.unique(codes[rows], return_counts=True)
     values = as_positions({name: values[rows] for name, values in quantities.items()})
-    repeated = 2 <= len(found) <= MOST_WORDS and len(rows) >= 2 * len(found)
-    if not (repeated and len(values) and (counts > 1).sum() > 1):
+    is_repeated = len(found) >= 2 and len(rows) >= 2 * len(found) and (counts > 1).sum() > 1
+    if not (is_repeated and len(values)):
         return
     role, split = role_of(label), split_by(codes[rows], time[rows], values)
     is_mixed = split == "apart" or (split == "errors" and is_regular(codes[rows], time[rows]))
