@@ -124,8 +124,31 @@ def earth_centered(place: Geodetic) -> Array:
 def east_north_up(places: Geodetic, origin: Geodetic) -> Array:
     """Convert to positions (3, R), m, in the local plane of the origin (Groves 2013, 2.5.2)."""
     at = Geodetic(*(np.asarray([part], dtype=float) for part in origin))
-    dx, dy, dz = earth_centered(places) - earth_centered(at)
+    return _local_axes(earth_centered(places) - earth_centered(at), at)
+
+
+def rotate_east_north_up(vectors: Array, places: Geodetic, origin: Geodetic) -> Array:
+    """Rotate vectors (3, R) from the local axes at their places to those at the origin.
+
+    The two norths differ by the convergence of the meridians, about ``d_lambda sin(phi)``: half a degree
+    after 50 km eastwards at 50 deg N. ``C = C_e^o C_p^e`` of the place p, the Earth e and the origin o
+    (Groves 2013, eq. 2.150).
+    """
+    east, north, up = vectors
+    (c, s), (cos_lon, sin_lon) = cos_sin(places.latitude), cos_sin(places.longitude)
+    # Tilt by the latitude, then turn about the Earth's axis into the meridian of longitude zero.
+    outward = c * up - s * north
+    along_axis = c * north + s * up
+    earth = np.stack(
+        [cos_lon * outward - sin_lon * east, sin_lon * outward + cos_lon * east, along_axis]
+    )
+    return _local_axes(earth, Geodetic(*(np.asarray([part], dtype=float) for part in origin)))
+
+
+def _local_axes(vectors: Array, at: Geodetic) -> Array:
+    """Rotate vectors (3, R) from axes fixed to the Earth to east, north and up at a place."""
+    dx, dy, dz = vectors
     (c, s), (cos_lon, sin_lon) = cos_sin(at.latitude), cos_sin(at.longitude)
-    # Turn about the Earth's axis into the origin's meridian, then tilt by its latitude.
+    # Turn about the Earth's axis into the place's meridian, then tilt by its latitude.
     outward = cos_lon * dx + sin_lon * dy
     return np.stack([cos_lon * dy - sin_lon * dx, c * dz - s * outward, c * outward + s * dz])

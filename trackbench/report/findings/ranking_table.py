@@ -55,7 +55,7 @@ def _table(results: Results, standing: Ranking, of_settings: bool) -> TextTable:
     beside = "Below the best (nats)" if is_score else "Ratio to the best (95 %)"
     statistic = shown[0].sample.statistic if standing.runs > 1 else "rms"
     words = statistic_words(statistic, metric)
-    over = counted(standing.runs, "run") if standing.runs > 1 else "one run"
+    over = _runs_ranked(standing)
     title = f"{results.citation}: ranking" if results.citation else f"Ranking over {over}"
     title += f" by {words}"
     title += ", each filter at its best of the grid" * standing.chosen
@@ -103,6 +103,19 @@ def _far_from_best(standing: Ranking) -> list[str]:
         return []
     limit = _FAR * standing.order[0].overall.value
     return [c.name for c in standing.order if not c.losses and c.overall.value > limit > 0.0]
+
+
+def _runs_ranked(standing: Ranking) -> str:
+    """Count the runs of which any filter has a value or is lost, of recordings those with a truth."""
+    if standing.runs <= 1:
+        return "one run"
+    ranked = np.zeros(standing.runs, dtype=np.bool_)
+    for candidate in (*standing.order, *standing.losing):
+        values = candidate.sample.values
+        ranked[: len(values)] |= np.isfinite(values) | (candidate.lost[: len(values)] > 0)
+    count = int(ranked.sum())
+    every = counted(standing.runs, "run")
+    return every if count in (0, standing.runs) else f"{count} of {every}"
 
 
 def _insert(rows: list[list[Text]], row: list[Text], is_score: bool) -> None:

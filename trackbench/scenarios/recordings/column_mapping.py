@@ -4,23 +4,35 @@ import re
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import chain
 from math import inf, pi
 from typing import Literal, NamedTuple
 
 import numpy as np
 
-from trackbench.core.arrays import Array
-from trackbench.core.conversions import Geodetic, east_north_up
+from trackbench.core.angles import wrap_angle
+from trackbench.core.arrays import Array, Index, Mask
+from trackbench.core.conversions import (
+    Geodetic,
+    east_north_up,
+    rotate_east_north_up,
+)
 from trackbench.core.elementary import cos_sin
 from trackbench.field_types import DataError, Finite, InvalidKeyError, Place
 from trackbench.scenarios.recordings.csv_lines import TextFormat
-from trackbench.scenarios.recordings.csv_tables import Content, Table, header, read_table
+from trackbench.scenarios.recordings.csv_tables import (
+    Content,
+    Table,
+    first_rows,
+    header,
+    read_table,
+)
 
 _DEGREES = 180.0 / pi
 _LIMITS = {
     "latitude": (-90.0, 90.0, _DEGREES, "deg"),
-    "longitude": (-180.0, 180.0, _DEGREES, "deg"),
+    "longitude": (-180.0, 360.0, _DEGREES, "deg"),
     "course": (-360.0, 360.0, _DEGREES, "deg"),
     "range": (0.0, inf, 1.0, "m"),
     "speed": (0.0, inf, 1.0, "m/s"),
@@ -123,14 +135,27 @@ _DIMENSION_OF = {
     **dict.fromkeys(("latitude", "longitude", "course", "azimuth", "elevation"), "angle"),
 }
 """Dimension of each quantity; that of a plugin's own quantities may be any."""
-KEYS = ("run", "time", "step", "sensor", "date", "received")
+KEYS = ("run", "time", "step", "sensor", "date", "received", "north_south", "east_west")
 """What a row may say beside its quantities."""
+HEMISPHERES = {
+    "latitude": ("north_south", ("n", "north", "nord", "norte"), ("s", "south", "sud", "sur")),
+    "longitude": ("east_west", ("e", "east", "est", "ost", "este"), ("w", "west", "ouest")),
+}
+"""Key of the column of a coordinate's hemisphere, and its words for positive and negative ones."""
+MOST_DISTANCE = 2e6
+"""m from the origin; a plane there shortens distances along the way by 5 %"""
+FAR = 3e5
+"""m from the origin, beyond which a note says by how much the plane shortens distances; 0.1 %"""
 _OBJECTS = ("mmsi", "icao24", "icao", "callsign", "trackid", "vessel", "object")
 """Columns that name what moves."""
 GEODETIC = ("latitude", "longitude", "altitude")
 COURSE = ("speed", "course")
 _DEFAULT_UNITS = {"latitude": "deg", "longitude": "deg", "course": "deg"}
 _PLANE = ("x", "y", "z")
+_VELOCITY = ("vx", "vy", "vz")
+_NO_ANGLES = (*_PLANE, *_VELOCITY, *GEODETIC, "range", "range_rate", "speed", "course")
+_ROUNDING = 1e-6
+_SAMPLE = 1000  # rows that show which columns hold words
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -139,13 +164,17 @@ class Naming:
 
     columns: dict[str, str] = field(default_factory=dict)
     """names of columns, where they differ: {x: east_m, time: t}; latitude and longitude stand for x
-    and y (altitude for z), speed and course for vx and vy"""
+    and y (altitude for z), north_south and east_west for their hemispheres if they have no signs, speed
+    and course for vx and vy"""
     units: dict[str, str] = field(default_factory=dict)
     """units that are not SI: {x: km, speed: kn, azimuth: deg}; latitude, longitude and course are in
     degrees unless they are said to be in rad, or in degE7, whole numbers of 1e-7 deg"""
     origin: tuple[Finite, ...] = ()
     """latitude and longitude (deg), perhaps height (m), of the point from which x counts east and y
-    north; default: the first position"""
+    north; default: the first position that is read, for a run far from it that run's own first one"""
+    clockwise: tuple[str, ...] = ()
+    """measured angles that count clockwise from north, as those of radars and compasses do: [azimuth];
+    default: an azimuth counts from x to y. A course always is clockwise"""
     time_format: str = ""
     """form of dates that are not in ISO 8601, as strptime has it: "%d/%m/%Y %H:%M:%S"; a column `date`
     stands before a time of day"""
@@ -178,6 +207,13 @@ class Naming:
                 if key not in known:
                     what = f"there is no {key}; known: {', '.join(known)}"
                     raise InvalidKeyError(what, *within, part, key)
+        for i, name in enumerate(self.clockwise):
+            if name in components and plain_name(name) not in _NO_ANGLES:
+                continue
+            what = f"{name!r} is no angle that is measured here; there are {', '.join(components)}"
+            if name == "course":
+                what = "a course always counts clockwise from north; leave it out"
+            raise InvalidKeyError(what, *within, "clockwise", i)
         for key, unit in self.units.items():
             mistake = _mistaken_unit(key, unit, is_scalar=not {"px", "vx"} & {*components})
             if mistake is not None:
@@ -185,44 +221,90 @@ class Naming:
 
     def called(self, name: str, names: Sequence[str]) -> str | None:
         """Find the column of a quantity among ``names``; the second sensor's 2.x falls back to x."""
-        for key in dict.fromkeys((name, name.rpartition(".")[2], _plain(name))):
+        for key in dict.fromkeys((name, name.rpartition(".")[2], plain_name(name))):
             if self.columns.get(key, key) in names:
                 return self.columns.get(key, key)
         return None
 
+    def is_clockwise(self, name: str) -> bool:
+        """Test whether a quantity is an angle clockwise from north."""
+        return name in self.clockwise or plain_name(name) in self.clockwise
+
     def scale(self, name: str) -> float:
         """Look up the factor from a quantity's unit to SI."""
-        plain = _plain(name)
+        plain = plain_name(name)
         unit = self.units.get(name) or self.units.get(plain) or _DEFAULT_UNITS.get(plain)
         return 1.0 if unit is None else UNITS[unit]
 
 
 def is_unit_of(quantity: str, unit: str) -> bool:
     """Test whether a unit is one of the quantity's dimension."""
-    return unit in _DIMENSIONS.get(_DIMENSION_OF.get(_plain(quantity), ""), ())
+    return unit in _DIMENSIONS.get(_DIMENSION_OF.get(plain_name(quantity), ""), ())
 
 
 def _mistaken_unit(key: str, unit: str, is_scalar: bool) -> str | None:
     """Explain why a quantity cannot have this unit. A scalar's x and z may have any."""
     if key in KEYS and key != "time":
         return f"a {key} has no unit: leave it out"
-    dimension = None if is_scalar and key in ("x", "z") else _DIMENSION_OF.get(_plain(key))
+    dimension = None if is_scalar and key in ("x", "z") else _DIMENSION_OF.get(plain_name(key))
     if dimension is None or unit in _DIMENSIONS[dimension]:
         return None
     allowed = ", ".join(_DIMENSIONS[dimension])
     return f"{unit!r} is not a unit of {dimension}, which {key} has; allowed: {allowed}"
 
 
+class _HemisphereColumn(NamedTuple):
+    """A column of hemispheres, and whether the config names it."""
+
+    column: str
+    is_named: bool
+
+
+class Frame(NamedTuple):
+    """Rows of a table whose positions count from one origin: latitude and longitude, deg, and height."""
+
+    origin: tuple[float, ...]
+    rows: Index
+
+    @property
+    def place(self) -> Geodetic:
+        """Origin in rad and m."""
+        latitude, longitude, height = (*self.origin, 0.0)[:3]
+        return Geodetic(*map(np.asarray, (latitude * pi / 180.0, longitude * pi / 180.0, height)))
+
+
 class Columns:
     """Sources of one table's quantities: their own columns, or others that determine them."""
 
-    def __init__(self, path: str, naming: Naming, wanted: Sequence[str], least: int = 1) -> None:
-        """Find a file's columns for these quantities; raises DataError if fewer than ``least`` exist."""
+    def __init__(
+        self,
+        path: str,
+        naming: Naming,
+        wanted: Sequence[str],
+        least: int = 1,
+        in_space: bool = False,
+    ) -> None:
+        """Find a file's columns for these quantities; raises DataError if fewer than ``least`` exist.
+
+        Heights count only for a target ``in_space``: x and y in the plane do not depend on them.
+        """
         self.path, self.naming, self.names = path, naming, header(path, naming.format)
+        self.in_space = in_space
         self.contents: dict[str, Content] = {}
         self.unavailable: Counter[str] = Counter()
         self.far: list[str] = []
         self._used: dict[str, str] = {}
+        self._hemispheres: dict[str, _HemisphereColumn] = {}
+        # Velocities beside latitude and longitude are those to the east and north of each place.
+        has_own_place = any(self.column(name) is not None for name in ("x", "y"))
+        is_on_earth = all(self.column(name) is not None for name in GEODETIC[:2])
+        others = {plain_name(name) for name in wanted} & {
+            "range",
+            "azimuth",
+            "elevation",
+            "range_rate",
+        }
+        self._rotates = is_on_earth and not has_own_place and not others
         # Sources of each quantity: its column, or other columns that determine it.
         self._of = {name: self._sources(name) for name in wanted}
         missing = [name for name, sources in self._of.items() if not sources]
@@ -231,6 +313,8 @@ class Columns:
             raise self.mistake(f"no column {missing[0]}; there are {known} (see `columns`)")
         for source in chain.from_iterable(self._of.values()):
             self.take(source, "number")
+        if self.is_geodetic:
+            self._take_hemispheres()
 
     def column(self, name: str) -> str | None:
         """Find the name of a quantity's column in this file."""
@@ -243,9 +327,10 @@ class Columns:
         """
         column = self.column(name)
         if column is not None:
-            other = self._used.setdefault(column, _plain(name))
-            if other != _plain(name):
-                what = f"column {column} is both {other} and {_plain(name)}; a quantity has a column of"
+            quantity = plain_name(name)
+            other = self._used.setdefault(column, quantity)
+            if other != quantity:
+                what = f"column {column} is both {other} and {quantity}; a quantity has a column of"
                 raise self.mistake(f"{what} its own (see `columns`)")
             self.contents[column] = content
         return column
@@ -278,26 +363,49 @@ class Columns:
                     self.unavailable[f"{quantity} {code:g}"] += int((values == code).sum())
                     values[values == code] = np.nan
                 self.unavailable += blank_codes(quantity, values, of_ais)
-                if quantity == "speed" and COURSE not in self._of.values():
+                if quantity == "speed" and not self._uses_course:
                     continue  # a speed without a course may be that of a state, which has a sign
                 impossible_value = impossible(quantity, values, self.naming.scale(quantity))
                 if impossible_value is not None:
                     line = int(table.lines[impossible_value.row])
                     mistakes.append(Place(self.path, line, 1, f"{column}: {impossible_value.what}"))
-                if quantity in ("course", "azimuth"):
-                    continue  # an angle of 0.01 deg is near one of 359.99 deg
-                for value, n in outlying(values).items():
-                    what = f"{n} cells are {value:.9g}, far outside the others: empty them, or say"
-                    way = f"`missing: [{value:.9g}]`, if they hold no measurement"
-                    self.far.append(f"{self.path}: {column}: {what} {way}")
         if mistakes:
             raise DataError(*mistakes)
+        for quantity in self._hemispheres:
+            self._apply_hemisphere(table, quantity)
         return table
+
+    def note_outliers(self, table: Table) -> None:
+        """Add a note on each number of these rows that is far outside the others of its column."""
+        for column, quantity in self._used.items():
+            if self.contents[column] != "number" or quantity in ("course", "azimuth"):
+                continue  # an angle of 0.01 deg is near one of 359.99 deg
+            if quantity == "speed" and not self._uses_course:
+                continue
+            values = table.columns[column]
+            if quantity == "longitude":
+                values = values[~_is_across_a_cut(values, self.naming.scale(quantity))]
+            for value, n in outlying(values).items():
+                what = f"{n} cells are {value:.9g}, far outside the others: empty them, or say"
+                way = f"`missing: [{value:.9g}]`, if they hold no measurement"
+                self.far.append(f"{self.path}: {column}: {what} {way}")
+
+    @property
+    def _uses_course(self) -> bool:
+        """True if velocities are computed from speed and course."""
+        return any("course" in sources for sources in self._of.values() if len(sources) > 1)
 
     @property
     def is_geodetic(self) -> bool:
-        """True if positions are made of latitude and longitude."""
+        """True if positions or velocities depend on latitude and longitude."""
         return any("latitude" in sources for sources in self._of.values())
+
+    @property
+    def has_velocities_alone(self) -> bool:
+        """True if the table has velocities along x and y, and no positions."""
+        own = {plain_name(name) for name, sources in self._of.items() if sources}
+        has_own_place = any(self.column(name) is not None for name in ("x", "y"))
+        return bool(own & {"vx", "vy"}) and not has_own_place
 
     def of_columns(self, names: Collection[str]) -> str:
         """Find the first of these quantities that has a column of its own; empty without one."""
@@ -305,78 +413,250 @@ class Columns:
             (name for name, sources in self._of.items() if name in names and sources == (name,)), ""
         )
 
-    def first_place(self, table: Table) -> tuple[float, ...] | None:
-        """Find the latitude, longitude (deg) and height of the first row that has them."""
-        if not self.is_geodetic:
-            return None
-        place = self._geodetic(table)
-        complete = np.flatnonzero(np.isfinite(np.stack(place)).all(axis=0))
-        if not len(complete):
-            return None
-        latitude, longitude, height = (float(part[complete[0]]) for part in place)
-        return latitude * 180.0 / pi, longitude * 180.0 / pi, height
+    def places(self, table: Table, height: float) -> Geodetic:
+        """Compute latitude, longitude, rad, and height (R,); NaN where one of them is missing.
 
-    def quantities(self, table: Table, origin: tuple[float, ...] | None) -> dict[str, Array]:
-        """Compute the quantities (R,) by name, in SI; NaN where they are missing, or all of them are."""
+        ``height`` is that of all rows unless the target moves in space and a column has its own.
+        """
+        latitude, longitude = (self._value(table, name) for name in GEODETIC[:2])
+        heights = np.full_like(latitude, height)
+        if self._has_heights:
+            heights = self._value(table, "altitude")
+        parts = np.stack([latitude, longitude, heights])
+        known = np.isfinite(parts).all(axis=0)
+        return Geodetic(*np.where(known, parts, np.nan))
+
+    @property
+    def _has_heights(self) -> bool:
+        return "altitude" in chain.from_iterable(self._of.values())
+
+    def rows_without_height(self, table: Table) -> int:
+        """Count the rows with latitude and longitude whose altitude is missing."""
+        if not self._has_heights:
+            return 0
+        latitude, longitude, altitude = (np.isfinite(self._value(table, name)) for name in GEODETIC)
+        return int((latitude & longitude & ~altitude).sum())
+
+    def quantities(
+        self, table: Table, places: Geodetic | None, frames: Sequence[Frame], runs: Index
+    ) -> dict[str, Array]:
+        """Compute the quantities (R,) by name, in SI; NaN where they are missing, or all of them are.
+
+        ``frames`` cover all rows with a place, and ``runs`` (R,) are numbers of the rows' runs.
+        """
         plane: Mapping[str, Array] = {}
-        if origin is not None and self.is_geodetic:
+        if places is not None and frames:
             # Step 1: east, north and up of the origin, from latitude, longitude and altitude.
-            latitude, longitude, *height = origin
-            at = (latitude * pi / 180.0, longitude * pi / 180.0, *height, 0.0)[:3]
-            places = np.stack(self._geodetic(table))
-            finite = np.isfinite(places).all(axis=0)
-            known = Geodetic(*np.where(finite, places, 0.0))
-            enu = east_north_up(known, Geodetic(*map(np.asarray, at)))
-            plane = dict(zip(_PLANE, np.where(finite, enu, np.nan), strict=True))
+            enu = np.full((3, len(table.lines)), np.nan)
+            for frame in frames:
+                part = Geodetic(*(values[frame.rows] for values in places))
+                finite = np.isfinite(part.latitude)
+                known = Geodetic(*(np.where(finite, values, 0.0) for values in part))
+                enu[:, frame.rows] = np.where(finite, east_north_up(known, frame.place), np.nan)
+            plane = dict(zip(_PLANE, enu, strict=True))
+        velocities: Mapping[str, Array] = {}
+        if self._rotates and places is not None and frames:
+            velocities = self._rotated_velocities(table, places, frames, runs)
         out = {}
         # Step 2: each quantity from its column, from speed and course, or from Step 1.
         for name, sources in self._of.items():
-            if sources == (name,):
+            if sources and name in velocities:
+                out[name] = velocities[name]
+            elif sources[:1] == (name,):
                 out[name] = self._value(table, name)
-            elif sources == COURSE:
+            elif sources[:2] == COURSE:
                 out[name] = self._along(table, name)
             elif sources and plane:
-                out[name] = plane[_plain(name)]
+                out[name] = plane[plain_name(name)]
             else:
                 out[name] = np.full(len(table.lines), np.nan)
         return out
 
+    def _rotated_velocities(
+        self, table: Table, places: Geodetic, frames: Sequence[Frame], runs: Index
+    ) -> dict[str, Array]:
+        """Rotate velocities from east, north and up of each row's place to those of its origin."""
+        # A row without a place has that of the nearest row of its run.
+        places = _nearest_places(places, runs)
+        out: dict[str, Array] = {}
+        sensors = {name.rpartition(".")[0] for name in self._of if plain_name(name) in _VELOCITY}
+        for sensor in sorted(sensors):
+            # Step 1: the components that the table has; a velocity upwards that it lacks is zero.
+            parts: dict[str, Array] = {}
+            for plain in _VELOCITY:
+                name = f"{sensor}.{plain}" if sensor else plain
+                if self.column(name) is not None:
+                    parts[name] = self._value(table, name)
+                elif plain != "vz" and all(map(self.column, COURSE)):
+                    parts[name] = self._along(table, plain)
+            names = list(parts)
+            if [plain_name(name) for name in names[:2]] != [*_VELOCITY[:2]]:
+                continue
+            vectors = np.zeros((3, len(table.lines)))
+            vectors[: len(names)] = [parts[name] for name in names]
+            # Step 2: rotate the rows of each origin.
+            for frame in frames:
+                part = Geodetic(*(values[frame.rows] for values in places))
+                finite = np.isfinite(part.latitude)
+                known = Geodetic(*(np.where(finite, values, 0.0) for values in part))
+                local = vectors[:, frame.rows]
+                rotated = rotate_east_north_up(local, known, frame.place)
+                vectors[:, frame.rows] = np.where(finite, rotated, local)
+            out |= dict(zip(names, vectors, strict=False))
+        return out
+
     def _sources(self, name: str) -> tuple[str, ...]:
         """Find the source of a quantity: a column, geodetic coordinates, speed and course, or none."""
+        plain = plain_name(name)
         if self.column(name) is not None:
+            if self._rotates and plain in _VELOCITY:
+                return (name, *self._other_velocities(name), *GEODETIC[:2])
             return (name,)
-        plain = _plain(name)
         both = GEODETIC if plain == "z" else GEODETIC[:2]
         if plain in _PLANE and all(map(self.column, both)):
-            # Heights count wherever there are any: a plane touches the ground at one height only.
-            return tuple(part for part in GEODETIC if self.column(part))
+            # In space heights count wherever there are any: a plane touches the ground at one only.
+            heights = GEODETIC[2:] if self.in_space and self.column("altitude") else ()
+            return (*GEODETIC[:2], *heights)
         if plain in ("vx", "vy") and all(map(self.column, COURSE)):
-            return COURSE
+            return (*COURSE, *(GEODETIC[:2] if self._rotates else ()))
         return ()
+
+    def _other_velocities(self, name: str) -> tuple[str, ...]:
+        """Name the other components of a velocity that the table has, which the rotation needs."""
+        sensor, dot, plain = name.rpartition(".")
+        others = (f"{sensor}{dot}{other}" for other in _VELOCITY if other != plain)
+        return tuple(other for other in others if self.column(other) is not None)
 
     def _value(self, table: Table, name: str) -> Array:
         column = self.column(name)
         assert column is not None
         scale = self.naming.scale(name)
         values = table.columns[column]
-        return values if scale == 1.0 else values * scale
-
-    def _geodetic(self, table: Table) -> Geodetic:
-        latitude, longitude = (self._value(table, name) for name in GEODETIC[:2])
-        if "altitude" in chain.from_iterable(self._of.values()):
-            return Geodetic(latitude, longitude, self._value(table, "altitude"))
-        return Geodetic(latitude, longitude, np.zeros_like(latitude))
+        if scale != 1.0:
+            values = values * scale
+        if not self.naming.is_clockwise(name):
+            return values
+        # From x (east) to y (north): a = pi / 2 - c. Angles beyond a turn stay, and are reported later.
+        turned = wrap_angle(0.5 * pi - values)
+        return np.where(np.abs(values) > 2.0 * pi + _ROUNDING, values, turned)
 
     def _along(self, table: Table, name: str) -> Array:
         """Compute the velocity east (vx) or north of a speed and a course clockwise from north."""
         speed, course = (self._value(table, part) for part in COURSE)
         c, s = cos_sin(np.where(np.isnan(course), 0.0, course))
         # vx = v sin(course), vy = v cos(course)
-        velocity = speed * (s if _plain(name) == "vx" else c)
+        velocity = speed * (s if plain_name(name) == "vx" else c)
         return np.where(np.isnan(course), np.nan, velocity)
 
+    def _take_hemispheres(self) -> None:
+        """Note the columns of hemispheres, named by the config or evident from their first words."""
+        for quantity, (key, *_) in HEMISPHERES.items():
+            column = self.take(key, "word")
+            if column is not None:
+                self._hemispheres[quantity] = _HemisphereColumn(column, is_named=True)
+        if len(self._hemispheres) == len(HEMISPHERES):
+            return
+        sample = {
+            name: {cell.lower() for cell in cells} - {""}
+            for name, cells in self.first_cells.items()
+        }
+        for quantity, (key, positive, negative) in HEMISPHERES.items():
+            if quantity in self._hemispheres or key in self.naming.columns:
+                continue
+            for name, words in sample.items():
+                if name not in self.contents and words and words <= {*positive, *negative}:
+                    self.contents[name] = "word"
+                    self._hemispheres[quantity] = _HemisphereColumn(name, is_named=False)
+                    break
 
-def _plain(name: str) -> str:
+    @cached_property
+    def first_cells(self) -> dict[str, tuple[str, ...]]:
+        """First cells of each column."""
+        rows = first_rows(self.path, self.naming.format, _SAMPLE)
+        columns = zip(*rows, strict=True)
+        return dict(zip(self.names, columns, strict=False))
+
+    def take_words(self, column: str) -> bool:
+        """Note a column of words that is read beside the quantities, unless it is one of theirs."""
+        if column in self.contents or self.names.count(column) > 1:
+            return False
+        self.contents[column] = "word"
+        return True
+
+    def _apply_hemisphere(self, table: Table, quantity: str) -> None:
+        """Give a coordinate the sign of its hemisphere. Raises DataError for contradictions."""
+        key, positive, negative = HEMISPHERES[quantity]
+        column, is_named = self._hemispheres[quantity]
+        coordinate = self.column(quantity)
+        assert coordinate is not None
+        values, codes = table.columns[coordinate], table.columns[column]
+        words = [word.lower() for word in table.words[column]]
+        unknown = [i for i, word in enumerate(words) if word and word not in positive + negative]
+        is_negative = np.isin(codes, [i for i, word in enumerate(words) if word in negative])
+        is_positive = np.isin(codes, [i for i, word in enumerate(words) if word in positive])
+        # Step 1: a column that the config does not name must agree with the signs.
+        ignore = f'`columns: {{{key}: ""}}` to ignore it'
+        if not is_named:
+            contrary = np.flatnonzero(is_negative & (values > 0.0))
+            if len(contrary) and not unknown:
+                row = int(contrary[0])
+                what = f"{table.words[column][codes[row]]} beside a {quantity} of {values[row]:.9g}"
+                way = f"say `columns: {{{key}: {column}}}`, or {ignore}"
+                place = Place(self.path, int(table.lines[row]), 1, f"{column}: {what}: {way}")
+                raise DataError(place)
+            return
+        # Step 2: check the words, and the signs of numbers that have one.
+        if unknown:
+            row = int(np.flatnonzero(codes == unknown[0])[0])
+            allowed = f"{positive[0].upper()} and {negative[0].upper()}"
+            what = f"{table.words[column][unknown[0]]!r} is no hemisphere; allowed: {allowed}"
+            raise DataError(Place(self.path, int(table.lines[row]), 1, f"{column}: {what}"))
+        wrong = np.flatnonzero((values < 0.0) & is_positive)
+        if len(wrong):
+            row = int(wrong[0])
+            what = f"{values[row]:.9g} beside {table.words[column][codes[row]]} in column {column}"
+            way = f"correct one of them, or say {ignore}"
+            place = Place(self.path, int(table.lines[row]), 1, f"{coordinate}: {what}: {way}")
+            raise DataError(place)
+        # Step 3: south and west are negative; without a letter the place is unknown.
+        values[is_negative] = -np.abs(values[is_negative])
+        values[~(is_negative | is_positive)] = np.nan
+
+
+def _is_across_a_cut(values: Array, scale: float) -> Mask:
+    """Find longitudes that are a whole turn from the others: 0.1 deg beside 359.9 deg."""
+    turn = 2.0 * pi / scale
+    finite = values[np.isfinite(values)]
+    if not len(finite):
+        return np.zeros(len(values), dtype=np.bool_)
+    away = values - np.median(finite)
+    wrapped = away - turn * np.rint(away / turn)
+    return np.abs(away - wrapped) > 0.5 * turn
+
+
+def _nearest_places(places: Geodetic, runs: Index) -> Geodetic:
+    """Give rows without a place that of the row of their run before them, or else of the next."""
+    known = np.isfinite(places.latitude)
+    if known.all():
+        return places
+    # Rows by run; the last known row up to each one, and the first known one from it on.
+    order = np.argsort(runs, kind="stable")
+    number = np.arange(len(order))
+    is_known = known[order]
+    before = np.maximum.accumulate(np.where(is_known, number, -1))
+    after = np.minimum.accumulate(np.where(is_known, number, len(order))[::-1])[::-1]
+    sorted_runs = runs[order]
+    has_before = (before >= 0) & (sorted_runs[before] == sorted_runs)
+    has_after = after < len(order)
+    after = np.where(has_after, after, 0)
+    has_after &= sorted_runs[after] == sorted_runs
+    source = np.where(has_before, before, np.where(has_after, after, number))
+    nearest = np.empty(len(order), dtype=np.intp)
+    nearest[order] = order[source]
+    return Geodetic(*(values[nearest] for values in places))
+
+
+def plain_name(name: str) -> str:
     """Return the quantity of a component: x of ``px``, and of the second sensor's ``2.x``."""
     plain = name.rpartition(".")[2]
     return plain[1:] if plain in ("px", "py", "pz") else plain

@@ -100,7 +100,8 @@ def _quickly(cells: Sequence[str]) -> Array | None:
     return values if np.isfinite(values).all() else None
 
 
-Content = Literal["number", "time", "date", "step", "label"]
+Content = Literal["number", "time", "date", "step", "label", "word"]
+"""What a column's cells are. A label and a word stand for themselves, and a word may be empty."""
 _MOST_MISTAKES = 20
 _ROWS_AT_A_TIME = 50_000
 Column = NDArray[Any]
@@ -119,6 +120,11 @@ class Table(NamedTuple):
     words: dict[str, list[str]]
     lines: Index
     dated: str
+
+    def at(self, rows: Index) -> "Table":
+        """Select some of the rows."""
+        columns = {name: column[rows] for name, column in self.columns.items()}
+        return self._replace(columns=columns, lines=self.lines[rows])
 
 
 def header(path: str, form: TextFormat | None = None) -> list[str]:
@@ -195,7 +201,7 @@ class _Reading:
         self.dated: str | None = None
         self._pieces: dict[str, list[Column]] = {name: [] for name in self.contents}
         self._codes: dict[str, dict[str, int]] = {
-            name: {} for name, content in self.contents.items() if content == "label"
+            name: {} for name, content in self.contents.items() if content in ("label", "word")
         }
         self._lines: list[Index] = []
 
@@ -233,7 +239,7 @@ class _Reading:
             if content == "time" and self._date is not None and self._is_time_of_day(column[0]):
                 parts = (map(str.strip, cells[self._date]), map(str.strip, column))
                 column = [*map(" ".join, zip(*parts, strict=True))]
-            if content == "label":
+            if content in ("label", "word"):
                 values, wrong = self._labeled(name, column)
             else:
                 parser = self._parser(content, column, Place(self.path, int(lines[0]), 1, name))
@@ -292,7 +298,7 @@ class _Reading:
     def _labeled(self, name: str, cells: Sequence[str]) -> tuple[Column, list[tuple[int, str]]]:
         codes = self._codes[name]
         values = np.array([codes.setdefault(c.strip(), len(codes)) for c in cells], dtype=np.int32)
-        if "" not in codes:
+        if "" not in codes or self.contents[name] == "word":
             return values, []
         return values, [(i, "is missing") for i in np.flatnonzero(values == codes[""]).tolist()]
 

@@ -15,17 +15,39 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, Mask
+from trackbench.core.conversions import SEMI_MAJOR_AXIS, Geodetic, east_north_up
 from trackbench.errors import reason
 from trackbench.field_types import DataError, InvalidKeyError, Place, require_regular_file
-from trackbench.scenarios.recordings.column_mapping import UNITS, Columns, Naming
+from trackbench.scenarios.recordings.column_mapping import (
+    FAR,
+    MOST_DISTANCE,
+    UNITS,
+    Columns,
+    Frame,
+    Naming,
+)
+from trackbench.scenarios.recordings.column_names import columns_of, words_of
 from trackbench.scenarios.recordings.csv_tables import Table
+from trackbench.scenarios.recordings.mixtures import (
+    Split,
+    as_positions,
+    is_regular,
+    may_split,
+    role_of,
+    split_by,
+)
 
 TICK = 1e-6
 """s: times that are nearer to each other are one"""
 _LATEST = 1e12
 """s: beyond are no times, and ticks would not fit into their numbers"""
 _MOST_MISTAKES = 20
+_MOST_WORDS_SHOWN = 8
+_UTC = frozenset(("utc", "gmt", "zulu"))
+"""Words in the name of a column whose dates need no zone of their own."""
+_NEAR_ORIGIN = 5e4
+"""m: an origin within is not asked whether its numbers are exchanged"""
 Numbers = NDArray[np.integer[Any]]
 
 
@@ -59,20 +81,35 @@ class Gathered:
     """Common properties of the files, collected while they are read.
 
     Times are numbers of steps (``stepped``), or seconds, of dates (``dated``) after the first of them.
-    The first file (``clock_of``) says which. ``has_delays``: a column has the times at which rows were
-    received. ``unavailable`` counts cells with codes of "not available".
+    The first file (``clock_of``) says which; ``says_utc`` if its column's name has the zone.
+    ``has_delays``: a column has the times at which rows were received.
+    ``unavailable`` counts cells with codes of "not available".
     ``geodetic`` is the first file with latitude and longitude, and ``planar`` the first one with another
-    quantity that depends on the position (``in_frame``).
+    quantity that depends on the position (``in_frame``). ``origin`` is given by the config's key
+    ``origin_key``, or the first position of the ``chosen`` runs (default: of all); ``own_origins`` are
+    those of ``far_runs``. ``not_rotated`` is a file of velocities without places. Heights count for a
+    target ``in_space``.
     """
 
     naming: Naming
     origin: tuple[float, ...] | None = None
+    origin_key: tuple[str, ...] = ()
     in_frame: Collection[str] = ()
+    in_space: bool = False
+    chosen: Collection[str] = ()
+    own_origins: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    placed_runs: set[str] = field(default_factory=set)
+    far_runs: list[str] = field(default_factory=list)
+    refuses_far_rows: bool = True
+    not_rotated: str = ""
+    first_position: str = ""
+    largest_distance: float = 0.0
     geodetic: str = ""
     planar: str = ""
     since: float | None = None
     stepped: bool = False
     dated: str = ""
+    says_utc: bool = False
     clock_of: str = ""
     has_delays: bool = False
     unavailable: Counter[str] = field(default_factory=Counter)
@@ -101,11 +138,15 @@ class Gathered:
     def timed(self, columns: Columns, table: Table, clock: str) -> Array:
         """Read times of a table's rows; all tables have clocks of one kind."""
         stepped = columns.contents[clock] == "step"
+        # Dates without a zone are in UTC, and go with those that have one if the column says UTC.
+        says_utc = table.dated == "date" and not _UTC.isdisjoint(words_of(clock))
         # The first file decides which clock all files have.
         if self.since is None:
             self.stepped, self.dated, self.clock_of = stepped, table.dated, columns.path
             self.since = float(table.columns[clock].min()) if table.dated else 0.0
-        if (stepped, table.dated) != (self.stepped, self.dated):
+            self.says_utc = says_utc
+        has_same_zone = bool(self.dated and table.dated) and (says_utc or self.says_utc)
+        if (stepped, table.dated) != (self.stepped, self.dated) and not has_same_zone:
             mine, first = _clock(stepped, table.dated), _clock(self.stepped, self.dated)
             what = (
                 f"its column {clock} has {mine}, and that of {self.clock_of} {first}: use one kind"
@@ -133,6 +174,32 @@ class Gathered:
         self.runs = list(dict.fromkeys([*self.runs, *names]))
         known = {name: i for i, name in enumerate(self.runs)}
         return np.array([known[name] for name in names], dtype=np.int32)
+
+    def numbers_of_known(self, names: Collection[str]) -> Numbers:
+        """Look up the numbers of those of these runs that the files have."""
+        return np.array([i for i, name in enumerate(self.runs) if name in names], dtype=np.int32)
+
+    def note_distances(self) -> None:
+        """Add notes on runs with an origin of their own, and on positions far from their origin."""
+        if self.far_runs:
+            shown = ", ".join(self.far_runs[:_MOST_WORDS_SHOWN])
+            shown += ", ..." if len(self.far_runs) > _MOST_WORDS_SHOWN else ""
+            what = f"runs that begin far from the first position that is read: {shown}"
+            self.notices.append(f"{what}; x and y of each count from its own first position")
+        distance = self.largest_distance
+        if distance > FAR:
+            # The plane shortens a way that leads away from the origin by the share 1 - cos(d / R).
+            share = 1.0 - np.cos(distance / SEMI_MAJOR_AXIS)
+            what = f"positions lie up to {_kilometers(distance)} from the origin"
+            why = f"where the tangent plane shortens distances by {100.0 * share:.2g} %"
+            self.notices.append(f"{what}, {why}: an `origin` in their middle halves the distance")
+        if self.not_rotated and self.origin is not None and distance > _NEAR_ORIGIN:
+            # Meridians converge by (d / R) tan(phi) on a way to the east.
+            slope = np.tan(np.deg2rad(min(abs(self.origin[0]), 89.0)))
+            turn = np.rad2deg(distance / SEMI_MAJOR_AXIS * slope)
+            what = f"{self.not_rotated} has velocities without latitude and longitude"
+            why = f"north at the target differs from that of the origin by up to {turn:.2g} deg"
+            self.notices.append(f"{what}, which are not rotated: {why}")
 
 
 def _clock(stepped: bool, dated: str) -> str:
@@ -204,7 +271,8 @@ def _rows_of_file(
     """Read the rows by sensor of one file, which is the run of this name if it does not name runs."""
     # Step 1: find the columns of the quantities, of time, run and sensor.
     wanted = [*chain.from_iterable(sensors)]
-    columns = Columns(path, gathered.naming, wanted, len(wanted) if least is None else least)
+    least = len(wanted) if least is None else least
+    columns = Columns(path, gathered.naming, wanted, least, gathered.in_space)
     clock = columns.take("time", "time") or columns.take("step", "step")
     if clock is None:
         known = ", ".join(columns.names)[:200]
@@ -215,10 +283,10 @@ def _rows_of_file(
     run = columns.take("run", "label")
     which = columns.take("sensor", "label")
     several = columns.take_unnamed_runs() if run is None else None
-    # Step 2: read them; times become seconds, quantities SI.
+    labels = _possible_labels(columns)
+    # Step 2: read them; times become seconds.
     table = columns.read()
     gathered.unavailable += columns.unavailable
-    gathered.notices += columns.far
     if several is not None and len(table.words[several]) > 1:
         what = f"column {several} has {len(table.words[several])} values, which would be one run"
         way = f'say `columns: {{run: {several}}}`, or `columns: {{run: ""}}` to mix them'
@@ -228,26 +296,236 @@ def _rows_of_file(
         received = _received(gathered, columns, table, arrival, time)
     if columns.is_geodetic:
         gathered.geodetic = gathered.geodetic or path
+    elif columns.has_velocities_alone:
+        gathered.not_rotated = gathered.not_rotated or path
     if beside := columns.of_columns(gathered.in_frame):
         gathered.planar = gathered.planar or f"{path} has {beside}"
-    gathered.origin = gathered.origin or columns.first_place(table)
-    quantities = columns.quantities(table, gathered.origin)
     # Step 3: number the runs; a file without their names is one run.
     if run is None:
         runs = np.full(len(time), gathered.numbers_of([name])[0])
     else:
         runs = gathered.numbers_of(table.words[run])[table.columns[run].astype(np.intp)]
+    # Step 4: select the rows of the chosen runs and of the sensors.
+    is_read = np.ones(len(time), dtype=np.bool_)
+    if gathered.chosen:
+        is_read = np.isin(runs, gathered.numbers_of_known(gathered.chosen))
+    rows_by_sensor: list[Numbers | slice] = [slice(None)] * len(sensors)
+    if which is not None and (len(sensors) > 1 or len(table.words[which]) > 1 or names):
+        count = len(sensors)
+        sensor_masks = [
+            _of_sensor(gathered, columns, table, which, m, count, names) for m in range(count)
+        ]
+        is_read &= np.any(sensor_masks, axis=0)
+        rows_by_sensor = [np.flatnonzero(mask[is_read]) for mask in sensor_masks]
+    if not is_read.all():
+        table = table.at(np.flatnonzero(is_read))
+        runs, time, received = runs[is_read], time[is_read], received[is_read]
+    columns.note_outliers(table)
+    gathered.notices += columns.far
+    # Step 5: compute the quantities, in SI.
+    places, frames = None, list[Frame]()
+    if columns.is_geodetic:
+        places, frames = _frames_of_runs(gathered, columns, table, runs)
+    quantities = columns.quantities(table, places, frames, runs)
+    for label in labels:
+        for components, of_sensor in zip(sensors, rows_by_sensor, strict=True):
+            part = {c: quantities[c][of_sensor] for c in components}
+            _check_label(columns, table, label, part, (runs[of_sensor], time[of_sensor]), of_sensor)
     files = np.full(len(time), len(gathered.files), dtype=np.int32)
     gathered.files.append(path)
     out = []
-    # Step 4: choose the rows of each sensor.
-    for m, components in enumerate(sensors):
+    # Step 6: take the rows of each sensor.
+    for components, of_sensor in zip(sensors, rows_by_sensor, strict=True):
         values = np.stack([quantities[c] for c in components])
         rows = Rows(runs, time, values, files, table.lines, received)
-        if which is not None and (len(sensors) > 1 or len(table.words[which]) > 1 or names):
-            rows = rows.at(_of_sensor(gathered, columns, table, which, m, len(sensors), names))
-        out.append(rows)
+        out.append(rows if isinstance(of_sensor, slice) else rows.at(of_sensor))
     return out
+
+
+class MixedRowsError(DataError):
+    """Rows of several targets or sensors, which a column names, would be those of one."""
+
+    def __init__(self, place: Place, column: str, role: str, split: Split) -> None:
+        super().__init__(place)
+        self.column, self.role, self.split = column, role, split
+
+
+def _possible_labels(columns: Columns) -> list[str]:
+    """Note and list the unused columns that may name the target or the sensor of each row."""
+    named = columns.naming.columns
+    if named.get("run") == "" or named.get("sensor") == "":
+        return []  # the config says that they are mixed
+    labels = []
+    quantities = columns_of(columns.names)
+    measured = {c.column for name, c in quantities.items() if name not in ("run", "sensor")}
+    for name, cells in columns.first_cells.items():
+        is_measured = name in measured and not role_of(name)
+        if not is_measured and may_split(name, cells) and columns.take_words(name):
+            labels.append(name)
+    return labels
+
+
+def _check_label(
+    columns: Columns,
+    table: Table,
+    label: str,
+    quantities: Mapping[str, Array],
+    clock: tuple[Numbers, Array],
+    of_sensor: Numbers | slice,
+) -> None:
+    """Raise MixedRowsError if a column's words split the rows of the longest run of a sensor.
+
+    A column whose name says that it names targets or sensors may do so unless the rows agree as one;
+    any other column must show it.
+    """
+    runs, time = clock
+    codes, words = table.columns[label][of_sensor], table.words[label]
+    if not len(runs):
+        return
+    empty = words.index("") if "" in words else -1
+    is_longest = (runs == np.bincount(runs).argmax()) & (codes != empty)
+    rows = np.flatnonzero(is_longest)
+    found, counts = np.unique(codes[rows], return_counts=True)
+    values = as_positions({name: values[rows] for name, values in quantities.items()})
+    is_repeated = len(found) >= 2 and len(rows) >= 2 * len(found) and (counts > 1).sum() > 1
+    if not (is_repeated and len(values)):
+        return
+    role, split = role_of(label), split_by(codes[rows], time[rows], values)
+    is_mixed = split == "apart" or (split == "errors" and is_regular(codes[rows], time[rows]))
+    if role:
+        is_mixed = split != "one"
+    if not is_mixed:
+        return
+    shown = ", ".join(words[code] for code in found[:_MOST_WORDS_SHOWN].tolist())
+    more = ", ..." if len(found) > _MOST_WORDS_SHOWN else ""
+    what = (
+        f"column {label} has {len(found)} values ({shown}{more}), which would be one run and sensor"
+    )
+    if split in ("apart", "errors"):
+        what += "; the rows of each agree with themselves better than with the others"
+    way = f"say `columns: {{run: {label}}}` for a run each, `columns: {{sensor: {label}}}` for a sensor"
+    mix = "run" if columns.column("run") is None else "sensor"
+    way += f' each, or `columns: {{{mix}: ""}}` to mix them'
+    raise MixedRowsError(Place(columns.path, 1, 1, f"{what}: {way}"), label, role, split)
+
+
+def _frames_of_runs(
+    gathered: Gathered, columns: Columns, table: Table, runs: Numbers
+) -> tuple[Geodetic, list[Frame]]:
+    """Compute the places of a table's rows, and choose the origin of each run's rows.
+
+    Runs share one origin, given or the first position that is read. Without a given one, a run that
+    begins far from it has its own. Raises an error for rows too far from their origin.
+    """
+    height = (*(gathered.origin or ()), 0.0, 0.0, 0.0)[2]
+    places = columns.places(table, height)
+    known = np.flatnonzero(np.isfinite(places.latitude))
+    missing = columns.rows_without_height(table)
+    if missing:
+        what = f"{missing} rows of {columns.path} have no altitude, and so no position in space"
+        gathered.notices.append(f"{what}: `axes: 2` takes their latitude and longitude alone")
+    if not len(known):
+        return places, []
+    # Step 1: the common origin.
+    if gathered.origin is None:
+        gathered.origin = _origin_at(places, int(known[0]))
+        gathered.first_position = f"{Path(columns.path).name}:{table.lines[known[0]]}"
+    is_given = not gathered.first_position
+    # Step 2: runs that begin far from it have an origin of their own, unless it is given.
+    numbers, first = np.unique(runs[known], return_index=True)
+    names = [gathered.runs[number] for number in numbers]
+    if not is_given:
+        begins = known[first]
+        away = _distances(places, begins, gathered.origin)
+        for name, row, distance in zip(names, begins.tolist(), away.tolist(), strict=True):
+            if name not in gathered.placed_runs and distance > FAR:
+                gathered.own_origins[name] = _origin_at(places, row)
+                gathered.far_runs.append(f"{name} by {_kilometers(distance)}")
+            gathered.placed_runs.add(name)
+    # Step 3: the rows of each origin, and how far from it they lie.
+    own = [
+        number for number, name in zip(numbers, names, strict=True) if name in gathered.own_origins
+    ]
+    shared = np.flatnonzero(~np.isin(runs, own)) if own else np.arange(len(runs))
+    frames = [Frame(gathered.origin, shared)] if len(shared) else []
+    for number in own:
+        origin = gathered.own_origins[gathered.runs[number]]
+        frames.append(Frame(origin, np.flatnonzero(runs == number)))
+    for frame in frames:
+        _check_distances(gathered, columns, table, places, frame)
+    return places, frames
+
+
+def _origin_at(places: Geodetic, row: int) -> tuple[float, ...]:
+    """Return latitude and longitude, deg, and height of a row."""
+    latitude, longitude, height = (float(part[row]) for part in places)
+    return latitude * 180.0 / np.pi, longitude * 180.0 / np.pi, height
+
+
+def _distances(places: Geodetic, rows: Numbers, origin: tuple[float, ...]) -> Array:
+    """Compute the distances of rows from an origin, m, along the Earth."""
+    on_ground = Geodetic(places.latitude[rows], places.longitude[rows], np.zeros(len(rows)))
+    at = Frame((*origin[:2], 0.0), np.asarray(rows, dtype=np.intp)).place
+    chord = np.sqrt(np.square(east_north_up(on_ground, at)).sum(axis=0))
+    # d = 2 R asin(c / 2 R) of a chord c
+    radius = SEMI_MAJOR_AXIS
+    return 2.0 * radius * np.arcsin(np.minimum(chord / (2.0 * radius), 1.0))
+
+
+def _check_distances(
+    gathered: Gathered, columns: Columns, table: Table, places: Geodetic, frame: Frame
+) -> None:
+    """Raise an error for rows too far from their origin, and note how far the farthest one is."""
+    known = frame.rows[np.isfinite(places.latitude[frame.rows])]
+    if not len(known):
+        return
+    away = _distances(places, known, frame.origin)
+    is_given = not gathered.first_position
+    limit = f"a plane serves for {MOST_DISTANCE / 1e3:.0f} km"
+    if is_given and away[0] > _NEAR_ORIGIN:
+        hint = _mistaken_origin(frame.origin, places, int(known[0]), float(away[0]))
+        where = f"{Path(columns.path).name}:{table.lines[known[0]]}"
+        what = f"lies {_kilometers(away[0])} from the first position ({where})"
+        if hint or away[0] > MOST_DISTANCE:
+            way = hint or f"{limit}: write latitude and longitude of a point near the positions"
+            raise InvalidKeyError(f"{what}; {way}", *gathered.origin_key)
+    too_far = np.flatnonzero(away > MOST_DISTANCE)
+    if len(too_far) and gathered.refuses_far_rows:
+        row = int(known[too_far[0]])
+        of = (
+            "`origin`"
+            if is_given
+            else f"the first position ({gathered.first_position}), the origin"
+        )
+        more = f", as are {len(too_far) - 1} more" if len(too_far) > 1 else ""
+        what = f"latitude and longitude: {_kilometers(away[too_far[0]])} from {of}{more}; {limit}"
+        way = "correct or empty the cells, or give an `origin: [latitude, longitude]` in the middle"
+        raise DataError(Place(columns.path, int(table.lines[row]), 1, f"{what}: {way}"))
+    gathered.largest_distance = max(gathered.largest_distance, float(away.max()))
+
+
+def _mistaken_origin(origin: tuple[float, ...], places: Geodetic, row: int, distance: float) -> str:
+    """Explain which exchange of an origin's numbers would bring it near a row; empty if none does."""
+    latitude, longitude = origin[:2]
+    changes = {
+        "latitude and longitude exchanged": (longitude, latitude),
+        "the other sign of the longitude": (latitude, -longitude),
+        "the other sign of the latitude": (-latitude, longitude),
+    }
+    for what, (new_latitude, new_longitude) in changes.items():
+        if abs(new_latitude) > 90.0:
+            continue
+        away = _distances(places, np.array([row]), (new_latitude, new_longitude))[0]
+        if away < 0.1 * distance:
+            changed = f"[{new_latitude:g}, {new_longitude:g}]"
+            return f"with {what}, {changed}, it would be {_kilometers(away)} away: correct it"
+    return ""
+
+
+def _kilometers(meters: float) -> str:
+    if meters < 1e3:
+        return f"{meters:.0f} m"
+    return f"{meters / 1e3:.3g} km" if meters < 1e6 else f"{meters / 1e3:.0f} km"
 
 
 def _received(
@@ -271,8 +549,8 @@ def _of_sensor(
     m: int,
     n: int,
     names: Sequence[str],
-) -> Numbers:
-    """Select the rows of the m-th of n sensors, named in the column or numbered there from 1 on."""
+) -> Mask:
+    """Find the rows (R,) of the m-th of n sensors, named in the column or numbered there from 1 on."""
     words, known = table.words[which], names or [str(number + 1) for number in range(n)]
     strange = [word for word in words if word not in known]
     if strange and not names:
@@ -290,7 +568,7 @@ def _of_sensor(
             f"{left_out} rows of {', '.join(strange)[:80]} were left out (`sensors`)"
         )
     code = words.index(known[m]) if known[m] in words else -1
-    return np.flatnonzero(table.columns[which] == code)
+    return np.asarray(table.columns[which] == code)
 
 
 def chosen_runs(

@@ -1,5 +1,6 @@
 """Measurements of all runs on one clock, which begins where the filters' first states are."""
 
+import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -10,6 +11,9 @@ from trackbench.core.arrays import Array, Index, fixed
 from trackbench.field_types import MOST_STEPS, DataError, InvalidKeyError, Place
 from trackbench.scenarios.recordings.rows import TICK, Gathered, Numbers, Rows, usual_interval
 
+ONE_RUN = "0"
+"""Name of the run of one file without names of runs."""
+_MOST_NAMES = 8
 _MOST_CELLS = 200_000_000
 _EQUAL = 1e-6  # of an interval: a clock that strays by less has equal steps
 
@@ -222,6 +226,46 @@ def with_scans(clock: Clock, gathered: Gathered, scans: int, apart: Array) -> Cl
     return clock._replace(steps=np.arange(len(times)), times=times)
 
 
+def check_runs_of_truth(of_truth: Gathered, rows: Rows, measured: Gathered) -> None:
+    """Raise DataError if runs lack a truth because their names are spelled otherwise there.
+
+    A truth without names of runs is that of every run, which then have one origin.
+    """
+    path = of_truth.files[0]
+    if of_truth.runs == [ONE_RUN]:
+        if measured.own_origins:
+            name = next(iter(measured.own_origins))
+            what = f"names no runs, and run {name} has an origin of its own, far from the others"
+            way = "give the truth a column `run`, or choose runs near each other by `runs`"
+            raise DataError(Place(path, 1, 1, f"{what}: {way}"))
+        return
+    known = {of_truth.runs[number] for number in np.unique(rows.run).tolist()}
+    without = [name for name in measured.runs if name not in known]
+    if not without:
+        return
+    # Names that differ by zeros before them, spaces or capital letters may well be the same run's.
+    others = {_spelled_alike(name): name for name in of_truth.runs if name not in measured.runs}
+    alike = [
+        (name, others[_spelled_alike(name)]) for name in without if _spelled_alike(name) in others
+    ]
+    shown = ", ".join(without[:_MOST_NAMES]) + ", ..." * (len(without) > _MOST_NAMES)
+    there = ", ".join(of_truth.runs[:_MOST_NAMES]) + ", ..." * (len(of_truth.runs) > _MOST_NAMES)
+    if len(without) == len(measured.runs):
+        what = f"has no run {shown}; there are {there}: give runs one name in both files"
+        raise DataError(Place(path, 1, 1, what))
+    if alike:
+        name, other = alike[0]
+        what = f"has no run {name!r}, but {other!r} ({len(without)} runs have no truth: {shown})"
+        way = "write the name alike in both files, or leave the run out by `runs`"
+        raise DataError(Place(path, 1, 1, f"{what}: {way}"))
+
+
+def _spelled_alike(name: str) -> str:
+    """Return a run's name without zeros before numbers, signs, spaces and capital letters."""
+    words = re.findall(r"[^\W\d_]+|[0-9]+", name.casefold())
+    return " ".join(word.lstrip("0") or "0" if word.isdigit() else word for word in words)
+
+
 def truth_at(
     gathered: Gathered,
     rows: Rows,
@@ -238,8 +282,7 @@ def truth_at(
     out = np.full((len(rows.values), len(clock.steps), len(runs)), np.nan)
     steps = clock.steps.astype(float) if gathered.stepped else clock.times
     number = {name: i for i, name in enumerate(gathered.runs)}
-    # One file without names of runs is the run "0".
-    shared = gathered.runs == ["0"]
+    shared = gathered.runs == [ONE_RUN]
     for m, name in enumerate(runs):
         i = 0 if shared else number.get(name)
         if i is not None:
@@ -247,9 +290,15 @@ def truth_at(
             of_run = slice(*np.searchsorted(rows.run, [i, i + 1]))
             at, values = rows.time[of_run] + clock.shift[m], rows.values[:, of_run]
             out[:, :, m] = _between(at, values, steps, gap, angles)
-    if not np.isfinite(out).any():
+    has_truth = np.isfinite(out).any(axis=(0, 1))
+    if not has_truth.any():
         hint = "" if gap is not None else ": name a `truth_gap` within which it is interpolated"
         raise DataError(Place(gathered.files[0], 1, 1, f"has no truth at any step{hint}"))
+    without = [name for name, has in zip(runs, has_truth, strict=True) if not has]
+    if without:
+        shown = ", ".join(without[:_MOST_NAMES]) + ", ..." * (len(without) > _MOST_NAMES)
+        some = f"{len(without)} of {len(runs)} runs have none at any step ({shown})"
+        gathered.notices.append(f"{some}: errors are those of the others")
     return fixed(out)
 
 

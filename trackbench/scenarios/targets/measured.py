@@ -14,7 +14,7 @@ from trackbench.models.base import position_velocity_names
 from trackbench.models.priors import TwoPoint
 from trackbench.models.sensors.base import SensorBase, Sensors, rows_of, sensors_of
 from trackbench.registry import register
-from trackbench.scenarios.recordings.column_mapping import Naming
+from trackbench.scenarios.recordings.column_mapping import Naming, plain_name
 from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows import (
     TICK,
@@ -25,13 +25,16 @@ from trackbench.scenarios.recordings.rows import (
     read_rows,
 )
 from trackbench.scenarios.recordings.time_alignment import (
+    ONE_RUN,
     Clock,
+    check_runs_of_truth,
     common_clock,
     initial_scans,
     measurement_array,
     truth_at,
     with_scans,
 )
+from trackbench.scenarios.recordings.truth_check import contradictions
 from trackbench.scenarios.starts.base import Start, position_part
 from trackbench.scenarios.targets.base import Flight, Scored, Target, Timeline, recorded_columns
 
@@ -192,11 +195,20 @@ class Measured(FromFiles, Naming, Target):
             origin, path = self.truth_naming.origin, ["target", "truth_naming", "origin"]
         in_frame = {name for name in self.components if name in ("x", "y", "z", "px", "py", "pz")}
         in_frame |= self._of_position(sensor)
-        gathered = Gathered(self, origin or None, in_frame)
         components = [sensor.components[part] for part in parts]
+        quantities = {plain_name(c) for c in (*self.components, *sensor.components)}
+        chosen = [str(name) for name in self.runs]
+        gathered = Gathered(
+            self,
+            origin=origin or None,
+            origin_key=tuple(path),
+            in_frame=in_frame,
+            in_space="z" in quantities,
+            chosen=chosen,
+        )
         names = [str(name) for name in self.sensors]
         rows = read_rows(gathered, self._measured, components, names=names)
-        rows = chosen_runs(gathered, rows, [str(name) for name in self.runs], ("target", "runs"))
+        rows = chosen_runs(gathered, rows, chosen, ("target", "runs"))
         for m, one in enumerate(sensors_of(sensor)):
             check_turns(gathered, rows[m], _angles(one))
             rows[m] = in_order(gathered, rows[m], one.innovation)
@@ -213,7 +225,11 @@ class Measured(FromFiles, Naming, Target):
         if start is not None:
             first[parts[place]] = start.scans
         truth = None if self.truth is None else self._truth(gathered, clock)
+        if truth is not None:
+            later, steps = truth[:, 1:], clock.steps[1:]
+            gathered.notices += contradictions(sensor, self.components, later, measurements, steps)
         gathered.check_origin(origin, *path)
+        gathered.note_distances()
         apart = np.full(len(gathered.runs), np.nan) if start is None else start.apart
         notices = tuple(dict.fromkeys(gathered.notices))
         clock = with_scans(clock, gathered, scans, apart)
@@ -261,15 +277,24 @@ class Measured(FromFiles, Naming, Target):
         assert self.truth is not None
         naming = self.truth_naming or replace(self, format=None)
         of_truth = replace(
-            gathered, naming=naming, runs=[], files=[], notices=[], unavailable=Counter()
+            gathered,
+            naming=naming,
+            runs=[],
+            files=[],
+            notices=[],
+            unavailable=Counter(),
+            chosen=(*gathered.runs, ONE_RUN),
         )
         (rows,) = read_rows(of_truth, [self.truth], [self.components], least=1)
         (rows,) = chosen_runs(of_truth, [rows], ())
         rows = in_order(of_truth, rows)
-        gathered.notices += [f"truth: {what}" for what in of_truth.notices]
+        check_runs_of_truth(of_truth, rows, gathered)
         gathered.geodetic, gathered.planar = of_truth.geodetic, of_truth.planar
+        gathered.largest_distance = of_truth.largest_distance
         angles = [i for i, name in enumerate(self.components) if name in self.angles]
-        return truth_at(of_truth, rows, clock, gathered.runs, self.truth_gap, angles)
+        truth = truth_at(of_truth, rows, clock, gathered.runs, self.truth_gap, angles)
+        gathered.notices += [f"truth: {what}" for what in of_truth.notices]
+        return truth
 
     def start(self, timeline: Timeline) -> Array:
         """Return the position of the first scan, as the true state is unknown."""

@@ -118,12 +118,18 @@ class RecordedPath(FromFiles, Naming, Flown):
     def _rows(self) -> tuple[Array, Array]:
         """Read times (R,) and x, y, z, vx, vy, vz (6, R), NaN where the file has none of them."""
         # Step 1: read the rows of one run, in order of time.
-        gathered = Gathered(self, self.origin or None)
+        chosen = () if self.run is None else (str(self.run),)
+        gathered = Gathered(
+            self,
+            origin=self.origin or None,
+            origin_key=("origin",),
+            in_space=True,
+            chosen=chosen,
+        )
         rows = read_rows(gathered, [self.file], [(*_POSITIONS, *_VELOCITIES)], least=2)
         gathered.check_origin(self.origin, "origin")
-        (path,) = chosen_runs(
-            gathered, rows, () if self.run is None else (str(self.run),), ("run",)
-        )
+        gathered.note_distances()
+        (path,) = chosen_runs(gathered, rows, chosen, ("run",))
         path = in_order(gathered, path)
         if gathered.stepped:
             raise self._mistake("a path needs a column time")
