@@ -6,7 +6,8 @@ the values of a point of the grid (``0.1; 10``); ``z;`` in front asks for its z 
 for a hundred times the number. ``claim; TEXT OF THE CLAIM`` is the verdict on a claim,
 ``number; TABLE; ROW; FILTER; METRIC`` that on a printed number, and ``measured;`` in place of
 ``number;`` is the number beside the printed one. ``most; TEXT OF THE CLAIM`` is the end of the interval
-that the claim's note compares with the printed size. ``count; numbers; agrees; fragile``
+that the claim's note compares with the printed size. ``notes; TABLE; PATTERN`` is the groups of a
+regular expression in a table's file. ``count; numbers; agrees; fragile``
 counts verdicts of a folder, or of all: of ``numbers``, ``words`` on a bias or ``claims``. The word may
 be left out; a paper may stand in place of ``fragile``.
 
@@ -127,6 +128,10 @@ def values(folder: str, title: str) -> tuple[float, ...]:
     parts = re.split(r"\s*[;|]\s*", title)
     if parts[0] == "count":
         return (float(count(folder, *parts[1:])),)
+    if parts[0] == "notes":
+        text = (HERE / "results" / folder / "tables" / f"{parts[1]}.md").read_text(encoding="utf-8")
+        found = re.search(title.split("; ", 2)[2], text, re.MULTILINE)
+        return tuple(map(float, found.groups())) if found else ()
     if parts[0] == "most":
         note = _judged("claim", folder, title.partition("; ")[2])["note"]
         return tuple(map(float, re.findall(r"at most ([-+.\de]+) %", note)))
