@@ -22,8 +22,6 @@ from trackbench.field_types import FORMULA, require_regular_file
 
 Keys: TypeAlias = tuple[str | int, ...]
 """Keys and list indices that lead to a value."""
-Config: TypeAlias = Path | str | Mapping[str, object]
-"""A file, the name of a shipped experiment, or the content of a file as a mapping."""
 Scalar: TypeAlias = bool | int | float | str | None
 """A value of a config that is no mapping or list."""
 
@@ -162,6 +160,21 @@ class Source:
             node[str(key)] = node = MarkedMapping(node[str(key)])
         put(node, keys[-1], value, self.mark(keys))
         return Source(data, self.start, programs=self.programs)
+
+
+@dataclass(frozen=True)
+class Assembled:
+    """A config that the program put together, such as a problem of a suite."""
+
+    source: Source
+    """its data with the positions where they come from; paths in it are absolute"""
+    allowed: tuple[Path, ...] = ()
+    """files of the config whose code the user allowed to run"""
+
+
+Config: TypeAlias = Path | str | Mapping[str, object] | Assembled
+"""A file, the name of a shipped experiment, the content of a file as a mapping, or a config that the
+program put together."""
 
 
 def has_item(node: object, key: str | int) -> bool:

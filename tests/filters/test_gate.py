@@ -265,5 +265,5 @@ def test_shares_of_refused_measurements_count_measurements() -> None:
     values = {"rejected_good": shares["rejected_good"], "squared": np.ones((4, 1))}
     sums = SeriesSums.of(values, short.windows, ())
     weights = {"rejected_good": numbers["rejected_good"]}
-    got = per_run_metrics(short, values, sums, np.ones(1, dtype=bool), weights)
+    got = per_run_metrics(short, values, sums, np.ones(1, dtype=bool), weights=weights)
     assert got["rejected_good"][0] == 0.25  # one of four good measurements

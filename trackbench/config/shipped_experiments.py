@@ -139,6 +139,24 @@ def copied(name: str, target: Path) -> list[Path]:
     return sorted(content.keys() - existing)
 
 
+def suite_names() -> list[str]:
+    """List the shipped suites' names, sorted."""
+    return sorted(path.stem for path in (folder() / "suites").glob("*.yaml"))
+
+
+def suite_file(suite: Path) -> Path:
+    """Find a suite's file: of that path, or else the shipped suite of that name; raises UserError."""
+    word = str(suite)
+    if suite.is_file() or suite.suffix:
+        return suite
+    if word in suite_names():
+        return folder() / "suites" / f"{word}.yaml"
+    from trackbench.config.mistakes import unknown
+
+    what = f"is neither a file nor a shipped suite; {unknown(word, suite_names())}"
+    raise UserError(Problem(Mark(word), "", what))
+
+
 def with_parts(file: Path, files: frozenset[Path] = frozenset()) -> frozenset[Path]:
     """Collect a YAML file and every file that it names, directly or through another; some may not exist.
 

@@ -165,7 +165,7 @@ def rankings(results: Results, metric: str = "") -> list[Ranking]:
         every = []
         for where in scenes(results) if metric else []:
             statistic = compared_statistic(results.config, metric)
-            settings = list(_settings(results, points_of(results, where), metric, statistic))
+            settings = list(candidates_of(results, points_of(results, where), metric, statistic))
             reference = results.config.get("reference")
             every.append(ranking_of(settings, metric, reference)._replace(scene=where))
         results.known_rankings[metric] = every
@@ -177,7 +177,7 @@ def best_settings(results: Results) -> list[Ranking]:
     metric = next(iter(ranking_metrics(results)), "")
     best = []
     for where in scenes(results) if metric else []:
-        settings = list(_settings(results, points_of(results, where), metric))
+        settings = list(candidates_of(results, points_of(results, where), metric))
         for label in dict.fromkeys(c.label for c in settings if c.varied):
             # One ranking for each filter with several values.
             mine = [c for c in settings if c.label == label]
@@ -244,7 +244,7 @@ def ranking_of(
     return ranking._replace(best=best, ties=ties, worse=worse, undecided=undecided)
 
 
-def _settings(
+def candidates_of(
     results: Results, points: Sequence[GridPoint], metric: str, statistic: str = "mean"
 ) -> Iterator[Candidate]:
     """Yield each filter with each of the values that the grid gives it, once."""

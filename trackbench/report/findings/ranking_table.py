@@ -130,7 +130,7 @@ def _insert(rows: list[list[Text]], row: list[Text], is_score: bool) -> None:
 
 
 def _row(results: Results, c: Candidate, name: str, ratio: str, word: str) -> list[Text]:
-    seconds = _cpu_s(results, c)
+    seconds = cpu_seconds(results, c)
     looped = " *" * (c.label in results.loops_over_runs)
     return [
         Text(name),
@@ -175,7 +175,7 @@ def _ratio(standing: Ranking, c: Candidate, matters: float) -> str:
     comparison = standing.compared.get(c.name)
     if comparison is None:
         first = "0" if standing.metric.family[0].is_score else "1"
-        return first if c is standing.order[0] else "–"
+        return first if c in standing.order[:1] else "–"
     if comparison.is_equal:
         return "equal"
     value, low, high = _beside(standing.metric, comparison)
@@ -305,7 +305,8 @@ def _word_on(values: Array, sign: int, if_consistent: tuple[float, float]) -> st
     return rules.credibility(low, high, sign, if_consistent) or ("" if isnan(low) else "undecided")
 
 
-def _cpu_s(results: Results, c: Candidate) -> float:
+def cpu_seconds(results: Results, c: Candidate) -> float:
+    """Return the CPU seconds of a filter's run; NaN if they were not measured."""
     rows = results.columns("timing", c.point).where(filter=c.label)
     return float(rows["cpu_s_per_run"][0]) if len(rows) else nan
 
@@ -375,7 +376,7 @@ def _over_candidates(
     yield Text(f"{lost} of {runs}" if lost else "0", lost)
     words = Counter(words_on[c].partition(" in ")[0] for c in candidates)
     yield Text(", ".join(f"{word} at {n}" for word, n in words.most_common() if word) or "–")
-    times = [_cpu_s(results, c) for c in candidates]
+    times = [cpu_seconds(results, c) for c in candidates]
     yield Text(_span([*map(_duration, sorted(filter(isfinite, times)))]) or "–")
 
 
