@@ -61,6 +61,8 @@ def blank_codes(quantity: str, values: Array, of_ais: bool) -> Counter[str]:
     for codes in (_CODES, _CODES_OF_AIS) if of_ais else (_CODES,):
         code = codes.get(quantity)
         coded = values == code
+        if quantity == "longitude" and (values[~coded] > 180.0).any():
+            continue  # longitudes from 0 to 360 have a 181 of their own
         if code is not None and coded.any():
             counts[f"{quantity} {code:g}"] = int(coded.sum())
             values[coded] = np.nan
