@@ -361,6 +361,18 @@ def test_the_time_of_a_program_is_that_of_its_filter(tmp_path: Path) -> None:
     assert spent <= programs_cpu_s() - ready < spent + 0.1
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="reads the CPU clock of another process")
+def test_the_time_of_a_program_is_known_after_its_end(tmp_path: Path) -> None:
+    """Of one that works 20 ms for each answer, also if nobody has asked before it ended."""
+    work = "end = time.process_time() + 0.02\n    while time.process_time() < end: pass"
+    tracker = script(tmp_path, f"{work}\n    print(good, flush=True)")
+    for end in (program.end_programs, lambda programs: [one.kill() for one in programs]):
+        one, before = program.Program(tracker.command, "hello", 20.0), programs_cpu_s()
+        one.exchange(["step"] * 5)
+        end([one])
+        assert 0.1 < programs_cpu_s() - before < 1.0
+
+
 def test_the_program_and_its_files_are_part_of_the_key(tmp_path: Path) -> None:
     (tmp_path / "own").write_text("1")
     tracker = replace(script(tmp_path, "print(good, flush=True)"), files=(str(tmp_path / "own"),))

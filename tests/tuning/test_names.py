@@ -97,7 +97,9 @@ def test_a_free_name() -> None:
 def test_a_model_of_the_scenario_is_tuned_for_one_filter(tmp_path: Path) -> None:
     """A filter without an `assume` of its own starts from that of the scenario."""
     path = tmp_path / "shared.yaml"
-    shared = "  start: {kind: gaussian, sigma: [2, 1, 2, 1]}\n  assume: {motion: {kind: cwna, q: 0.3}}\n"
+    shared = (
+        "  start: {kind: gaussian, sigma: [2, 1, 2, 1]}\n  assume: {motion: {kind: cwna, q: 0.3}}\n"
+    )
     text = CONFIG.replace("  start: {kind: gaussian, sigma: [2, 1, 2, 1]}\n", shared)
     text = text.replace("&kf {kind: kf, assume: {motion: {kind: cwna, q: 0.01}}}", "{kind: kf}")
     text = text.replace("  A B: *kf\n  a+b: *kf\n", "").replace(", A B: *q, a+b: *q", "")
