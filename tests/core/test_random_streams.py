@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from trackbench.core.random_streams import RunStreams, aside_stream, block_stream, is_erlang
+from trackbench.core.random_streams import (
+    RunStreams,
+    aside_stream,
+    block_stream,
+    is_erlang,
+    run_seeds,
+)
 
 
 def test_a_run_does_not_depend_on_the_runs_beside_it() -> None:
@@ -75,3 +81,14 @@ def test_gamma_variates_of_other_shapes_are_numpys(shape: float) -> None:
     found = RunStreams(7, range(2000)).standard_gamma(shape, (2000,))
     assert stats.kstest(found, "gamma", (shape,)).pvalue > 1e-3
     assert not is_erlang(shape)
+
+
+def test_seeds_of_runs_are_others_in_each_block_and_for_each_seed() -> None:
+    """For generators outside of Python: run m of a block has its own, however many runs there are."""
+    seeds = [run_seeds(block_stream(s, block), 50) for s in (7, 8) for block in (0, 1, -1)]
+    assert len({seed for of_block in seeds for seed in of_block}) == 6 * 50
+    assert run_seeds(block_stream(7, 0), 3) == seeds[0][:3]
+    stream = block_stream(7, 0)
+    stream.random(10)
+    assert run_seeds(stream, 50) == seeds[0]
+    assert all(0 <= seed < 2**32 for seed in seeds[0])

@@ -22,6 +22,7 @@ from trackbench.contract import check_file, check_filter
 from trackbench.contract.problems import UNEQUAL, ModelDraws, new_rng, planar, radar, simulate
 from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockTask
+from trackbench.execution import cache, code_digests
 from trackbench.execution.cache import block_key
 from trackbench.filters import program
 from trackbench.filters.external import External, ProgramRunError
@@ -371,6 +372,22 @@ def test_the_time_of_a_program_is_known_after_its_end(tmp_path: Path) -> None:
         one.exchange(["step"] * 5)
         end([one])
         assert 0.1 < programs_cpu_s() - before < 1.0
+
+
+def test_the_arithmetic_of_the_machine_is_part_of_the_key_of_a_program(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It computes as it likes; a filter of the package has the same numbers on every machine."""
+    filters = script(tmp_path, "print(good, flush=True)"), make_filter("kf")
+    keys = []
+    for machine in ("one", "another"):
+        monkeypatch.setattr(code_digests, "numpy_arithmetic", lambda digest=machine: digest)
+        cache._part.cache_clear()
+        keys.append([block_key(BlockTask(planar(), f, 1, 0, 2, 2), 2) for f in filters])
+    cache._part.cache_clear()
+    (of_program, of_kf), (elsewhere, of_kf_elsewhere) = keys
+    assert of_program != elsewhere
+    assert of_kf == of_kf_elsewhere
 
 
 def test_the_program_and_its_files_are_part_of_the_key(tmp_path: Path) -> None:
