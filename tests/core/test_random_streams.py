@@ -5,6 +5,7 @@ import pytest
 from scipy import stats
 
 from trackbench.core.random_streams import (
+    _TRAINING_DATA,
     RunStreams,
     aside_stream,
     block_stream,
@@ -92,3 +93,10 @@ def test_seeds_of_runs_are_others_in_each_block_and_for_each_seed() -> None:
     stream.random(10)
     assert run_seeds(stream, 50) == seeds[0]
     assert all(0 <= seed < 2**32 for seed in seeds[0])
+
+
+def test_training_runs_count_from_minus_one_down() -> None:
+    """The first is the first stream of its kind, so that stored tunings come out again."""
+    training = RunStreams(7, [-1, -2]).random((3, 2))
+    kind = _TRAINING_DATA
+    np.testing.assert_array_equal(RunStreams(7, [0, 1], (kind, kind)).random((3, 2)), training)

@@ -27,7 +27,13 @@ from trackbench.execution.cache import block_key
 from trackbench.filters import program
 from trackbench.filters.external import External, ProgramRunError
 from trackbench.filters.program import programs_cpu_s
+from trackbench.models.motions.kinematic import WhiteAcceleration
+from trackbench.models.sensors.position import PositionSensor
 from trackbench.scaffold import write_new
+from trackbench.scenarios.starts.without_scans import GaussianStart
+from trackbench.scenarios.targets.base import Launch
+from trackbench.scenarios.targets.driven import Driven
+from trackbench.scenarios.tracking import Tracking
 
 SOURCE = Path(__file__).parents[1] / "programs" / "planar.c"
 KEYS = {"q": 25.0, "sigma": 20.0}
@@ -388,6 +394,19 @@ def test_the_arithmetic_of_the_machine_is_part_of_the_key_of_a_program(
     (of_program, of_kf), (elsewhere, of_kf_elsewhere) = keys
     assert of_program != elsewhere
     assert of_kf == of_kf_elsewhere
+
+
+def test_times_of_equal_steps_have_no_rounding_that_grows(tmp_path: Path) -> None:
+    """The program answers the time of each step: a tenth, two tenths, ..., not their sum so far."""
+    tracker = script(tmp_path, "print(*[fields[0] if word == 'step' else 0] * 4, flush=True)")
+    driven = Driven(motion=WhiteAcceleration(q=1.0), launch=Launch(vx=1.0))
+    start = GaussianStart(sigma=(1.0, 1.0, 1.0, 1.0))
+    scenario = Tracking(
+        T=0.1, target=driven, sensor=PositionSensor(sigma=1.0), start=start, last=60
+    )
+    times = track(scenario, tracker, 1).mean[0, :, 0]
+    np.testing.assert_array_equal(times, np.arange(61) * 0.1)
+    assert not np.array_equal(times[1:], np.cumsum(np.full(60, 0.1)))
 
 
 def test_the_program_and_its_files_are_part_of_the_key(tmp_path: Path) -> None:
