@@ -22,11 +22,18 @@ from trackbench.contract import check_file, check_filter
 from trackbench.contract.problems import UNEQUAL, ModelDraws, new_rng, planar, radar, simulate
 from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockTask
+from trackbench.execution import cache, code_digests
 from trackbench.execution.cache import block_key
 from trackbench.filters import program
 from trackbench.filters.external import External, ProgramRunError
 from trackbench.filters.program import programs_cpu_s
+from trackbench.models.motions.kinematic import WhiteAcceleration
+from trackbench.models.sensors.position import PositionSensor
 from trackbench.scaffold import write_new
+from trackbench.scenarios.starts.without_scans import GaussianStart
+from trackbench.scenarios.targets.base import Launch
+from trackbench.scenarios.targets.driven import Driven
+from trackbench.scenarios.tracking import Tracking
 
 SOURCE = Path(__file__).parents[1] / "programs" / "planar.c"
 KEYS = {"q": 25.0, "sigma": 20.0}
@@ -359,6 +366,47 @@ def test_the_time_of_a_program_is_that_of_its_filter(tmp_path: Path) -> None:
     # A program that ends takes no time from the filter that is timed meanwhile.
     program.end_all()
     assert spent <= programs_cpu_s() - ready < spent + 0.1
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads the CPU clock of another process")
+def test_the_time_of_a_program_is_known_after_its_end(tmp_path: Path) -> None:
+    """Of one that works 20 ms for each answer, also if nobody has asked before it ended."""
+    work = "end = time.process_time() + 0.02\n    while time.process_time() < end: pass"
+    tracker = script(tmp_path, f"{work}\n    print(good, flush=True)")
+    for end in (program.end_programs, lambda programs: [one.kill() for one in programs]):
+        one, before = program.Program(tracker.command, "hello", 20.0), programs_cpu_s()
+        one.exchange(["step"] * 5)
+        end([one])
+        assert 0.1 < programs_cpu_s() - before < 1.0
+
+
+def test_the_arithmetic_of_the_machine_is_part_of_the_key_of_a_program(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It computes as it likes; a filter of the package has the same numbers on every machine."""
+    filters = script(tmp_path, "print(good, flush=True)"), make_filter("kf")
+    keys = []
+    for machine in ("one", "another"):
+        monkeypatch.setattr(code_digests, "numpy_arithmetic", lambda digest=machine: digest)
+        cache._part.cache_clear()
+        keys.append([block_key(BlockTask(planar(), f, 1, 0, 2, 2), 2) for f in filters])
+    cache._part.cache_clear()
+    (of_program, of_kf), (elsewhere, of_kf_elsewhere) = keys
+    assert of_program != elsewhere
+    assert of_kf == of_kf_elsewhere
+
+
+def test_times_of_equal_steps_have_no_rounding_that_grows(tmp_path: Path) -> None:
+    """The program answers the time of each step: a tenth, two tenths, ..., not their sum so far."""
+    tracker = script(tmp_path, "print(*[fields[0] if word == 'step' else 0] * 4, flush=True)")
+    driven = Driven(motion=WhiteAcceleration(q=1.0), launch=Launch(vx=1.0))
+    start = GaussianStart(sigma=(1.0, 1.0, 1.0, 1.0))
+    scenario = Tracking(
+        T=0.1, target=driven, sensor=PositionSensor(sigma=1.0), start=start, last=60
+    )
+    times = track(scenario, tracker, 1).mean[0, :, 0]
+    np.testing.assert_array_equal(times, np.arange(61) * 0.1)
+    assert not np.array_equal(times[1:], np.cumsum(np.full(60, 0.1)))
 
 
 def test_the_program_and_its_files_are_part_of_the_key(tmp_path: Path) -> None:
