@@ -286,6 +286,9 @@ def _leaves(value: object, where: Keys) -> Iterator[tuple[Keys, object]]:
 def add_label_problem(source: Source, settings: Settings, where: Keys, label: str) -> None:
     """Add the problem of a label that no filter has."""
     hint = unknown(label, list(settings.filters))
+    parts = [part.strip() for part in label.split(",")]
+    if len(parts) > 1 and all(part in settings.filters for part in parts):
+        hint = "write several as a list, [A, B], or as several options: --only A --only B"
     source.add_problem(where, f"{label!r} is not a filter here; {hint}")
 
 

@@ -129,8 +129,10 @@ def _roots(squares: dict[str, Array]) -> dict[str, Array]:
     return {name: np.sqrt(square) for name, square in squares.items()}
 
 
-def why_no_bound_of(sensor: Sensors, start: Start) -> str | None:
+def why_no_bound_of(sensor: Sensors, start: Start, n_x: int) -> str | None:
     """Explain why sensors or start have no bound; None if they have one.
+
+    ``n_x`` is the number of components of the state.
 
     The bound of measurements on time is one of late measurements, too.
     """
@@ -139,6 +141,11 @@ def why_no_bound_of(sensor: Sensors, start: Start) -> str | None:
         return "the bound is of normal errors without a bias"
     if any(s.has_noise_of_state for s in sensors):
         return "the covariance of the noise depends on the state"
+    state = np.ones((n_x, 1))
+    with np.errstate(all="ignore"):
+        covariances = [s.measurement(state, 1).cov for s in sensors]
+    if any(R.ndim == 2 and linalg.is_singular(R) for R in covariances):
+        return "a component of the measurement has no noise (R is singular)"
     if start.prior_type(sensor) is PointMass:
         return "the first state is known"
     if type(start).bound is Start.bound:

@@ -341,7 +341,9 @@ class Tracking(Scenario):
             return "the bound is of a sensor without faults"
         if not has_bound(self._motion):
             return "the target's motion is not x' = F x + b with constant F and Q"
-        return why_no_bound_of(self.true_sensor, self._start) or self.target.why_no_bound
+        n_x = len(self.components)
+        why = why_no_bound_of(self.true_sensor, self._start, n_x)
+        return why or self.target.why_no_bound
 
     @cached_property
     def _bound(self) -> Bound:
