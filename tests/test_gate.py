@@ -182,7 +182,9 @@ def test_a_filter_of_a_file_joins_a_config_without_plugins(
     assert lines[0] == "my-own is unchanged: IMM"
     assert lines[-2:] == ["Kalman: new, not compared", "KF: removed"]
     # Numbers and points of the grid that are gone are no pass either.
-    (repository / "plain.yaml").write_text(config + "metrics: [rmse_position, rmse_velocity, nees, anees]\n")
+    (repository / "plain.yaml").write_text(
+        config + "metrics: [rmse_position, rmse_velocity, nees, anees]\n"
+    )
     out = trackbench(*words, "--runs", 10, cwd=repository)
     assert out.returncode == 1, out.stderr
     assert "removed rmse_x of KF" in out.stdout.splitlines()[0]

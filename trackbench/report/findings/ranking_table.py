@@ -231,9 +231,8 @@ def consistency(results: Results, candidates: Sequence[Candidate]) -> dict[Candi
     every = {c: _normalized_squares(results, c) for c in candidates}
     zs = [_z_of_one(values) for values in every.values()]
     words = {}
-    for (c, values), z, p in zip(every.items(), zs, rules.adjusted(zs), strict=True):
-        significant = p < rules.LEVEL
-        words[c] = _word_on(values, int(np.sign(z)) if significant else 0)
+    for (c, values), sign in zip(every.items(), rules.signs(zs), strict=True):
+        words[c] = _word_on(values, sign)
     return words
 
 
