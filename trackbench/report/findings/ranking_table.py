@@ -14,7 +14,7 @@ from trackbench.core.arrays import Array
 from trackbench.errors import counted
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.report.findings import phrases
-from trackbench.report.findings.phrases import head_of, named, statistic_words
+from trackbench.report.findings.phrases import head_of, metric_words, named, statistic_words
 from trackbench.report.findings.ranking import Candidate, Ranking, best_settings, rankings
 from trackbench.report.results import Results
 from trackbench.report.table import Text, TextTable, rounded
@@ -153,7 +153,7 @@ def _unranked(
     failed = {row["filter"] for row in results.failed}
     for label in results.filters:
         if label not in ranked:
-            why = "failed" if label in failed else "has no such error"
+            why = "failed" if label in failed else f"has no {metric_words(metric)}"
             yield [Text(label), Text("–", nan), Text(why), *[Text("–")] * 3]
 
 
