@@ -320,6 +320,13 @@ def normal_of_t(t: float, freedom: float) -> float:
 
 
 @np.errstate(all="ignore")
+def normals_of_t(t: Array, freedom: float) -> Array:
+    """Return `normal_of_t` of values (n,) that are not negative."""
+    z = np.sqrt(freedom * log(1.0 + t * t / freedom)) * (8.0 * freedom + 1.0)
+    return np.asarray(z / (8.0 * freedom + 3.0))
+
+
+@np.errstate(all="ignore")
 def t_of_normal(z: float, freedom: float) -> float:
     """Return the inverse of `normal_of_t`."""
     if not freedom < np.inf or not abs(z) < np.inf:
