@@ -366,6 +366,11 @@ class Tracking(Scenario):
         """Return the posterior Cramer-Rao bound on every RMSE (K,)."""
         return self._bound.whole
 
+    @property
+    def bound_caution(self) -> str:
+        """Reason to doubt `bounds`: a few simulated paths carry much of the information."""
+        return self._bound.caution
+
     def bounds_without_batch(self) -> tuple[dict[str, Array], ...]:
         """Return `bounds` by all batches of simulated paths but one; nothing without simulation."""
         return self._bound.without_batch
