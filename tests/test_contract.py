@@ -243,3 +243,22 @@ def test_the_command(tmp_path: Path) -> None:
     assert none.returncode == 2
     assert "mine.py: registers no filter" in none.stderr
     assert trackbench("check", cwd=tmp_path).returncode == 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class _OneSided(KF):
+    """A Kalman filter one of whose covariances has a NaN above the diagonal."""
+
+    def estimate(self, state: Tracked) -> Gaussian:
+        cov = np.broadcast_to(state.posterior.cov[..., None], (4, 4, state.posterior.mean.shape[1]))
+        cov = cov.copy()
+        cov[0, 1, 0] = np.nan
+        return Gaussian(state.posterior.mean, cov)
+
+    def all_steps(self, *_: object) -> None:
+        """Return nothing: steps are made one by one."""
+
+
+def test_a_nan_of_one_side_is_not_symmetric() -> None:
+    with pytest.raises(ContractError, match="its mirror image is not"):
+        _check_covariance(_OneSided(), LINEAR)

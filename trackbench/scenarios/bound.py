@@ -148,8 +148,8 @@ class _LargestShare:
             return ""
         return (
             f"{_FEW} of {BATCHES * _PATHS} simulated paths carry {self._share:.0%} of the information "
-            f"of step {self._step}: its mean may not exist, as where a target may pass over a sensor, and "
-            "the bound changes with the number of paths"
+            f"of step {self._step}: its mean may not exist, as where a target may pass over a sensor, "
+            "and the bound changes with the number of paths"
         )
 
 

@@ -393,8 +393,8 @@ class Tracking(Scenario):
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """Notes on changes to the target's data."""
-        return self.target.notices
+        """Notes on changes to the target's data, and on its unexpected keys."""
+        return (*self.target.notices, *self.target.cautions(self._timeline))
 
     def run_metrics(self, values: Mapping[str, Array]) -> dict[str, Array]:
         """Return ``diverged`` (M,), see `score.diverged`; then the target's own numbers per run."""
