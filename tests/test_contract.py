@@ -10,11 +10,13 @@ import pytest
 
 from tests.commands import trackbench
 from tests.conftest import EXPERIMENTS, shipped
+from tests.linear_problem import LINEAR
 from trackbench.contract import check_filter
+from trackbench.contract.checks import ContractError, _check_covariance
 from trackbench.core.distributions import Gaussian, per_run_moments
 from trackbench.filters.base import Steps
 from trackbench.filters.ekf import EKF
-from trackbench.filters.kf import Tracked
+from trackbench.filters.kf import KF, Tracked
 from trackbench.filters.particle_filters import PF
 from trackbench.registry import kinds
 
@@ -250,8 +252,7 @@ class _OneSided(KF):
     """A Kalman filter one of whose covariances has a NaN above the diagonal."""
 
     def estimate(self, state: Tracked) -> Gaussian:
-        cov = np.broadcast_to(state.posterior.cov[..., None], (4, 4, state.posterior.mean.shape[1]))
-        cov = cov.copy()
+        cov = per_run_moments(state.posterior).cov.copy()
         cov[0, 1, 0] = np.nan
         return Gaussian(state.posterior.mean, cov)
 
