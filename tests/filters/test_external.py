@@ -171,6 +171,8 @@ WRONG = {
     "print('1 2 3', flush=True)": "run 0, step 0: the program answers 3 numbers, not 4 of a mean",
     "print(*['x'] * 4, flush=True)": "run 0, step 0: the program answers 'x', which is no number",
     "print(*[1] * 6, 2, *[1] * 13, flush=True)": "a covariance that is not symmetric",
+    "print(*[1] * 5, 'nan', *[1] * 14, flush=True)": "a covariance that is not symmetric",
+    "print(*[1] * 5, 'inf', *[1] * 14, flush=True)": "a covariance that is not symmetric",
     "print(f'{good}\\n{good}', flush=True)": "the program answers more than one line",
     "print(f'{good}\\n{good}' if number == 0 else good, flush=True)": "more than one line",
     "print('1 ' * 2**20, end='', flush=True)": "the program answers a line that does not end",

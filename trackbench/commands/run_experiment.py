@@ -182,6 +182,11 @@ def _notes(experiment: Experiment, losses: dict[Key, Losses]) -> Iterator[str]:
     for key, loss in losses.items():
         if loss.lost and not loss.is_total:
             yield f"{experiment.title_of(key)}: {loss}"
+    bound = experiment.settings.bound
+    if bound:
+        cautions_of_bound = (point.scenario.bound_caution for point in experiment.points)
+        for caution in dict.fromkeys(filter(None, cautions_of_bound)):
+            yield f"{bound}: {caution}"
 
 
 def _failed(experiment: Experiment, outcome: Outcome, losses: dict[Key, Losses]) -> Iterator[str]:

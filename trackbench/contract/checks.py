@@ -172,6 +172,11 @@ def _check_independence(tracker: AnyFilter, scenario: Scenario) -> None:
 
 def _check_covariance(tracker: AnyFilter, scenario: Scenario) -> None:
     P = run_filter(tracker, scenario, simulate(scenario, 20)).cov
+    known = np.isfinite(P)
+    if (known != np.swapaxes(known, 0, 1)).any():
+        raise ContractError(
+            "not symmetric: an entry is NaN or infinite, and its mirror image is not"
+        )
     # Correlations, so that units do not matter; a component that is known or collapsed has none.
     sd = np.sqrt(np.abs(linalg.diagonal(P)))
     sd = np.maximum(sd, 1e-6 * np.nanmax(sd, axis=(1, 2), keepdims=True))

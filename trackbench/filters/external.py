@@ -280,7 +280,10 @@ def _numbers(answers: Sequence[str], n: int) -> Array:
         P = numbers[:, n:].reshape(-1, n, n)
         sd = np.sqrt(np.abs(np.diagonal(P, axis1=1, axis2=2)))
         limit = _ASYMMETRY * sd[:, :, None] * sd[:, None]
-        asymmetric = (np.abs(P - P.swapaxes(1, 2)) > limit).any(axis=(1, 2))
+        differs = np.abs(P - P.swapaxes(1, 2)) > limit
+        # NaN or infinity of one side only.
+        finite = np.isfinite(P)
+        asymmetric = (differs | (finite != finite.swapaxes(1, 2))).any(axis=(1, 2))
         if asymmetric.any():
             what = "the program answers a covariance that is not symmetric"
             raise ProgramError(what, int(asymmetric.argmax()))

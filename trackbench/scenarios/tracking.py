@@ -368,6 +368,11 @@ class Tracking(Scenario):
         """Return the posterior Cramer-Rao bound on every RMSE (K,)."""
         return self._bound.whole
 
+    @property
+    def bound_caution(self) -> str:
+        """Reason to doubt `bounds`: a few simulated paths carry much of the information."""
+        return self._bound.caution
+
     def bounds_without_batch(self) -> tuple[dict[str, Array], ...]:
         """Return `bounds` by all batches of simulated paths but one; nothing without simulation."""
         return self._bound.without_batch
@@ -390,8 +395,8 @@ class Tracking(Scenario):
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """Notes on changes to the target's data."""
-        return self.target.notices
+        """Notes on changes to the target's data, and on its unexpected keys."""
+        return (*self.target.notices, *self.target.cautions(self._timeline))
 
     def run_metrics(self, values: Mapping[str, Array]) -> dict[str, Array]:
         """Return ``diverged`` (M,), see `score.diverged`; then the target's own numbers per run."""
