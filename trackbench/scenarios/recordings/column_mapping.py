@@ -118,22 +118,33 @@ _DIMENSIONS = {
     },
     "speed": {
         **{"m/s": 1.0, "km/h": 1 / 3.6, "kn": 1852.0 / 3600.0, "ft/s": 0.3048, "mph": 0.44704},
-        "cm/s": 1e-2,
+        **{"cm/s": 1e-2, "mm/s": 1e-3, "kn/10": 1852.0 / 36000.0},
     },
-    "angle": {"rad": 1.0, "mrad": 1e-3, "deg": pi / 180.0, "degE7": pi / 180.0e7},
+    "angle": {
+        **{"rad": 1.0, "mrad": 1e-3, "deg": pi / 180.0, "degE7": pi / 180.0e7},
+        # Whole numbers of devices: 1e-6 and 1e-5 deg, AIS, headings, and FIT (2^31 are 180 deg).
+        **{"degE6": pi / 180.0e6, "degE5": pi / 180.0e5, "deg/600000": pi / 180.0 / 600000.0},
+        **{"deg/100": pi / 18000.0, "deg/10": pi / 1800.0, "semicircle": pi / 2.0**31},
+    },
     "turn rate": {"rad/s": 1.0, "deg/s": pi / 180.0},
-    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0},
+    "time": {
+        **{"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0},
+        "100ns": 1e-7,
+    },
 }
 UNITS = dict(chain.from_iterable(units.items() for units in _DIMENSIONS.values()))
 """SI value of each unit."""
 _DIMENSION_OF = {
-    "time": "time",
+    **dict.fromkeys(("time", "subsecond"), "time"),
     **dict.fromkeys(("x", "y", "z", "altitude", "range"), "length"),
     **dict.fromkeys(("vx", "vy", "vz", "speed", "range_rate"), "speed"),
     **dict.fromkeys(("latitude", "longitude", "course", "azimuth", "elevation"), "angle"),
 }
 """Dimension of each quantity; that of a plugin's own quantities may be any."""
-KEYS = ("run", "time", "step", "sensor", "date", "received", "north_south", "east_west")
+KEYS = (
+    *("run", "time", "step", "sensor", "date", "received", "north_south", "east_west"),
+    *("week", "subsecond"),
+)
 """What a row may say beside its quantities."""
 _HEMISPHERES = {
     "latitude": ("north_south", ("n", "north", "nord", "norte"), ("s", "south", "sud", "sur")),
@@ -144,6 +155,8 @@ MOST_DISTANCE = 2e6
 """m from the origin; a plane there shortens distances along the way by 5 %"""
 FAR = 3e5
 """m from the origin, beyond which a note says by how much the plane shortens distances; 0.1 %"""
+STAMP_PARTS = {"week": 604800.0, "subsecond": 1e-9}
+"""Columns that are added to the time, if the config names them, and their usual unit, s."""
 _OBJECTS = ("mmsi", "icao24", "icao", "callsign", "trackid", "vessel", "object")
 """Columns that name what moves."""
 GEODETIC = ("latitude", "longitude", "altitude")
@@ -161,7 +174,8 @@ class Naming:
     columns: dict[str, str] = field(default_factory=dict)
     """names of columns, where they differ: {x: east_m, time: t}; latitude and longitude stand for x
     and y (altitude for z), north_south and east_west for their hemispheres if they have no signs, speed
-    and course for vx and vy"""
+    and course for vx and vy; a time in two columns has its nanoseconds in `subsecond` or weeks in `week`
+    """
     units: dict[str, str] = field(default_factory=dict)
     """units that are not SI: {x: km, speed: kn, azimuth: deg}; latitude, longitude and course are in
     degrees unless they are said to be in rad, or in degE7, whole numbers of 1e-7 deg"""
@@ -208,8 +222,13 @@ class Naming:
     def called(self, name: str, names: Sequence[str]) -> str | None:
         """Find the column of a quantity among ``names``; the second sensor's 2.x falls back to x."""
         for key in dict.fromkeys((name, name.rpartition(".")[2], plain_name(name))):
-            if self.columns.get(key, key) in names:
-                return self.columns.get(key, key)
+            column = self.columns.get(key, key)
+            # A column x that `columns` calls a longitude is no x.
+            is_other = key not in self.columns and any(
+                self.columns.get(geodetic) == column for geodetic in GEODETIC if geodetic != key
+            )
+            if column in names and not is_other:
+                return column
         return None
 
     def scale(self, name: str) -> float:
@@ -226,7 +245,7 @@ def is_unit_of(quantity: str, unit: str) -> bool:
 
 def _mistaken_unit(key: str, unit: str, is_scalar: bool) -> str | None:
     """Explain why a quantity cannot have this unit. A scalar's x and z may have any."""
-    if key in KEYS and key != "time":
+    if key in KEYS and key not in _DIMENSION_OF:
         return f"a {key} has no unit: leave it out"
     dimension = None if is_scalar and key in ("x", "z") else _DIMENSION_OF.get(plain_name(key))
     if dimension is None or unit in _DIMENSIONS[dimension]:
@@ -316,6 +335,34 @@ class Columns:
                 raise self.mistake(f"{what} its own (see `columns`)")
             self.contents[column] = content
         return column
+
+    def take_stamp_parts(self) -> list[str]:
+        """Note the columns that the config names as further parts of the time."""
+        parts = [name for name in STAMP_PARTS if name in self.naming.columns]
+        return [name for name in parts if self.take(name, "number") is not None]
+
+    def stamp_parts(self, table: Table, parts: Sequence[str]) -> Array | float:
+        """Compute the seconds (R,) that further columns add to the time; raises DataError."""
+        out: Array | float = 0.0
+        for name in parts:
+            column = self.column(name)
+            assert column is not None
+            scale = (
+                UNITS[self.naming.units[name]] if name in self.naming.units else STAMP_PARTS[name]
+            )
+            seconds = table.columns[column] * scale
+            least = 0.0 if name == "subsecond" else -inf
+            most = 1.0 if name == "subsecond" else inf
+            wrong = np.flatnonzero(~((seconds >= least) & (seconds < most)))
+            if len(wrong):
+                value = table.columns[column][wrong[0]]
+                what = f"{column}: {value:.9g} is no part of a second; say its unit"
+                what += f" (`units: {{{name}: us}}`)"
+                if np.isnan(value):
+                    what = f"{column}: is missing, and is a part of the time"
+                raise DataError(Place(self.path, int(table.lines[wrong[0]]), 1, what))
+            out = out + seconds
+        return out
 
     def take_unnamed_runs(self) -> str | None:
         """Find a column that names objects, such as MMSI, unless the config says what runs are."""

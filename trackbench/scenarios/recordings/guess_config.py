@@ -5,6 +5,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import fields
 
+from trackbench.scenarios.recordings.column_mapping import STAMP_PARTS
 from trackbench.scenarios.recordings.csv_lines import TextFormat
 from trackbench.scenarios.recordings.guess_format import Guess
 
@@ -63,6 +64,7 @@ def _used_columns(guess: Guess) -> dict[str, str]:
     naming = guess.naming
     # Only what the sensors below measure: a file of several sensors has further columns.
     read = {"time", "date", "step", "received", "run", "sensor", "latitude", "longitude"}
+    read |= STAMP_PARTS.keys()
     read |= {"vx", "vy", "speed", "course"} if guess.moves else set()
     read = read.union(*(sensor.quantities for sensor in guess.sensors))
     if {"x", "y"} <= naming.columns.keys() or not read & {"x", "y"}:

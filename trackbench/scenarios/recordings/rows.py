@@ -27,6 +27,7 @@ from trackbench.scenarios.recordings.column_mapping import (
     Frame,
     Naming,
 )
+from trackbench.scenarios.recordings.column_names import NamedColumn, rest_of_stamp
 from trackbench.scenarios.recordings.csv_tables import Table
 
 TICK = 1e-6
@@ -71,6 +72,7 @@ class Gathered:
     Times are numbers of steps (``stepped``), or seconds, of dates (``dated``) after the first of them.
     The first file (``clock_of``) says which. ``has_delays``: a column has the times at which rows were
     received. ``unavailable`` counts cells with codes of "not available".
+    ``rest`` names columns that look like further parts of the time, and are not read.
     ``geodetic`` is the first file with latitude and longitude, and ``planar`` the first one with another
     quantity that depends on the position (``in_frame``). ``origin`` is given by the config's key
     ``origin_key``, or the first position of the ``chosen`` runs (default: of all); ``own_origins`` are
@@ -94,6 +96,7 @@ class Gathered:
     dated: str = ""
     clock_of: str = ""
     has_delays: bool = False
+    rest: dict[str, NamedColumn] = field(default_factory=dict)
     unavailable: Counter[str] = field(default_factory=Counter)
     runs: list[str] = field(default_factory=list)
     files: list[str] = field(default_factory=list)
@@ -117,8 +120,8 @@ class Gathered:
         """Report a mistake at a row."""
         return Place(self.files[rows.file[i]], int(rows.line[i]), 1, what)
 
-    def timed(self, columns: Columns, table: Table, clock: str) -> Array:
-        """Read times of a table's rows; all tables have clocks of one kind."""
+    def timed(self, columns: Columns, table: Table, clock: str, parts: Sequence[str] = ()) -> Array:
+        """Read times of a table's rows; all tables have clocks of one kind. ``parts`` are added."""
         stepped = columns.contents[clock] == "step"
         # The first file decides which clock all files have.
         if self.since is None:
@@ -136,15 +139,24 @@ class Gathered:
             raise columns.mistake(what)
         # Seconds: dates after the first one, times by their unit; steps stay numbers.
         time = table.columns[clock]
+        if parts and stepped:
+            what = f"{clock} has numbers of steps, to which `columns: {{{parts[0]}: ...}}` adds nothing"
+            raise columns.mistake(f"{what}: leave it out")
         if self.dated:
-            return (time - self.since) / 1e6
+            seconds = (time - self.since) / 1e6
+            return seconds + columns.stamp_parts(table, parts) if parts else seconds
         if not stepped:
+            written = time
             time = time * self.naming.scale("time")
-            late = np.flatnonzero(np.abs(time) > _LATEST)[:_MOST_MISTAKES].tolist()
-            if late:
-                what = "{}: {:.3g} s is no time; say its unit (`units: {{time: ns}}`)"
-                places = ((int(table.lines[i]), what.format(clock, time[i])) for i in late)
-                raise DataError(*(Place(columns.path, line, 1, text) for line, text in places))
+            if parts:
+                time = time + columns.stamp_parts(table, parts)
+            late = np.flatnonzero(np.abs(time) > _LATEST)
+            if len(late):
+                more = f", nor are {len(late) - 1} more" if len(late) > 1 else ""
+                what = (
+                    f"{clock}: {time[late[0]]:.3g} s is no time{more}; {_way_for(written[late[0]])}"
+                )
+                raise DataError(Place(columns.path, int(table.lines[late[0]]), 1, what))
         return time
 
     def numbers_of(self, names: Sequence[str]) -> Numbers:
@@ -166,6 +178,23 @@ class Gathered:
         what = f"positions lie up to {_kilometers(self.largest_distance)} from the origin"
         why = f"where the tangent plane shortens distances by {100.0 * share:.2g} %"
         self.notices.append(f"{what}, {why}: an `origin` in their middle halves the distance")
+
+
+_STAMPS = ((12, "%Y%m%d%H%M"), (14, "%Y%m%d%H%M%S"), (17, "%Y%m%d%H%M%S%f"))
+_EPOCHS = {"ms": 1e12, "us": 1e15, "ns": 1e18}
+
+
+def _way_for(value: float) -> str:
+    """Say how a number that is too large for seconds is read: as a date, or in another unit."""
+    digits = f"{value:.0f}"
+    for length, form in _STAMPS:
+        month, day = int(digits[4:6] or 0), int(digits[6:8] or 0)
+        is_date = 1 <= month <= 12 and 1 <= day <= 31
+        if len(digits) == length and digits[:2] in ("19", "20") and is_date:
+            return f'it looks like a date, say `time_format: "{form}"`'
+    # The unit in which it is a time since 1970.
+    units = [unit for unit, size in _EPOCHS.items() if 0.5 * size <= abs(value) <= 5.0 * size]
+    return f"say its unit (`units: {{time: {units[0] if units else 'ns'}}}`)"
 
 
 def _clock(stepped: bool, dated: str) -> str:
@@ -245,6 +274,8 @@ def _rows_of_file(
         raise columns.mistake(f"no column time or step; there are {known} (see `columns`)")
     if columns.column("date") != clock:
         columns.take("date", "date")
+    parts = columns.take_stamp_parts()
+    gathered.rest = gathered.rest or rest_of_stamp(columns.names, clock, parts)
     arrival = columns.take("received", columns.contents[clock])
     run = columns.take("run", "label")
     which = columns.take("sensor", "label")
@@ -256,7 +287,7 @@ def _rows_of_file(
         what = f"column {several} has {len(table.words[several])} values, which would be one run"
         way = f'say `columns: {{run: {several}}}`, or `columns: {{run: ""}}` to mix them'
         raise columns.mistake(f"{what}: {way}")
-    time = received = gathered.timed(columns, table, clock)
+    time = received = gathered.timed(columns, table, clock, parts)
     if arrival is not None:
         received = _received(gathered, columns, table, arrival, time)
     if columns.is_geodetic:
