@@ -16,6 +16,7 @@ from trackbench.scenarios.recordings.column_mapping import (
     GEODETIC,
     UNITS,
     Naming,
+    no_fix,
     outlying,
 )
 from trackbench.scenarios.recordings.column_names import (
@@ -38,6 +39,7 @@ from trackbench.scenarios.recordings.csv_tables import (
     number,
     parsed,
     read_table,
+    without_thousands,
 )
 from trackbench.scenarios.recordings.dates import instant
 from trackbench.scenarios.recordings.guess_errors import (
@@ -59,6 +61,7 @@ from trackbench.scenarios.recordings.rows import (
 _TURN = 2.0 * np.pi
 _SAMPLE = 10_000  # rows
 _MOST_SENSORS = 50
+_MOST_LINES_OF_WORDS = 5
 _FIRST = 200  # rows that show the format
 _MOST_A_SECOND = 20
 _PLACE, _VELOCITY = ("x", "y"), ("vx", "vy")
@@ -112,6 +115,8 @@ def recognized(path: str, given: Naming | None = None) -> Guess:
         read_table(path, {names[0]: "label"}, form=form)  # which reports why no row can be read
     # Step 2: find the sensors, and the form of dates.
     sensors = _sensors(path, sample, columns, names, units)
+    if form.thousands and not (given.format or TextFormat()).thousands and form.decimal is None:
+        _check_thousands(path, sample, columns, form.thousands)
     measured = set(chain.from_iterable(sensor.quantities for sensor in sensors))
     clock = DateForm(given.time_format, bool(given.time_format))
     if "time" in columns and not clock.form:
@@ -205,9 +210,15 @@ def _text_format(path: str, given: TextFormat, why: dict[str, str]) -> TextForma
     if layout.header > 1 and not layout.is_comment:
         keys["header"] = layout.header
     # Beside commas only quotes can hold decimal commas, and three digits may be thousands.
-    cells = (cell.strip() for cell in chain.from_iterable(rows))
+    cells = [cell.strip() for cell in chain.from_iterable(rows)]
     digits = r"[-+]?\d+,\d+" if layout.separator != "," else r"[-+]?\d+,(\d\d?|\d{4,})"
-    if any(re.fullmatch(digits, cell) for cell in cells):
+    thousands = _thousands(cells)
+    if thousands:
+        keys["thousands"] = thousands
+    if thousands != "," and any(
+        re.fullmatch(digits, without_thousands(cell, thousands) if thousands else cell)
+        for cell in cells
+    ):
         keys["decimal"] = ","
     if keys:
         why["format"] = "guess: as its first lines are"
@@ -220,8 +231,9 @@ def _text_format(path: str, given: TextFormat, why: dict[str, str]) -> TextForma
             raise DataError(Place(path, layout.header, 1, f"{what} {way}"))
         keys |= {"names": names, "header": 0}
         why["format"] = "guess: no line names the columns"
-    elif not given.skip and _are_units(rows):
-        keys["skip"], why["format"] = 1, "guess: below the names is a line of units"
+    elif not given.skip and (skip := _lines_of_words(rows)):
+        what = "is a line of units" if skip == 1 else f"are {skip} lines of words"
+        keys["skip"], why["format"] = skip, f"guess: below the names {what}"
     chosen = {field.name for field in fields(given) if getattr(given, field.name)}
     return replace(given, **{key: value for key, value in keys.items() if key not in chosen})
 
@@ -232,11 +244,35 @@ def _may_be_degrees(rows: list[list[str]]) -> bool:
     return all(re.fullmatch(r" *-?\d{1,3}\.\d{4,} *", cell) for cell in places)
 
 
-def _are_units(rows: list[list[str]]) -> bool:
-    """Test whether the first of these rows holds words above values."""
-    if len(rows) < 2 or any(map(is_value, rows[0])):
-        return False
-    return any(map(str.strip, rows[0])) and any(map(is_value, rows[1]))
+def _thousands(cells: list[str]) -> str:
+    """Find the mark between groups of three digits: twice in a number, or before its decimals."""
+    for mark, decimal in ((".", ","), (",", "."), ("'", ".")):
+        twice = rf"[-+]?\d{{1,3}}({re.escape(mark)}\d{{3}}){{2,}}({re.escape(decimal)}\d*)?"
+        once = rf"[-+]?\d{{1,3}}{re.escape(mark)}\d{{3}}{re.escape(decimal)}\d+"
+        if any(re.fullmatch(twice, cell) or re.fullmatch(once, cell) for cell in cells):
+            return mark
+    return ""
+
+
+def _check_thousands(path: str, sample: "_Sample", columns: dict[str, str], mark: str) -> None:
+    """Raise DataError for a column that may have thousands or decimals behind the mark."""
+    for name in columns.keys() & {"time", *_MEASURED, "speed", "course", *_VELOCITY}:
+        cells = [cell for cell in sample.cells(columns[name]) if cell]
+        once = rf"[-+]?[1-9]\d{{0,2}}{re.escape(mark)}\d{{3}}"
+        if cells and all(re.fullmatch(once, cell) for cell in cells):
+            what = f"{columns[name]}: {cells[0]} may be a thousand times as large, as other columns"
+            way = "have marks between thousands: write the numbers of the file without them"
+            raise DataError(Place(path, sample.line, 1, f"{what} {way}"))
+
+
+def _lines_of_words(rows: list[list[str]]) -> int:
+    """Count the first of these rows that hold words above values; 0 if there are too many."""
+    for count, row in enumerate(rows[: _MOST_LINES_OF_WORDS + 1]):
+        if any(map(is_value, row)):
+            return count
+        if not any(map(str.strip, row)):
+            return 0
+    return 0
 
 
 def _columns(
@@ -341,10 +377,10 @@ class _Sample:
         self.names = names
         self.line = 1 if is_parquet(path) else layout_of(path, form).before + 1
         self._rows = first_rows(path, form, _SAMPLE)
-        self._units: list[str] = []
+        self._thousands = form.thousands
+        self._units: list[list[str]] = []
         if form.skip:
-            rows = first_rows(path, replace(form, skip=0), 1)
-            self._units = rows[0] if rows else []
+            self._units = first_rows(path, replace(form, skip=0), form.skip)
 
     def __len__(self) -> int:
         return len(self._rows)
@@ -361,14 +397,19 @@ class _Sample:
 
     def numbers(self, column: str) -> Array:
         """Parse the numbers of a column, NaN for what is none."""
-        values, _ = parsed(number, [cell.replace(",", ".") for cell in self.cells(column)])
+        cells = self.cells(column)
+        if self._thousands:
+            cells = [without_thousands(cell, self._thousands) for cell in cells]
+        values, _ = parsed(number, [cell.replace(",", ".") for cell in cells])
         return values
 
     def unit(self, column: str, quantity: str) -> str | None:
-        """Find the unit of a quantity's column in the line of units."""
-        if column not in self.names or len(self._units) != len(self.names):
+        """Find the unit of a quantity's column in the lines of units."""
+        if column not in self.names:
             return None
-        return unit_in(words_of(self._units[self.names.index(column)]), quantity)
+        place = self.names.index(column)
+        units = (unit_in(words_of(row[place]), quantity) for row in self._units)
+        return next(filter(None, units), None)
 
 
 class _Reading:
@@ -441,8 +482,7 @@ class _Reading:
             named = ["longitude", "latitude"] if is_angle else ["x", "y"]
             place = np.stack([self._of(name) for name in named])
             if is_angle:
-                # No fix: a receiver writes 0, 0.
-                place[:, (place == 0.0).all(axis=0)] = np.nan
+                place[:, no_fix(place[1], place[0], UNITS["deg"])] = np.nan
         # Step 3: read the speeds, and forget the rows of others.
         speed = self._of("speed") if "speed" in columns else None
         course = self._of("course") if "course" in columns else None
@@ -622,11 +662,21 @@ class _Reading:
 
 
 def _missing(sample: _Sample, columns: dict[str, str], measured: set[str]) -> tuple[float, ...]:
-    """Find whole numbers far outside the others, which mark missing cells."""
+    """Find whole numbers far outside the others, which mark missing cells of all columns."""
+    names = sorted((measured | {*GEODETIC[:2], "speed", *_VELOCITY}) & columns.keys())
+    values = {name: sample.numbers(columns[name]) for name in names}
+    if "latitude" in values and "longitude" in values:
+        fixed = ~no_fix(values["latitude"], values["longitude"], UNITS["deg"])
+        values = {name: column[fixed] for name, column in values.items()}
     out: dict[float, None] = {}
-    # An azimuth of 0 may be far from others, and none of them is missing.
-    for name in sorted((measured | {*GEODETIC[:2]}) & columns.keys() - {"azimuth"}):
-        out |= dict.fromkeys(v for v in outlying(sample.numbers(columns[name])) if v % 1 == 0)
+    far = {name: outlying(column) for name, column in values.items()}
+    for name in sorted(values.keys() & (measured | {*GEODETIC[:2]})):
+        # An azimuth of 0 may be far from others, and none of them is missing.
+        whole = [] if name == "azimuth" else [value for value in far[name] if value % 1 == 0]
+        for value in whole:
+            # A number that other columns measure is no code.
+            if all(value in far[other] or not (values[other] == value).any() for other in values):
+                out[value] = None
     return tuple(out)
 
 

@@ -283,6 +283,7 @@ def _rows_of_file(
     # Step 2: read them; times become seconds.
     table = columns.read()
     gathered.unavailable += columns.unavailable
+    gathered.notices += columns.notices
     if several is not None and len(table.words[several]) > 1:
         what = f"column {several} has {len(table.words[several])} values, which would be one run"
         way = f'say `columns: {{run: {several}}}`, or `columns: {{run: ""}}` to mix them'
