@@ -40,7 +40,7 @@ _FILLERS = (
     "gpsfix fix navsatfix trkpt wpt local global map world odom odometry p z rs r s meas measured "
     "measurement obs observed est hat coord coordinate coordinates point xyz enu utm wgs84 filtered "
     "raw utc value mathrm text rm obj ego target veh vehicle robot uav drone frame from sensor base "
-    "enhanced osd custom"
+    "enhanced osd custom tagblock"
 )
 """Words that may stand beside a quantity in a name: field.pose.pose.position.x, p_RS_R_x."""
 _UNITS = {

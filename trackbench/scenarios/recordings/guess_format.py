@@ -92,6 +92,8 @@ class Guess:
     speed: float
     names: list[str] = field(default_factory=list)
     """all columns of the table"""
+    steps: int = 0
+    """different times of the longest run"""
 
     @property
     def moves(self) -> bool:
@@ -188,7 +190,8 @@ def _measured(path: str, naming: Naming, why: dict[str, str], sensors: list[Sens
     ]
     speed = next((speed for _, speed in levels if speed), 0.0)
     guesses = [s._replace(sigmas=level[0]) for s, level in zip(sensors, levels, strict=True)]
-    return Guess(naming, why, runs, guesses, float(f"{speed:.1g}") or 1.0)
+    steps = len(np.unique(np.concatenate([rows.ticks for rows in longest])))
+    return Guess(naming, why, runs, guesses, float(f"{speed:.1g}") or 1.0, steps=steps)
 
 
 def _has_velocity(columns: dict[str, str]) -> bool:
