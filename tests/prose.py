@@ -5,7 +5,9 @@ results folder and what it is there. ``PF; mean(rmse)`` is an expression of a fi
 the values of a point of the grid (``0.1; 10``); ``z;`` in front asks for its z from zero, ``percent;``
 for a hundred times the number. ``claim; TEXT OF THE CLAIM`` is the verdict on a claim,
 ``number; TABLE; ROW; FILTER; METRIC`` that on a printed number, and ``measured;`` in place of
-``number;`` is the number beside the printed one. ``count; numbers; agrees; fragile``
+``number;`` is the number beside the printed one. ``most; TEXT OF THE CLAIM`` is the end of the interval
+that the claim's note compares with the printed size. ``notes; TABLE; PATTERN`` is the groups of a
+regular expression in a table's file. ``count; numbers; agrees; fragile``
 counts verdicts of a folder, or of all: of ``numbers``, ``words`` on a bias or ``claims``. The word may
 be left out; a paper may stand in place of ``fragile``.
 
@@ -126,6 +128,13 @@ def values(folder: str, title: str) -> tuple[float, ...]:
     parts = re.split(r"\s*[;|]\s*", title)
     if parts[0] == "count":
         return (float(count(folder, *parts[1:])),)
+    if parts[0] == "notes":
+        text = (HERE / "results" / folder / "tables" / f"{parts[1]}.md").read_text(encoding="utf-8")
+        found = re.search(title.split("; ", 2)[2], text, re.MULTILINE)
+        return tuple(map(float, found.groups())) if found else ()
+    if parts[0] == "most":
+        note = _judged("claim", folder, title.partition("; ")[2])["note"]
+        return tuple(map(float, re.findall(r"at most ([-+.\de]+) %", note)))
     if parts[0] == "measured":
         row = _judged("number", folder, title.partition("; ")[2])
         return float(row["measured"]), float(row["stderr"])

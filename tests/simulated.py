@@ -33,16 +33,23 @@ LAWS: dict[str, Callable[[Rng, tuple[int, ...]], Array]] = {
 }
 """Runs of mean zero; those of filters are drawn from the shipped ones."""
 DIFFERENCES = LAWS | {
+    "lognormal, better": lambda rng, shape: -LAWS["lognormal"](rng, shape),
     "rare": lambda rng, shape: (
-        rng.normal(size=shape) + np.where(rng.random(shape) < 0.02, -9.8, 0.2)
-    )
+        rng.normal(size=shape) + np.where(rng.random(shape) < 0.02, 9.8, -0.2)
+    ),
+    "rare, better": lambda rng, shape: -DIFFERENCES["rare"](rng, shape),
 }
-"""The same, and ``rare``: the better of two filters is far worse in one run of 50."""
+"""Runs' errors of the worse filter, less the better one's, about their mean.
+
+``lognormal``, ``rare``: the worse filter has the far runs; ``rare`` is one run of 50. ``better``: the
+better filter has them.
+"""
 DEVIATION = {
     "normal": 1.0,
     "lognormal": np.sqrt((np.e - 1.0) * np.e),
     "rare": np.sqrt(1.0 + 0.02 * 0.98 * 100.0),
 } | {name: errors.std() for name, errors in ERRORS.items()}
+DEVIATION |= {f"{law}, better": DEVIATION[law] for law in ("lognormal", "rare")}
 
 
 def _resampled(rng: Rng, x: Array, shape: tuple[int, ...]) -> Array:

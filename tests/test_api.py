@@ -42,13 +42,51 @@ def test_run_and_load(config: Path, tmp_path: Path) -> None:
         assert (tmp_path / "cli" / name).read_bytes() == (tmp_path / "api" / name).read_bytes()
 
 
-def test_a_script_without_its_guard_is_told_so(config: Path, tmp_path: Path) -> None:
+CALL = "trackbench.run({config!r}, engine='processes', workers=2, quiet=True, formats=(), {out})"
+WITHOUT_GUARD = {
+    "at its top": ("import trackbench\nprint('begins')\nCALL\n", "script.py:3:1: several worker"),
+    "in a function": ("import trackbench\ndef run():\n    CALL\nrun()\n", "script.py:4:1: several"),
+    "in a thread": (
+        "import threading\nimport trackbench\n"
+        "def run():\n    CALL\nif not threading.current_thread().daemon:\n"
+        "    thread = threading.Thread(target=run)\n    thread.start()\n    thread.join()\n",
+        "several worker processes import this script, and would run it again",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", WITHOUT_GUARD)
+def test_a_script_without_its_guard_ends_with_a_line(
+    case: str, config: Path, tmp_path: Path
+) -> None:
+    text, expected = WITHOUT_GUARD[case]
+    call = CALL.format(config=str(config), out=f"out={str(tmp_path / 'out')!r}")
     script = tmp_path / "script.py"
-    script.write_text("import trackbench\ntrackbench.run('a.yaml', workers=2, fresh=True)\n")
-    done = subprocess.run(
-        [sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, timeout=60
-    )
+    script.write_text(text.replace("CALL", call))
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=120)
+    assert expected in done.stderr
     assert 'put the call under `if __name__ == "__main__":`' in done.stderr
+    assert done.stderr.count("Traceback") == 1
+    assert done.stdout.count("begins") <= 1
+    assert not (tmp_path / "out" / "summary.csv").exists()
+
+
+def test_a_script_from_standard_input_has_no_file_for_workers(config: Path, tmp_path: Path) -> None:
+    for workers in (1, 2):
+        out = tmp_path / str(workers)
+        call = CALL.format(config=str(config), out=f"out={str(out)!r}")
+        done = subprocess.run(
+            [sys.executable, "-"],
+            input=f"import trackbench\n{call.replace('workers=2', f'workers={workers}')}\n",
+            capture_output=True,
+            text=True,
+            timeout=120,
+        )
+        assert (out / "summary.csv").exists() == (workers == 1)
+        assert done.stderr.count("Traceback") == workers - 1
+    last = done.stderr.splitlines()[-1]
+    assert last.startswith("trackbench.errors.UserError: <stdin>: several worker processes import")
+    assert last.endswith("save it as a file, or run it with workers=1")
 
 
 def test_kinds_of_an_installed_package(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

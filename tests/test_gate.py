@@ -154,7 +154,7 @@ def test_costs_are_compared_on_one_machine_beyond_the_ratio(tmp_path: Path) -> N
 def test_a_filter_of_a_file_joins_a_config_without_plugins(
     repository: Path, tmp_path: Path
 ) -> None:
-    """At the revision it is read, too; added and removed filters are notes."""
+    """At the revision it is read, too; an added filter is a note, and a removed one a failure."""
     text = (repository / "my_own.yaml").read_text()
     config = re.sub(r'  my-own: .*\n|  "my-own, q = 10": .*\n|plugins: .*\n', "", text)
     (repository / "plain.yaml").write_text(config.replace("runs: 50", "runs: 10"))
@@ -170,6 +170,22 @@ def test_a_filter_of_a_file_joins_a_config_without_plugins(
     new.unlink()
     (repository / "plain.yaml").write_text(config.replace("  KF:", "  Kalman:"))
     out = trackbench(*words, "--runs", 10, cwd=repository)
+    assert out.returncode == 1, out.stderr
+    lines = out.stdout.splitlines()
+    assert lines[0] == "my-own is incomplete: removed KF"
+    assert lines[-2:] == ["IMM: unchanged, byte for byte.", "Kalman: new, not compared"]
+    found = trackbench(*words, "--runs", 10, "--json", cwd=repository).stdout.splitlines()
+    assert json.loads(found[-1]) == {"removed": "KF"}
+    out = trackbench(*words, "--runs", 10, "--allow-removed", cwd=repository)
     assert out.returncode == 0, out.stderr
-    assert out.stdout.splitlines()[-2:] == ["Kalman: new, not compared", "KF: removed"]
+    lines = out.stdout.splitlines()
+    assert lines[0] == "my-own is unchanged: IMM"
+    assert lines[-2:] == ["Kalman: new, not compared", "KF: removed"]
+    # Numbers and points of the grid that are gone are no pass either.
+    (repository / "plain.yaml").write_text(
+        config + "metrics: [rmse_position, rmse_velocity, nees, anees]\n"
+    )
+    out = trackbench(*words, "--runs", 10, cwd=repository)
+    assert out.returncode == 1, out.stderr
+    assert "removed rmse_x of KF" in out.stdout.splitlines()[0]
     git(repository, "reset", "--hard", "--quiet", "HEAD~1")

@@ -52,7 +52,9 @@ def _run(
 
 def _rows(path: Path, label: str) -> list[list[str]]:
     with path.open() as file:
-        return [row for row in csv.reader(file) if row[0] == label]
+        rows = [row for row in csv.reader(file) if row[0] == label]
+    assert rows, f"{path} has no row of {label}"
+    return rows
 
 
 @pytest.fixture(scope="module")

@@ -43,8 +43,12 @@ LAYER = {name: i for i, layer in enumerate(LAYERS) for name in layer}
 def _imports(path: Path) -> set[str]:
     found = set()
     for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path} imports relative to its folder"
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("trackbench."):
             found.add(str(node.module).split(".")[1])
+        if isinstance(node, ast.ImportFrom) and node.module == "trackbench":
+            found |= {a.name for a in node.names if a.name in LAYER}
         if isinstance(node, ast.Import):
             found |= {a.name.split(".")[1] for a in node.names if a.name.startswith("trackbench.")}
     return found
@@ -60,7 +64,7 @@ REPORT = (
     ("kinds",),
     ("tables",),
     ("figures",),
-    ("render", "drawing_process", "open", "sweep", "history", "compare_folders"),
+    ("render", "drawing_process", "open", "sweep", "history", "compare_folders", "suite"),
     ("html",),
 )
 """Inner layers of ``report/`` from the bottom up. Captions rank the filters: figures use findings."""

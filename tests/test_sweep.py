@@ -56,10 +56,19 @@ def test_axis_values(text: str, values: list[object]) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["1..2", "1..2:0", "log:0..1:3", "log:-1..1:3", "a..b:3", "0..1:" + "9" * 5000]
+    ("text", "what"),
+    [
+        ("1..2", r"a range is a\.\.b:n"),
+        ("1..2:0", "0 values: write 1 to 1000"),
+        ("log:0..1:3", "a logarithmic range has ends above zero"),
+        ("log:-1..1:3", "a logarithmic range has ends above zero"),
+        ("a..b:3", r"a range is a\.\.b:n"),
+        ("0..1:" + "9" * 5000, r"a range is a\.\.b:n"),
+    ],
+    ids=lambda text: text[:12],
 )
-def test_axes_that_are_no_axes(text: str) -> None:
-    with pytest.raises(UserError):
+def test_axes_that_are_no_axes(text: str, what: str) -> None:
+    with pytest.raises(UserError, match=what):
         axis_values(text, Mark("--grid"))
 
 

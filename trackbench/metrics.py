@@ -167,7 +167,7 @@ _ERROR_METRICS = [
            "unused", over_steps=""),
     Metric("outside_region", "share of steps outside the filter's own 1 - 1e-6 region", "1", "lower",
            "outside_region"),
-    Metric("lost", "why a run is lost: 0 it is not, 1 not finite, 2 error too far; mean: share of runs",
+    Metric("lost", "why a run is lost: 1 estimate or 3 truth not finite, 2 error too far; 0 it is not",
            "", "", "lost", is_event=True),
     Metric("log_score", "mean log-density that measurements were given, nats", "", "higher",
            "log_likelihood"),

@@ -22,8 +22,6 @@ from trackbench.field_types import FORMULA, require_regular_file
 
 Keys: TypeAlias = tuple[str | int, ...]
 """Keys and list indices that lead to a value."""
-Config: TypeAlias = Path | str | Mapping[str, object]
-"""A file, the name of a shipped experiment, or the content of a file as a mapping."""
 Scalar: TypeAlias = bool | int | float | str | None
 """A value of a config that is no mapping or list."""
 
@@ -164,6 +162,21 @@ class Source:
         return Source(data, self.start, programs=self.programs)
 
 
+@dataclass(frozen=True)
+class Assembled:
+    """A config that the program put together, such as a problem of a suite."""
+
+    source: Source
+    """its data with the positions where they come from; paths in it are absolute"""
+    allowed: tuple[Path, ...] = ()
+    """files of the config whose code the user allowed to run"""
+
+
+Config: TypeAlias = Path | str | Mapping[str, object] | Assembled
+"""A file, the name of a shipped experiment, the content of a file as a mapping, or a config that the
+program put together."""
+
+
 def has_item(node: object, key: str | int) -> bool:
     """Test whether a mapping has the key, or a list the index."""
     if isinstance(node, list):
@@ -234,12 +247,7 @@ def parse(text: str, name: str) -> Source:
     try:
         node = _composed(text)
     except yaml.MarkedYAMLError as error:
-        at = error.problem_mark or error.context_mark
-        mark = Mark(name, at.line + 1, at.column + 1) if at else Mark(name)
-        what = f"not valid YAML: {error.problem}"
-        what += "; indent with spaces" if "'\\t'" in what else ""
-        what += "; check the indentation, or quote a text with ': '" if "mapping" in what else ""
-        what = _TOO_MANY if isinstance(error, _TooManyError) else what
+        mark, what = _invalid_yaml(error, text, name)
     except yaml.YAMLError as error:
         what = f"not valid YAML: {str(error).splitlines()[0]}"
     except RecursionError:
@@ -252,6 +260,63 @@ def parse(text: str, name: str) -> Source:
     if builder.problems:
         raise UserError(*builder.problems)
     return source
+
+
+def _invalid_yaml(error: yaml.MarkedYAMLError, text: str, name: str) -> tuple[Mark, str]:
+    """Find the place of an error of YAML's grammar, and explain it."""
+    at = error.problem_mark or error.context_mark
+    mark = Mark(name, at.line + 1, at.column + 1) if at else Mark(name)
+    if isinstance(error, _TooManyError):
+        return mark, _TOO_MANY
+    lines = text.split("\n")
+    # A space that a word processor or a web page has put in: near the place, or in an indentation.
+    for number in range(min(mark.line, len(lines)), 0, -1):
+        line = lines[number - 1]
+        is_near = number > mark.line - 3
+        space = _ODD_SPACE.search(line if is_near else line[: len(line) - len(line.lstrip())])
+        if space is not None:
+            what = f"not valid YAML: {_describe_space(number, space.group())}"
+            return Mark(name, number, space.start() + 1), what
+    what = f"not valid YAML: {error.problem}"
+    start = error.context_mark
+    if start is not None and error.problem == "could not find expected ':'":
+        line = lines[start.line].strip()
+        missing_space = re.match(r"[\w-]+:(?=\S)", line)
+        how = f"write a space after the colon: {missing_space.group()} ..." if missing_space else ""
+        what = f"not valid YAML: {line!r} is no key with a value; {how or 'write KEY: VALUE'}"
+        return Mark(name, start.line + 1, start.column + 1), what
+    if start is not None and "end of stream" in what and "quoted" in str(error.context):
+        place = Mark(name, start.line + 1, start.column + 1)
+        return place, "not valid YAML: the quotation mark here has no partner; close the text"
+    if "'\\t'" in what:
+        return mark, f"{what}; indent with spaces"
+    before = lines[mark.line - 1][: mark.column - 1] if 0 < mark.line <= len(lines) else ""
+    if "mapping values are not allowed" in what:
+        above = lines[mark.line - 2].strip() if mark.line > 1 else ""
+        missing_space = re.fullmatch(r"([\w-]+:)\S+", above)
+        if missing_space and ":" not in before.strip():
+            what = (
+                f"not valid YAML: {above!r} is no key with a value; write a space after the colon"
+            )
+            return Mark(name, mark.line - 1, len(lines[mark.line - 2]) - len(above) + 1), what
+    if "mapping" in what or "block end" in what:
+        what += "; check the indentation, or quote a text with ': '"
+    return mark, what
+
+
+_ODD_SPACES = {
+    **{0x00A0: "a no-break space", 0x2007: "a figure space", 0x202F: "a narrow no-break space"},
+    **{0x2009: "a thin space", 0x3000: "an ideographic space", 0x200B: "a space without width"},
+    **{0x2003: "an em space", 0x2002: "an en space", 0xFEFF: "a byte order mark"},
+}
+_ODD_SPACE = re.compile("[" + "".join(map(chr, _ODD_SPACES)) + "]")
+_ODD_ENDS = re.compile(f"^{_ODD_SPACE.pattern}|:{_ODD_SPACE.pattern}|{_ODD_SPACE.pattern}$")
+
+
+def _describe_space(line: int, space: str) -> str:
+    """Explain that a line has a space which YAML takes for a letter."""
+    code = ord(space)
+    return f"line {line} has {_ODD_SPACES[code]} (U+{code:04X}); type an ordinary space"
 
 
 def scalar(text: str) -> Scalar:
@@ -319,8 +384,20 @@ class _Builder:
 
     def _mapping(self, node: yaml.MappingNode, keys: Keys) -> MarkedMapping:
         mapping = MarkedMapping()
+        before: yaml.Node | None = None
         for key_node, value_node in node.value:
             mark = self.mark(key_node)
+            if (
+                node.flow_style
+                and before is not None
+                and _is_after_comma(before, key_node, value_node)
+            ):
+                number = f"{before.value},{key_node.value}"
+                place = (*keys, str(list(mapping)[-1]))
+                what = f"{number} has a decimal comma; write {number.replace(',', '.')}"
+                self.problems.append(Problem(self.mark(before), dotted(place), what))
+                continue
+            before = value_node
             if not isinstance(key_node, yaml.ScalarNode):
                 self.problems.append(Problem(mark, dotted(keys), "a key must be a word"))
                 continue
@@ -328,8 +405,9 @@ class _Builder:
             at = (*keys, key)
             # Mistakes in the key itself; a duplicate key would silently replace the first value.
             self._check_text(key, mark, keys)
-            if what := formula(key):
-                self.problems.append(Problem(mark, dotted(keys), what))
+            self._check_spaces(key_node, keys)
+            if mistake := formula(key):
+                self.problems.append(Problem(mark, dotted(keys), mistake))
             if key in mapping:
                 what = f"duplicate key, first given on line {mapping.key_marks[key].line}"
                 self.problems.append(Problem(mark, dotted(at), what))
@@ -346,11 +424,30 @@ class _Builder:
             return None
         text = str(node.value)
         self._check_text(text, self.mark(node), keys)
+        self._check_spaces(node, keys)
         return scalar(text) if is_plain else text
+
+    def _check_spaces(self, node: yaml.Node, keys: Keys) -> None:
+        """Reject a no-break space around a word without quotes, or after its colon."""
+        is_plain = isinstance(node, yaml.ScalarNode) and node.style is None
+        space = _ODD_ENDS.search(str(node.value)) if is_plain else None
+        if space is not None:
+            mark = self.mark(node)
+            what = _describe_space(mark.line, space.group().strip(":"))
+            self.problems.append(Problem(mark, dotted(keys), what))
 
     def _check_text(self, text: str, mark: Mark, keys: Keys) -> None:
         if what := unprintable_reason(text):
             self.problems.append(Problem(mark, dotted(keys), what))
+
+
+def _is_after_comma(before: yaml.Node, key: yaml.Node, value: yaml.Node) -> bool:
+    """Test whether ``{q: 0,1}`` was split at its comma: into ``q: 0`` and a key 1 without a value."""
+    nodes = (before, key, value)
+    if not all(isinstance(node, yaml.ScalarNode) and node.style is None for node in nodes):
+        return False
+    is_number = _INT.fullmatch(str(before.value)) and str(key.value).isdecimal()
+    return bool(is_number) and value.value == ""
 
 
 @runtime_checkable

@@ -26,11 +26,12 @@ HEADER = [
     "left out",
     "mean_off",
     "covariance_off",
+    "nonlinear_off",
     "problems",
     "shown by",
     "first finding",
 ]
-_TIMEOUT = 600.0
+_TIMEOUT = 1800.0
 _LONGEST = 160  # characters of a finding
 
 

@@ -9,8 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.audit.nonlinear import FORMULAS, Rule, off_the_formulas
+from benchmarks.audit.nonlinear import TOLERANCE as NONLINEAR_TOLERANCE
 from trackbench.config.load import load
-from trackbench.contract import check_file
+from trackbench.contract import Finding, check_file
 from trackbench.contract.problems import (
     PLANAR,
     PRECISE,
@@ -55,6 +57,24 @@ def off_the_kalman_filter(tracker: AnyFilter, problem: Scenario) -> tuple[float,
     return float(mean), float(cov)
 
 
+def nonlinear_judgements(cls: Any) -> list[tuple[Finding, float]]:
+    """Return a finding for each nonlinear problem, and the distance from the formulas."""
+    rule: Rule | None = getattr(cls.one, "rule", None)
+    if rule is None:
+        return []
+    out = []
+    for name in FORMULAS:
+        check, why = f"equals the textbook's filter: {name}", ""
+        try:
+            off = off_the_formulas(cls(), rule, name)
+        except Exception as error:
+            off, why = np.nan, str(error)
+        if not off <= NONLINEAR_TOLERANCE:
+            why = why or f"off by {off:.2g} standard deviations"
+        out.append((Finding(check, "bad" if why else "good", why), off))
+    return out
+
+
 def judged(path: Path) -> list[dict[str, Any]]:
     """Return a row for each filter of an adapter file."""
     rows, config = [], path.with_suffix(".yaml")
@@ -69,6 +89,9 @@ def judged(path: Path) -> list[dict[str, Any]]:
             off, bad = (np.nan, np.nan), bad or [str(error)]
         if not max(off) <= TOLERANCE:
             bad.append("differs from the Kalman filter on a linear model")
+        nonlinear = nonlinear_judgements(cls)
+        findings += [finding for finding, _ in nonlinear]
+        bad += [f"{f.check}: {f.why}" for f, _ in nonlinear if f.verdict == "bad"]
         counts = {v: sum(f.verdict == v for f in findings) for v in ("good", "bad", "left out")}
         problems = [name for name, problem in PROBLEMS.items() if runs_on(cls(), problem)]
         texts = {
@@ -78,6 +101,8 @@ def judged(path: Path) -> list[dict[str, Any]]:
         }
         names = ("mean_off", "covariance_off")
         offs = {name: f"{x:.1e}" for name, x in zip(names, off, strict=True)}
+        largest = max([x for _, x in nonlinear], default=None)
+        offs["nonlinear_off"] = "" if largest is None else f"{largest:.1e}"
         rows.append({"filter": kind} | counts | offs | texts)
     return rows
 

@@ -1,11 +1,13 @@
 """Base classes of the audit's adapters: the scenario's model as matrices or as functions."""
 
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
+from benchmarks.audit.nonlinear import Rule
 from trackbench.adapters import PerRun
 from trackbench.core.arrays import Array
+from trackbench.models.base import measured_angle_rows
 from trackbench.models.motions.irregular import Irregular
 
 
@@ -26,11 +28,29 @@ class Matrices(PerRun):
 
 
 class Functions(Matrices):
-    """A filter that takes f(x) and h(x)."""
+    """A filter that takes f(x) and h(x).
+
+    ``rule`` is the filter of a textbook that it should equal on the nonlinear problems.
+    """
+
+    rule: ClassVar[Rule | None] = None
+    k = 1
 
     def f(self, x: Array) -> Array:
         """Return the expected next state (n,)."""
-        return self.motion_matrices()[0] @ x
+        moved = self.model.motion.transition(np.ravel(x)[:, None], self.k)
+        return np.asarray(moved.mean)[:, 0]
+
+    def F(self, x: Array) -> Array:
+        """Return the Jacobian of f (n, n)."""
+        motion: Any = self.model.motion
+        n = np.size(x)
+        return np.asarray(motion.jacobian(np.ravel(x)[:, None], self.k)).reshape(n, n)
+
+    def refuse_angles(self) -> None:
+        """Raise ValueError if an angle is measured: the package has no option for its cut."""
+        if measured_angle_rows(self.model.sensor):
+            raise ValueError("the package has no option for angles")
 
     def h(self, x: Array) -> Array:
         """Return the expected measurement (n_z,)."""
@@ -49,8 +69,10 @@ class Functions(Matrices):
     @property
     def noises(self) -> tuple[Array, Array]:
         """Return Q and R."""
-        sensor: Any = self.model.sensor
-        return self.motion_matrices()[1], sensor.R
+        x = np.zeros((len(self.model.motion.components), 1))
+        Q = np.asarray(self.model.motion.transition(x, self.k).cov)
+        R = np.asarray(self.model.sensor.measurement(x + 1.0, self.k).cov)
+        return Q.reshape(len(Q), -1), R.reshape(len(R), -1)
 
 
 class Batch(Matrices):

@@ -2,6 +2,7 @@
 
 import os
 import site
+import sqlite3
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 from tests.commands import spawned
+from tests.conftest import plugins_forgotten
 from tests.papers import merwe_text
 from trackbench import api
 from trackbench.errors import UserError
@@ -240,6 +242,26 @@ def test_what_a_plugin_reads_undeclared_is_named_in_a_note(
     assert "note: half.py read" not in done.stderr
 
 
+def test_a_filter_of_a_helper_has_the_key_of_all_that_the_plugin_imports(
+    tmp_path: Path, written: Callable[..., None]
+) -> None:
+    """The helper registers the filter; a further module, which the helper imports, is edited."""
+    written("import helper", "helper.FACTOR")
+    (tmp_path / "half.py").rename(tmp_path / "outer.py")
+    (tmp_path / "half.py").write_text("import outer\n")
+    keys = []
+    for value in ("2.5", "7.5"):
+        (tmp_path / "helper.py").write_text(f"FACTOR = {value}\n")
+        with plugins_forgotten():
+            experiment = api.prepare(tmp_path / "own.yaml", api.Options(allow_plugins=True))
+            (first, *_) = make_plan(experiment).tasks[0, "Half"]
+            assert type(first.filter).__module__ == "outer"
+            keys.append(block_key(first, 2))
+            for name in ("outer", "helper"):
+                sys.modules.pop(name, None)
+    assert keys[0] != keys[1]
+
+
 def test_a_worker_refuses_other_files_than_those_of_the_key(
     tmp_path: Path, written: Callable[..., None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -346,3 +368,199 @@ def test_an_unchanged_plugin_has_the_same_keys_in_another_folder(
         task = make_plan(experiment).tasks[0, "Half"][0]
         keys.append(block_key(task, task.runs_used))
     assert keys[0] == keys[1]
+
+
+HELPERS: dict[str, tuple[str, str, str]] = {
+    "a declared file that a module reads": (
+        "from pathlib import Path\nFACTOR = float((Path(__file__).parent / 'w.txt').read_text())\n",
+        "helper.FACTOR",
+        "files: [w.txt]\n",
+    ),
+    "a file that a module reads undeclared": (
+        "from pathlib import Path\nFACTOR = float((Path(__file__).parent / 'w.txt').read_text())\n",
+        "helper.FACTOR",
+        "",
+    ),
+    "a file opened to be read and written": (
+        "from pathlib import Path\n"
+        "with open(Path(__file__).parent / 'w.txt', 'r+') as f:\n    FACTOR = float(f.read())\n",
+        "helper.FACTOR",
+        "",
+    ),
+    "a declared file that a module reads once in a run": (
+        "from functools import cache\nfrom pathlib import Path\n"
+        "@cache\ndef factor():\n    return (Path(__file__).parent / 'w.txt').read_text()\n",
+        "helper.factor()",
+        "files: [w.txt]\n",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", HELPERS)
+def test_a_module_with_the_old_content_of_a_file_is_imported_again(
+    case: str, tmp_path: Path, written: Callable[..., None]
+) -> None:
+    """The module's own source stays; a new process must find no other number in the cache."""
+    helper, factor, declared = HELPERS[case]
+    written("import outer", f"outer.{factor}", declared)
+    (tmp_path / "outer.py").write_text("import helper\n")
+    (tmp_path / "helper.py").write_text(helper)
+    errors = []
+    for value in ("2.5", "7.5"):
+        (tmp_path / "w.txt").write_text(value)
+        errors.append(_run(tmp_path)[1])
+    assert errors[0] != errors[1]
+    done = spawned(
+        *("run", "own.yaml", "--allow-plugins", "--workers", "1", "--out", "fresh", "--fresh"),
+        cwd=tmp_path,
+    )
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "fresh" / "per_run.csv").read_bytes() == (
+        tmp_path / "out" / "per_run.csv"
+    ).read_bytes()
+
+
+def test_a_module_keeps_nothing_of_what_an_earlier_content_of_the_plugin_set(
+    tmp_path: Path, written: Callable[..., None]
+) -> None:
+    (tmp_path / "helper.py").write_text("FACTOR = 2.5\n")
+    written("import helper", "helper.FACTOR")
+    _, plain = _run(tmp_path)
+    written("import helper\nhelper.FACTOR = 7.5", "helper.FACTOR")
+    _, changed = _run(tmp_path)
+    written("import helper\n# edited", "helper.FACTOR")
+    assert _run(tmp_path)[1] == plain != changed
+
+
+def test_two_plugins_that_share_a_module_depend_on_what_it_reads(
+    tmp_path: Path, written: Callable[..., None]
+) -> None:
+    """Only the first of them executes the module; its objects are those of both."""
+    (tmp_path / "helper.py").write_text(
+        "from dataclasses import dataclass\nfrom pathlib import Path\n\n\n"
+        "@dataclass(frozen=True)\nclass Part:\n    value: float\n\n\n"
+        "FACTOR = float((Path(__file__).parent / 'w.txt').read_text())\n"
+    )
+    written("import helper", "helper.FACTOR")
+    plugin = (tmp_path / "half.py").read_text()
+    key = '\n\n    part: helper.Part = helper.Part(1.0)\n    """a part"""\n'
+    doc = '"""A factor of the prior."""\n'
+    for name in ("half", "other"):
+        text = plugin.replace('"half"', f'"{name}"').replace(doc, doc + key)
+        (tmp_path / f"{name}.py").write_text(text)
+    config = CONFIG.replace("DECLARED", "").replace("[half.py]", "[half.py, other.py]")
+    (tmp_path / "own.yaml").write_text(f"{config}  Other: {{kind: other}}\n")
+    (tmp_path / "second.yaml").write_text(
+        CONFIG.replace("DECLARED", "").replace("half", "other").replace("name: own", "name: second")
+    )
+    (tmp_path / "w.txt").write_text("2.5")
+    assert _run(tmp_path)[0] == {"computed": 6, "reused": 0}
+    assert _run(tmp_path)[0] == {"computed": 0, "reused": 6}
+    options = api.Options(allow_plugins=True)
+    first = api.prepare(tmp_path / "own.yaml", options)
+    second = api.prepare(tmp_path / "second.yaml", options)
+    assert first.plugins[1].identity == second.plugins[0].identity
+    (tmp_path / "w.txt").write_text("7.5")
+    assert _run(tmp_path, workers=2, engine="processes")[0] == {"computed": 4, "reused": 2}
+
+
+def test_files_of_one_name_may_exchange_their_contents(
+    tmp_path: Path, written: Callable[..., None]
+) -> None:
+    """Declared files, and modules of two packages."""
+    reads = (
+        "from pathlib import Path\nimport helper.a, helper.b\n"
+        "def late():\n    return (Path(__file__).parent / 'a' / 'w.txt').read_text()\n"
+    )
+    written(reads, "late()) * float(helper.a.FACTOR", "files: [a/w.txt, b/w.txt]\n")
+    for folder in ("a", "b", "helper", "helper/a", "helper/b"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "helper" / "__init__.py").write_text("")
+
+    def write(weights: tuple[str, str], factors: tuple[str, str]) -> None:
+        for name, weight, factor in zip("ab", weights, factors, strict=True):
+            (tmp_path / name / "w.txt").write_text(weight)
+            source = tmp_path / "helper" / name / "__init__.py"
+            source.write_text(f"FACTOR = {factor}\n")
+
+    found = []
+    for weights in (("0.2", "0.3"), ("0.3", "0.2")):
+        for factors in (("0.5", "0.7"), ("0.7", "0.5")):
+            write(weights, factors)
+            found.append(_run(tmp_path))
+    assert [blocks["computed"] for blocks, _ in found] == [4, 2, 2, 2]
+    assert len({error for _, error in found}) == 4
+
+
+def test_links_in_a_declared_folder_are_followed(
+    tmp_path: Path, written: Callable[..., None]
+) -> None:
+    late = (
+        "from pathlib import Path\n"
+        "def late():\n    return (Path(__file__).parent / 'data' / 'l' / 'w.txt').read_text()\n"
+    )
+    written(late, "late()", "files: [data]\n")
+    for folder in ("data", "far", "far/inner"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "data" / "l").symlink_to(tmp_path / "far")
+    (tmp_path / "far" / "inner" / "v.txt").write_text("0")
+    found = []
+    for value in ("2.5", "7.5"):
+        (tmp_path / "far" / "w.txt").write_text(value)
+        found.append(_run(tmp_path))
+    assert [blocks["computed"] for blocks, _ in found] == [4, 2]
+    assert found[0][1] != found[1][1]
+    (tmp_path / "far" / "inner" / "round").symlink_to(tmp_path / "data")
+    message = r"own\.yaml:7:9: files\.0: .*round: is a link to .*data, a folder around it"
+    with pytest.raises(UserError, match=message):
+        _run(tmp_path)
+
+
+def test_variables_read_as_bytes_databases_and_libraries_are_noticed(
+    tmp_path: Path, written: Callable[..., None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    base = tmp_path / "w.db"
+    with sqlite3.connect(base) as connection:
+        connection.execute("create table w (v real)")
+        connection.execute("insert into w values (2.5)")
+    connection.close()
+    monkeypatch.setenv("GAIN", "2")
+    library = tmp_path / "lib.so"
+    library.write_text("not a library")
+    reads = (
+        "import ctypes, os, sqlite3\nfrom pathlib import Path\n"
+        "HOME = Path(__file__).parent\n"
+        "connection = sqlite3.connect(HOME / 'w.db')\n"
+        "W = connection.execute('select v from w').fetchone()[0] * float(os.environb[b'GAIN'])\n"
+        "connection.close()\n"
+        "try:\n    ctypes.CDLL(str(HOME / 'lib.so'))\nexcept OSError:\n    pass\n"
+    )
+    written(reads, "W")
+    (plugin,) = api.prepare(tmp_path / "own.yaml", api.Options(allow_plugins=True)).plugins
+    assert [Path(name).name for name, _ in plugin.opened] == ["lib.so", "w.db"]
+    assert [name for name, _ in plugin.variables] == ["GAIN"]
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_plugin_that_changes_the_working_folder_moves_no_results(
+    workers: int, tmp_path: Path, written: Callable[..., None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its own files are found from the folder that it went to, in every process."""
+    reads = (
+        "import os\nfrom pathlib import Path\nos.chdir(Path(__file__).parent / 'data')\n"
+        "def late():\n    os.chdir('inner')\n    return Path('w.txt').read_text()\n"
+    )
+    written(reads, "late()")
+    (tmp_path / "data" / "inner").mkdir(parents=True)
+    (tmp_path / "data" / "inner" / "w.txt").write_text("2.5")
+    home = tmp_path / "home"
+    home.mkdir()
+    monkeypatch.chdir(home)
+    monkeypatch.setenv("TRACKBENCH_CACHE", "cache")
+    report = api.run(
+        "../own.yaml", allow_plugins=True, quiet=True, formats=["svg"], workers=workers
+    )
+    assert not report.failed
+    assert Path.cwd() == home
+    assert sorted(file.name for file in home.iterdir()) == ["cache", "results"]
+    assert (home / "results" / "own" / "per_run.csv").is_file()

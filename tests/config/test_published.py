@@ -88,9 +88,11 @@ def test_claims_of_every_paper() -> None:
 
 @pytest.mark.parametrize("path", FILES, ids=lambda p: p.name)
 def test_every_row_is_well_formed(path: Path) -> None:
-    experiments = {r["experiment"] for r in rows(path.name)}
+    experiments = {name for r in rows(path.name) for name in r["experiment"].split(";") if name}
+    assert experiments
     for experiment in experiments:
         found = read_published(path.parent, [path.name], experiment)
+        assert found.numbers or found.claims
         for row in [*found.numbers, *found.claims]:
             assert all(measure(str(e)) == e for e in row.expressions), row
 
@@ -103,12 +105,15 @@ def test_a_quote_that_is_not_closed_is_said_with_its_line(tmp_path: Path) -> Non
 
 
 def test_experiments_that_measure_something_name_the_file() -> None:
+    named = set()
     for path in EXPERIMENTS.glob("*.yaml"):
         experiment = shipped(path.stem)
         name = experiment.settings.name
         for file in FILES:
             if any(name in r["experiment"].split(";") for r in rows(file.name)):
                 assert file.name in experiment.published.files, f"{path.name} misses {file.name}"
+                named.add(file)
+    assert named == {*FILES}
 
 
 def test_a_point_of_a_label_with_an_equals_sign() -> None:

@@ -150,3 +150,16 @@ def test_a_value_is_the_same_beside_any_others() -> None:
     z = np.random.default_rng(1).normal(size=50)
     alone = np.array([normal_cdf(np.array([value]))[0] for value in z])
     assert np.array_equal(normal_cdf(np.append(z, 8.4))[:-1], alone)
+
+
+def test_whole_powers_of_negative_numbers_are_numbers() -> None:
+    x = np.array([-2.5, -1.0, -0.5, -0.0, 0.0, 0.5, 1.0, 3.0])
+    for y in (17, 18.0, 40, 101, 0, 1, 16):
+        np.testing.assert_allclose(elementary.power(x, y), x**y, rtol=1e-13)
+    assert elementary.power(-1.0, 1001) == -1.0
+    assert elementary.power(-1.0, 1_000_000) == 1.0
+    # An exponent for each base, whole or not.
+    y = np.array([17.0, 0.0, 2.0, 3.0, 0.0, 0.5, -3.0, 1.5])
+    np.testing.assert_allclose(elementary.power(x, y), x**y, rtol=1e-14)
+    assert np.isnan(elementary.power(np.array([-1.0, -2.0]), 0.3)).all()
+    assert np.isnan(elementary.power(np.array([-1.0]), np.array([0.5]))).all()

@@ -210,3 +210,22 @@ def test_of_one_known_value() -> None:
     x = np.array([[3.0, 0.5]])
     np.testing.assert_array_equal(posterior.below(x), [[1.0, 0.0]])
     np.testing.assert_array_equal(posterior.crps(x), [[1.0, 1.5]])
+
+
+@pytest.mark.parametrize("value", [0.0, 10.0, 1e6, np.pi])
+def test_a_component_that_is_known_exactly_is_no_direction(value: float) -> None:
+    """Particles with one equal component are judged by the others: its rounding is no spread."""
+    rng = np.random.default_rng(11)
+    draws = rng.normal(size=(2, 400, 100))
+    others, x = draws[..., :-1], draws[..., -1]
+    known = np.full((1, 400, 99), value)
+    w = rng.dirichlet(np.ones(99), 400)
+    for weights in (np.full((400, 99), 1 / 99), w):
+        alone = ParticlePosterior(Particles(others, weights))
+        cloud = np.concatenate([others[:1], known, others[1:]])
+        beside = ParticlePosterior(Particles(cloud, weights))
+        at = np.stack([x[0], np.full(400, value), x[1]])
+        np.testing.assert_allclose(beside.within(at), alone.within(x), atol=1e-9)
+        np.testing.assert_allclose(beside.log_excess(at), alone.log_excess(x), rtol=1e-6)
+    covered = (beside.within(at) < 0.5).mean()
+    assert covered == pytest.approx(0.5, abs=0.1)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from trackbench.core.random_streams import RunStreams, block_stream
+from trackbench.core.random_streams import RunStreams, aside_stream, block_stream
 
 
 def test_a_run_does_not_depend_on_the_runs_beside_it() -> None:
@@ -39,3 +39,24 @@ def test_a_shape_without_the_runs_is_refused_in_a_line(size: Any, draw: str) -> 
     with pytest.raises(ValueError, match=r"whose last axis is the 4 runs"):
         getattr(RunStreams(1, range(4)), draw)(size)
     assert getattr(RunStreams(1, range(4)), draw)(4).shape == (4,)
+
+
+def test_streams_beside_the_data_are_others_for_each_number_and_for_training() -> None:
+    """No two of them draw the same numbers: runs of an evaluation and of training, of each number."""
+    first_runs: dict[str, RunStreams] = {}
+    for name, run in (("evaluated", 0), ("training", -1)):
+        streams = RunStreams(7, [run])
+        first_runs[f"{name}: data"] = streams
+        for number in (0, 1, 2, 2**32 - 1):
+            first_runs[f"{name}: beside {number}"] = streams.beside(number)
+    drawn = {name: tuple(rng.random((4, 1))[:, 0]) for name, rng in first_runs.items()}
+    # The filters' noise begins at streams of its own, too.
+    for block in (0, -1):
+        drawn[f"noise of block {block}"] = tuple(block_stream(7, block).random(4))
+        drawn[f"aside of block {block}"] = tuple(aside_stream(7, block).random(4))
+    assert len({*drawn.values()}) == len(drawn)
+
+
+def test_streams_beside_are_those_of_the_runs() -> None:
+    alone, many = (RunStreams(7, runs).beside(3).random((2, len(runs))) for runs in ([5], [4, 5]))
+    np.testing.assert_array_equal(alone[:, 0], many[:, 1])

@@ -8,8 +8,22 @@ from tests.linear_problem import LINEAR
 from tests.papers import maneuver, merwe
 from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.error_series import NOT_LOST, series
-from trackbench.evaluation.run_block import run_block
+from trackbench.evaluation.error_series import (
+    LOST_BECAUSE,
+    NO_TRUTH,
+    NOT_FINITE,
+    NOT_LOST,
+    SeriesSums,
+    lost_runs,
+    per_run_metrics,
+    series,
+)
+from trackbench.evaluation.run_block import _stayed_finite, run_block
+from trackbench.models.motions.nonlinear import MapMotion
+from trackbench.models.sensors.function import FunctionSensor
+from trackbench.scenarios.starts.without_scans import GaussianStart
+from trackbench.scenarios.targets.driven import Driven
+from trackbench.scenarios.tracking import Tracking
 from trackbench.statistics.over_runs import median
 
 
@@ -91,3 +105,54 @@ def test_a_track_is_less_certain_after_a_gap(kind: str) -> None:
     after = tracker.estimate(again).mean
     np.testing.assert_allclose(after[2], y + vy, rtol=1e-12)
     assert np.allclose(after[0], x + vx, rtol=1e-12) == (kind == "alpha-beta")
+
+
+def test_a_run_is_finite_in_all_that_any_run_estimates() -> None:
+    """Of three components and four runs nobody estimates the second component."""
+    mean = np.zeros((3, 5, 4))
+    mean[1] = np.nan
+    mean[0, 2, 1] = np.nan
+    mean[2, 4, 3] = np.inf
+    assert _stayed_finite(mean).tolist() == [True, False, True, False]
+    assert _stayed_finite(mean[:, :2]).tolist() == [True] * 4
+    assert _stayed_finite(np.full((3, 5, 4), np.nan)).tolist() == [False] * 4
+
+
+def test_a_run_with_an_infinite_error_is_lost() -> None:
+    """Its estimate is finite, and the square of its error is not."""
+    squared = np.array([[1.0, 4.0, 1.0], [2.0, np.inf, np.nan]])
+    lost = lost_runs(LINEAR, {"squared_position": squared}, np.ones(3, dtype=np.bool_))
+    assert lost.tolist() == [NOT_LOST, NOT_FINITE, NOT_LOST]
+
+
+def _unstable(power: str, last: int) -> Tracking:
+    """Return a scenario of a motion with this part."""
+    motion = MapMotion(components=("x",), next={"x": f"0.9*x + {power}"}, Q=0.01)
+    sensor = FunctionSensor(h={"z": "x"}, R=0.1)
+    start = GaussianStart(sigma=(0.1,))
+    return Tracking(target=Driven(motion=motion), sensor=sensor, start=start, last=last)
+
+
+def test_an_alternating_input_is_a_number_at_every_step() -> None:
+    found = run_block(BlockTask(_unstable("0.5*(-1)**k", 40), make_filter("ukf"), 1, 0, 20, 20))
+    assert (found.per_run["lost"] == NOT_LOST).all()
+    assert found.per_run["rmse"].max() < 0.5
+
+
+@pytest.mark.parametrize("power", ["0*log(16.5 - k)", "exp(exp(k))"])
+def test_a_truth_that_is_not_finite_is_the_scenarios_fault(power: str) -> None:
+    task = BlockTask(_unstable(power, 17), make_filter("pf", N=20), 1, 0, 20, 20)
+    assert (run_block(task).per_run["lost"] == NO_TRUTH).all()
+    assert "true state" in LOST_BECAUSE[NO_TRUTH]
+
+
+def test_an_infinite_error_is_a_lost_run() -> None:
+    """Of any error, and of squares whose sum is infinite."""
+    for name, square in (("squared_velocity", np.inf), ("squared_position", 1e308)):
+        squares = {n: np.ones((7, 3)) for n in ("squared_position", "squared_velocity")}
+        squares["outside_region"] = np.zeros((7, 3))
+        squares[name][4:6, 1] = square
+        sums = SeriesSums.of(squares, LINEAR.windows, ())
+        got = per_run_metrics(LINEAR, squares, sums, np.ones(3, dtype=bool))
+        np.testing.assert_array_equal(got["lost"], [NOT_LOST, NOT_FINITE, NOT_LOST])
+        assert np.isfinite(got["rmse_position"][[0, 2]]).all()

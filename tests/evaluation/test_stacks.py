@@ -13,9 +13,10 @@ import pytest
 from tests.conftest import EXPERIMENTS, make_filter, shipped
 from tests.papers import maneuver, merwe
 from trackbench.core.random_streams import SomeRuns, block_stream, side_by_side
+from trackbench.evaluation import run_block
 from trackbench.evaluation.block import BlockResult, BlockTask, simulate
 from trackbench.evaluation.run_block import run_stack, run_whole_block
-from trackbench.evaluation.run_filter import run_filter_cached
+from trackbench.evaluation.run_filter import FilterOutput, run_filter, run_filter_cached
 from trackbench.execution.cache import BlockStore
 from trackbench.execution.plan import make_plan, stack_limit
 from trackbench.execution.queue import Queue
@@ -288,3 +289,13 @@ def test_a_filter_that_fails_is_given_up_alone() -> None:
     queue._waiting = deque([tasks])
     assert queue.give_up(tasks[0], ValueError("no")) == [tasks[0], tasks[0]]
     assert [*queue._waiting] == [tasks[1:]]
+
+
+def test_blocks_of_a_stack_share_its_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    def in_six_seconds(task: BlockTask, covariances: int) -> FilterOutput:
+        return run_filter(task, task.data, covariances)._replace(cpu_s=6.0)
+
+    monkeypatch.setattr(run_block, "run_filter_cached", in_six_seconds)
+    blocks = [BlockTask(merwe(T=4), make_filter("ukf"), 1, i, WIDTH, WIDTH) for i in range(3)]
+    assert [found[WIDTH].cpu_s for found in run_stack(blocks)] == [2.0, 2.0, 2.0]
+    assert run_stack(blocks[:1])[0][WIDTH].cpu_s == 6.0

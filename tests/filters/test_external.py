@@ -1,5 +1,6 @@
 """A filter in another language: the Kalman filter of tests/programs/planar.c, and programs that fail."""
 
+import math
 import os
 import shutil
 import signal
@@ -24,6 +25,7 @@ from trackbench.evaluation.block import BlockTask
 from trackbench.execution.cache import block_key
 from trackbench.filters import program
 from trackbench.filters.external import External, ProgramRunError
+from trackbench.filters.program import programs_cpu_s
 from trackbench.scaffold import write_new
 
 SOURCE = Path(__file__).parents[1] / "programs" / "planar.c"
@@ -40,6 +42,7 @@ FAULTS = {
     "covariance not propagated": "the covariance is too large",
     "process noise halved": "the covariance is too small",
     "state carried over": "does `init` set all of the state",
+    "azimuth not wrapped": "the innovation of azimuth is not wrapped",
 }
 
 
@@ -101,9 +104,38 @@ def test_it_passes_the_contract(compiled: Path) -> None:
 def test_planted_faults_are_found(compiled: Path, fault: str) -> None:
     path = compiled / str([*FAULTS].index(fault) + 1)
     tracker = external(path, q=25.0, sigma=40.0, sigma_azimuth=0.04)
-    problem = radar(at=(4000.0, 3000.0)) if fault == "degrees" else planar(sigma=40.0)
+    of_radar = fault in ("degrees", "azimuth not wrapped")
+    problem = radar(at=(4000.0, 3000.0)) if of_radar else planar(sigma=40.0)
     findings = check_filter(External, tracker, on=ModelDraws(base=problem))
     assert FAULTS[fault] in " ".join(str(f) for f in findings if f.verdict == "bad")
+
+
+def test_a_program_of_one_sensor_is_one_line_that_names_on(tmp_path: Path) -> None:
+    for first in ("print('error needs an elevation', flush=True)", "sys.exit('no elevation')"):
+        tracker = script(tmp_path, "print(good, flush=True)", first)
+        (finding,) = check_filter(External, tracker)
+        assert finding.verdict == "bad"
+        assert "elevation" in finding.why
+        assert "`--on CONFIG`" in finding.why
+    # A program that refuses the first problem is checked on another one of the contract.
+    first = "print('ready' if 'azimuth' in hello else 'error needs an azimuth', flush=True)"
+    tracker = script(tmp_path, "print(*['0.1'] * 4, flush=True)", first)
+    findings = [*check_filter(External, tracker)]
+    assert ("shapes", "good") in {finding[:2] for finding in findings}
+
+
+def test_angles_are_sent_within_half_a_turn(tmp_path: Path) -> None:
+    """Also those that noise carried over the cut, and recorded ones of any turn."""
+    answer = "print(*([fields[2]] if word == 'step' else ['0']), *['0'] * 3, flush=True)"
+    tracker, scenario = script(tmp_path, answer), radar()
+    data = simulate(scenario, 1)
+    z = data.measurements
+    z[1, :4, 0] = [math.pi + 0.01, 4.0 - 6.0 * math.pi, -math.pi, math.nan]
+    state = tracker.init(scenario.model, data.prior, new_rng())
+    sent = tracker.all_steps(scenario.model, state, z, 1).estimate.mean[0, :4, 0]
+    expected = [0.01 - math.pi, 4.0 - 2.0 * math.pi, math.pi]
+    np.testing.assert_allclose(sent[:3], expected, atol=1e-12)
+    assert z[1, 0, 0] == math.pi + 0.01
 
 
 def test_a_run_goes_on_from_any_of_its_states(compiled: Path) -> None:
@@ -277,6 +309,56 @@ def test_a_program_of_the_command_line_is_consented_to(compiled: Path, tmp_path:
     assert report.results.labels == ["KF", "0"]
     with pytest.raises(UserError, match="neither the path of a Python file nor of a program"):
         api.run(path, quiet=True, filters=[path])
+
+
+def test_words_after_a_program_of_the_command_line_need_consent(
+    compiled: Path, tmp_path: Path
+) -> None:
+    """The program alone is consented to; with arguments it may do anything else."""
+    program, path = compiled / "0", tmp_path / "own.yaml"
+    entry = "  Mine: {kind: external, command: [WORDS], parameters: {q: 1.0, sigma: 2.0}}\n"
+    path.write_text(CONFIG + entry.replace("WORDS", f"{program}, --remove"))
+    with pytest.raises(UserError, match=r"filters\.Mine\.command: a program is run only"):
+        api.run(path, out=tmp_path / "out", quiet=True, filters=[program])
+    path.write_text(CONFIG + entry.replace("WORDS", f"{program}"))
+    keys = {"quiet": True, "engine": "serial", "formats": ()}
+    report = api.run(path, out=tmp_path / "out", filters=[program], **keys)
+    assert report.failed == []
+
+
+def test_a_program_that_is_changed_while_it_runs_is_an_error(tmp_path: Path) -> None:
+    """It rewrites its own file at the last line of a run, and answers all lines well."""
+    answer = "word == 'step' and open(__file__, 'a').write('#') and None; print(good, flush=True)"
+    with pytest.raises(ProgramRunError, match="the program or its files changed meanwhile"):
+        track(planar(), script(tmp_path, answer), 1)
+
+
+def test_a_program_that_is_built_again_is_started_again(tmp_path: Path) -> None:
+    """Of the same content; programs that run already belong to the old file."""
+    tracker = script(tmp_path, "print(*[os.getpid()] * 4, flush=True)")
+    first, again = (int(track(planar(), tracker, 1).mean[0, 0, 0]) for _ in range(2))
+    assert first == again
+    path = Path(tracker.command[1])
+    path.write_text(path.read_text())
+    later = path.stat().st_mtime_ns + 10**9
+    os.utime(path, ns=(later, later))
+    assert int(track(planar(), tracker, 1).mean[0, 0, 0]) != first
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads the CPU clock of another process")
+def test_the_time_of_a_program_is_that_of_its_filter(tmp_path: Path) -> None:
+    """It works 20 ms for each answer, and answers the CPU seconds that it has spent by then."""
+    work = "end = time.process_time() + 0.02\n    while time.process_time() < end: pass"
+    answer = f"{work}\n    print(*[time.process_time()] * 4, flush=True)"
+    tracker, ready = script(tmp_path, answer), programs_cpu_s()
+    output = track(planar(), tracker, 1)
+    answers = output.mean[0].size
+    spent = programs_cpu_s() - ready
+    assert 0.02 * answers < spent < float(output.mean[0].max()) + 0.1
+    assert output.cpu_s > 0.02 * answers
+    # A program that ends takes no time from the filter that is timed meanwhile.
+    program.end_all()
+    assert spent <= programs_cpu_s() - ready < spent + 0.1
 
 
 def test_the_program_and_its_files_are_part_of_the_key(tmp_path: Path) -> None:

@@ -1,14 +1,18 @@
 """A gate refuses outliers, counts them, and leaves a clean problem alone."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from tests.conftest import track
+from trackbench import api
 from trackbench.core.distributions import Gaussian
-from trackbench.evaluation.block import simulate
+from trackbench.evaluation.block import BlockTask, simulate
+from trackbench.evaluation.error_series import SeriesSums, per_run_metrics, sensor_rejections
+from trackbench.evaluation.run_filter import run_filter
 from trackbench.filters.ekf import EKF
 from trackbench.filters.imm import IMM, ModelBank
 from trackbench.filters.kf import KF, Tracked
@@ -16,10 +20,13 @@ from trackbench.filters.ukf import CKF
 from trackbench.models.base import Model
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.sensors.base import Outliers
-from trackbench.models.sensors.position import PositionSensor
+from trackbench.models.sensors.position import PositionSensor, VelocitySensor
+from trackbench.report.results import Results
 from trackbench.scenarios.starts.without_scans import GaussianStart
 from trackbench.scenarios.targets.driven import Driven
 from trackbench.scenarios.tracking import Tracking
+from trackbench.statistics import rules
+from trackbench.statistics.intervals import AcceptedNis, anees_band
 
 RUNS = 200
 CLEAN = Tracking(
@@ -117,3 +124,146 @@ def test_the_limit_is_that_of_the_measured_components_and_of_all_models(
         gates.append((np.isfinite(z[:, run]).sum(), refused.sum()))
     kinds = {(n, r) for n in (1, 2) for r in range(models + 1)} | {(0, 0)}
     assert set(gates) == kinds  # each number of components is refused by none, one and all models
+
+
+# Means of the NIS per component of what a gate accepts, F_{n+2}(q) / F_n(q), by numerical integration.
+ACCEPTED = {(2, 0.999): 0.99309, (2, 0.99): 0.95348, (2, 0.95): 0.84233, (2, 0.9): 0.74416}
+
+
+@pytest.mark.parametrize(("n", "gate"), ACCEPTED)
+def test_accepted_measurements_have_a_smaller_nis(n: int, gate: float) -> None:
+    law = AcceptedNis(gate, (n,))
+    assert law.mean == pytest.approx((ACCEPTED[n, gate],) * 2, abs=2e-5)
+    # The band has 95 % of the means of drawn chi-squares below their quantile.
+    rng, per_mean = np.random.default_rng(3), 50
+    nis = rng.chisquare(n, 400_000)
+    nis = nis[nis <= np.quantile(nis, gate)] / n
+    means = nis[: len(nis) // per_mean * per_mean].reshape(-1, per_mean).mean(axis=1)
+    low, high = law.band(n * per_mean)
+    assert ((low <= means) & (means <= high)).mean() == pytest.approx(0.95, abs=0.012)
+    assert law.band(n * per_mean, 0.5)[1] < high
+
+
+def test_the_smaller_nis_of_several_sensors_is_not_known_better() -> None:
+    """With measurements at one time the mean is between that of a sensor and 1."""
+    law = AcceptedNis(0.95, (2, 1))
+    one, two = AcceptedNis(0.95, (1,)), AcceptedNis(0.95, (2,))
+    assert law.mean == (min(one.mean[0], two.mean[0]), 1.0)
+    assert law.band(1000)[0] == min(one.band(1000)[0], two.band(1000)[0])
+    assert law.band(1000)[1] == anees_band(1, 1000)[1]
+
+
+def test_the_band_of_a_gated_filter_is_that_of_its_gate(tmp_path: Path) -> None:
+    text = """
+    name: gated
+    runs: 60
+    scenario:
+      kind: tracking
+      last: 40
+      target: {kind: driven, motion: {kind: cwna, q: 0.5}}
+      sensor: {kind: position, sigma: 10}
+      start: {kind: gaussian, sigma: [10, 1, 10, 1]}
+    filters: {KF: {kind: kf}, Gate 95: {kind: kf, gate: 0.95}}
+    metrics: [anis, innovations, autocorrelation_1, log_score]
+    per_step: [anees, nis, anis, innovations]
+    tables: {i: {kind: innovations}, c: {kind: consistency}}
+    figures: {n: {kind: nis}}
+    """
+    (tmp_path / "g.yaml").write_text(text)
+    options = api.Options(engine="serial", quiet=True, out=tmp_path / "out")
+    results = Results(api.run(tmp_path / "g.yaml", options, formats=()).folder)
+    runs = results.runs({})
+    anis = np.nanmean(runs["Gate 95", "anis"])
+    low, high = AcceptedNis(0.95, (2,)).band(np.nansum(runs["Gate 95", "innovations"]))
+    assert 0.8 < low < anis < high < 0.9
+    notes = " ".join(results.tables["i"].notes)
+    assert "Gate 95: 95 % bands of a consistent filter with gate 0.95" in notes
+    assert f"ANIS {low:.3f} to {high:.3f}" in notes
+    shares = {row[0].text: row[4].text for row in results.tables["c"].texts().rows}
+    assert all(float(share) > 0.8 for share in shares.values())
+    _, labels = results.figure("n").axes[0].get_legend_handles_labels()
+    assert {"95 % band", "95 % band, gate 0.95"} <= set(labels)
+
+
+def test_the_word_on_a_filter_without_truth_is_by_its_gate() -> None:
+    mean = AcceptedNis(0.9, (2,)).mean
+    assert rules.credibility(0.73, 0.76, 0, mean) == "calibrated"
+    assert rules.credibility(0.73, 0.76, -1) == "underconfident"
+    assert rules.credibility(0.95, 1.02, 1, mean) == "overconfident"
+
+
+TWO = Tracking(
+    target=Driven(motion=WhiteAcceleration(q=1.0)),
+    sensor=(PositionSensor(sigma=5.0), VelocitySensor(sigma=0.5)),
+    start=GaussianStart(sigma=(5.0, 2.0, 5.0, 2.0)),
+    last=30,
+)
+
+
+def _gated_by_hand(z: Any, prior: Any, P: Any) -> tuple[list[Any], list[Any]]:
+    """Means and refusals of a run: a gate for position and velocity each, in plain matrices."""
+    F = np.kron(np.eye(2), [[1.0, 1.0], [0.0, 1.0]])
+    Q = np.kron(np.eye(2), [[1 / 3, 1 / 2], [1 / 2, 1.0]])
+    H, R = np.eye(4)[[0, 2, 1, 3]], np.diag([25.0, 25.0, 0.25, 0.25])
+    x, means, refused = prior, [], []
+    for value in z.T:
+        x, P = F @ x, F @ P @ F.T + Q
+        rows, out = [], []
+        for part in ([0, 1], [2, 3]):
+            nu = value[part] - H[part] @ x
+            S = H[part] @ P @ H[part].T + R[np.ix_(part, part)]
+            out.append(nu @ np.linalg.solve(S, nu) > CHI2_99[2])
+            rows += [] if out[-1] else part
+        if rows:
+            S = H[rows] @ P @ H[rows].T + R[np.ix_(rows, rows)]
+            K = P @ H[rows].T @ np.linalg.inv(S)
+            x, P = x + K @ (value[rows] - H[rows] @ x), P - K @ S @ K.T
+        means.append(x)
+        refused.append(out)
+    return means, refused
+
+
+@pytest.mark.parametrize("kind", [KF, EKF, CKF, "imm"])
+def test_each_sensor_has_a_gate(kind: Any) -> None:
+    z = simulate(TWO, 1, 0, 20).measurements.copy()
+    z[:2, 10:20] += 100.0  # the first sensor is wrong for a while, the second is not
+    data = simulate(TWO, 1, 0, 20)._replace(measurements=z)
+    tracker = kind(gate=0.99) if kind != "imm" else _bank_of_two()
+    task = BlockTask(TWO, tracker, 1, index=0, width=20, runs_used=20)
+    found = run_filter(task, data)
+    counts, nis_count = found.diagnostics["gated"], found.diagnostics["unused_nis"]
+    for m in range(20):
+        prior = data.prior.mean[:, m], np.diag([25.0, 4.0, 25.0, 4.0])
+        means, refused = _gated_by_hand(z[..., m], *prior)
+        np.testing.assert_allclose(found.mean[:, 1:, m].T, means, rtol=1e-6, atol=1e-6)
+        np.testing.assert_array_equal(counts[1:, m], np.sum(refused, axis=1))
+        some = np.sum(refused, axis=1) < 2
+        np.testing.assert_array_equal(nis_count[1:, m][some], 2.0 * np.sum(refused, axis=1)[some])
+    assert counts[11:21].mean() == pytest.approx(1.0, abs=0.1)
+
+
+def _bank_of_two() -> IMM:
+    """Return an IMM of two equal motions, which is one filter."""
+    motions = (WhiteAcceleration(q=1.0), WhiteAcceleration(q=1.0))
+    return IMM(motions=motions, transition=((0.9, 0.1), (0.1, 0.9)), filter=EKF(gate=0.99))
+
+
+def test_shares_of_refused_measurements_count_measurements() -> None:
+    """Two sensors: shares of each step, and numbers by which the steps are weighed."""
+    z = np.zeros((3, 3, 1))  # the first sensor has two components, the second one
+    z[:2, 2] = np.nan
+    twin = z.copy()
+    twin[0, 0] = 1.0  # the first sensor is bad at the first step
+    refused = np.zeros(z.shape, dtype=bool)
+    refused[:2, 0] = refused[2, 1] = True
+    rows = [slice(0, 2), slice(2, 3)]
+    shares, numbers = sensor_rejections(z, twin, refused, rows)
+    np.testing.assert_array_equal(shares["rejected_good"][:, 0], [np.nan, 0.0, 0.5, 0.0])
+    np.testing.assert_array_equal(numbers["rejected_good"][:, 0], [0, 1, 2, 1])
+    np.testing.assert_array_equal(shares["accepted_bad"][:, 0], [np.nan, 0.0, np.nan, np.nan])
+    short = replace(CLEAN, last=3)
+    values = {"rejected_good": shares["rejected_good"], "squared": np.ones((4, 1))}
+    sums = SeriesSums.of(values, short.windows, ())
+    weights = {"rejected_good": numbers["rejected_good"]}
+    got = per_run_metrics(short, values, sums, np.ones(1, dtype=bool), weights=weights)
+    assert got["rejected_good"][0] == 0.25  # one of four good measurements

@@ -142,6 +142,23 @@ def test_log_densities_have_the_area_one(n: int) -> None:
         assert sum(parts) == pytest.approx(1.0, abs=1e-9)
 
 
+@pytest.mark.parametrize("robust", UPDATES, ids=["huber", "student-t"])
+@pytest.mark.parametrize("off", [1e5, 1e9, 1e20])
+def test_an_outlier_of_many_standard_deviations_has_the_weight_of_its_law(
+    robust: Any, off: float
+) -> None:
+    """Far below one in a thousand, and never zero, by which R would be divided."""
+    posterior = Gaussian(np.zeros((1, 1)), np.eye(1))
+    sensor, z = ScalarSensor(sigma=2.0), np.array([[2.0 * off]])
+    weight = robust.weights(sensor, posterior, z, 1)[0, 0]
+    if isinstance(robust, Huber):
+        expected = robust.k / off
+    else:
+        # E (z - x)^2 / R = off^2 + P / R
+        expected = (robust.df + 1.0) / (robust.df + off**2 + 0.25)
+    assert weight == pytest.approx(max(expected, 1e-30), rel=1e-9)
+
+
 def random_case(rng: np.random.Generator, sizes: tuple[int, ...]) -> tuple[Any, ...]:
     """Return a prior N(m, P), a random linear sensor per size, and a measurement with an outlier."""
     names = ("a", "b", "c")

@@ -252,3 +252,23 @@ def test_nested_functions_have_a_value_or_a_line() -> None:
     for _ in range(150):
         value = np.sin(value)
     np.testing.assert_allclose(values(parse(text, NAMES), X), value, rtol=1e-10)
+
+
+@pytest.mark.parametrize("k", [1, 2, 16, 17, 18, 41])
+@pytest.mark.parametrize(
+    "text", ["(-1)**k", "(-0.5)**k", "x**k", "x**17", "x**(-17)", "(y - 3)**t"]
+)
+def test_whole_powers_of_negative_numbers(text: str, k: int) -> None:
+    """Values, and derivatives by x, against Python's own powers of single numbers."""
+    names = NAMES | {"t": variable("t")}
+    node = parse(text, names)
+    x = -np.abs(X) - 0.2
+    t = 2.0 * k
+    programs = [Program([n], ("x", "y", "z"), ("k", "t")) for n in (node, derivative(node, "x"))]
+    value, slope = (np.broadcast_to(program(*x, k, t)[0], x[0].shape) for program in programs)
+    for i in range(0, x.shape[1], 37):
+        a, b = float(x[0, i]), float(x[1, i])
+        scope = {"x": a, "y": b, "k": k, "t": t}
+        assert value[i] == pytest.approx(eval(text, scope), rel=1e-11)
+        exponent = {"x**k": k, "x**17": 17, "x**(-17)": -17}.get(text, 0)
+        assert slope[i] == pytest.approx(exponent * a ** (exponent - 1.0), rel=1e-11)

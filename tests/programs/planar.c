@@ -9,7 +9,7 @@ parameters q (m^2/s^3), sigma (m) and sigma_azimuth (rad). Compiled with -DFAULT
 #ifndef FAULT
 #define FAULT 0
 #endif
-enum { GOOD, ZERO, SIGMA, FIRST_INTERVAL, SWAPPED, NO_GAIN, LATE, DEGREES, NO_PROPAGATION, HALF, CARRIED };
+enum { GOOD, ZERO, SIGMA, FIRST_INTERVAL, SWAPPED, NO_GAIN, LATE, DEGREES, NO_PROPAGATION, HALF, CARRIED, NO_WRAP };
 #define FOR(i) for (int i = 0; i < 4; i++)
 
 static double x[4], P[4][4], late_x[4], late_P[4][4], q = 1, sigma = 10, sigma_azimuth = 0.003;
@@ -65,6 +65,7 @@ static void measure(const char *line, int polar) {
     if (FAULT == DEGREES) azimuth *= 180 / M_PI;
     memcpy(from, x, sizeof x);
     double nu = z[0] - range, turn = remainder(z[1] - azimuth, 2 * M_PI);
+    if (FAULT == NO_WRAP) turn = z[1] - azimuth;
     if (!isnan(z[0])) update(nu, h[0], r);
     /* The second update is about the state before the first: h (x - from) is known by now. */
     FOR(i) turn -= h[1][i] * (x[i] - from[i]);

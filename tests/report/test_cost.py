@@ -198,6 +198,7 @@ def test_at_the_cost_of_a_filter_with_several_forms(results):
 
 def test_of_efficiencies_the_highest_is_the_best(results):
     table = results.tables["equally-near"]
+    assert len(table.notes) == 3
     for i, note in enumerate(table.notes):
         rows = {k[1]: c[2].estimate.value for k, c in zip(table.keys, table.cells, strict=True)
                 if k[0] == ("10", "40", "160")[i] and c[1].runs}  # fmt: skip

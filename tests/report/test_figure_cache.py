@@ -4,10 +4,13 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import matplotlib
 import pytest
 
 from trackbench import api
 from trackbench.execution.cache import cache_folder, cache_size, clear_cache
+from trackbench.plugins import load
+from trackbench.plugins.load import Plugin
 from trackbench.report import render
 from trackbench.report.paired import compared_statistics
 from trackbench.report.render import KeptFigures, draw_figure, drawing_pool
@@ -38,12 +41,12 @@ def test_what_was_drawn_is_not_drawn_again(
     }
     monkeypatch.setattr(render, "pool", None)  # nobody who draws
     assert files(folder, fresh=False) == first
-    with pytest.raises(TypeError):
+    with pytest.raises(TypeError, match="object is not callable"):
         files(folder, fresh=True)
     assert cache_size(cache_folder()).figures.number == len(first)
     clear_cache(cache_folder())
     assert cache_size(cache_folder()).figures == (0, 0)
-    with pytest.raises(TypeError):
+    with pytest.raises(TypeError, match="object is not callable"):
         files(folder, fresh=False)
 
 
@@ -117,3 +120,23 @@ def test_a_look_of_the_users_own_is_drawn_anew(folder: Path, tmp_path: Path) -> 
     (tmp_path / "matplotlib").mkdir()
     (tmp_path / "matplotlib" / "matplotlibrc").write_text("font.size: 20\n")
     assert KeptFigures.of(api.load(folder).results) is None
+
+
+def test_settings_of_matplotlib_that_a_plugin_changed_are_part_of_a_figure(folder: Path) -> None:
+    """They are those of every process that draws."""
+    plain = files(folder, processes=1, fresh=False)
+    with matplotlib.rc_context({"axes.facecolor": "#fedcba"}):
+        colored = files(folder, processes=1, fresh=False)
+        assert files(folder, processes=2, fresh=True) == colored
+    assert all(b"fedcba" in content for figure in colored.values() for _, content in figure)
+    assert files(folder, processes=1, fresh=False) == plain != colored
+
+
+def test_figures_are_drawn_again_for_another_plugin(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It may have replaced functions of matplotlib."""
+    before = keys(folder)
+    plugin = Plugin(str(tmp_path / "p.py"), b"import matplotlib\n")
+    monkeypatch.setattr(load, "_loaded", {plugin.module: plugin})
+    assert set(keys(folder).values()).isdisjoint(before.values())

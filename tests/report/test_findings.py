@@ -282,6 +282,21 @@ def test_calibration_in_a_word(tmp_path, rng, A) -> None:
     }
 
 
+def test_the_word_on_consistency_belongs_to_all_filters_of_the_table(tmp_path, rng, A) -> None:
+    """Of six exact filters one or more had a word in a fourth of such tables; at 1 % in a hundredth."""
+    tables, wrong = 60, 0
+    errors = dict.fromkeys("ABCDEF", A)
+    for _ in range(tables):
+        nees = {label: rng.chisquare(2.0, M) for label in errors}
+        rows = ranked(folder(tmp_path, errors, nees=nees))
+        wrong += any("confident" in row.get("ANEES", "") for row in rows.values())
+    assert wrong <= 4
+    # One that is too certain by four standard errors has the word among many.
+    nees["A"] += 2.0 + 4.4 * np.sqrt(4.0 / M) - nees["A"].mean()
+    rows = ranked(folder(tmp_path, errors, nees=nees))
+    assert [label for label, row in rows.items() if row["ANEES"] == "overconfident"] == ["A"]
+
+
 @pytest.mark.parametrize(("filters", "settings"), [(6, 1), (2, 10)])
 def test_equal_filters_differ_in_one_experiment_of_a_hundred(rng, filters, settings) -> None:
     """The correction is for all that was tried, also where each filter is at the best of settings."""
@@ -443,3 +458,70 @@ def test_an_undecided_filter_before_a_worse_one_has_no_mark(rng) -> None:
     ranking = ranking_of(found, "rmse")
     assert [tie.filter.label for tie in ranking.ties] == ["B"]
     assert [c.label for c in ranking.marked] == ["A"]
+
+
+def test_a_ratio_has_the_interval_of_its_test(tmp_path, rng) -> None:
+    """A best filter with a few bad runs had intervals from zero on, of 5 times 3.9 to 8.1."""
+    A = np.exp(rng.standard_normal(50))
+    rows = ranked(folder(tmp_path, {"A": A, "B": 5.0 + 0.5 * rng.standard_normal(50)}))
+    found = re.fullmatch(r"(\S+) x \((\S+) to (\S+)\)", rows["B"][RATIO])
+    assert found is not None
+    runs = rng.integers(0, 50, (4000, 50))
+    resampled = 5.0 / A[runs].mean(axis=1)
+    low, high = np.quantile(resampled, [0.025, 0.975])
+    assert 0.6 * low < float(found[2]) < float(found[1])
+    assert float(found[3]) == pytest.approx(high, rel=0.3)
+
+
+def test_an_interval_agrees_with_the_mark_beside_it(tmp_path, rng) -> None:
+    """One pair of ten is beyond 95 % by itself: that shows nothing, nor does an interval."""
+    apart = rng.standard_normal(M)
+    apart = (apart - apart.mean()) / apart.std(ddof=1)
+    A = 50.0 + rng.random(M)
+    for metric, column in (("rmse_position", RATIO), ("log_score", NATS)):
+        sign = 1.0 if metric == "rmse_position" else -1.0
+        errors = {f"B{z}": A + sign * (apart + z / M**0.5) for z in (1.0, 2.3, 2.9, 8.0)}
+        results = folder(tmp_path, {"A": A} | errors)
+        path = tmp_path / "per_run.csv"
+        path.write_text(path.read_text().replace("rmse_position", metric))
+        rows = ranked(results)
+        assert re.fullmatch(r"\S+( x)? \(\S+ to \S+\) n\.s\.", rows["B1.0"][column])
+        assert re.fullmatch(r"\S+( x)? n\.s\.", rows["B2.3"][column])
+        assert re.fullmatch(r"\S+( x)? n\.s\.", rows["B2.9"][column])
+        assert re.fullmatch(r"\S+( x)? \(\S+ to \S+\)( tiny)?", rows["B8.0"][column])
+
+
+def test_a_ratio_without_an_upper_end_and_one_of_many_digits(tmp_path, rng) -> None:
+    A = np.full(8, 0.01)
+    A[0] = 6.0
+    rows = ranked(folder(tmp_path, {"A": A, "B": 5.0 + 0.1 * rng.standard_normal(8)}))
+    assert re.fullmatch(r"\S+ x \(more than 0\.\d+\) n\.s\.", rows["B"][RATIO])
+    A = 1.0 + 0.1 * rng.standard_normal(M)
+    results = folder(tmp_path, {"A": A, "B": 2.65e39 * A * (1.0 + 0.01 * rng.standard_normal(M))})
+    (table,) = ranking_tables(results)
+    assert re.fullmatch(r"2\.6e\+39 x \(2\.6e\+39 to 2\.7e\+39\)", table.rows[1][2].text)
+    # No run counts as lost, and that is no praise.
+    assert "lost" not in table.title
+    (note,) = (note for note in table.notes if "lost" in note)
+    assert note.startswith("B: more than 1000 times the error of the best")
+
+
+def test_a_score_far_below_the_best_has_no_mark(tmp_path, rng) -> None:
+    """B is within 0.69 nats, D significantly worse; C is not, and may be 30 nats below."""
+    A = rng.standard_normal(M)
+    C = A - 33.0 * (rng.random(M) < 0.02)
+    scores = {"A": A, "B": A - 0.1 * rng.standard_normal(M), "C": C, "D": A - 40.0 - rng.random(M)}
+    results = folder(tmp_path, scores)
+    path = tmp_path / "per_run.csv"
+    path.write_text(path.read_text().replace("rmse_position", "log_score"))
+    (found,) = rankings(results)
+    marked = {c.label for c in found.marked}
+    assert "A" in marked
+    assert "B" in marked
+    assert not {"C", "D"} & marked
+
+
+def test_a_number_that_is_zero_in_every_run_has_no_mark(tmp_path, rng) -> None:
+    A = rng.random(M)
+    assert folder(tmp_path, {"A": A, "B": A + 1.0 + A * A}).tables["t"].best == {(0, 0)}
+    assert folder(tmp_path, {"A": 0.0 * A, "B": A}).tables["t"].best == set()

@@ -113,6 +113,17 @@ def test_an_index_over_several_folders(folder):
         api.report(folder / "tables")
 
 
+@pytest.mark.parametrize(
+    ("name", "link"),
+    [("javascript:alert(1)", "./javascript%3Aalert%281%29"), ("a#b?c", "./a%23b%3Fc")],
+)
+def test_links_lead_to_folders_of_any_name(folder, name, link):
+    folder.rename(folder.with_name(name))
+    index, ledger = api.report(folder.parent)
+    assert f'href="{link}/report.html"' in index.read_text()
+    assert f"]({link}/)" in ledger.read_text()
+
+
 def test_a_clone_gets_an_index_over_the_folders_with_runs_and_keeps_its_ledger(folder, capsys):
     other = shutil.copytree(folder, folder.with_name("other"))
     (other / "per_run.csv").unlink()

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import time
 from html.parser import HTMLParser
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -125,6 +126,22 @@ def test_a_style_keeps_what_draws():
     text = inline(svg.encode(), "one", "t")
     assert 'style="fill: red; clip-path: url(#one-a)"' in text
     assert 'clip-path="url(#one-a)"' in text
+
+
+def test_the_time_of_cleaning_grows_with_the_length():
+    """Of a quadratic search the larger file took two minutes."""
+    svg = STRANGE % f'<g style="fill: {"url(#" * 50_000}" d="M1 1"/>'
+    started = time.process_time()
+    text = inline(svg.encode(), "one", "t")
+    assert time.process_time() - started < 5.0
+    assert "url(#" not in text
+
+
+@pytest.mark.parametrize("depth", [101, 200_000])
+def test_groups_that_are_nested_without_end_are_refused(depth):
+    svg = STRANGE % ("<g>" * depth + "</g>" * depth)
+    with pytest.raises(UserError, match=r"figures/one\.svg: has groups within groups, more than"):
+        inline(svg.encode(), "one", "t")
 
 
 def test_a_page_is_no_figure():

@@ -31,7 +31,9 @@ reference: "10"
 )
 def test_runs_in_groups_are_those_of_the_frame(tmp_path: Path, grid: tuple[str, ...]) -> None:
     results = Results(ran(tmp_path, CONFIG, grid=grid).folder)
-    for point in results.points():
+    points = results.points()
+    assert points
+    for point in points:
         frame = results.per_run
         for path, value in point.items():
             frame = frame[frame[path] == value]
@@ -53,7 +55,9 @@ def test_many_runs_are_read_in_little_memory(tmp_path: Path) -> None:
     results = Results(folder)
     assert results.points() == [{}]
     taken = peak(results.runs, {})
+    # The data frame of the whole file, read by the same version of pandas.
+    of_the_frame = peak(lambda: Results(folder).per_run)
     assert {key: len(x) for key, x in results.runs({}).items()} == {
         (label, "rmse"): number for label in labels
     }
-    assert taken < 3 * 8 * len(labels) * number
+    assert taken < 0.5 * of_the_frame

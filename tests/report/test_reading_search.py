@@ -1,5 +1,6 @@
 """The table of readings: distances by hand, readings that are the same, readings that are lost."""
 
+from dataclasses import replace
 from math import log, sqrt
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from tests.commands import ran
 from tests.papers import merwe_text
 from trackbench.config.published import PublishedNumber
+from trackbench.errors import UserError
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.results import Results
 from trackbench.report.tables.reading_search import (
@@ -15,8 +17,10 @@ from trackbench.report.tables.reading_search import (
     Number,
     _notes,
     distance,
-    ways_to_measure,
 )
+from trackbench.report.verdicts.files import markdown
+from trackbench.report.verdicts.numbers import compare
+from trackbench.report.verdicts.searches import ways_to_measure
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.over_runs import mean
 
@@ -39,6 +43,7 @@ tables:
   PF: {kind: readings, of: original, filters: [PF]}
   nothing: {kind: readings, of: nowhere}
   ways: {kind: readings, of: two ways, statistics: [mean, median], rows: 8}
+  fitted: {kind: readings, of: fitted, chosen: {"PF: Mean": the weights}}
   claims: {kind: claim-readings, of: original, rows: 3}
   none-claimed: {kind: claim-readings, of: nowhere}
   gains:
@@ -59,6 +64,8 @@ p,1,EKF,Mean,0.4,4,100,original,EKF,mean(rmse),,
 p,1,PF,Mean,99,4,100,another,PF,mean(rmse),,
 p,1,PF,Error,0.5,4,100,two ways,PF,mean(rmse),,
 p,1,PF,Error,0.5,4,100,two ways,PF,mean(rmse[k<=6]),,
+p,2,PF,Mean,0.5,4,100,fitted,PF,mean(rmse),,
+p,2,APF,Mean,0.5,4,100,fitted,APF,mean(rmse),,
 """
 
 CLAIMS = """\
@@ -161,6 +168,40 @@ def test_a_number_is_measured_one_way_at_a_time_and_a_variance_stays_one() -> No
         expected = [f"rms({metric})", f"rms({metric})", "variance(rmse)", "rmse@20"]
         assert [str(n.expression) for n in kept] == expected
     assert ways_to_measure(numbers[4:]) == ([], [([], numbers[4:])])
+
+
+def test_a_printed_number_counts_under_the_best_reading_of_a_search(results: Results) -> None:
+    """Of the two readings of PF's mean the nearer one counts."""
+    numbers = {n.best.published.printed_at[1:5]: n for n in compare(results).numbers}
+    # The EKF, which this experiment lacks, has no verdict.
+    metrics = ("Mean", "Variance", "Gain", "Bias", "Error")
+    expected = {("1", "", "PF", metric) for metric in metrics}
+    expected |= {("1", "", "APF", "Mean"), ("2", "", "PF", "Mean"), ("2", "", "APF", "Mean")}
+    assert {*numbers} == expected
+    of_pf, of_apf = numbers["1", "", "PF", "Mean"], numbers["1", "", "APF", "Mean"]
+    assert (of_pf.readings, of_apf.readings, numbers["1", "", "PF", "Gain"].readings) == (2, 4, 4)
+    assert numbers["1", "", "PF", "Error"].readings == 8  # two points, statistics and expressions
+    values = [results.runs(point)["PF", "rmse"].mean() for point in results.points()]
+    nearest = min(values, key=lambda value: abs(value - 0.5))
+    assert of_pf.best.measured.value == pytest.approx(nearest)
+    assert of_pf.best.note.startswith("best of 2 readings searched; weights ")
+    assert "(best of 2)" in markdown(results, compare(results))
+
+
+def test_a_setting_that_was_fitted_to_a_number_decides_nothing_in_a_search(
+    results: Results,
+) -> None:
+    numbers = {n.best.published.printed_at[1:5]: n for n in compare(results).numbers}
+    best = numbers["2", "", "PF", "Mean"].best
+    assert best.verdict.word == "inconclusive"
+    assert "chosen for this number: the weights" in best.note
+    assert numbers["2", "", "APF", "Mean"].best.published.chosen == ""
+
+
+def test_a_fitted_number_that_is_not_printed_is_an_error(results: Results) -> None:
+    table = replace(results.parts("tables")["fitted"], chosen={"PF: Maen": "the weights"})
+    with pytest.raises(UserError, match="no printed number of fitted; did you mean PF: Mean"):
+        table.table(results)
 
 
 def test_claims_are_counted_at_every_reading(results: Results) -> None:

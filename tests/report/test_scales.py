@@ -103,13 +103,13 @@ def test_equal_numbers_have_a_logarithmic_color(tmp_path: Path) -> None:
 def test_curves_below_zero_have_linear_axes(plain: Results, spec: FigureKind) -> None:
     with style.rc_context():
         figure = spec.draw(plain)
-    for ax in figure.axes[-1:]:  # the errors, of estimates
-        name = "x" if isinstance(spec, Bars) else "y"
-        values = scales.drawn_values(ax.xaxis if name == "x" else ax.yaxis)
-        assert (values < 0.0).any()
-        assert (ax.get_xscale() if name == "x" else ax.get_yscale()) == "linear"
-        low, high = ax.get_xlim() if name == "x" else ax.get_ylim()
-        assert low <= values.min() < values.max() <= high
+    ax = figure.axes[-1]  # the errors, of estimates
+    name = "x" if isinstance(spec, Bars) else "y"
+    values = scales.drawn_values(ax.xaxis if name == "x" else ax.yaxis)
+    assert (values < 0.0).any()
+    assert (ax.get_xscale() if name == "x" else ax.get_yscale()) == "linear"
+    low, high = ax.get_xlim() if name == "x" else ax.get_ylim()
+    assert low <= values.min() < values.max() <= high
     style.close(figure)
 
 

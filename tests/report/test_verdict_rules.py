@@ -5,12 +5,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from tests.report.test_verdicts import number
 from trackbench.report.verdicts.numbers import _is_near, _verdict
 from trackbench.statistics import rules
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.intervals import interval_of
+from trackbench.statistics.over_runs import Estimate
 from trackbench.statistics.rules import claim_verdict, combine_batches, number_verdict
 
 
@@ -172,3 +174,53 @@ def test_the_interval_of_the_rules_is_of_95_percent():
     x = rng.standard_normal(100)
     term = RunEstimate(1.0, 0.1, x - x.mean(), 100)
     assert term.interval() == interval_of(1.0, x - x.mean(), 0.95)
+
+
+def test_the_weakest_of_comparisons_that_must_all_hold_needs_no_correction():
+    assert rules.weakest([4.0, 2.5, 3.0]) == 2.5
+    assert rules.weakest([4.0, -2.5, 3.0]) == -2.5
+    # Of many steps, too, as long as all of them point the way of the claim.
+    assert rules.weakest([4.0, 2.5, 3.0], steps=3) == 2.5
+    # One that is unknown decides.
+    for steps in (1, 3):
+        assert np.isnan(rules.weakest([4.0, nan, -3.0], steps))
+
+
+@pytest.mark.parametrize("zs", [[-3.0, 1.0], [2.0, -4.0, 0.5, 7.0], [-6.0] * 50], ids=len)
+def test_the_weakest_of_many_steps_that_fails_is_corrected_by_bonferroni(zs):
+    """n times the tail probability of the least z, of all comparisons, not of the steps alone."""
+    expected = stats.norm.ppf(len(zs) * stats.norm.cdf(min(zs)))
+    for steps in (2, len(zs)):
+        assert rules.weakest(zs, steps) == pytest.approx(expected, rel=1e-9)
+    assert min(zs) < rules.weakest(zs, 2) < 0.0
+
+
+def test_a_corrected_probability_is_a_half_at_most():
+    """Of fifty steps the least is below -1 by chance alone: that shows nothing."""
+    assert rules.weakest([-1.0, *np.linspace(0.0, 3.0, 49)], steps=50) == pytest.approx(0.0)
+
+
+def test_runs_that_decide_grow_with_the_square_of_what_is_missing():
+    assert rules.runs_that_decide(100, 2.5, 5.0) == pytest.approx(400.0)
+    assert rules.runs_that_decide(100, -2.5, 5.0) == pytest.approx(400.0)
+    # More than there are, unless there is one recording, of which a longer one is wanted.
+    assert rules.runs_that_decide(100, 7.0, 5.0) == 101.0
+    assert rules.runs_that_decide(1, 10.0, 5.0) == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize("tests", [1, 3, 45])
+def test_deviations_needed_are_those_of_holms_first_step(tests):
+    z = rules.deviations_needed(tests)
+    for side, significant in ((-1e-6, False), (1e-6, True)):
+        p = rules.adjusted([z + side] + [0.0] * (tests - 1))[0]
+        assert (p < rules.LEVEL) == significant
+    assert z == pytest.approx(stats.norm.isf(0.5 * rules.LEVEL / tests))
+
+
+@pytest.mark.parametrize("runs", [5, 9, 40, 1000])
+def test_no_chance_is_judged_by_students_t(runs):
+    """Four standard errors of the normal: with few runs their own error counts."""
+    limit = stats.t.isf(stats.norm.sf(4.0), runs - 1)
+    for sign in (1.0, -1.0):
+        assert not rules.is_no_chance(Estimate(sign * 0.9 * limit, 1.0), runs)
+        assert rules.is_no_chance(Estimate(sign * 1.1 * limit, 1.0), runs)

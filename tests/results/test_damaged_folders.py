@@ -70,6 +70,7 @@ COMMANDS: dict[str, Callable[[Path], None]] = {
     "compare": lambda folder: said("compare", folder, "--json"),
     "overview": lambda folder: said("report", folder.parent),
     "load": load,
+    "history": lambda folder: said("history", folder, folder.parent / "whole"),
     "verify": lambda folder: said("verify", folder, "--runs", 1),
     "run": lambda folder: said(
         *("run", folder / "config.yaml", "--out", folder, "--engine", "serial", "--format", "svg")
@@ -87,6 +88,10 @@ def cut(path: Path) -> None:
 
 def scrambled(path: Path) -> None:
     path.write_bytes(random.Random(1).randbytes(300))
+
+
+def nested(path: Path) -> None:
+    path.write_text("[" * 100_000)
 
 
 def folder_instead(path: Path) -> None:
@@ -114,7 +119,11 @@ FILES = (
 WHOLE = [
     (name, damage, command)
     for (name, damage), command in zip(
-        [(n, d) for n in FILES for d in (emptied, cut, scrambled, folder_instead, link_to_itself)],
+        [
+            (n, d)
+            for n in FILES
+            for d in (emptied, cut, scrambled, nested, folder_instead, link_to_itself)
+        ],
         cycle(["report", "load", "plot", "overview", "compare", "load"]),
         strict=False,
     )
@@ -176,6 +185,9 @@ FORGED: list[tuple[str, Callable[[Path], None], str]] = [
     ("run/machine.json", leaf("packages", value=[]), "report"),
     ("run/machine.json", leaf("files", value=[]), "plot"),
     ("run/machine.json", leaf("runs", value="x"), "report"),
+    ("run/machine.json", leaf("date", value=20261128), "history"),
+    ("run/machine.json", leaf("commit", value=["x"]), "history"),
+    ("run/machine.json", leaf("python", value={}), "report"),
     ("manifest.json", leaf("files", "../../own", value=[]), "run"),
     ("points.json", leaf(0, "spans", value=[["x"]]), "report"),
     ("points.json", leaf(0, value=[1]), "load"),
@@ -202,6 +214,9 @@ FORGED: list[tuple[str, Callable[[Path], None], str]] = [
     ("shown.npz", array("mean/PF", np.array([["x"]])), "plot"),
     ("shown.npz", array("mean/PF", np.array([None])), "load"),
     ("figures/f.svg", text("<svg", "<html"), "report"),
+    ("figures/f.svg", text(r' d="[^"]*"( clip-path=)', r' d="M1"\1'), "overview"),
+    ("figures/f.svg", text("(?s)<g .*</g>", "<g>" * 2000 + "</g>" * 2000), "report"),
+    ("figures/f.svg", text("(?s)<g .*</g>", "<g>" * 2000 + "</g>" * 2000), "overview"),
 ]
 
 
@@ -210,6 +225,8 @@ def test_a_forged_file(
     small: Path, tmp_path: Path, name: str, forge: Callable[[Path], None], command: str
 ) -> None:
     folder = shutil.copytree(small, tmp_path / "out")
+    if command == "history":
+        shutil.copytree(small, tmp_path / "whole")
     forge(folder / name)
     if not name.endswith(("manifest.json", "machine.json")):
         reseal(folder)

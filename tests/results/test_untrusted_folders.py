@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from trackbench import api
+from trackbench.atomic_files import write_text
 from trackbench.errors import WriteError
 from trackbench.results.folder_contents import locked, read_manifest, remove_outputs, write_manifest
 
@@ -129,3 +130,23 @@ def test_only_the_program_s_own_half_written_files_go(folder: Path) -> None:
     remove_outputs(folder, keep=())
     assert not any((folder / name).exists() for name in ours)
     assert all((folder / name).exists() for name in theirs)
+
+
+def test_a_link_in_the_place_of_a_temporary_file_is_not_followed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Someone puts it there after the old temporary file is removed and before the new one is made."""
+    own = tmp_path / "own.txt"
+    own.write_text("mine")
+    unlink = Path.unlink
+
+    def unlink_and_link(path: Path, missing_ok: bool = False) -> None:
+        unlink(path, missing_ok)
+        if path.suffix == ".part":
+            path.symlink_to(own)
+
+    monkeypatch.setattr(Path, "unlink", unlink_and_link)
+    with pytest.raises(WriteError, match=r"a\.csv"):
+        write_text(tmp_path / "a.csv", "numbers")
+    assert own.read_text() == "mine"
+    assert not (tmp_path / "a.csv").exists()

@@ -79,6 +79,25 @@ def test_motions_are_given_the_true_interval_of_each_step(tmp_path: Path) -> Non
         )
 
 
+@pytest.mark.parametrize("stray", [0.01, 0.001, 1e-5])
+def test_a_clock_that_strays_by_a_small_share_has_steps_of_its_own(
+    tmp_path: Path, stray: float
+) -> None:
+    """Each step has its own interval, not the mean one, which a filter would show in its digits."""
+    times = 2.0 * np.arange(10) + stray * np.array([0, 0, 0, 1, 0, 0, -1, 0, 0, 0])
+    (tmp_path / "m.csv").write_text(table("time,x,y", times, *X[:, :10]))
+    found = tracked(config(tmp_path, {"measurements": "m.csv"}))
+    np.testing.assert_allclose(found["mean/KF"][0, :, 0], by_hand(times, X[0, :10]), rtol=1e-10)
+
+
+def test_rounding_of_a_clock_is_no_step_of_its_own(tmp_path: Path) -> None:
+    times = 0.1 * np.arange(12)
+    times[5] += 1e-9
+    (tmp_path / "m.csv").write_text(table("time,x,y", times, *X))
+    scenario = load(config(tmp_path, {"measurements": "m.csv"})).points[0].scenario
+    assert scenario.model.motion.T == 0.1
+
+
 FILTERS = {
     "KF": {"kind": "kf"},
     "UKF": {"kind": "ukf"},

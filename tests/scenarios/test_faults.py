@@ -1,5 +1,6 @@
 """Faults of sensors against scalar programs of a few lines."""
 
+import zlib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,8 @@ from trackbench.evaluation.exact_errors import exact_series, why_not_exact
 from trackbench.evaluation.run_block import run_block, run_stack
 from trackbench.execution.cache import block_key
 from trackbench.execution.plan import make_plan
+from trackbench.models.sensors.position import ScalarSensor
+from trackbench.scenarios.faults import Bias, FaultContext, recovery
 from trackbench.scenarios.tracking import Tracking
 
 PHI, Q, R, RUNS = 0.95, 1.0, 4.0, 40
@@ -142,6 +145,55 @@ def test_a_fault_changes_the_measurements_of_its_window_alone(
     t = (np.arange(-1, 11) * 0.5)[:, None]
     changed = expected(clean[0, 28:40], truth[0, 29:41], t)[1:]
     np.testing.assert_allclose(z[0, inside], changed, rtol=1e-12, atol=1e-12)
+
+
+def test_a_ramp_grows_from_the_given_time_also_between_two_steps(tmp_path: Path) -> None:
+    """From 14.8 s on: the first measurement with the fault, at 15 s, has 0.2 s of the ramp."""
+    ramp = {"name": "a", "kind": "bias", "ramp": [3.0], "from": 14.8, "to": 20.0}
+    of = experiment(tmp_path, ramp, filters=KNOWN, T=0.5)
+    faulty = of.points[0].scenario
+    assert isinstance(faulty, Tracking)
+    (_, z), (_, clean) = measured(faulty), measured(faulty.without_faults)
+    times = faulty.times[1:]
+    expected = np.where((times > 14.8) & (times < 20.1), 3.0 * (times - 14.8), 0.0)
+    np.testing.assert_allclose((z - clean)[0], expected[:, None] + 0.0 * z[0], atol=1e-12)
+    np.testing.assert_allclose(result(of, "Known").per_run["damage"], 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize(("first", "last"), [(1.01, 1.99), (0.96, 2.04), (1.0, 2.0)])
+def test_a_fault_between_two_steps_changes_none_outside_its_times(
+    tmp_path: Path, first: float, last: float
+) -> None:
+    bias = {"name": "a", "kind": "bias", "value": [3], "from": first, "to": last}
+    faulty = scenario(tmp_path, bias, T=0.05)
+    (_, z), (_, clean) = measured(faulty), measured(faulty.without_faults)
+    inside = [first - 1e-9 <= 0.05 * k <= last + 1e-9 for k in range(1, 101)]
+    np.testing.assert_array_equal((z != clean)[0, :, 0], inside)
+
+
+@pytest.mark.parametrize(
+    ("keys", "what"),
+    [
+        ({"density": {"kind": "uniform", "region": {"z": [5, 5]}}}, "ends before it begins"),
+        ({"density": {"kind": "uniform", "region": {"z": [5, 4]}}}, "ends before it begins"),
+        ({"factor": 3, "share": 0}, "a share of 0 changes nothing"),
+    ],
+)
+def test_outliers_that_change_nothing_are_refused(
+    tmp_path: Path, keys: dict[str, Any], what: str
+) -> None:
+    with pytest.raises(UserError, match=what):
+        scenario(tmp_path, {"name": "a", "kind": "outliers", **keys})
+
+
+def test_a_factor_multiplies_the_errors_about_the_sensors_bias(tmp_path: Path) -> None:
+    noise = {"name": "a", "kind": "noise", "factor": 3, "steps": [30, 40]}
+    faulty = scenario(tmp_path, noise, sensor={"kind": "scalar", "sigma": 2.0, "bias": [5.0]})
+    (truth, z), (_, clean) = measured(faulty), measured(faulty.without_faults)
+    error = clean[0, 29:40] - truth[0, 30:41]
+    assert abs(error.mean() - 5.0) < 5 * 2.0 / error.size**0.5
+    expected = truth[0, 30:41] + 5.0 + 3.0 * (error - 5.0)
+    np.testing.assert_allclose(z[0, 29:40], expected, rtol=1e-12, atol=1e-12)
 
 
 def test_drawn_faults_have_streams_of_their_own(tmp_path: Path) -> None:
@@ -303,6 +355,33 @@ def test_a_recording_without_truth_has_faults_that_need_none(tmp_path: Path) -> 
         scenario(tmp_path, NOISY, **recording(tmp_path))
 
 
+def test_recovery_is_judged_by_the_steps_that_have_a_truth() -> None:
+    """Half of the twin's RMSE over three known steps is 0.5: the first run is below from step 4 on."""
+    fault = Bias(name="a", steps=(1, 2), value=(9.0,), recovered=0.5)
+    steps = np.arange(7)
+    context = FaultContext(ScalarSensor(sigma=1.0), steps, 2.0 * steps)
+    first = np.array([0.0, 9.0, 9.0, 2.0, 0.45, np.nan, 0.45])
+    damage = np.stack([first, np.where(steps == 6, 0.55, first)], axis=1)
+    squared = np.square(damage + 1.0)  # the twin's error is one at every step
+    values = {"damage": damage, "squared": squared}
+    found = recovery(context, [fault], {"after a": steps > 2}, values)
+    np.testing.assert_array_equal(found["recovery_s[a]"], [4.0, np.nan])
+    np.testing.assert_array_equal(found["not_recovered[a]"], [0.0, 1.0])
+
+
+def test_a_run_without_a_truth_after_the_fault_has_no_recovery(tmp_path: Path) -> None:
+    bias = {"name": "a", "kind": "bias", "steps": [2, 3], "value": [40]}
+    keys = recording(tmp_path, **TRUTH)
+    rows = TRUE.splitlines(keepends=True)
+    early = [row for row in rows[1:] if row.startswith("2") or int(row.split(",")[1]) <= 2]
+    (tmp_path / "t.csv").write_text(rows[0] + "".join(early))
+    point = experiment(tmp_path, bias, filters={"KF": {"kind": "kf"}}, **keys).points[0]
+    got = run_block(BlockTask(point.scenario, point.filters["KF"], 1, 0, 2, 2)).per_run
+    for name in ("recovery_s[a]", "not_recovered[a]"):
+        assert np.isnan(got[name][0])
+    assert np.isfinite(got["not_recovered[a]"][1])
+
+
 def test_training_has_the_faults_before_its_end(tmp_path: Path) -> None:
     late = NOISY | {"name": "late", "from": 7, "to": 8}
     keys = recording(tmp_path, **TRUTH) | {"score": {"train": 0.6}}
@@ -433,3 +512,88 @@ def test_filters_that_need_the_kind_of_sensor_say_so(tmp_path: Path) -> None:
         load(tmp_path / "c.yaml")
     (tmp_path / "c.yaml").write_text(text.replace("los-rbpf", "gaussian-sum"))
     assert api.run(tmp_path / "c.yaml", out=tmp_path / "out", quiet=True, formats=()).failed == []
+
+
+def test_a_fault_of_one_time_has_one_measurement(tmp_path: Path) -> None:
+    faulty = scenario(tmp_path, {"name": "a", "kind": "bias", "from": 30, "to": 30, "value": [9]})
+    _, z = measured(faulty)
+    _, clean = measured(faulty.without_faults)
+    changed = np.zeros(100)
+    changed[29] = 9.0
+    np.testing.assert_allclose((z - clean)[0], np.tile(changed[:, None], (1, RUNS)), atol=1e-12)
+    with pytest.raises(UserError, match="ends at 29 s, and begins at 30 s; take a later end"):
+        scenario(tmp_path, {"name": "a", "kind": "bias", "from": 30, "to": 29, "value": [9]})
+
+
+OFF = {"name": "off", "kind": "bias", "steps": [20, 50], "value": [100]}
+STUCK = {"name": "stuck", "kind": "freeze", "steps": [20, 50]}
+WILD = {"name": "wild", "kind": "outliers", "steps": [30, 40], "factor": 10}
+
+
+def test_later_faults_multiply_the_errors_of_earlier_ones(tmp_path: Path) -> None:
+    """Errors e of a bias become 10 (e + 100); of a frozen value ten times its distance."""
+    for first, error_before in (
+        (OFF, lambda z, x: z[29:40] - x[30:41] + 100.0),
+        (STUCK, lambda z, x: z[18:19] - x[30:41]),
+    ):
+        faulty = scenario(tmp_path, first, WILD)
+        truth, z = measured(faulty)
+        _, clean = measured(faulty.without_faults)
+        error = z[0, 29:40] - truth[0, 30:41]
+        np.testing.assert_allclose(error, 10.0 * error_before(clean[0], truth[0]), rtol=1e-9)
+    # A bias that begins later is added to the larger errors.
+    late = OFF | {"steps": [35, 50]}
+    truth, z = measured(scenario(tmp_path, late, WILD))
+    _, clean = measured(scenario(tmp_path))
+    error, before = z[0, 34:40] - truth[0, 35:41], clean[0, 34:40] - truth[0, 35:41]
+    np.testing.assert_allclose(error, 10.0 * before + 100.0, rtol=1e-9, atol=1e-9)
+
+
+def test_a_filter_knows_a_bias_that_a_later_fault_multiplies(tmp_path: Path) -> None:
+    """It has the errors of a filter that knows the larger noise without any bias."""
+    found = []
+    for faults in ((OFF, WILD), (WILD,)):
+        of = experiment(tmp_path, *faults, filters=KNOWN)
+        found.append(result(of, "Known").per_run["rmse"])
+    np.testing.assert_allclose(*found, rtol=1e-9)
+    some = WILD | {"share": 0.5}
+    with pytest.raises(UserError, match="multiplies the bias of 'off' by a random factor"):
+        experiment(tmp_path, OFF, some, filters=KNOWN)
+
+
+def test_a_sensor_freezes_after_its_first_measurement(tmp_path: Path) -> None:
+    for when in ({"steps": [1, 30]}, {"from": 0, "to": 30}, {"to": 30}):
+        with pytest.raises(UserError, match="no measurement is before this fault"):
+            scenario(tmp_path, {"name": "a", "kind": "freeze", **when})
+    scenario(tmp_path, {"name": "a", "kind": "freeze", "steps": [2, 30]})
+    # A recorded sensor may begin later than its recording.
+    sensors = [{"kind": "scalar", "sigma": 2}, {"kind": "scalar", "sigma": 2}]
+    rows = [f"{t},{t},{t if t > 5 else ''}" for t in range(10)]
+    (tmp_path / "two.csv").write_text("\n".join(["time,1.z,2.z", *rows, ""]))
+    keys = recording(tmp_path) | {"sensor": sensors}
+    keys["target"] |= {"measurements": "two.csv"}
+    fault = {"name": "a", "kind": "freeze", "from": 4, "to": 8}
+    scenario(tmp_path, fault | {"sensor": 1}, **keys).simulate(RunStreams(1, range(1)), 1)
+    late = scenario(tmp_path, fault | {"sensor": 2}, **keys)
+    with pytest.raises(ValueError, match="freezes `z` before its first measurement"):
+        late.simulate(RunStreams(1, range(1)), 1)
+
+
+def test_faults_whose_names_have_one_crc_have_other_draws(tmp_path: Path) -> None:
+    """Of two sensors both are bad in 9 % of the steps, as of any other names."""
+    names = "plumless", "buckeroo"
+    assert len({zlib.crc32(name.encode()) for name in names}) == 1
+    half = {"kind": "outliers", "steps": [1, 100], "factor": 50, "share": 0.3}
+    sensors = [{"kind": "scalar", "sigma": 2}, {"kind": "scalar", "sigma": 2}]
+    changed = {}
+    for pair in (names, ("first", "second")):
+        faults = [{"name": n, "sensor": i, **half} for i, n in enumerate(pair, 1)]
+        faulty = scenario(tmp_path, *faults, sensor=sensors)
+        _, z = measured(faulty, 200)
+        _, clean = measured(faulty.without_faults, 200)
+        changed[pair] = z != clean
+        both = changed[pair].all(axis=0).mean()
+        assert both == pytest.approx(0.09, abs=5 * (0.09 * 0.91 / clean[0].size) ** 0.5)
+    # The fault that is listed first has the draws that it has alone.
+    alone = scenario(tmp_path, {"name": "plumless", "sensor": 1, **half}, sensor=sensors)
+    np.testing.assert_array_equal(measured(alone, 200)[1][0] != clean[0], changed[names][0])

@@ -12,6 +12,7 @@ from tests.scenarios.test_clocks import table
 from trackbench import api
 from trackbench.config.load import load
 from trackbench.errors import UserError
+from trackbench.scenarios.recordings.guess_format import recognized
 
 pytestmark = pytest.mark.usefixtures("no_report")
 
@@ -159,3 +160,70 @@ def test_degrees_without_a_unit_are_refused(
     assert "rad is beyond a whole turn, as are 19 more: say `units: {" in line
     target = {"measurements": file, "units": {name: "deg"}}
     load(config(tmp_path, target, sensor, start=start))
+
+
+CLOCKWISE = table(
+    "time,range,azimuth",
+    TIMES,
+    np.hypot(*PLACE) + 15.0 * NOISE[0],
+    (90.0 - np.degrees(np.arctan2(PLACE[1], PLACE[0]) + 3.5e-3 * NOISE[1])) % 360.0,
+)
+"""Plots of the radar with azimuths clockwise from north."""
+
+
+def test_angles_clockwise_from_north(tmp_path: Path) -> None:
+    write(tmp_path)
+    (tmp_path / "compass.csv").write_text(CLOCKWISE)
+    target = {"truth": "xy.csv", "measurements": "compass.csv", "units": {"azimuth": "deg"}}
+    plane = rmse(tmp_path, {"measurements": "plots.csv", "truth": "xy.csv"})
+    assert plane < 30.0
+    assert rmse(tmp_path, target | {"clockwise": ["azimuth"]}) == pytest.approx(plane, rel=1e-6)
+    # Without the key truth and measurements are mirror images, and a note says so.
+    (note,) = load(config(tmp_path, target, RADAR)).points[0].scenario.cautions
+    assert note.startswith("the truth is beyond nearly every measurement of the sensor (median: ")
+    assert "it agrees with them if it is mirrored at the diagonal x = y: for angles " in note
+    assert note.endswith("clockwise from north say `clockwise: [azimuth]`")
+    for bad, what in (("range", "'range' is no angle that is measured here"), ("course", "always")):
+        with pytest.raises(UserError, match=what):
+            load(config(tmp_path, target | {"clockwise": [bad]}, RADAR))
+
+
+def test_a_truth_that_contradicts_the_measurements_is_noted(tmp_path: Path) -> None:
+    x, y = PLACE + 5.0 * NOISE
+    (tmp_path / "m.csv").write_text(table("time,x,y", TIMES, x, y))
+    notes = []
+    for truth in ((PLACE[0], PLACE[1]), (PLACE[1], PLACE[0]), (-PLACE[1], PLACE[0]), PLACE - 900.0):
+        (tmp_path / "t.csv").write_text(table("time,px,py", TIMES, *truth))
+        target = {"measurements": "m.csv", "truth": "t.csv"}
+        notes.append(load(config(tmp_path, target, POSITION)).points[0].scenario.cautions)
+    assert notes[0] == ()
+    assert "if it is mirrored at the diagonal x = y: are x and y exchanged" in notes[1][0]
+    assert "if it is turned by 270 deg: are x and y exchanged" in notes[2][0]
+    assert notes[3][0].endswith("): check the origin, the units, the clock and the sensor's sigma")
+
+
+def test_the_zone_in_the_name_of_a_column(tmp_path: Path) -> None:
+    stamps = [f"2026-05-04 10:00:{t:02.0f}" for t in TIMES]
+    x, y = PLACE
+    (tmp_path / "m.csv").write_text(table("Time (UTC),x,y", stamps, x, y))
+    zoned = [f"{stamp.replace(' ', 'T')}Z" for stamp in stamps]
+    (tmp_path / "t.csv").write_text(table("time,px,py", zoned, x, y))
+    target = {"measurements": "m.csv", "truth": "t.csv", "columns": {"time": "Time (UTC)"}}
+    assert rmse(tmp_path, target | {"truth_naming": {}}, POSITION) < 60.0
+    (tmp_path / "m.csv").write_text(table("local time,x,y", stamps, x, y))
+    target["columns"] = {"time": "local time"}
+    with pytest.raises(UserError, match="has dates with a zone, and that of"):
+        load(config(tmp_path, target | {"truth_naming": {}}, POSITION))
+
+
+def test_azimuths_from_0_to_360_are_guessed_to_be_clockwise(tmp_path: Path) -> None:
+    (tmp_path / "compass.csv").write_text(CLOCKWISE.replace("azimuth", "azimuth_deg"))
+    assert recognized(str(tmp_path / "compass.csv")).naming.clockwise == ("azimuth",)
+    write(tmp_path)
+    for name in ("plots.csv", "xy.csv"):
+        assert recognized(str(tmp_path / name)).naming.clockwise == ()
+    mixed = np.array([-100.0, 100.0])[np.arange(len(TIMES)) % 2]
+    (tmp_path / "half.csv").write_text(table("time,range,azimuth_deg", TIMES, TIMES, mixed))
+    assert recognized(str(tmp_path / "half.csv")).naming.clockwise == ()
+    (tmp_path / "half.csv").write_text(table("time,range,bearing_true", TIMES, TIMES, mixed))
+    assert recognized(str(tmp_path / "half.csv")).naming.clockwise == ("azimuth",)

@@ -19,6 +19,7 @@ from trackbench.config.load import load
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import RunStreams, block_stream
 from trackbench.errors import UserError
+from trackbench.evaluation import timing
 from trackbench.evaluation.block import BlockResult, BlockTask
 from trackbench.evaluation.run_block import run_block, run_stack
 from trackbench.evaluation.run_filter import FilterOutput, prior_of, run_filter
@@ -26,10 +27,13 @@ from trackbench.evaluation.timing import Measured, measure
 from trackbench.execution.plan import _states
 from trackbench.filters.base import AnyFilter
 from trackbench.filters.external import External
-from trackbench.models.delays import UniformDelay
+from trackbench.filters.kf import KF
+from trackbench.models.delays import GeometricDelay, SharesDelay, UniformDelay
 from trackbench.models.sensors.base import Assume
+from trackbench.models.sensors.position import ScalarSensor
 from trackbench.scaffold import write_config_for
 from trackbench.scenarios.base import Simulation
+from trackbench.scenarios.delays import arrivals
 from trackbench.scenarios.faults import Bias
 
 pytestmark = pytest.mark.usefixtures("no_report")
@@ -349,6 +353,30 @@ def test_costs_count_the_repeated_steps(tmp_path: Path) -> None:
     assert states == {"drop": 1, "apply": 1, "refilter": 7, "three": 4, "bound": 1}
 
 
+def test_a_run_has_the_time_of_its_repeated_steps(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By a clock that moves by one at each step: one that filters again takes longer."""
+    monkeypatch.setattr(timing, "REPEATS", 6)
+    steps, step = [0], KF.step
+
+    def counted(*arguments: Any) -> Any:
+        steps[0] += 1
+        return step(*arguments)
+
+    monkeypatch.setattr(KF, "step", counted)
+    monkeypatch.setattr(timing, "_clock", lambda: 1e-4 * steps[0])
+    point = experiment(tmp_path, PLANAR).points[0]
+    late, bound = measure([task_of(point, "refilter"), task_of(point, "bound")])
+    assert isinstance(late, Measured)
+    assert isinstance(bound, Measured)
+    assert np.median(bound.seconds) == pytest.approx(30 * 1e-4 / RUNS)
+    # As its operations, which are those of a Kalman filter in each step.
+    factor = float(late.covariances or 0.0) / float(bound.covariances or 0.0)
+    assert factor > 2.0
+    assert np.median(late.seconds) == pytest.approx(factor * 30 * 1e-4 / RUNS)
+
+
 def recorded(folder: Path, **keys: Any) -> dict[str, Any]:
     """Return a scenario of two recorded runs and sensors at unequal times, one of them late."""
     rng, lines = np.random.default_rng(5), ["run,time,sensor,x,y,received"]
@@ -454,6 +482,37 @@ def test_delays_have_the_law_and_random_numbers_of_their_own(tmp_path: Path) -> 
             error = (share * (1 - share) / delays.size) ** 0.5
             assert abs((delays == n).mean() - share) <= 4 * error
         assert (data.arrival <= 40).all()
+
+
+@pytest.mark.parametrize("mean", [1e-4, 0.01, 0.5, 1.0, 2.0, 37.0, 1e5])
+def test_a_delay_is_its_longest_or_more_once_in_a_thousand(mean: float) -> None:
+    """The least such number, and one at least: measurements of any such sensor may be late."""
+    longest, q = GeometricDelay(mean=mean).longest, mean / (1.0 + mean)
+    assert longest >= 1
+    assert q**longest <= 1e-3 * (1.0 + 1e-9)
+    assert longest == 1 or q ** (longest - 1) > 1e-3 * (1.0 - 1e-9)
+
+
+def test_delays_of_a_range_or_a_list_have_a_largest() -> None:
+    assert UniformDelay(least=2, most=5).longest == 5
+    assert SharesDelay(shares=(0.5, 0.2, 0.3)).longest == 2
+
+
+def test_what_would_arrive_after_the_end_never_arrives(tmp_path: Path) -> None:
+    """A constant delay of three steps: the last three measurements are not there in time."""
+    sensor = {"kind": "scalar", "sigma": 2.0, "delay": 3}
+    data = task_of(experiment(tmp_path, SCALAR | {"sensor": sensor}).points[0], "apply").data
+    assert data.arrival is not None
+    due = np.arange(40)
+    expected = np.where(due < 37, due + 3, 40)
+    np.testing.assert_array_equal(data.arrival[0], np.repeat(expected[:, None], RUNS, axis=1))
+
+
+def test_a_recorded_arrival_that_is_unknown_is_on_time(tmp_path: Path) -> None:
+    recorded = np.array([[[2.0], [np.nan], [9.0], [np.nan]]])
+    found = arrivals(ScalarSensor(sigma=1.0), recorded, np.zeros((1, 4, 1)), RunStreams(1, [0]))
+    assert found is not None
+    assert found[0, :, 0].tolist() == [2, 1, 4, 3]
 
 
 def test_each_sensor_draws_its_delays(tmp_path: Path) -> None:

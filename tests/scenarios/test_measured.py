@@ -106,12 +106,14 @@ def test_all_runs_are_taken_and_no_more(simulated: Path, tmp_path: Path) -> None
 
 
 def test_the_runs_that_are_chosen_come_in_their_order(simulated: Path, tmp_path: Path) -> None:
-    whole = run(write(tmp_path), tmp_path / "all").per_run.set_index(["filter", "metric"])
+    whole = run(write(tmp_path), tmp_path / "all").per_run
     some = run(write(tmp_path, f"{TRUTH}, runs: [7, 3]"), tmp_path / "some").per_run
     for label in ("UKF", "EKF", "Exact"):
-        before, now = whole.loc[(label, "rmse")], some[some["filter"] == label]
-        now = now[now["metric"] == "rmse"]["value"].tolist()
-        assert now == [before[before["run"] == m]["value"].item() for m in (4, 0)]
+        before, now = (
+            rows[(rows["filter"] == label) & (rows["metric"] == "rmse")] for rows in (whole, some)
+        )
+        expected = [before[before["run"] == m]["value"].item() for m in (4, 0)]
+        assert now["value"].tolist() == expected
     with pytest.raises(UserError, match=r"target.runs.0: there is no run '9'; there are 3, 4"):
         load(write(tmp_path, ", runs: [9]"))
 

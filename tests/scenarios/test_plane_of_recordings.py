@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.scenarios.test_clocks import config, table, tracked
+from trackbench import api
 from trackbench.config.load import load
 from trackbench.errors import UserError
 
@@ -149,10 +150,8 @@ def test_a_run_far_from_the_others_has_its_own_origin(tmp_path: Path) -> None:
         found = scenario.target._recording.truth[0::2, :, run]
         np.testing.assert_allclose(found, expected, atol=1e-3)
     (note,) = scenario.cautions
-    assert note.startswith("run B begins 4")
-    assert note.endswith(
-        " km from the first position that is read: its x and y count from its own first position"
-    )
+    assert note.startswith("runs that begin far from the first position that is read: B by 4")
+    assert note.endswith(" km; x and y of each count from its own first position")
     # A truth without runs is in one place only.
     (tmp_path / "truth.csv").write_text(text.replace("run,", "label,").split("B")[0])
     line = refused(path)
@@ -195,6 +194,19 @@ def test_distances_from_the_origin(tmp_path: Path) -> None:
     line = refused(path)
     assert "m.csv:5:1: scenario: latitude and longitude: 56" in line
     assert " km from the first position (m.csv:2), the origin; a plane serves for 2000 km" in line
+
+
+def test_velocities_without_places_are_not_rotated(tmp_path: Path) -> None:
+    rows = [*PATH, (400.0, 51.0, 4.0)]
+    (tmp_path / "m.csv").write_text(table("time,latitude,longitude", *zip(*rows, strict=True)))
+    (tmp_path / "v.csv").write_text(table("time,vx,vy", [10, 20], [1, 2], [3, 4]))
+    path = config(tmp_path, {"measurements": ["m.csv", "v.csv"]}, sensor=BOTH)
+    np.testing.assert_array_equal(measured(path)[2:, 1:3], [[1, 2], [3, 4]])
+    (note,) = load(path).points[0].scenario.cautions
+    # 2 deg sin(51) = 1.55 deg.
+    assert note.endswith(
+        "not rotated: north at the target differs from that of the origin by up to 1.6 deg"
+    )
 
 
 def test_longitudes_from_0_to_360(tmp_path: Path) -> None:
@@ -273,3 +285,81 @@ def test_runs_without_a_truth(tmp_path: Path) -> None:
     tracked(path)
     (tmp_path / "truth.csv").write_text(TRUTH.format("B", "B").replace("01", "A"))
     assert "has no run 01, 02; there are A, B: give runs one name in both files" in refused(path)
+
+
+def test_the_ranking_counts_the_runs_with_a_truth(tmp_path: Path) -> None:
+    rows = [[run, t, t + run, 2 * t] for run in range(4) for t in range(12)]
+    (tmp_path / "m.csv").write_text(table("run,time,x,y", *zip(*rows, strict=True)))
+    rows = [[*row[:2], row[2] + 0.1 * row[0] ** 2, row[3]] for row in rows if row[0] in (1, 3)]
+    (tmp_path / "truth.csv").write_text(table("run,time,px,py", *zip(*rows, strict=True)))
+    path = config(tmp_path, {"measurements": "m.csv", "truth": "truth.csv"})
+    report = api.run(path, out=tmp_path / "out", workers=1, quiet=True, formats=())
+    (ranking,) = report.ranking()
+    assert ranking.title.startswith("Ranking over 2 of 4 runs by position RMSE")
+
+
+def test_a_filter_over_900_km(tmp_path: Path) -> None:
+    """Error, ANIS and log score of a Kalman filter of speeds and courses, by another program."""
+    rng = np.random.default_rng(4)
+    rows, times = flight(), np.arange(0.0, 4001.0, 500.0)
+    origin = rows[0][1:3]
+    sigma_position, sigma_velocity, q = 15.0, 1.0, 1e-3
+    noisy, truth = [], []
+    for t, latitude, longitude, east, north in rows:
+        speed, course = math.hypot(east, north), math.degrees(math.atan2(east, north))
+        truth.append((t, latitude, longitude, speed, course))
+        latitude += sigma_position * rng.normal() / 111e3
+        longitude += sigma_position * rng.normal() / (111e3 * math.cos(math.radians(latitude)))
+        east, north = (part + sigma_velocity * rng.normal() for part in (east, north))
+        speed, course = math.hypot(east, north), math.degrees(math.atan2(east, north))
+        noisy.append((t, latitude, longitude, speed, course))
+    names = "time,latitude,longitude,speed,course"
+    (tmp_path / "m.csv").write_text(table(names, *zip(*noisy, strict=True)))
+    (tmp_path / "truth.csv").write_text(table(names, *zip(*truth, strict=True)))
+    origin = noisy[0][1:3]
+
+    def state(row: Any) -> np.ndarray:
+        """Return px, vx, py, vy: the velocity from the places half a second before and after."""
+        _, latitude, longitude, speed, course = row
+        p, c = math.radians(latitude), math.radians(course)
+        s2 = math.sin(p) ** 2
+        meridian = 6378137.0 * (1 - 6.69437999014e-3) / (1 - 6.69437999014e-3 * s2) ** 1.5
+        across = 6378137.0 / math.sqrt(1 - 6.69437999014e-3 * s2)
+        dp = math.degrees(0.5 * speed * math.cos(c) / meridian)
+        dq = math.degrees(0.5 * speed * math.sin(c) / (across * math.cos(p)))
+        x, y = plane((latitude, longitude), origin)
+        after = plane((latitude + dp, longitude + dq), origin)
+        vx, vy = after - plane((latitude - dp, longitude - dq), origin)
+        return np.array([x, vx, y, vy])
+
+    z, exact = np.array([state(row) for row in noisy]), np.array([state(row) for row in truth])
+    R = np.diag([sigma_position**2, sigma_velocity**2] * 2)
+    m, P = np.array([z[0, 0], 0.0, z[0, 2], 0.0]), np.diag([sigma_position**2, 250.0**2] * 2)
+    dt = times[1]
+    F = np.kron(np.eye(2), [[1.0, dt], [0.0, 1.0]])
+    Q = q * np.kron(np.eye(2), [[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
+    errors, nis, scores = [(m - exact[0])[::2]], [], []
+    for k in range(1, len(times)):
+        m, P = F @ m, F @ P @ F.T + Q
+        S, innovation = P + R, z[k] - m
+        nis.append(innovation @ np.linalg.solve(S, innovation))
+        scores.append(-0.5 * (nis[-1] + np.linalg.slogdet(2 * np.pi * S)[1]))
+        gain = P @ np.linalg.inv(S)
+        m, P = m + gain @ innovation, P - gain @ P
+        errors.append((m - exact[k])[::2])
+    target = {"measurements": "m.csv", "truth": "truth.csv"}
+    start = {"kind": "one-scan", "sigma_velocity": 250}
+    sensor = [
+        {"kind": "position", "sigma": sigma_position},
+        {"kind": "velocity", "sigma": sigma_velocity},
+    ]
+    assume = {"motion": {"kind": "cwna", "q": q}}
+    path = config(tmp_path, target, sensor=sensor, start=start, assume=assume)
+    columns = "{A: mean(anis), L: mean(log_score), R: mean(rmse_position)}"
+    path.write_text(f"{path.read_text()}tables: {{t: {{kind: metrics, columns: {columns}}}}}\n")
+    report = api.run(path, out=tmp_path / "out", workers=1, quiet=True, formats=())
+    found = report.per_run.set_index("metric")["value"]
+    assert found["anis"] == pytest.approx(np.mean(nis) / 4, rel=1e-3)
+    assert found["log_score"] == pytest.approx(np.mean(scores), rel=1e-3)
+    squares = np.square(errors).sum(axis=1)
+    assert found["rmse_position"] == pytest.approx(math.sqrt(squares.mean()), rel=1e-3)

@@ -6,12 +6,16 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
+from trackbench.statistics.comparison import Sample, compare
+from trackbench.statistics.estimates import RunEstimate, ratio_interval
 from trackbench.statistics.intervals import (
     Events,
     Sides,
     correlation,
+    deviations,
     interval_of_difference,
     studentized_difference,
+    t_of_normal,
 )
 
 CASES = [
@@ -99,3 +103,56 @@ def test_a_correlation_has_no_unit(rng):
         found = correlation(unit * a, unit * b)
         assert found == pytest.approx(np.corrcoef(a, b)[0, 1])
     assert correlation(a, 0.0 * b) == 0.0
+
+
+@pytest.mark.parametrize("level", [0.8, 0.95, 0.99])
+def test_the_interval_of_a_ratio_is_fiellers(level):
+    """Of influences without skewness the ends solve (a - r b)^2 = t^2 var(a - r b)."""
+    rng, half = np.random.default_rng(3), 40
+    draws = rng.uniform(-1.0, 1.0, (2, half))
+    of_a, of_b = np.concatenate([draws, -draws], axis=1)
+    runs = 2 * half
+    a, b = (RunEstimate(x, 1.0, of, runs) for x, of in ((5.0, 3.0 * of_a), (1.0, 2.0 * of_b)))
+    t = t_of_normal(deviations(level), runs - 1)
+    scale = t * t / (runs * (runs - 1))
+    v_a, v_b = (scale * float((x.influences**2).sum()) for x in (a, b))
+    v_ab = scale * float((a.influences * b.influences).sum())
+    # (1 - v_b) r^2 - 2 (5 - v_ab) r + 25 - v_a = 0
+    ends = np.sort(np.roots([1.0 - v_b, -2.0 * (5.0 - v_ab), 25.0 - v_a]))
+    assert ratio_interval(a, b, level) == pytest.approx(tuple(ends), rel=1e-5)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_interval_of_a_ratio_has_one_unless_the_difference_is_significant(seed):
+    rng = np.random.default_rng(seed)
+    b = np.exp(rng.standard_normal(30))
+    for scale in np.linspace(0.3, 3.0, 15):
+        found = compare(
+            Sample(scale * np.exp(0.5 * rng.standard_normal(30)), "rms"), Sample(b, "rms")
+        )
+        low, high = found.ratio_interval
+        assert (low < 1.0 < high) == (abs(found.z) < deviations(0.95))
+
+
+def test_the_interval_of_a_ratio_covers_it_where_the_lower_filter_has_a_heavy_tail():
+    """The interval from the ratio's own influences began below zero in half of such samples."""
+    rng, trials, runs = np.random.default_rng(5), 300, 50
+    covered, positive = 0, 0
+    for _ in range(trials):
+        b, a = np.exp(rng.standard_normal(runs)), 5.0 + 0.5 * rng.standard_normal(runs)
+        low, high = compare(Sample(a), Sample(b)).ratio_interval
+        covered += low <= 5.0 / np.exp(0.5) <= high
+        positive += low > 0.5
+    # 95 % within 3.5 standard errors of 300 samples
+    assert 0.905 <= covered / trials <= 0.99
+    assert positive >= 0.95 * trials
+
+
+def test_the_interval_of_a_ratio_without_an_error_or_of_zero():
+    alone = compare(Sample(np.array([2.0])), Sample(np.array([1.0])))
+    assert np.isnan(alone.ratio_interval).all()
+    nothing = compare(Sample(np.ones(9)), Sample(np.zeros(9)))
+    assert np.isnan(nothing.ratio_interval).all()
+    # A multiple in every run has no spread.
+    b = np.random.default_rng(1).random(40) + 1.0
+    assert compare(Sample(3.0 * b), Sample(b)).ratio_interval == pytest.approx((3.0, 3.0), rel=1e-4)

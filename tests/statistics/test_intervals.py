@@ -5,6 +5,8 @@ import pytest
 from scipy import stats
 
 from trackbench.statistics import over_runs as st
+from trackbench.statistics.comparison import Comparison, as_family
+from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.intervals import (
     Events,
     anees_band,
@@ -178,3 +180,19 @@ def test_every_run_is_refuted_by_one_and_shown_by_none():
     assert share_z(800, 800, 1.0) == 0.0
     assert share_z(0, 800, 0.0) == 0.0
     assert share_z(1, 800, 0.0) == np.inf
+
+
+def test_a_family_counts_the_differences_that_are_tested():
+    """One of four has too few runs: three are tested, and Holm's first step takes three."""
+    few, many = (RunEstimate(1.0, 0.1, None, runs) for runs in (4, 40))
+    zs = {"a": 3.0, "b": 2.0, "c": 9.0, "d": -4.0}
+    terms = {"a": many, "b": many, "c": few, "d": many}
+    family = as_family({k: Comparison(many, many, terms[k], z) for k, z in zs.items()})
+    assert {comparison.tests for comparison in family.values()} == {3}
+    p = {k: 2.0 * stats.norm.sf(abs(z)) for k, z in zs.items()}
+    expected = {"d": 3.0 * p["d"], "a": 2.0 * p["a"], "b": p["b"]}
+    for key, value in expected.items():
+        assert family[key].p == pytest.approx(value)
+    assert np.isnan(family["c"].p)
+    of_more = as_family({"d": Comparison(many, many, many, -4.0)}, tests=10)["d"]
+    assert (of_more.p, of_more.tests) == (pytest.approx(10.0 * p["d"]), 10)

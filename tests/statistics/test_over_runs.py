@@ -102,6 +102,12 @@ def test_estimates_of_five_values_by_hand() -> None:
     assert (of_root.value[0], of_root.stderr[0]) == pytest.approx(tuple(st.rms(X)))
 
 
+def test_estimates_of_zeros_and_of_few_values() -> None:
+    assert st.rms(np.zeros(5)) == (0.0, 0.0)
+    # 1.96 ranks do not fit into a sample of three: its ends are 2 sqrt(3) standard errors apart.
+    assert st.median(X[:3]) == pytest.approx((2.0, 3.0 / (2.0 * np.sqrt(3.0))))
+
+
 def test_a_ratio_leaves_one_run_out_of_both() -> None:
     def left_out(a: Array, b: Array) -> Array:
         ratios = [np.delete(a, i).mean() / np.delete(b, i).mean() for i in range(5)]

@@ -92,3 +92,25 @@ def test_a_free_name() -> None:
     assert free_name("a", ["A", "b"]) == "a-2"
     assert free_name("a", ["a", "a-2"]) == "a-3"
     assert len(free_name("x" * 80, ["x" * 80])) <= 80
+
+
+def test_a_model_of_the_scenario_is_tuned_for_one_filter(tmp_path: Path) -> None:
+    """A filter without an `assume` of its own starts from that of the scenario."""
+    path = tmp_path / "shared.yaml"
+    shared = (
+        "  start: {kind: gaussian, sigma: [2, 1, 2, 1]}\n  assume: {motion: {kind: cwna, q: 0.3}}\n"
+    )
+    text = CONFIG.replace("  start: {kind: gaussian, sigma: [2, 1, 2, 1]}\n", shared)
+    text = text.replace("&kf {kind: kf, assume: {motion: {kind: cwna, q: 0.01}}}", "{kind: kf}")
+    text = text.replace("  A B: *kf\n  a+b: *kf\n", "").replace(", A B: *q, a+b: *q", "")
+    path.write_text(text)
+    experiment = load(path)
+    (point,) = experiment.points
+    tuned = point.assumed_scenario("A-B (tuned)").model.motion
+    assert tuned == point.assumed_scenario("A-B").model.motion
+    chosen = load(path, tuned_values={"A-B": {"assume.motion.q": 7.0}})
+    (point,) = chosen.points
+    assert point.filters["A-B"] == point.filters["A-B (tuned)"]
+    assert point.assumed_scenario("A-B (tuned)").model.motion != tuned
+    path.write_text(as_yaml(resolved(chosen, path.parent)))
+    assert load(path).points[0].assumed == point.assumed

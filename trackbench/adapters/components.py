@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from trackbench.core.arrays import Array, Index, Mask
+from trackbench.core.arrays import Array, Index, Mask, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.core.kalman import Innovation
 from trackbench.models.base import Model
@@ -30,6 +30,9 @@ def component_mismatch(
     """Explain why a filter with these components cannot run on the model; None if it can."""
     names, measurements = model.motion.components, model.sensor.components
     lacking = [name for name in names if state and name not in state]
+    if lacking:
+        zeros = held_at_zero(model)
+        lacking = [name for name in lacking if name not in zeros]
     unknown = [name for name in state if name not in names and name not in extra_std]
     if measured and sorted(measured) != sorted(measurements):
         return f"it takes {', '.join(measured)}; this scenario measures {', '.join(measurements)}"
@@ -41,12 +44,35 @@ def component_mismatch(
     return None
 
 
+def held_at_zero(model: Model) -> list[str]:
+    """Name the components that the motion leaves at zero, without noise, if they are zero.
+
+    Such are the errors of a sensor in scenarios with faults. A filter need not estimate them.
+    """
+    motion = model.motion
+    held = []
+    with np.errstate(all="ignore"):
+        for i, name in enumerate(motion.components):
+            # Any state in which this component is zero.
+            x = np.linspace(0.5, 1.5, len(motion.components))[:, None]
+            x[i] = 0.0
+            moved = motion.transition(x, 1)
+            noise = np.asarray(with_trailing(moved.cov, 1, leading=2))[i]
+            if moved.mean[i, 0] == 0.0 and not noise.any():
+                held.append(name)
+    return held
+
+
 @dataclass(frozen=True)
 class Order:
     """Positions of the scenario's components in a filter's state and measurement."""
 
+    shared: Index
+    """positions of the scenario's components that the filter has, in the scenario (n_shared,)"""
     places: Index
-    """position of each component of the scenario in the filter's state (n_x,)"""
+    """their positions in the filter's state (n_shared,)"""
+    size: int
+    """number of the scenario's components n_x; those that the filter lacks are known to be zero"""
     first_cov: Array
     """initial covariance (n, n) of the components that only the filter has"""
     rows: Index
@@ -61,22 +87,34 @@ class Order:
         ours = list(state or names)
         # Components that only the filter has start about zero with their own variance.
         variances = [std.get(name, 0.0) ** 2 if name not in names else 0.0 for name in ours]
+        shared = [name for name in names if name in ours]
         return cls(
-            np.array([ours.index(name) for name in names]),
-            np.diag(variances),
-            np.array([measurements.index(name) for name in measured or measurements]),
+            shared=np.array([names.index(name) for name in shared]),
+            places=np.array([ours.index(name) for name in shared]),
+            size=len(names),
+            first_cov=np.diag(variances),
+            rows=np.array([measurements.index(name) for name in measured or measurements]),
         )
 
     def to_filter(self, mean: Array, cov: Array) -> Pair:
         """Reorder the scenario's first state for the filter, in new arrays."""
         our_mean, our_cov = np.zeros(len(self.first_cov)), self.first_cov.copy()
-        our_mean[self.places] = mean
-        our_cov[np.ix_(self.places, self.places)] = cov
+        our_mean[self.places] = mean[self.shared]
+        our_cov[np.ix_(self.places, self.places)] = cov[np.ix_(self.shared, self.shared)]
         return our_mean, our_cov
 
     def to_scenario(self, mean: Array, cov: Array) -> Gaussian:
         """Select the scenario's components of the filter's estimates (n, M) and (n, n, M)."""
-        return Gaussian(mean[self.places], cov[np.ix_(self.places, self.places)])
+        selected = mean[self.places]
+        selected_cov = cov[np.ix_(self.places, self.places)]
+        if len(self.shared) == self.size:
+            return Gaussian(selected, selected_cov)
+        M = mean.shape[1]
+        whole = np.zeros((self.size, M))
+        whole[self.shared] = selected
+        whole_cov = np.zeros((self.size, self.size, M))
+        whole_cov[np.ix_(self.shared, self.shared)] = selected_cov
+        return Gaussian(whole, whole_cov)
 
 
 def as_numbers(value: ArrayLike, shape: tuple[int, ...]) -> Array | None:

@@ -16,9 +16,108 @@ from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.random_streams import NoiseGenerator
 from trackbench.extension_points import field_values
 from trackbench.filters.base import Filter, WrongReturnError
-from trackbench.models.base import Model, Scene
+from trackbench.models.base import (
+    DifferentiableMotion,
+    DifferentiableSensor,
+    Model,
+    Scene,
+    central_differences,
+    jacobian_at,
+)
 from trackbench.models.motions.irregular import step_length
 from trackbench.registry import register
+
+
+class RunFunctions:
+    """The model that the scenario lets a filter assume, as functions of one run's state.
+
+    ``x`` is a state (n,) in the scenario's order, and every function is about the step ``k`` that the
+    filter makes: x_k = f(x_{k-1}) + N(0, Q), z_k = h(x_k) + N(0, R).
+
+    Examples
+    --------
+    A step of the extended Kalman filter, in a class derived from `PerRun`::
+
+        m = self.functions
+        F = m.F(self.x, self.P)
+        self.x, self.P = m.f(self.x), F @ self.P @ F.T + m.Q(self.x)
+        H = m.H(self.x, self.P)
+        S = H @ self.P @ H.T + m.R(self.x)
+        K = self.P @ H.T @ np.linalg.inv(S)
+        self.x = self.x + K @ m.innovation(z, m.h(self.x))
+    """
+
+    def __init__(self, run: "PerRun") -> None:
+        self._run = run
+
+    def f(self, x: Array) -> Array:
+        """Return the mean (n,) of the state at this step, given x one step before."""
+        return self._run.model.motion.transition(_as_column(x), self._run.k).mean[:, 0]
+
+    def Q(self, x: Array) -> Array:
+        """Return the covariance (n, n) of the process noise of this step, given x one step before."""
+        moved = self._run.model.motion.transition(_as_column(x), self._run.k)
+        return _covariance_of_run(moved.cov)
+
+    def F(self, x: Array, P: Array | None = None) -> Array:
+        """Return the Jacobian (n, n) of f at x; by central differences if the motion has none.
+
+        ``P`` (n, n) is the state's covariance, from which the steps of differences follow.
+        """
+        motion = self._run.model.motion
+        if hasattr(motion, "jacobian"):
+            at = Gaussian(_as_column(x), _covariance_of_column(x, P))
+            J = jacobian_at(cast(DifferentiableMotion, motion), at, self._run.k)
+        else:
+            J = central_differences(
+                lambda states: motion.transition(states, self._run.k).mean, _as_column(x)
+            )
+        return _covariance_of_run(J)
+
+    def h(self, x: Array) -> Array:
+        """Return the mean (n_z,) of the measurement of x at this step."""
+        return self._run.model.sensor.measurement(_as_column(x), self._run.k).mean[:, 0]
+
+    def R(self, x: Array) -> Array:
+        """Return the covariance (n_z, n_z) of the measurement noise at x."""
+        return _covariance_of_run(
+            self._run.model.sensor.measurement(_as_column(x), self._run.k).cov
+        )
+
+    def H(self, x: Array, P: Array | None = None) -> Array:
+        """Return the Jacobian (n_z, n) of h at x; by central differences if the sensor has none."""
+        sensor = self._run.model.sensor
+        if hasattr(sensor, "jacobian"):
+            at = Gaussian(_as_column(x), _covariance_of_column(x, P))
+            J = jacobian_at(cast(DifferentiableSensor, sensor), at, self._run.k)
+        else:
+            J = central_differences(
+                lambda states: sensor.measurement(states, self._run.k).mean,
+                _as_column(x),
+                sensor.innovation,
+            )
+        return _covariance_of_run(J)
+
+    def innovation(self, z: Array, z_pred: Array) -> Array:
+        """Return z - z_pred (n_z,), angles wrapped to (-pi, pi]; NaN where a component is missing."""
+        return self._run.model.sensor.innovation(_as_column(z), _as_column(z_pred))[:, 0]
+
+
+def _as_column(x: Array) -> Array:
+    """Return a vector (n,) as the only run (n, 1) of a block."""
+    return np.asarray(x, dtype=float)[:, None].copy()
+
+
+def _covariance_of_column(x: Array, P: Array | None) -> Array:
+    """Return the covariance (n, n, 1) of the only run of a block; zero if it is not known."""
+    if P is None:
+        return np.zeros((len(x), len(x), 1))
+    return np.asarray(P, dtype=float)[..., None]
+
+
+def _covariance_of_run(matrix: Array) -> Array:
+    """Return the matrix (m, n) of the only run of a block (m, n[, 1])."""
+    return np.array(with_trailing(matrix, 1, leading=2)[..., 0])
 
 
 class RunObjects(NamedTuple):
@@ -67,6 +166,7 @@ class LoopFilter(Filter[RunObjects]):
         objects = tuple(self._make() for _ in range(runs))
         for m, run in enumerate(objects):
             run.model, run.dt = model, step_length(model)
+            run.functions = RunFunctions(run)
             run.rng = cast(Generator, _LazyGenerator(rng, m))
             cov_of_run = prior_cov[..., m % prior_cov.shape[2]]
             mean[:, m], cov[..., m] = order.to_filter(prior.mean[:, m], cov_of_run)
@@ -182,7 +282,7 @@ class _LazyGenerator:
         )
 
 
-_SET_BY_THE_LOOP = ("model", "rng", "dt", "k")
+_SET_BY_THE_LOOP = ("model", "functions", "rng", "dt", "k")
 
 
 @dataclass_transform(eq_default=False, kw_only_default=True)
@@ -202,6 +302,8 @@ class PerRun:
         Seconds to the first step, set before ``start``.
     rng : numpy.random.Generator
         Random numbers of this run, the only ones allowed, set before ``start``.
+    functions : RunFunctions
+        The same model as functions f, F, Q, h, H, R of this run's state, set before ``start``.
     k : int
         Number of the step, set before every ``step``.
     """
@@ -293,6 +395,7 @@ class PerRun:
         return cls.log_likelihood is not PerRun.log_likelihood
 
     model: Model
+    functions: RunFunctions
     rng: Generator
     dt: float
     k: int

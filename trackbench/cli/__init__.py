@@ -16,14 +16,14 @@ from trackbench.cli.compare import gate, history
 from trackbench.cli.info import copy, describe, list_, new, schema, show
 from trackbench.cli.output import as_reportable, objects_alone, print_error, written_stdout
 from trackbench.cli.results import codecheck, compare, plot, report, verify
-from trackbench.cli.run import fit, run, sweep, tune
+from trackbench.cli.run import fit, run, suite, sweep, tune
 from trackbench.core import compiled
 
 if TYPE_CHECKING:
     from typer._click import Context, HelpFormatter
 
 _TASKS: dict[str, tuple[Callable[..., None], ...]] = {
-    "Run experiments": (run, sweep, tune, fit),
+    "Run experiments": (run, suite, sweep, tune, fit),
     "Read results": (codecheck, compare, gate, history, plot, report, verify),
     "Write configs": (list_, describe, show, copy, check, schema),
     "Write components": (new,),

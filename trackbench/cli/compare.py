@@ -36,6 +36,9 @@ File = Annotated[
 ]
 Worse = Annotated[str, typer.Option(metavar="LIMIT", help=_WORSE)]
 Cost = Annotated[float, typer.Option(min=0, metavar="RATIO", help=_COST)]
+AllowRemoved = Annotated[
+    bool, typer.Option("--allow-removed", help="pass without a filter or number that was compared")
+]
 Md = Annotated[Path | None, typer.Option(metavar="FILE", help="comment for a pull request")]
 Metric = Annotated[str, typer.Option(help="row of summary.csv, as rms(rmse_position)")]
 Folders = Annotated[list[Path], typer.Argument(metavar="DIR...", help="results folders")]
@@ -82,6 +85,7 @@ def gate(
     filter_: File = None,
     worse: Worse = "3sigma",
     cost: Cost = 0.0,
+    allow_removed: AllowRemoved = False,
     md: Md = None,
     set_: Set = None,
     only: Only = None,
@@ -101,13 +105,15 @@ def gate(
     if md is not None and not md.absolute().parent.is_dir():
         raise typer.BadParameter(f"--md {md}: there is no such folder")
     limit, options = limit_of(worse), api_options(locals())
-    verdict = judged(config, options, limit, against, against_ref, filter_, cost)
+    verdict = judged(config, options, limit, against, against_ref, filter_, cost, allow_removed)
     table = _gate_table(verdict, against_ref or str(against), worse)
     if md is not None:
         lines = "\n\n".join([f"**{table.title}**", *table.notes]) + "\n"
         write_text(md, table.markdown() if table.rows else lines)
     if json:
         _echo_rows(verdict.rows)
+        for what in verdict.removed:
+            echo_line({"removed": what})
     else:
         typer.echo(table.aligned())
     raise typer.Exit(int(verdict.is_worse))
@@ -123,8 +129,15 @@ def _gate_table(verdict: "Verdict", name: str, worse: str) -> "TextTable":
     bad = comparison.changes(verdict.rows, WORSE) + verdict.failed
     tests = [row.difference.runs for row in verdict.rows if not isnan(row.change.p)]
     same = all(row.how == EQUAL for row in verdict.rows)
-    title = f"worse: {phrases.listed(bad)}" if bad else "unchanged" if same else "not worse"
-    table = comparison.table_of(f"{verdict.name} is {title}", verdict.rows, (name, "now"))
+    # The headline names what is worse or gone, else the filters that were compared.
+    parts = [f"worse: {phrases.listed(bad)}"] if bad else []
+    if verdict.removed:
+        parts.append(f"incomplete: removed {phrases.listed(verdict.removed)}")
+    if not parts:
+        compared = phrases.listed([*map(phrases.named, verdict.compared)])
+        parts.append(f"{'unchanged' if same else 'not worse'}: {compared}")
+    title = f"{verdict.name} is {'; '.join(parts)}"
+    table = comparison.table_of(title, verdict.rows, (name, "now"))
     if tests:
         on = f"{counted(len(tests), 'number')} tested on {counted(max(tests), 'run')}"
         table.notes.append(f"{on}; limit {worse} for all together (Holm's correction).")
@@ -142,7 +155,7 @@ def history(folders: Folders, metric: Metric = "", out: Figure = None, json: Jso
     from trackbench.errors import UserError
     from trackbench.report import history as of_folders
     from trackbench.report.compare_folders import save
-    from trackbench.report.open import open_results
+    from trackbench.report.open import explain_content_errors, open_results
 
     good = [folder for folder in folders if (folder / "config.yaml").is_file()]
     for folder in folders:
@@ -150,7 +163,9 @@ def history(folders: Folders, metric: Metric = "", out: Figure = None, json: Jso
             typer.echo(f"note: {folder}: is not a results folder, it has no config.yaml", err=True)
     if not good:
         raise UserError("name at least one results folder: trackbench history results/*")
-    tables = of_folders.history([open_results(folder) for folder in good], metric)
+    every = [open_results(folder) for folder in good]
+    with explain_content_errors(good[0] if len(good) == 1 else "one of these folders"):
+        tables = of_folders.history(every, metric)
     if out is not None:
         save(of_folders.draw(tables), out)
     for table in tables:

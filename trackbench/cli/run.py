@@ -5,6 +5,7 @@ import signal
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing, suppress
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from stat import S_ISREG
@@ -36,6 +37,9 @@ _Print: TypeAlias = "partial[None]"
 
 
 Evaluations: TypeAlias = Annotated[int | None, typer.Option(min=2, help="trials of each filter")]
+Shard: TypeAlias = Annotated[
+    str, typer.Option(metavar="I/N", help="compute this part of the blocks into the cache only")
+]
 Fresh: TypeAlias = Annotated[
     bool, typer.Option("--fresh/--resume", help="compute again what is kept, or go on with it")
 ]
@@ -51,10 +55,7 @@ def run(
     watch: Annotated[
         bool, typer.Option("--watch", help="run again when the config or a file it names is saved")
     ] = False,
-    shard: Annotated[
-        str,
-        typer.Option(metavar="I/N", help="compute this part of the blocks into the cache only"),
-    ] = "",
+    shard: Shard = "",
     **given: Any,
 ) -> None:
     """Run experiments and write tables, figures and CSV files."""
@@ -104,6 +105,73 @@ def fit(
     It is `tune --metric log_score`: of the predictions of each measurement by those before it.
     """
     _tune(config, "log_score", evaluations, given | {"fresh": fresh})
+
+
+@runs_experiments
+def suite(
+    file: Annotated[
+        Path,
+        typer.Argument(metavar="[SUITE]", help="a suite file, or the name of a shipped suite"),
+    ] = Path("standard"),
+    filters: Filters = None,
+    problems: Annotated[
+        list[str] | None,
+        typer.Option("--problem", metavar="NAME", help="run these problems only"),
+    ] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="a few runs of each problem")] = False,
+    save_tracks: SaveTracks = False,
+    shard: Shard = "",
+    **given: Any,
+) -> None:
+    """Run many filters, and yours, on many problems: which filter is good where."""
+    _begin(given)
+    given |= {"filters": filters, "quick": quick, "save_tracks": save_tracks, "shard": shard}
+    execute_suite(file, problems or [], given)
+
+
+def execute_suite(file: Path, problems: list[str], given: dict[str, Any]) -> None:
+    """Run what `suite` requests, print the outcome, and exit."""
+    from trackbench.commands.run_suite import preview_suite, run_suite
+    from trackbench.plugins.errors import interrupt
+
+    options = api_options(given)
+    if given["dry_run"]:
+        for line in preview_suite(file, options, problems):
+            if given["json"]:
+                echo_line({"would": line})
+            else:
+                typer.echo(line)
+        return
+    signal.signal(signal.SIGTERM, interrupt)
+    try:
+        report = run_suite(file, options, problems)
+    except KeyboardInterrupt:
+        typer.echo(
+            f"\ninterrupted; finished blocks are kept, to go on: {resume_command()}", err=True
+        )
+        raise typer.Exit(130) from None
+    if report is None:
+        return
+    if given["json"]:
+        for group in report.groups:
+            for score in group.scores:
+                echo_line(asdict(score))
+    else:
+        from trackbench.cli.screen import print_lines, print_tables
+
+        tables = report.tables()
+        if given["all_"]:
+            tables += report.smoothers()
+        print_tables(tables, MARKDOWN in given["format_"].split(","))
+        print_lines(report.sentences())
+    for failure in report.failed:
+        typer.echo(f"error: {failure}", err=True)
+    typer.echo(
+        f"results in {report.folder}/: suite.html has the figures, scores.csv every number",
+        err=True,
+    )
+    if report.failed:
+        raise typer.Exit(1)
 
 
 def _tune(config: Path, metric: str | None, evaluations: int | None, given: dict[str, Any]) -> None:

@@ -21,7 +21,10 @@ _GAP = 2
 _PAGE = 100
 """Columns where stdout is no terminal."""
 _BEST = "bold green"
-_MARKED = "* best, or not significantly worse and at most twice as large (95 %); none if undecided"
+_MARKED = (
+    "* best, or not significantly worse and at most twice as large, of a log score 0.69 nats below "
+    "(95 %); none if undecided"
+)
 _COLORS = {
     **dict.fromkeys(("equal", "agrees", "holds", "calibrated"), "green"),
     **dict.fromkeys(("differs", "fails", "collapsed", "unranked"), "red"),

@@ -14,8 +14,11 @@ from typing import Any, NamedTuple
 from trackbench.commands.prepare import Options, file_of, prepare
 from trackbench.commands.run_experiment import run_all
 from trackbench.errors import Mark, Problem, UserError
+from trackbench.evaluation.metric_expression import measured
 from trackbench.report.compare_folders import Row, compare_folders, is_event
+from trackbench.report.findings.phrases import heading, named
 from trackbench.report.open import open_results
+from trackbench.report.paired import primary_metrics
 from trackbench.report.results import Results
 from trackbench.results.folder_contents import TIMING
 from trackbench.statistics import rules
@@ -40,12 +43,20 @@ class Verdict(NamedTuple):
     name: str
     rows: list[Row]
     failed: list[str]
+    removed: list[str]
+    """filters, points of the grid and numbers that were there before, and are not allowed to go"""
     notes: list[str]
 
     @property
     def is_worse(self) -> bool:
-        """True if any number is worse beyond the limit, or a filter fails that did not."""
-        return bool(self.failed) or any(row.verdict == WORSE for row in self.rows)
+        """True if a number is worse beyond the limit, or a filter fails or is gone that was not."""
+        is_any_worse = any(row.verdict == WORSE for row in self.rows)
+        return bool(self.failed) or bool(self.removed) or is_any_worse
+
+    @property
+    def compared(self) -> list[str]:
+        """Labels of the filters that both sides have."""
+        return [*dict.fromkeys(row.filter for row in self.rows)]
 
 
 def limit_of(text: str) -> Limit:
@@ -59,11 +70,12 @@ def limit_of(text: str) -> Limit:
 
 def gate(
     config: Path, options: Options, limit: Limit, against: Path | None = None, ref: str = "",
-    file: Path | None = None, cost: float = 0.0,
+    file: Path | None = None, cost: float = 0.0, allow_removed: bool = False,
 ) -> Verdict:  # fmt: skip
     """Run a config and compare it with stored results, or with the config at a git revision.
 
-    Nothing is written but the cache. ``cost`` is the largest ratio of costs, 0 for any.
+    Nothing is written but the cache. ``cost`` is the largest ratio of costs, 0 for any. What was
+    compared before and is gone is a failure unless ``allow_removed``.
     """
     config = Path(str(file_of(config, options)))
     options = replace(options, times=cost > 0.0, formats=())
@@ -76,7 +88,11 @@ def gate(
         else:
             with _at_ref(ref, config, file, Path(home)) as (old, files):
                 stored = _run(old, replace(options, filters=files), Path(home, "old"))
-        return _judged(stored, _run(config, now, Path(home, "new")), limit, cost)
+        verdict = _judged(stored, _run(config, now, Path(home, "new")), limit, cost)
+    if not allow_removed or not verdict.removed:
+        return verdict
+    notes = [*verdict.notes, *(f"{what}: removed" for what in verdict.removed)]
+    return verdict._replace(removed=[], notes=notes)
 
 
 def _run(config: Path, options: Options, folder: Path) -> Results:
@@ -142,12 +158,36 @@ def _judged(stored: Results, now: Results, limit: Limit, cost: float) -> Verdict
     before = [label for label in stored.filters if label in with_rows]
     notes = [f"not paired: {why}"] if why else []
     notes += [f"{label}: new, not compared" for label in now.filters if label not in before]
-    notes += [f"{label}: removed" for label in before if label not in now.config["filters"]]
     failed = [f"{f['filter']} failed: {f['reason']}" for f in now.failed if f["filter"] in before]
     rows = judge([row for row in rows if row.is_primary], limit)
-    if not rows and not failed:
+    removed = [*_removed(stored, now, before)]
+    if not rows and not failed and not removed:
         raise UserError("nothing to compare: no filter has an error or score on both sides")
-    return Verdict(now.config["name"], rows + _costs(stored, now, cost), failed, notes)
+    rows += _costs(stored, now, cost)
+    return Verdict(now.config["name"], rows, failed, removed, notes)
+
+
+def _removed(stored: Results, now: Results, before: Sequence[str]) -> Iterator[str]:
+    """Yield the filters, the points of the grid, and the errors and scores that are gone."""
+    gone = [label for label in before if label not in now.config["filters"]]
+    yield from map(named, gone)
+    yield from (heading(point) for point in stored.points() if point not in now.points())
+    failed = {row["filter"] for row in now.failed}
+    names = _errors_and_scores(now)
+    for label, metrics in _errors_and_scores(stored).items():
+        if label in names and label not in failed:
+            missing = [metric for metric in metrics if metric not in names[label]]
+            yield from (f"{metric} of {named(label)}" for metric in missing)
+
+
+def _errors_and_scores(results: Results) -> dict[str, list[str]]:
+    """Return the errors and scores over whole runs of each filter, by label."""
+    names: dict[str, dict[str, None]] = {}
+    for row in results.columns("summary").records():
+        of = measured(row["metric"])
+        if not of.window and row["filter"] in results.filters:
+            names.setdefault(row["filter"], {}).update(dict.fromkeys(primary_metrics([of.metric])))
+    return {label: [*metrics] for label, metrics in names.items()}
 
 
 def judge(rows: Sequence[Row], limit: Limit) -> list[Row]:

@@ -30,7 +30,7 @@ from trackbench.report.sweep import as_sweep
 from trackbench.results.folder_contents import DERIVED_FILES, RUN_FILES, read_manifest
 from trackbench.tuning.search import Record
 from trackbench.tuning.tuner import tune
-from trackbench.yaml_source import Config, read
+from trackbench.yaml_source import Assembled, Config, read
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,9 +98,9 @@ OPTION_NAMES = tuple(field.name for field in fields(Options))
 """Names of the options, which Python functions take as keywords."""
 
 
-def file_of(config: Config, options: Options) -> Path | Mapping[str, Any]:
-    """Find the path of a config or shipped experiment of this name; a mapping stays itself."""
-    if isinstance(config, Mapping):
+def file_of(config: Config, options: Options) -> Path | Mapping[str, Any] | Assembled:
+    """Find the path of a config or shipped experiment of this name; other configs stay themselves."""
+    if isinstance(config, Mapping | Assembled):
         return config
     return located(Path(config), lambda line: say(line, options))
 
@@ -222,7 +222,7 @@ def _cpu_s_of_run(job: Job, options: Options) -> float | None:
         if all(as_yaml({k: stored.get(k)}) == as_yaml({k: wanted.get(k)}) for k in _SAME):
             return float(facts["cpu_s"]) / int(facts["runs"])
     is_changed = options.grid or options.only or any(w != FIT for w in options.set)
-    if isinstance(job.config, Mapping) or is_changed:
+    if isinstance(job.config, Mapping | Assembled) or is_changed:
         return None
     with suppress(UserError):
         path = located(Path(job.config), lambda line: None)

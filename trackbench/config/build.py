@@ -123,10 +123,20 @@ def _component(group: Group, data: object, source: Source, keys: Keys) -> Part |
     if not isinstance(data, dict) or "kind" not in data:
         needs = "needs a kind" if isinstance(data, dict) else "is not a mapping with a kind"
         needs += f", as {{kind: {min(kinds(group), key=len)}}}; see `trackbench list {group}`"
+        of_scenario = ("scenario", "assume", *keys[3:])
+        if keys[2:3] == ("assume",) and source.has((*of_scenario, "kind")):
+            model = shown(source.at(of_scenario))
+            needs += (
+                f"; a filter's own model has all of its keys, those of the scenario are {model}"
+            )
         if not any(p.path == dotted(keys) for p in source.problems):  # else it has been said
             source.add_problem(keys, needs)
         return None
     kind = data["kind"]
+    if kind is None:
+        what = f"has no value; {unknown('', list(kinds(group)))}"
+        source.add_problem((*keys, "kind"), what)
+        return None
     cls = of_kind(group, kind) if isinstance(kind, str) else None
     if cls is None:
         what = f"{kind!r} is not a kind of {group[:-1]}; {unknown(str(kind), list(kinds(group)))}"
@@ -146,6 +156,11 @@ def _component(group: Group, data: object, source: Source, keys: Keys) -> Part |
             what = "the prior of one filter is `assume: {start: {kind: ...}}`"
             source.add_key_problem((*keys, "start"), what)
             return None
+        for key in ("motion", "sensor"):
+            if key in values and key not in hints_of(cls):
+                what = f"the {key} that one filter assumes is `assume: {{{key}: {{kind: ...}}}}`"
+                source.add_key_problem((*keys, key), what)
+                return None
     return build(cls, source, keys, values, also)
 
 

@@ -20,7 +20,7 @@ from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.exact_errors import why_not_exact
 from trackbench.evaluation.metric_expression import Measure, exact_label
 from trackbench.evaluation.summary import is_exact
-from trackbench.extension_points import field_values, walk_parts
+from trackbench.extension_points import field_values, is_foreign, walk_parts
 from trackbench.field_types import InvalidKeyError
 from trackbench.filters.base import AnyFilter
 from trackbench.models.base import has_density, position_velocity_names
@@ -292,8 +292,14 @@ def add_label_problem(source: Source, settings: Settings, where: Keys, label: st
 def check_drawable(
     source: Source, group: Group, parts: dict[str, Exhibit], points: list[Point]
 ) -> None:
-    """Add the conflicts of tables and figures with these points."""
+    """Add the conflicts of tables and figures with these points.
+
+    Those of a plugin wait until all filters are without mistakes, since its code expects filters.
+    """
+    is_complete = all(None not in point.filters.values() for point in points)
     for name, part in parts.items() if points else ():
+        if is_foreign(part) and not is_complete:
+            continue
         _add_conflicts(source, (group, name), exhibit_conflicts(part, points))
 
 

@@ -4,8 +4,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from trackbench.config.mistakes import unknown
 from trackbench.errors import Mark, Problem, UserError, reason
 from trackbench.field_types import require_regular_file
+from trackbench.registry import Group, kinds, of_kind
 from trackbench.yaml_source import (
     Keys,
     MarkedMapping,
@@ -20,6 +22,12 @@ from trackbench.yaml_source import (
     unprintable_reason,
 )
 
+_GROUPS: dict[str, Group] = {
+    "scenario": "scenarios",
+    "filters": "filters",
+    "tables": "tables",
+    "figures": "figures",
+}
 _PARTS = ("filters", "tables", "figures")
 _DEEPEST = 10  # files that use another file
 
@@ -144,7 +152,8 @@ def _inline(source: Source, keys: Keys, folder: Path, depth: int) -> None:
         name = changes.pop("use")
         changes.marks.pop("use", None)
     if not isinstance(name, str):
-        raise UserError(Problem(mark, dotted(keys), "is neither a mapping nor a path"))
+        what = "is neither a mapping nor a path; write {kind: ...} or the path of a YAML file"
+        raise UserError(Problem(mark, dotted(keys), what))
     if depth > _DEEPEST:
         raise UserError(Problem(mark, dotted(keys), "use: files that use each other in a circle"))
     # Step 2: read the file, and lay the keys over its mapping.
@@ -153,6 +162,10 @@ def _inline(source: Source, keys: Keys, folder: Path, depth: int) -> None:
         require_regular_file(path)
     except OSError as error:
         what = f"cannot read {path}: {reason(error)}"
+        group = _GROUPS.get(str(keys[0]))
+        is_word = isinstance(parent[keys[-1]], str) and not name.endswith((".yaml", ".yml"))
+        if group is not None and is_word and depth == 0:
+            what = _instead_of_word(group, name, what)
         raise UserError(Problem(mark, dotted(keys), what)) from None
     part = read(path)
     if not isinstance(part.data, dict):
@@ -161,6 +174,13 @@ def _inline(source: Source, keys: Keys, folder: Path, depth: int) -> None:
     put(parent, keys[-1], whole, part.start)  # a part stands where its file begins
     if "use" in whole:
         _inline(source, keys, path.parent, depth + 1)
+
+
+def _instead_of_word(group: Group, word: str, what: str) -> str:
+    """Explain how a component is written, in place of a word that is no path."""
+    if of_kind(group, word) is not None:
+        return f"{word!r} is a kind, and not the path of a file; write {{kind: {word}}}"
+    return f"{what}; a component is written {{kind: ...}}, {unknown(word, list(kinds(group)))}"
 
 
 def deep_merge(

@@ -5,6 +5,7 @@ point per combination; without one there is a single point. Paths joined by `` &
 together, as ``filters.A.q & filters.B.q: [0, 1]``.
 """
 
+import copy
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
@@ -55,7 +56,7 @@ from trackbench.plugins.errors import PluginError, foreign_line, guarded
 from trackbench.plugins.load import Plugin
 from trackbench.registry import Group, kinds
 from trackbench.scenarios.base import error_names
-from trackbench.yaml_source import Source, from_mapping, read, unprintable_reason
+from trackbench.yaml_source import Assembled, Source, from_mapping, read, unprintable_reason
 
 _ALIKE = 0.7  # of two keys: `title` and `titel` are 0.8, `bound` and `bogus` 0.6
 _INDEPENDENT = {
@@ -77,7 +78,7 @@ class UnknownNamesError(UserError):
 
 
 def load(
-    config: Path | Mapping[str, object],
+    config: Path | Mapping[str, object] | Assembled,
     overrides: Sequence[str] = (),
     only: Sequence[str] = (),
     runs: int | None = None,
@@ -99,7 +100,10 @@ def load(
     ``filter_files``: files with more filters; ``chosen``: files of the config whose code may run, as
     that of those may; ``quick``: few runs; ``tables``: data from Python, by key of the target.
     """
-    if isinstance(config, Mapping):
+    if isinstance(config, Assembled):
+        source, home = copy.deepcopy(config.source), Path()
+        chosen = (*chosen, *config.allowed)
+    elif isinstance(config, Mapping):
         source, home = from_mapping(config), Path()
     else:
         source, home = read(config), config.parent

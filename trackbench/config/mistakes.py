@@ -1,6 +1,7 @@
 """Mistakes in a config, in words and with their positions: unknown keys, values beyond limits."""
 
 import json
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import fields, replace
 from difflib import get_close_matches
@@ -13,7 +14,7 @@ from pydantic_core import ErrorDetails
 from trackbench.errors import Mark, Problem
 from trackbench.extension_points import Part, key_of
 from trackbench.field_types import ONE_LINE, DataError, InvalidKeyError, dataclasses_in
-from trackbench.yaml_source import Keys, Source, dotted, formula
+from trackbench.yaml_source import Keys, Source, dotted, formula, scalar
 
 REPORTED = "reported"
 """Type of the validator's error for a component whose mistakes are in the source."""
@@ -39,10 +40,40 @@ _LIMITS = {
 
 def unknown(word: str, known: list[str]) -> str:
     """Suggest ``did you mean ...?``, or list the first 40 known words."""
-    alike = [k for k in known if sorted(k.lower()) == sorted(word.lower())]  # efk is ekf, not epf
-    near = alike or get_close_matches(word, known, 1, 0.5)
+    near = nearest(word, known)
     listed = ", ".join(known[:40]) + (f", {len(known) - 40} more" if len(known) > 40 else "")
-    return f"did you mean {near[0]}?" if near else f"known: {listed}"
+    return f"did you mean {near}?" if near else f"known: {listed}"
+
+
+def nearest(word: str, known: Sequence[str]) -> str:
+    """Return the known word that was probably meant; an empty text if none is near."""
+    lower = word.lower().replace(" ", "-")
+    meant = _MEANT.get(lower, "")
+    if meant in known:
+        return meant
+    # The same letters in another order (efk is ekf, not epf), then beginnings, then similar words.
+    for other in known:
+        if sorted(other.lower()) == sorted(lower):
+            return other
+    longer = [other for other in known if len(lower) > 2 and other.lower().startswith(lower)]
+    if longer:
+        return min(longer, key=lambda other: ("position" not in other, len(other)))
+    near = get_close_matches(word, known, 1, 0.5) or get_close_matches(lower, known, 1, 0.5)
+    return near[0] if near else ""
+
+
+_MEANT = {
+    **{"dt": "T", "interval": "T", "period": "T", "steps": "last", "duration": "last"},
+    **{"n_runs": "runs", "monte_carlo_runs": "runs", "particles": "N", "n_particles": "N"},
+    **{"pos_rmse": "rmse_position", "position_rmse": "rmse_position", "rmse": "rmse_position"},
+    **{"position": "rmse_position", "position_error": "rmse_position", "velocity": "rmse_velocity"},
+    **{"nees": "anees", "nis": "anis", "omega": "turn_rate_deg_s", "measurement": "sensor"},
+    **{"kalman": "kf", "kalman-filter": "kf", "particle-filter": "pf", "particle": "pf"},
+    **{"extended-kalman": "ekf", "unscented": "ukf", "radar": "range-azimuth", "gps": "position"},
+    **{"constant-velocity": "cv", "constant-acceleration": "ca", "constant-turn": "ct"},
+    **{"coordinated-turn": "ct", "line": "rmse-vs-time", "rmse_vs_time": "rmse-vs-time"},
+}
+"""Words that users write, and the key or kind that is meant, if it is known at the place."""
 
 
 def mistakes_of(
@@ -73,7 +104,12 @@ def _without_unions(problems: Collection[Problem]) -> list[Problem]:
         if verb and value.startswith("{") and of_kinds:
             continue
         before = merged.get(place := (problem.mark, problem.path, value or rest))
-        merged[place] = replace(before, what=f"{before.what} and {rest}") if before else problem
+        if before is not None:
+            said, mark, advice = before.what.partition("; write ")
+            rest, other_mark, other_advice = rest.partition("; write ")
+            advice = f"{mark}{advice}" or f"{other_mark}{other_advice}"
+            problem = replace(before, what=f"{said} and {rest}{advice}")
+        merged[place] = problem
     return list(merged.values())
 
 
@@ -102,6 +138,9 @@ def _problems(
             return [Problem(source.key_mark(where), dotted(where), inner.unsupported_keys[word])]
         what = f"unknown key; {unknown(word, known)}" if known else "unknown key"
         return [Problem(source.key_mark(where), dotted(where), what)]
+    if kind == "missing" and isinstance(item["loc"][-1], int):
+        what = f"{shown(value)} has too few values; at least {item['loc'][-1] + 1} are needed"
+        return [source.problem(where, what)]
     if kind in ("missing", "missing_argument", "missing_keyword_only_argument"):
         path = dotted((*where, item["loc"][-1]))
         return [Problem(source.key_mark(where), path, "this key is required")]
@@ -148,9 +187,45 @@ def _describe(kind: str, ctx: Mapping[str, object], value: object, message: str)
         return formula(str(value)) or f"{text} is not one line of visible characters"
     if kind == "string_pattern_mismatch":
         return f"{text} must start with a letter or digit and hold only letters, digits, . _ -"
+    if kind in ("too_long", "too_short"):
+        at_most = f"at most {ctx['max_length']} are allowed" if "max_length" in ctx else ""
+        at_least = f"at least {ctx['min_length']} are needed" if "min_length" in ctx else ""
+        return f"{text} has {ctx['actual_length']} values; {at_most or at_least}"
     # A value of another type.
     name = kind.removesuffix("_type").removesuffix("_parsing").removesuffix("_from_float")
-    return f"{text} is not {_TYPES[name]}" if name in _TYPES else message.lower()
+    if name not in _TYPES:
+        return message.lower()
+    return f"{text} is not {_TYPES[name]}{_written_otherwise(name, value)}"
+
+
+def _written_otherwise(name: str, value: object) -> str:
+    """Advise how a value is written that has the form of another type."""
+    if name in ("list", "tuple") and isinstance(value, str) and "\n" not in value:
+        return f"; write [{value}]"
+    if name == "bool" and isinstance(value, str) and value.lower() in _BOOLEANS:
+        return f"; write {_BOOLEANS[value.lower()]}"
+    if name == "int" and isinstance(value, float) and value.is_integer():
+        return f"; write {int(value)} without a point or an exponent"
+    if name not in ("int", "float", "finite_number") or not isinstance(value, str):
+        return ""
+    written = value.strip()
+    if isinstance(scalar(written), int | float) and not isinstance(scalar(written), bool):
+        return f"; write {written} without quotation marks"
+    if re.fullmatch(r"[-+]?[0-9]+(_[0-9]+)+(\.[0-9]+)?", written):
+        return f"; write {written.replace('_', '')}"
+    if re.fullmatch(r"[-+]?[0-9]{1,3}(,[0-9]{3})+", written) and name == "int":
+        return f"; write {written.replace(',', '')}"
+    if re.fullmatch(r"[-+]?[0-9]+,[0-9]+", written):
+        return f"; write {written.replace(',', '.')} with a point"
+    if re.fullmatch(r"[-+]?[0-9]+(\.[0-9]+)?\s*(?![xe])[a-zA-Z%°µ][a-zA-Z0-9%/°²^]*", written):
+        return "; write the number alone, in the unit of the key"
+    return ""
+
+
+_BOOLEANS = {
+    **dict.fromkeys(("yes", "on", "true", "y"), "true"),
+    **dict.fromkeys(("no", "off", "false", "n"), "false"),
+}
 
 
 def _unquoted(words: object) -> str:

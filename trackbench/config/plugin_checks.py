@@ -15,7 +15,7 @@ from trackbench.extension_points import Part, is_foreign
 from trackbench.filters.base import Filter, WrongReturnError
 from trackbench.plugins.checks import call_hook, check_words
 from trackbench.plugins.errors import PluginError, location_of, plugin_code
-from trackbench.plugins.load import Plugin, load_plugin, read_plugin
+from trackbench.plugins.load import Plugin, digest_of_all, forget_outdated, load_plugin, read_plugin
 from trackbench.registry import BLOCK_GROUPS, base_of, import_own, kinds, registered
 from trackbench.yaml_source import Source, put
 
@@ -100,19 +100,29 @@ def load_plugins(
     names = source.data.get("plugins") or []
     if not isinstance(names, list):
         return ()  # said by the validation of the whole
-    files = [folder / name for name in _texts(source, "files")]
+    problems: list[Problem] = []
+    may_run = allowed or bool(chosen)
+    files = _declared(source, folder, may_run, problems)
     environment = _texts(source, "environment")
-    plugins, problems = [], _missing(source, files)
+    # Step 1: read all of them, since they may share modules.
+    read: dict[int, Plugin] = {}
     for i, name in enumerate(names):
-        where = ("plugins", i)
         try:
             if not isinstance(name, str) or not name.endswith(".py"):
                 raise PluginError(f"{name!r} is not the path of a Python file")
             if not allowed and (folder / name).resolve() not in chosen_paths:
                 raise PluginError(f"the code in {name} is run only with --allow-plugins")
-            plugins.append(load_file(folder / name, files, environment))
+            read[i] = _read_file(folder / name, files, environment)
         except PluginError as why:
-            problems += [source.problem(where, what) for what in why.args]
+            problems += [source.problem(("plugins", i), what) for what in why.args]
+    forget_outdated([*read.values()], as_now=True)
+    # Step 2: run their code.
+    plugins = []
+    for i, plugin in read.items():
+        try:
+            plugins.append(load_plugin(plugin, check_kind))
+        except PluginError as why:
+            problems += [source.problem(("plugins", i), what) for what in why.args]
     if problems:
         raise UserError(*problems)
     _check_apart(plugins, source)
@@ -125,11 +135,25 @@ def _texts(source: Source, key: str) -> list[str]:
     return [word for word in words if isinstance(word, str)] if isinstance(words, list) else []
 
 
-def _missing(source: Source, files: Sequence[Path]) -> list[Problem]:
-    """List a mistake for each declared file that does not exist."""
-    what = "no such file or folder; write its path from the config's folder"
-    missing = [i for i, file in enumerate(files) if not file.exists()]
-    return [source.problem(("files", i), f"{files[i]}: {what}") for i in missing]
+def _declared(
+    source: Source, folder: Path, may_run: bool, problems: list[Problem]
+) -> tuple[tuple[str, str], ...]:
+    """Digest the declared files if plugins may run; add a mistake for each that cannot be read."""
+    digests = []
+    for i, name in enumerate(_texts(source, "files")):
+        file = folder / name
+        try:
+            file.stat()
+            if may_run:
+                digests.append((str(file.absolute()), digest_of_all(file)))
+        except FileNotFoundError:
+            what = "no such file or folder; write its path from the config's folder"
+            problems.append(source.problem(("files", i), f"{file}: {what}"))
+        except OSError as error:
+            problems.append(source.problem(("files", i), f"{file}: {reason(error)}"))
+        except PluginError as why:
+            problems.append(source.problem(("files", i), str(why)))
+    return tuple(digests)
 
 
 def _check_apart(plugins: list[Plugin], source: Source) -> None:
@@ -144,13 +168,22 @@ def _check_apart(plugins: list[Plugin], source: Source) -> None:
                 raise UserError(source.problem(where, what))
 
 
-def load_file(path: Path, files: Iterable[Path] = (), environment: Iterable[str] = ()) -> Plugin:
+def load_file(path: Path) -> Plugin:
     """Load a plugin and check its kinds; raises PluginError."""
+    plugin = _read_file(path)
+    forget_outdated([plugin], as_now=True)
+    return load_plugin(plugin, check_kind)
+
+
+def _read_file(
+    path: Path, files: tuple[tuple[str, str], ...] = (), environment: Iterable[str] = ()
+) -> Plugin:
+    """Read a plugin with the declared files and variables; raises PluginError."""
     # First, so that a plugin can neither take names of the package nor change its functions.
     import_own(*BLOCK_GROUPS)
     kinds("filters"), kinds("scenarios")
     try:
-        return load_plugin(read_plugin(path, files, environment), check_kind)
+        return read_plugin(path, files, environment)
     except OSError as error:
         raise PluginError(f"{path}: {reason(error)}") from None
 

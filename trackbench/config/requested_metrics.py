@@ -2,16 +2,15 @@
 
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, is_dataclass
-from difflib import get_close_matches
 from itertools import chain
 from typing import TYPE_CHECKING
 
 from trackbench.config.build import hints_of
 from trackbench.config.experiment import Exhibit, Experiment, Point, Settings
 from trackbench.config.metric_names import Names, names_of, stored_metrics
-from trackbench.config.mistakes import unknown
+from trackbench.config.mistakes import nearest, unknown
 from trackbench.config.tuning import as_expression, bad_terms
 from trackbench.evaluation.block import Kind
 from trackbench.evaluation.consistency_and_calibration import bars
@@ -135,6 +134,17 @@ def _in_value(value: object, hint: object, keys: Keys) -> Iterator[MetricRequest
             yield from _in_value(inner, hint, (*keys, head))
 
 
+def _nearest_metric(word: str, known: Collection[str], bases: Sequence[str]) -> str:
+    """Return the known metric that was probably meant, with a statistic where the place needs one."""
+    lower = word.lower()
+    base = nearest(word, bases) if word.isidentifier() else ""
+    if base.startswith(lower) or lower in base.split("_"):
+        for near in (base, f"rms({base})", f"mean({base})"):
+            if near in known:
+                return near
+    return nearest(word, sorted(known))
+
+
 def _unknown(request: MetricRequest, names: Names, settings: Settings) -> str | None:
     """Explain why a metric is unknown, if the config names it."""
     role, word = _where(request, settings)
@@ -162,9 +172,9 @@ def _unknown(request: MetricRequest, names: Names, settings: Settings) -> str | 
     if word in known or not request.named or names.could_be_diagnostic(request.measure.metric):
         return None
     # Names that are unknown.
-    near = get_close_matches(word, sorted(known), 1, 0.5)
     short = sorted({measured(name).base for name in known})
-    hint = f"did you mean {near[0]}?" if near else unknown("", short)
+    near = _nearest_metric(word, known, short)
+    hint = f"did you mean {near}?" if near else unknown("", short)
     if metric.name in _ADDED_BY and not any(measured(n).family[0] is metric for n in known):
         hint = f"the key {_ADDED_BY[metric.name]} adds it"
     if is_of_truth and quantity in names.components:

@@ -111,7 +111,11 @@ def named(name: str) -> Path:
         return _file(name)
     from trackbench.config.mistakes import unknown
 
-    what = f"is neither a file nor a shipped experiment; {unknown(name, names())}"
+    beside = [
+        f"{name}{ending}" for ending in (".yaml", ".yml") if Path(f"{name}{ending}").is_file()
+    ]
+    hint = f"did you mean {beside[0]}?" if beside else unknown(name, names())
+    what = f"is neither a file nor a shipped experiment; {hint}"
     raise UserError(Problem(Mark(name), "", what))
 
 
@@ -133,6 +137,24 @@ def copied(name: str, target: Path) -> list[Path]:
         ensure_folder(path.parent)
         write_bytes(path, content[path])
     return sorted(content.keys() - existing)
+
+
+def suite_names() -> list[str]:
+    """List the shipped suites' names, sorted."""
+    return sorted(path.stem for path in (folder() / "suites").glob("*.yaml"))
+
+
+def suite_file(suite: Path) -> Path:
+    """Find a suite's file: of that path, or else the shipped suite of that name; raises UserError."""
+    word = str(suite)
+    if suite.is_file() or suite.suffix:
+        return suite
+    if word in suite_names():
+        return folder() / "suites" / f"{word}.yaml"
+    from trackbench.config.mistakes import unknown
+
+    what = f"is neither a file nor a shipped suite; {unknown(word, suite_names())}"
+    raise UserError(Problem(Mark(word), "", what))
 
 
 def with_parts(file: Path, files: frozenset[Path] = frozenset()) -> frozenset[Path]:

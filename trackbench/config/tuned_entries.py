@@ -99,7 +99,21 @@ def with_values(source: Source, label: str, values: Chosen) -> Source:
 def _set(source: Source, label: str, tuned_as: str, values: Chosen) -> None:
     for path, value in values.items():
         mark = source.mark(("tune", tuned_as, path))
+        _take_from_scenario(source, label, path)
         override(source, split_path(source, f"filters.{label}.{path}"), value, mark)
+
+
+def _take_from_scenario(source: Source, label: str, path: str) -> None:
+    """Copy the model of ``assume.motion.q`` from the scenario's `assume` if the filter has none."""
+    root, _, inner = path.partition(".")
+    part, _, key = inner.partition(".")
+    of_scenario = ("scenario", "assume", part)
+    of_filter = ("filters", label, "assume", part)
+    if root != "assume" or not key or not source.has(of_scenario) or source.has(of_filter):
+        return
+    model = source.at(of_scenario)
+    if isinstance(model, dict):
+        override(source, of_filter, copy.deepcopy(model), source.mark(of_scenario))
 
 
 def _is_entry(source: Source, label: str) -> bool:

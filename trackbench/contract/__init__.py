@@ -2,7 +2,7 @@
 
 Every check reports in one line. A filter that cannot pass a check by its nature gives the reason in
 a class attribute: ``contract_exemptions = {"kalman": "uses no measurement"}``. The other names are
-``shapes``, ``purity``, ``repeats``, ``independence`` and ``gaps``.
+``shapes``, ``purity``, ``repeats``, ``independence``, ``gaps`` and ``angles``.
 """
 
 import pickle
@@ -30,6 +30,7 @@ from trackbench.contract.problems import (
     runs_on,
     simulate,
     why_not,
+    why_program_fails,
 )
 from trackbench.errors import UserError, in_line
 from trackbench.filters.base import AnyFilter, Filter
@@ -47,6 +48,8 @@ from trackbench.scenarios.tracking import Tracking
 from trackbench.yaml_source import read
 
 _OWN_MODEL = "has constants of its own: `--on CONFIG` names an experiment that they belong to"
+
+_NAME_A_CONFIG = "a filter of one sensor is checked on an experiment with it, by `--on CONFIG`"
 
 SCALAR = Tracking(
     target=Driven(motion=SineGamma(), launch=Launch(x=1.0)),
@@ -192,6 +195,11 @@ def check_filter(
     if on is None and not tracker.runs_program:
         yield Finding(name, "good")
     scenario, why_not_linear = _choose_scenario(tracker, scenarios, on)
+    if scenario is None and tracker.runs_program and why_not_linear:
+        # Every check would fail by this text.
+        hint = "" if on is not None else f"; {_NAME_A_CONFIG}"
+        yield Finding("runs on a problem", "bad", why_not_linear + hint)
+        return
     if scenario is None:
         yield Finding("everything else", "left out", why_not_linear)
         return
@@ -220,6 +228,7 @@ def _exemptions(tracker: AnyFilter, scenario: Scenario, why_not_linear: str) -> 
         exempt.setdefault("tracks", "is another problem than the contract's")
         if not isinstance(scenario, ModelDraws):
             exempt.setdefault("interval", exempt["tracks"])
+            exempt.setdefault("angles", exempt["tracks"])
     elif not takes_model(tracker, scenario is RADAR):
         # A filter of one run gets dt, so these checks are fair without its model.
         free = () if tracker.loops_over_runs else ("interval", "tracks")
@@ -275,9 +284,11 @@ def _choose_scenario(
     """Choose the first scenario that the filter can run on; say why not those before it."""
     reasons: list[str] = []
     for scenario in (PLANAR, SCALAR, RADAR, *scenarios) if on is None else (on,):
-        if not (why := why_not(tracker, scenario)):
+        why = why_not(tracker, scenario) or why_program_fails(tracker, scenario)
+        if not why:
             return scenario, "; ".join(reasons) or "is checked on the config's problem"
-        reasons.append(why)
+        if why not in reasons:
+            reasons.append(why)
     return None, "; ".join(reasons)
 
 

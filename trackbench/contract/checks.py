@@ -8,6 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from trackbench.contract.angles import angles_of, mistaken_angle
 from trackbench.contract.diagnosis import misfit, mistaken_track
 from trackbench.contract.problems import (
     PLANAR,
@@ -27,6 +28,7 @@ from trackbench.contract.problems import (
     with_gaps,
 )
 from trackbench.core import linalg
+from trackbench.core.angles import near
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.evaluation.validate_output import check_estimate, check_names, checked_numbers
 from trackbench.extension_points import field_values
@@ -200,8 +202,11 @@ def _check_gaps(tracker: AnyFilter, scenario: Scenario) -> None:
         raise ContractError("the estimate is not finite where a measurement is missing (NaN)")
     if np.array_equal(missing.mean, measured.mean):
         return  # uses no measurement
+    # A filter with a gate ignores what is far away, and perhaps zero.
+    far_away = estimates(1e3 * (1.0 + float(np.nanmax(np.abs(z)))))
+    has_gate = np.array_equal(missing.mean, far_away.mean)
     for what, fill in (("zero", 0.0), ("the one before", np.roll(z, 1, axis=1))):
-        if np.array_equal(missing.mean, estimates(fill).mean):
+        if np.array_equal(missing.mean, estimates(fill).mean) and not has_gate:
             nothing = "NaN" if tracker.runs_program else "NaN, or None per run"
             raise ContractError(f"a missing measurement ({nothing}) is taken as {what}")
     if np.allclose(missing.cov, measured.cov, rtol=1e-9, atol=0.0):
@@ -281,6 +286,23 @@ def _check_consistency(tracker: AnyFilter, scenario: Scenario) -> None:
             raise ContractError(what)
 
 
+def _check_angles(tracker: AnyFilter, scenario: Scenario) -> None:
+    if scenario is PLANAR and runs_on(tracker, RADAR):
+        scenario = RADAR
+    problem = scenario if isinstance(scenario, ModelDraws) else ModelDraws(base=scenario)
+    if not angles_of(problem):
+        where = "this problem" if isinstance(scenario, ModelDraws) else "the contract's problem"
+        raise LeftOutError(f"{where} has no angle; `--on CONFIG` names an experiment with one")
+    # The prior is turned as a normal distribution.
+    if needed := [name for name in tracker.all_requirements if name.startswith("prior.")]:
+        raise LeftOutError(f"needs {needed[0]}, which a turned problem has not")
+    what = mistaken_angle(_of_many_particles(tracker), problem)
+    if what is None:
+        raise LeftOutError("no angle passes its cut, or no reference filter runs")
+    if what:
+        raise ContractError(what)
+
+
 def _check_against_kalman(tracker: AnyFilter, scenario: Scenario) -> None:
     problem = UNEQUAL if runs_on(tracker, UNEQUAL) else PLANAR
     # On a linear model the EKF is the Kalman filter.
@@ -294,7 +316,8 @@ def _off_ekf(tracker: AnyFilter, scenario: Scenario, runs: int) -> str:
         return "the EKF does not run there"
     data = with_gaps(simulate(scenario, runs))
     tested, exact = run_filter(tracker, scenario, data), run_filter(EKF(), scenario, data)
-    error, sigma = tested.mean - exact.mean, np.sqrt(linalg.diagonal(exact.cov))
+    sigma = np.sqrt(linalg.diagonal(exact.cov))
+    error = near(tested.mean, exact.mean, scenario.angle_rows) - exact.mean
     if tested.random:
         return _bias(error, sigma, tracker.particle_count if tracker.particle_count > 1 else 100)
     off = float((np.abs(error) / np.maximum(sigma, np.finfo(float).tiny)).max())
@@ -325,6 +348,7 @@ CHECKS: dict[str, tuple[str, Check]] = {
     "gaps": ("predicts over a missing measurement", _check_gaps),
     "interval": ("uses the interval between steps", _check_interval),
     "tracks": ("follows the target", _check_tracks),
+    "angles": ("wraps angles at their cut", _check_angles),
     "kalman": ("equals the Kalman filter on a linear model", _check_against_kalman),
     "consistency": ("errors and covariance fit reference filters", _check_consistency),
 }

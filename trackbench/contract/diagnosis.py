@@ -4,8 +4,17 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
-from trackbench.contract.problems import Estimates, run_filter, simulate, why_not, with_gaps
+from trackbench.contract.angles import deviation, name_of_unwrapped
+from trackbench.contract.problems import (
+    Estimates,
+    ModelDraws,
+    run_filter,
+    simulate,
+    why_not,
+    with_gaps,
+)
 from trackbench.core import linalg
+from trackbench.core.angles import near
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.linalg import distance
@@ -20,25 +29,38 @@ from trackbench.scenarios.tracking import Tracking
 _CAP = 10.0  # on a squared error in units of its expectation: a lost run counts as much, no more
 _LOST = 1.9  # of an RMSE above the reference's 1: most squared errors are beyond the cap
 _CAP_OF_DISTANCE = 2.0
+_FAR = 3.0  # standard deviations from a reference: of a run that a cause has to explain
 _MAX_DEVIATION = 6.0  # standard errors of a paired difference
 
 
 class Scores(NamedTuple):
     """Means over the steps, per run (M,); squares are per component, in units of a covariance."""
 
-    rmse: Array
-    """squared distance from the reference's mean"""
+    squared_distance: Array
+    """from the reference's mean, in the reference's covariance"""
     spread: Array
     """covariance in units of the reference's"""
     anees: Array
     anis: Array | None
     log_likelihood: Array | None
-    error: Array
-    """squared error"""
+    squared_error: Array
+    """in the reference's covariance"""
 
 
-def score(of: Estimates, reference: Estimates, data: Simulation) -> Scores:
-    """Score estimates; distance and error are in the reference's covariance."""
+_SCORE_TEXTS = {
+    "squared_distance": "RMSE FROM THE REFERENCE",
+    "spread": "SPREAD",
+    "anees": "ANEES",
+    "anis": "ANIS",
+    "log_likelihood": "LOG LIKELIHOOD",
+}
+"""Scores that are tested, as a report names them."""
+
+
+def score(
+    of: Estimates, reference: Estimates, data: Simulation, angle_rows: tuple[int, ...] = ()
+) -> Scores:
+    """Score estimates; ``angle_rows`` of a state are equal after whole turns."""
     n, n_z, P = len(data.truth), len(data.measurements), reference.cov[:, :, 1:]
     inverse = linalg.inverse(P)
 
@@ -49,14 +71,21 @@ def score(of: Estimates, reference: Estimates, data: Simulation) -> Scores:
     # Innovations only where something is measured.
     missing = np.isnan(data.measurements).all(axis=0)
     series = {name: np.where(missing, np.nan, rows / n_z) for name, rows in of.series.items()}
-    error = of.mean - data.truth
+    error = near(of.mean, data.truth, angle_rows) - data.truth
+    from_reference = near(of.mean, reference.mean, angle_rows) - reference.mean
+    ratio = np.einsum("ij...,ji...->...", inverse, of.cov[:, :, 1:]) / n
+    anis = log_likelihood = None
+    if "nis" in series:
+        anis = np.nanmean(np.minimum(series["nis"], _CAP), axis=0)
+    if "log_likelihood" in series:
+        log_likelihood = np.nanmean(series["log_likelihood"], axis=0)
     return Scores(
-        mean_square(of.mean - reference.mean, P, _CAP_OF_DISTANCE),
-        np.minimum(np.einsum("ij...,ji...->...", inverse, of.cov[:, :, 1:]) / n, _CAP).mean(axis=0),
-        mean_square(error, of.cov[:, :, 1:]),
-        np.nanmean(np.minimum(series["nis"], _CAP), axis=0) if "nis" in series else None,
-        np.nanmean(series["log_likelihood"], axis=0) if "log_likelihood" in series else None,
-        mean_square(error, P),
+        squared_distance=mean_square(from_reference, P, _CAP_OF_DISTANCE),
+        spread=np.minimum(ratio, _CAP).mean(axis=0),
+        anees=mean_square(error, of.cov[:, :, 1:]),
+        anis=anis,
+        log_likelihood=log_likelihood,
+        squared_error=mean_square(error, P),
     )
 
 
@@ -74,11 +103,13 @@ def misfit(tracker: AnyFilter, scenario: Scenario, runs: int, seed: int = 1) -> 
     if not others:
         return ""
     # Step 2: scores about the reference with the least error.
-    center = min(others, key=lambda other: score(other, others[0], data).error.mean())
-    of, *bands = (score(one, center, data)._asdict() for one in (tested, *others))
+    rows = scenario.angle_rows
+    mean_errors = [score(one, others[0], data, rows).squared_error.mean() for one in others]
+    center = others[int(np.argmin(mean_errors))]
+    of, *bands = (score(one, center, data, rows)._asdict() for one in (tested, *others))
     wide = 1.0 if tested.random else 0.5
     texts, sizes = [], {}
-    for name in ("rmse", "spread", "anees", "anis", "log_likelihood"):
+    for name, title in _SCORE_TEXTS.items():
         theirs = [band[name] for band in bands if band[name] is not None]
         if of[name] is None or not theirs:
             continue
@@ -87,17 +118,30 @@ def misfit(tracker: AnyFilter, scenario: Scenario, runs: int, seed: int = 1) -> 
         over = all(_exceeds(of[name] - high) for _, high in limits)
         under = all(_exceeds(low - of[name]) for low, _ in limits)
         mine, other = float(of[name].mean()), float(theirs[0].mean())
-        if name == "rmse":
-            mine, other = np.sqrt(of["error"].mean()), np.sqrt(bands[0]["error"].mean())
+        if name == "squared_distance":
+            # The farthest reference: one of them is the center, at no distance.
+            mine = np.sqrt(mine)
+            other = np.sqrt(max(float(band.mean()) for band in theirs))
         if over or under:
             sizes[name] = mine - other
-            texts.append(f"{name.upper().replace('_', ' ')} {mine:.3g} (a reference: {other:.3g})")
-    return ", ".join(texts) + (_cause(tested, center.mean, sizes) if texts else "")
+            texts.append(f"{title} {mine:.3g} (a reference: {other:.3g})")
+    if not texts:
+        return ""
+    # Step 4: the likely cause.
+    if "squared_distance" in sizes:
+        error, of_reference = (np.sqrt(one["squared_error"].mean()) for one in (of, bands[0]))
+        sizes["error"] = error - of_reference
+        if isinstance(scenario, ModelDraws):
+            wrong = deviation(tested, center, rows) > _FAR
+            unwrapped = name_of_unwrapped(tracker, scenario, data, center, wrong)
+            if unwrapped:
+                return f"{', '.join(texts)}; the innovation of {unwrapped} is not wrapped"
+    return ", ".join(texts) + _cause(tested, center.mean, sizes)
 
 
 def _limits(name: str, reference: Array, wide: float) -> tuple[Array, Array]:
     """Bound the scores that an honest filter may have, per run (M,)."""
-    if name == "rmse":
+    if name == "squared_distance":
         return np.full_like(reference, -1.0), 3.0 * reference + 0.05
     if name == "spread":
         return 0.9 * reference, (1.0 + 0.3 * wide) * reference
@@ -124,13 +168,15 @@ def _cause(of: Estimates, path: Array, sizes: dict[str, float]) -> str:
     if len(path) == 4 and off(path[[2, 3, 0, 1]]) < 0.1 * off(path):
         return "; estimates fit the truth with x and y exchanged"
     too_large = sizes.get("spread", -sizes.get("anees", 0.0))
-    if sizes.get("rmse", 0.0) > _LOST:
+    if sizes.get("error", 0.0) > _LOST:
         return "; an axis, a unit (degrees), a sign, dt or a gap is taken wrongly?"
     if too_large > 0.0:
         return "; the covariance is too large: does the update reduce it by the gain, is R sigma^2?"
     if too_large < 0.0:
         return "; the covariance is too small: sigma for sigma^2, or a noise or dt forgotten?"
-    return "; are the innovation and S those before the update?" if "rmse" not in sizes else ""
+    if "squared_distance" in sizes:
+        return ""
+    return "; are the innovation and S those before the update?"
 
 
 def mistaken_track(tracker: AnyFilter, problem: Tracking) -> str:
@@ -155,4 +201,4 @@ def mistaken_track(tracker: AnyFilter, problem: Tracking) -> str:
     if off(mean) < 1.5 * max(off(predicted), off(measured)) and not late:
         return ""
     text = f"positions are off by {off(mean):.3g} m, those measured by {off(measured):.3g} m"
-    return text + _cause(of, truth, {"rmse": np.inf})
+    return text + _cause(of, truth, {"squared_distance": np.inf, "error": np.inf})

@@ -13,9 +13,11 @@ from numpy.random import SFC64, Generator
 
 from trackbench.config.checks import has
 from trackbench.core.arrays import Array, Index, Mask
-from trackbench.core.distributions import per_run_moments
+from trackbench.core.distributions import Distribution, per_run_moments
 from trackbench.core.random_streams import RunStreams, Streams
+from trackbench.errors import in_line
 from trackbench.filters.base import AnyFilter
+from trackbench.filters.external import ProgramRunError
 from trackbench.models.base import Model, Motion, extra_std
 from trackbench.models.motions.irregular import Irregular
 from trackbench.models.motions.kinematic import WhiteAcceleration
@@ -77,6 +79,11 @@ class ModelDraws(Scenario):
         """Class of the scenario's prior."""
         return self.base.prior_type
 
+    @property
+    def angles(self) -> tuple[str, ...]:
+        """Components that are angles."""
+        return self.base.angles
+
     def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
         """Return the scenario's error vectors."""
         return self.base.errors(mean, truth)
@@ -87,9 +94,12 @@ class ModelDraws(Scenario):
         prior = self.base.assumed_prior(runs) or data.prior
         if len(self.components) > len(prior.mean):
             prior = augment_prior(prior, extra_std(self.model.motion))
+        return self.draw_from(prior, np.isnan(data.measurements), rng)
+
+    def draw_from(self, prior: Distribution, missing: Mask, rng: Streams) -> Simulation:
+        """Draw truth and measurements from a prior; measurements are ``missing`` (n_z, T, M)."""
         truth, z = simulate_markov(self.model, prior.sample(rng), self.steps, rng)
-        # Measurements are missing where the scenario's are.
-        z[np.isnan(data.measurements[:, : z.shape[1]])] = np.nan
+        z[missing[:, : z.shape[1]]] = np.nan
         return Simulation(truth, z, prior)
 
 
@@ -220,6 +230,18 @@ def why_not(tracker: AnyFilter, scenario: Scenario) -> str:
     lacking = [n for n in tracker.all_requirements if not has(scenario, n)]
     mistakes = [] if lacking else list(filter_conflicts(tracker, scenario).values())
     return f"needs {lacking[0]}" if lacking else (mistakes or [""])[0]
+
+
+def why_program_fails(tracker: AnyFilter, scenario: Scenario) -> str:
+    """Explain why a program does not start or ends on a scenario; an empty text if it runs."""
+    if not tracker.runs_program:
+        return ""
+    try:
+        with guarded(), np.errstate(all="ignore"):
+            run_filter(tracker, scenario, simulate(scenario, 2))
+    except Exception as error:
+        return in_line(error.what if isinstance(error, ProgramRunError) else str(error))
+    return ""
 
 
 def with_gaps(data: Simulation) -> Simulation:

@@ -35,17 +35,33 @@ def near(x: Array, other: Array, rows: Sequence[int]) -> Array:
     return out
 
 
-def particles_together(cloud: Particles, mean: Array, rows: Sequence[int]) -> Particles:
-    """Shift the particles' angles to within half a turn of their mean direction.
+def mean_direction(x: Array, w: Array, mean: Array, rows: Sequence[int]) -> Array:
+    """Return ``mean`` (n, M) with its angles replaced by the mean directions of states x (n, M, N).
 
-    The direction is ``atan2(sum w sin a, sum w cos a)``, on the turn of ``mean`` (n, M).
+    A direction is ``atan2(sum w sin a, sum w cos a)``, on the turn of ``mean``.
     """
+    if not rows:
+        return mean
     center = mean.copy()
     for i in rows:
-        cos, sin = cos_sin(cloud.x[i])
-        center[i] = arctan2(dot(cloud.w, sin), dot(cloud.w, cos))
-    center = near(center, mean, rows)
+        cos, sin = cos_sin(x[i])
+        center[i] = arctan2(dot(w, sin), dot(w, cos))
+    return near(center, mean, rows)
+
+
+def particles_together(cloud: Particles, mean: Array, rows: Sequence[int]) -> Particles:
+    """Shift the particles' angles to within half a turn of their mean direction (`mean_direction`)."""
+    center = mean_direction(cloud.x, cloud.w, mean, rows)
     return Particles(near(cloud.x, with_axes_of(cloud.x, center), rows), cloud.w)
+
+
+def bring_together(cloud: Particles, rows: Sequence[int]) -> Particles:
+    """Shift the particles' angles to within half a turn of their mean direction, as filters do.
+
+    Angles are averaged, and their covariance is taken, after this step. Without angles the particles
+    stay as they are.
+    """
+    return particles_together(cloud, cloud.mean, rows) if rows else cloud
 
 
 def moments_together(estimate: Gaussian, cloud: Particles, together: Particles) -> Gaussian:

@@ -23,6 +23,7 @@ from trackbench.core.arrays import Array
 _PIECE = 8192  # elements at a time: they stay in the processor's cache
 _FAR = 8.5  # standard deviations beyond which the tail is below the last bit of one
 _HALF_A_BIT = 2.0**-55
+_MOST_FACTORS = 16  # of a power by multiplication
 
 
 def exp(x: ArrayLike, out: Array | None = None) -> Array:
@@ -85,18 +86,25 @@ def logaddexp(a: Array, b: ArrayLike) -> Array:
     return larger + log(1.0 + exp(difference))
 
 
-def power(x: ArrayLike, y: float) -> Array:
-    """Compute ``x^y`` for x >= 0; a whole y of up to 16 by multiplication."""
+def power(x: ArrayLike, y: ArrayLike) -> Array:
+    """Compute ``x^y``, NaN for x < 0 unless y is whole; one whole y of up to 16 by multiplication."""
+    x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
     # x^y = x x ... x
-    if y == int(y) and 0 <= y <= 16:
-        x = np.asarray(x, dtype=float)
+    if y.ndim == 0 and 0 <= y <= _MOST_FACTORS and y == np.floor(y):
         product = x.copy() if y else np.ones_like(x)
         for _ in range(int(y) - 1):
             product = product * x
         return product[()]
-    # x^y = exp(y log x)
     with np.errstate(divide="ignore", invalid="ignore"):
-        return exp(y * log(x))
+        # x^y = exp(y log |x|), with the sign of a whole power of a negative number.
+        value = exp(y * log(np.abs(x)))
+        if (x < 0.0).any():
+            odd = np.mod(y, 2.0)
+            sign = np.where(odd == 0.0, 1.0, np.where(odd == 1.0, -1.0, np.nan))
+            value = np.where(x < 0.0, sign * value, value)
+        if y.ndim and (y == 0.0).any():
+            value = np.where(y == 0.0, 1.0, value)
+    return value[()]
 
 
 def log_gamma(x: float) -> float:

@@ -9,6 +9,7 @@ from typing import TypeAlias
 import numpy as np
 
 from trackbench.core import compiled, elementary, linalg
+from trackbench.core.angles import mean_direction, near
 from trackbench.core.arrays import Array, Index, with_trailing
 from trackbench.core.distributions import Gaussian, Symmetric
 from trackbench.core.random_streams import Streams
@@ -83,7 +84,10 @@ def log_mixture(weights: Array, log_densities: Array) -> Array:
 
 
 def combine(
-    states: Sequence[Gaussian], weights: Array, without_spread: Sequence[Sequence[int]] = ()
+    states: Sequence[Gaussian],
+    weights: Array,
+    without_spread: Sequence[Sequence[int]] = (),
+    angles: Sequence[int] = (),
 ) -> Gaussian:
     """Combine a mixture of Gaussians to its moments.
 
@@ -97,12 +101,17 @@ def combine(
         Their weights.
     without_spread : sequence of sequences of int
         Components of each state whose ``m_j - m`` is taken as zero; default: none.
+    angles : sequence of int
+        Components that are angles: the means are first shifted by whole turns to within half a turn of
+        their mean direction.
 
     Returns
     -------
     Gaussian
         Mean (n, M) and covariance (n, n, M).
     """
+    if angles:
+        states = _brought_together(states, weights, angles)
     terms = list(zip(weights, states, strict=True))
     # m = sum_j w_j m_j
     mean = np.asarray(sum(w * s.mean for w, s in terms))
@@ -119,15 +128,24 @@ def combine(
     return Gaussian(mean, cov)
 
 
+def _brought_together(
+    states: Sequence[Gaussian], weights: Array, angles: Sequence[int]
+) -> list[Gaussian]:
+    """Shift the angles of means by whole turns to near their mean direction, on the first one's turn."""
+    means = np.stack([state.mean for state in states], axis=-1)
+    center = mean_direction(means, weights.T, states[0].mean, angles)
+    return [Gaussian(near(state.mean, center, angles), state.cov) for state in states]
+
+
 def given_later(
-    predicted: Sequence[Gaussian], mixing: Array, later: Gaussian
+    predicted: Sequence[Gaussian], mixing: Array, later: Gaussian, angles: Sequence[int] = ()
 ) -> tuple[list[Gaussian], Array]:
     """Condition each of r predictions on later measurements, with the log (r, M) of their likelihood.
 
     The likelihood is ``later(x) / mixed(x)``, by the smoothed and the predicted mixture of all r
     (Heskes & Zoeter 2002). It is taken as 1 in a run where it would widen a prediction.
     """
-    mixed = combine(predicted, mixing)
+    mixed = combine(predicted, mixing, angles=angles)
     # A component that the motion leaves without noise is given unit noise in every term, which cancels.
     known = np.eye(len(mixed.mean))[..., None] * (linalg.diagonal(mixed.cov) == 0.0)
     mixed, later, *terms = (Gaussian(s.mean, s.cov + known) for s in (mixed, later, *predicted))
@@ -136,6 +154,8 @@ def given_later(
     for p in terms:
         # P = (P_i^-1 + P_later^-1 - P_mixed^-1)^-1, m_i + P (P_later^-1 e_later - P_mixed^-1 e_mixed)
         P = linalg.inverse(linalg.inverse(p.cov) + future - past)
+        later = Gaussian(near(later.mean, p.mean, angles), later.cov)
+        mixed = Gaussian(near(mixed.mean, p.mean, angles), mixed.cov)
         e = linalg.matvec(future, later.mean - p.mean) - linalg.matvec(past, mixed.mean - p.mean)
         g = Gaussian(p.mean + linalg.matvec(P, e), P)
         # c_i = N_i(x) later(x) / (mixed(x) given_i(x)) at any x

@@ -48,9 +48,7 @@ def distance_in_range(e: Array, P: Array, at: Array) -> tuple[Array, Array | Non
     # Step 2: the root of P without the variances that are rounding.
     variance, pivots = (with_trailing(a, e.ndim - 1) for a in (variance, pivots))
     least = np.square(_OF_STATE * at)
-    known = variance <= least
-    P = with_trailing(P, e.ndim - 1, leading=2)
-    L = linalg.root_in_range(np.where(known[:, None] | known[None], 0.0, P))
+    L = _root_without_rounding(with_trailing(P, e.ndim - 1, leading=2), at)
     # Step 3: L y = e; what a row without spread leaves of e must be rounding.
     y, spread = _whiten(L, e), linalg.diagonal(L) > 0.0
     least = least + linalg.SINGULAR * variance
@@ -58,6 +56,12 @@ def distance_in_range(e: Array, P: Array, at: Array) -> tuple[Array, Array | Non
     singular = inside.all(axis=0) & np.isfinite(L).all(axis=(0, 1)) & ~(pivots > least).all(axis=0)
     rank = np.where(singular, spread.sum(axis=0), len(P))
     return np.where(singular, total(np.square(y), axis=0), squared), rank
+
+
+def _root_without_rounding(P: Array, at: Array) -> Array:
+    """Factor P (n, n, *batch), with zeros for the components whose spread is rounding of the state."""
+    known = linalg.diagonal(P) <= np.square(_OF_STATE * at)
+    return linalg.root_in_range(np.where(known[:, None] | known[None], 0.0, P))
 
 
 def _whiten(L: Array, b: Array) -> Array:
@@ -187,7 +191,7 @@ class ParticlePosterior(Posterior):
             if rank is None:
                 L, whiten = linalg.cholesky(P), linalg.solve_lower
             else:
-                L, whiten = linalg.root_in_range(P), _whiten
+                L, whiten = _root_without_rounding(P, x), _whiten
                 of_x = np.where(rank == 0, np.nan, of_x)  # all particles are where x is
             e = whiten(L[..., None], x_i - m[..., None])
             d = whiten(L, error)[..., None]

@@ -9,6 +9,7 @@ smooth integrand.
 
 from collections.abc import Callable, Sequence
 from functools import lru_cache
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -68,10 +69,24 @@ def point_mass(x: Array) -> Posterior:
 
 def moments(posterior: Posterior) -> Gaussian:
     """Compute the mean (1, M) and variance (1, 1, M)."""
-    x = np.concatenate([panel.x for panel in posterior])
-    p = np.concatenate([panel.mass for panel in posterior])
+    x, p = nodes_of(posterior)
     mean = total(p * x, axis=0)
     return Gaussian(mean[None], total(p * np.square(x - mean), axis=0)[None, None])
+
+
+def nodes_of(posterior: Posterior) -> tuple[Array, Array]:
+    """Return the nodes of all panels, and the probability at each (n, M)."""
+    x = np.concatenate([panel.x for panel in posterior])
+    p = np.concatenate([panel.mass for panel in posterior])
+    return x, p
+
+
+def overlap(posterior: Posterior) -> bool:
+    """Test whether two panels cover the same values in any run."""
+    for one, other in combinations(posterior, 2):
+        if (np.minimum(one.high, other.high) > np.maximum(one.low, other.low)).any():
+            return True
+    return False
 
 
 def hull(posterior: Posterior) -> Interval:

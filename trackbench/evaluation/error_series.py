@@ -9,8 +9,9 @@ length of the error less that without faults. More: `predictive_scores`.
 
 import re
 from collections import defaultdict
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import cache
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -24,8 +25,12 @@ from trackbench.metrics import in_window, is_reserved, joined, metrics_of
 from trackbench.scenarios.base import Scenario
 
 _OF_TRUTH = re.compile(r"squared(?!_(?:predicted|held)_)")
-NOT_LOST, NOT_FINITE, TOO_FAR = 0.0, 1.0, 2.0
-LOST_BECAUSE = {NOT_FINITE: "the estimate left the numbers", TOO_FAR: "the error passed the limit"}
+NOT_LOST, NOT_FINITE, TOO_FAR, NO_TRUTH = 0.0, 1.0, 2.0, 3.0
+LOST_BECAUSE = {
+    NOT_FINITE: "the estimate left the numbers",
+    TOO_FAR: "the error passed the limit",
+    NO_TRUTH: "the scenario's true state left the numbers",
+}
 
 
 class StepSums(NamedTuple):
@@ -87,16 +92,33 @@ def _errors(
 
 
 def per_run_metrics(
-    scenario: Scenario, values: dict[str, Array], sums: "SeriesSums", finite: Mask
+    scenario: Scenario,
+    values: dict[str, Array],
+    sums: "SeriesSums",
+    finite: Mask,
+    finite_truth: Mask | None = None,
+    weights: Mapping[str, Array] | None = None,
 ) -> dict[str, Array]:
     """Return numbers per run (M,) over each window, as each metric is made of its series; NaN if lost.
 
     ``rmse`` is eq. 14 of the hdepf paper. A name carries its window: ``rmse[k<=30]``. ``finite`` (M,)
-    says whose estimates stayed within the numbers. Raises ValueError if a name would be given twice.
+    says whose estimates stayed within the numbers, ``finite_truth`` whose simulated truth. A series with
+    ``weights`` (T + 1, M) has a weighted mean over the steps. Raises ValueError if a name would be given
+    twice.
     """
     # Step 1: the sums over the steps of each window.
-    lost = lost_runs(scenario, values, finite)
+    lost = lost_runs(scenario, values, finite, finite_truth)
     out = {"lost": lost} | sums.over_windows(values)
+    for name, numbers in out.items():
+        if name.startswith("rmse"):  # the sum of finite squares may be infinite
+            lost[(lost == NOT_LOST) & np.isinf(numbers)] = NOT_FINITE
+    weights = weights or {}
+    for name, window in product(weights, scenario.windows):
+        mask = scenario.windows[window]
+        weight = weights[name][mask]
+        with np.errstate(invalid="ignore"):  # a run may have no such measurement
+            mean = _sum(weight * values[name][mask]) / total(weight, axis=0)
+        out[in_window(name, window)] = mean
     # Step 2: add the scenario's own metrics, whose names must be new.
     for name, numbers in checked_metrics(scenario.run_metrics(values), len(lost)).items():
         if name in out and (name == "lost" or is_reserved(name)):
@@ -128,6 +150,30 @@ def rejections(z: Array, twin: Array, diagnostics: Mapping[str, Array]) -> dict[
         "rejected_good": np.where(given & ~bad, gated, np.nan),
         "accepted_bad": np.where(given & bad, 1.0 - gated, np.nan),
     }
+
+
+def sensor_rejections(
+    z: Array, twin: Array, refused: Mask, sensors: Sequence[slice]
+) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Return `rejections` of several sensors, each with a gate: shares of each step's measurements.
+
+    ``refused`` (n_z, T, M) are the refused components, ``sensors`` the rows of each sensor. Returned
+    are also the numbers (T + 1, M) of the measurements that the shares are of.
+    """
+    shares, numbers = {}, {}
+    given = np.stack([~np.isnan(z[rows]).all(axis=0) for rows in sensors])
+    bad = np.stack([((z != twin) & ~np.isnan(z))[rows].any(axis=0) for rows in sensors])
+    rejected = np.stack([refused[rows].any(axis=0) for rows in sensors])
+    for name, counted, decided in (
+        ("rejected_good", given & ~bad, rejected),
+        ("accepted_bad", given & bad, ~rejected),
+    ):
+        number = counted.sum(axis=0).astype(float)
+        with np.errstate(invalid="ignore"):
+            share = (counted & decided).sum(axis=0) / number
+        shares[name] = np.insert(share, 0, np.nan, axis=0)
+        numbers[name] = np.insert(number, 0, 0.0, axis=0)
+    return shares, numbers
 
 
 def over_windows(
@@ -225,19 +271,29 @@ def _of_innovations(values: Mapping[str, Array], mask: Mask) -> Iterator[tuple[s
             yield name.replace("covariance", "correlation"), correlation
 
 
-def lost_runs(scenario: Scenario, values: dict[str, Array], finite: Mask) -> Array:
-    """Return why each run (M,) is lost: 0 not lost, 1 not finite, 2 error beyond ``lost_beyond``."""
+def lost_runs(
+    scenario: Scenario,
+    values: dict[str, Array],
+    finite: Mask,
+    finite_truth: Mask | None = None,
+) -> Array:
+    """Return why each run (M,) is lost.
+
+    It is 0 not lost, 1 an estimate or an error that is not finite, 2 an error beyond ``lost_beyond``,
+    3 a simulated truth that is not finite.
+    """
     errors = [rows for name, rows in values.items() if _OF_TRUTH.match(name)]
     # Without a truth only estimates that are not finite count as lost.
     if not errors:
         return np.where(finite, NOT_LOST, NOT_FINITE)
-    # The first error of the scenario decides.
+    infinite = np.logical_or.reduce([np.isinf(rows).any(axis=0) for rows in errors])
+    lost = np.where(finite & ~infinite, NOT_LOST, NOT_FINITE)
+    # The first error of the scenario is limited.
     first = errors[0]
-    lost = np.where(finite & ~np.isinf(first).any(axis=0), NOT_LOST, NOT_FINITE)
     limit = scenario.lost_beyond
     if limit is not None:
         lost = np.where((lost == NOT_LOST) & (first > limit * limit).any(axis=0), TOO_FAR, lost)
-    return lost
+    return lost if finite_truth is None else np.where(finite_truth, lost, NO_TRUTH)
 
 
 def step_sums(rows: Array, lost: Array) -> StepSums:

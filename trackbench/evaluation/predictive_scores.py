@@ -23,7 +23,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.random import Generator
 
-from trackbench.core import linalg
+from trackbench.core import kalman, linalg
 from trackbench.core.arrays import Array, Mask, all_finite, freeze
 from trackbench.core.distributions import Gaussian
 from trackbench.core.kalman import Innovation
@@ -73,8 +73,8 @@ class Step(NamedTuple):
     after: Any
     estimate: Gaussian
     k: int
-    refused: Array | None = None
-    """1 for each run (M,) whose measurement was not used"""
+    refused: Array | Mask | None = None
+    """1 for each run (M,), or each component (n_z, M), whose measurement was not used"""
 
 
 class PredictionScorer:
@@ -124,7 +124,7 @@ class PredictionScorer:
         if "prediction" in self._wanted:
             self._predicted.add(self._prediction(step, z), z, step.k)
             refused = np.zeros(z.shape[1]) if step.refused is None else step.refused
-            self._refused.append(refused > 0.0)
+            self._refused.append(np.broadcast_to(refused > 0, z.shape))
         if self._held_out is not None and self._held_out[i].any():
             # Without the measurement the estimate is the prediction.
             z = freeze(np.where(self._held_out[i], self._all[:, i], np.nan))
@@ -149,7 +149,7 @@ class PredictionScorer:
             self._scores += self._log_likelihoods(state, *z.shape[1:])
         if "prediction" in self._wanted:
             self._predicted.add_steps(predicted, z, steps)
-            self._refused.extend(np.zeros(z.shape[1:], dtype=np.bool_))
+            self._refused.extend(np.zeros((z.shape[1], *z.shape[::2]), dtype=np.bool_))
         if self._held_out is not None and self._held_out[part].any():
             at = np.flatnonzero(self._held_out[part].any(axis=1))
             z = np.where(self._held_out[part][at], self._all[:, part][:, at], np.nan)
@@ -198,8 +198,12 @@ class PredictionScorer:
         """Return the series (T, M) of the innovations, all steps at once."""
         nu, S = self._predicted.joined(self._all.shape[2])
         # Step 1: whiten, e = L^-1 nu with S = L L'; missing and refused components have no e.
-        missing = np.isnan(nu) | np.stack(self._refused)
+        refused = np.stack(self._refused, axis=1) & ~np.isnan(nu)
+        missing = np.isnan(nu) | refused
         number = (~missing).sum(axis=0)
+        if (refused.any(axis=0) & (number > 0)).any():
+            # The measurements of other sensors are used: theirs is the covariance without the refused.
+            S = kalman.drop_missing_cov(S, refused)
         rows = linalg.whiten(linalg.cholesky(S), np.where(missing, 0.0, nu))
         white = np.where(missing, np.nan, np.stack(list(rows)))
         # Step 2: NIS = e' e, over the number of measured components.

@@ -16,6 +16,7 @@ from trackbench.evaluation.error_series import (
     StepSums,
     per_run_metrics,
     rejections,
+    sensor_rejections,
     series,
     step_sums,
     with_unused,
@@ -30,6 +31,7 @@ from trackbench.evaluation.run_filter import (
 from trackbench.evaluation.validate_output import check_names
 from trackbench.filters.base import JoinableFilter
 from trackbench.models.delays import LATE_COUNTS
+from trackbench.models.sensors.base import Sensors, rows_of
 from trackbench.scenarios.base import Simulation
 
 _COLUMNS = 16_384  # runs times steps whose series are made and added up at a time, in the cache
@@ -139,11 +141,12 @@ def _cut(
             diagnostics={name: runs_of(rows) for name, rows in output.diagnostics.items()},
             cpu_s=output.cpu_s * share,
             particles=_runs_of(output.particles, first, width),
+            refused=_runs_of(output.refused, first, width),
         ),
     )
 
 
-def _runs_of(rows: Array | None, first: int, width: int) -> Array | None:
+def _runs_of(rows: Any, first: int, width: int) -> Any:
     return None if rows is None else rows[..., first : first + width]
 
 
@@ -151,7 +154,7 @@ def _reduce(task: BlockTask, data: Simulation, output: FilterOutput) -> dict[int
     """Return the block's metrics by the number of runs that they are reduced over."""
     check_names(task.filter.summed_diagnostics)
     exact = None if task.reference is None else _reference_of(task)
-    predictive = dict(output.diagnostics)
+    predictive, weights = dict(output.diagnostics), dict[str, Array]()
     if exact is not None and "likelihood_ratio" in task.predictive_metrics:
         predictive |= likelihood_ratio(predictive, exact.diagnostics)
     twin_task, twin_mean = task.twin_task, None
@@ -161,12 +164,21 @@ def _reduce(task: BlockTask, data: Simulation, output: FilterOutput) -> dict[int
         z, clean = data.measurements, twin_task.data.measurements
         if delivered := deliveries(task, data):
             z, clean = delivered.given(z), delivered.given(clean)
-        predictive |= rejections(z, clean, output.diagnostics)
+        if output.refused is None:
+            predictive |= rejections(z, clean, output.diagnostics)
+        else:
+            sensors = rows_of(cast(Sensors, task.scenario.true_sensor))
+            decided, weights = sensor_rejections(z, clean, output.refused, sensors)
+            predictive |= decided
     # Step 1: error series (T + 1, M), then the filter's diagnostics and the likelihood ratio.
     exact_mean = None if exact is None else exact.mean
     values, sums = _series_and_sums(task, data, output, predictive, exact_mean, twin_mean)
     # Step 2: over the whole block, then trimmed: numpy adds up a single column in another order.
-    per_run = per_run_metrics(task.scenario, values, sums, _stayed_finite(output.mean))
+    finite = _stayed_finite(output.mean)
+    finite_truth: Mask | None = None
+    if task.scenario.recorded_runs is None:  # an unknown truth of a recording is NaN
+        finite_truth = np.asarray(np.isfinite(data.truth).all(axis=(0, 1)))
+    per_run = per_run_metrics(task.scenario, values, sums, finite, finite_truth, weights)
     lost = (per_run["lost"] != NOT_LOST).any()
     known = {task.width: {} if lost else sums.over_runs()}
     return {

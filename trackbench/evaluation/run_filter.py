@@ -4,14 +4,14 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from copy import deepcopy
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias, cast
 
 import numpy as np
 from numpy.random import Generator
 
 from trackbench.core import arrays
 from trackbench.core.angles import moments_together, near, particles_together
-from trackbench.core.arrays import Array, LatestResults, Seal, any_nan, freeze
+from trackbench.core.arrays import Array, LatestResults, Mask, Seal, any_nan, freeze
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.posterior_scores import ParticlePosterior, Posterior
 from trackbench.core.random_streams import aside_stream, block_stream, side_by_side
@@ -37,6 +37,7 @@ from trackbench.filters.particle_base import PFState
 from trackbench.filters.program import programs_cpu_s
 from trackbench.models.base import Model, extra_std
 from trackbench.models.priors import augment_prior
+from trackbench.models.sensors.base import Sensors, rows_of
 from trackbench.scenarios.base import Simulation
 
 _AT_ONCE = (
@@ -51,7 +52,8 @@ Series: TypeAlias = dict[str, Array] | None
 class FilterOutput(NamedTuple):
     """mean (n_x, T + 1, M), nees (T + 1, M), cov of the first runs, diagnostics (T + 1, M), CPU s.
 
-    And the first runs' particles (n_x + 2, S, N, r), with weights and parents, if S steps are shown.
+    And the first runs' particles (n_x + 2, S, N, r), with weights and parents, if S steps are shown. Of
+    several sensors with a gate each also the refused components (n_z, T, M).
     """
 
     mean: Array
@@ -60,6 +62,7 @@ class FilterOutput(NamedTuple):
     diagnostics: dict[str, Array]
     cpu_s: float
     particles: Array | None = None
+    refused: Mask | None = None
 
 
 @explain_read_only_errors()
@@ -109,12 +112,15 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
                         state = ahead.state(i - first)
                     estimate = tracker.estimate(state)
                 recorder.note(diagnostics := tracker.diagnostics(state))
+                refused = tracker.refused(state)
+                recorder.note_refused(refused)
+                not_used = diagnostics.get("gated") if refused is None else refused
                 if tracker.smooths:
                     states.append(state)
                 else:
                     recorder.add(state, estimate)
                 # The state before the step predicts the measurement.
-                scorer.add(Step(before, state, estimate, k, diagnostics.get("gated")), i)
+                scorer.add(Step(before, state, estimate, k, not_used), i)
         if tracker.smooths:
             with clock:
                 # Step 3: a smoother goes back through all states; these estimates are recorded.
@@ -230,6 +236,8 @@ class _Recorder:
         self._covs: list[Array] = []
         self._noted: Series = None
         self._observed: Series = None
+        self._refused: list[Mask] = []
+        self._has_several_sensors = len(rows_of(cast(Sensors, task.scenario.true_sensor))) > 1
         self._next_note, self._next = 1, 0  # the first state has no diagnostics
         scenario, tracker = task.scenario, task.filter
         self._consistency = ConsistencySeries(scenario, self._mean, data.truth)
@@ -247,6 +255,11 @@ class _Recorder:
             check_names(diagnostics)
         self._noted = self._filled(self._noted, self._next_note, diagnostics)
         self._next_note += 1
+
+    def note_refused(self, refused: Mask | None) -> None:
+        """Record which components (n_z, M) the gates of several sensors refused at a step."""
+        if refused is not None and self._has_several_sensors:
+            self._refused.append(refused)
 
     def add(self, state: Any, estimate: Gaussian) -> None:
         """Record a step's state and estimate; score the truth's components of the estimate."""
@@ -303,14 +316,24 @@ class _Recorder:
                 rows[0] = np.nan  # the first state is known exactly: there is nothing to judge
         nees = errors.pop("nees")
         nis = (self._noted or {}).get("nis")
-        if nis is not None and any_nan(z):
+        refused = np.stack(self._refused, axis=1) if self._refused else None
+        if nis is not None and (any_nan(z) or (refused is not None and refused.any())):
             # Components that the NIS of a step lacks, where it has any.
-            missing = after_first(np.isnan(z).sum(axis=0).astype(float))
+            unused = np.isnan(z) if refused is None else np.isnan(z) | refused
+            missing = after_first(unused.sum(axis=0).astype(float))
             errors["unused_nis"] = np.where(np.isnan(nis), np.nan, missing)
         # Covariances of the shown runs (n, n, T + 1, r).
         cov = np.stack(self._covs, axis=2) if self._covs else None
         series = (self._noted or {}) | errors | (self._observed or {}) | predictive
-        return FilterOutput(self._mean, nees, cov, series, cpu_s, self._clouds.recorded())
+        return FilterOutput(
+            mean=self._mean,
+            nees=nees,
+            cov=cov,
+            diagnostics=series,
+            cpu_s=cpu_s,
+            particles=self._clouds.recorded(),
+            refused=refused,
+        )
 
     def _filled(self, series: Series, steps: int | slice, rows: dict[str, Array]) -> Series:
         """Enter the rows of some steps; all steps have the names of the first."""

@@ -1,5 +1,6 @@
 """Engines that compute blocks; each is a ``concurrent.futures.Executor``."""
 
+import ast
 import multiprocessing
 import os
 import re
@@ -10,10 +11,11 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, Literal, TypeVar, cast
 
-from trackbench.errors import RunError, UserError
+from trackbench.errors import Mark, Problem, RunError, UserError
 from trackbench.plugins.errors import blocked, postponed
 
 _leave = os._exit  # as it was before any plugin ran
@@ -78,6 +80,8 @@ def pool(
             process.join()
         # One that was sending left half a message: its reader waits until nobody can write.
         cast("Any", processes._result_queue)._writer.close()
+        if any(process.exitcode == _NO_GUARD for process in children):
+            raise UserError(_GUARD) from None
         raise
     finally:
         processes.shutdown(wait=True, cancel_futures=True)
@@ -106,6 +110,69 @@ def result_of(future: Future[T]) -> T:
 def is_worker_bootstrapping() -> bool:
     """Test whether this process is a worker that still imports its parent's script."""
     return bool(getattr(multiprocessing.current_process(), "_inheriting", False))
+
+
+def check_script() -> None:
+    """Raise UserError if worker processes cannot import the script that runs.
+
+    Python lets each worker import the script's file first. Without a file, or without a main guard, no
+    worker would start. In such a worker this function ends the process.
+    """
+    if is_worker_bootstrapping():
+        print(f"a worker imports the script that starts it; {_GUARD}", file=sys.stderr, flush=True)
+        _leave(_NO_GUARD)
+    main = sys.modules["__main__"]
+    file = getattr(main, "__file__", None)
+    if file is None or getattr(main, "__spec__", None) is not None:
+        return  # an interpreter, a notebook, or a module that is imported by its name
+    if not os.path.isfile(file):
+        raise UserError(
+            f"{file}: several worker processes import the script from its file, and it has none; "
+            "save it as a file, or run it with workers=1"
+        )
+    line = _line_of_script(file)
+    if line and not _is_guarded(file, line):
+        raise UserError(Problem(Mark(file, line, 1), "", _GUARD))
+
+
+_GUARD = (
+    "several worker processes import this script, and would run it again: put the call under "
+    '`if __name__ == "__main__":`, or run it with workers=1'
+)
+_NO_GUARD = 77
+"""Exit code of a worker that was about to run its parent's script again."""
+
+
+def _line_of_script(file: str) -> int:
+    """Return the line of the script's own code that is running, outside of functions; 0 if none is."""
+    frame = sys._getframe(1)
+    line = 0
+    while frame is not None:
+        if frame.f_code.co_name == "<module>" and frame.f_code.co_filename == file:
+            line = frame.f_lineno
+        frame = frame.f_back  # type: ignore[assignment]
+    return line
+
+
+def _is_guarded(file: str, line: int) -> bool:
+    """Test whether a condition on the process stands around this line, or before it.
+
+    A script that cannot be read counts as guarded.
+    """
+    try:
+        statements = ast.parse(Path(file).read_bytes()).body
+    except (OSError, SyntaxError, ValueError):
+        return True
+    for statement in statements:
+        if statement.lineno > line:
+            break
+        if isinstance(statement, ast.If):
+            names = {
+                getattr(node, "id", getattr(node, "attr", "")) for node in ast.walk(statement.test)
+            }
+            if names & {"__name__", "current_process"}:
+                return True
+    return False
 
 
 def _can_fork() -> bool:
@@ -200,6 +267,7 @@ def begin(name: str, workers: int | None, *modules: str) -> None:
     """Start the engine's helper process early and let it import these modules."""
     check_address_space()
     if name == "processes" and (workers or cpu_count()) > 1:
+        check_script()
         start_forkserver(*modules)
 
 
@@ -210,11 +278,7 @@ def engine(name: Engine, workers: int, scheduler: str | None = None) -> OpenEngi
         return lambda: _dask(workers, scheduler)
     if name == "serial" or workers == 1:
         return SerialExecutor
-    if is_worker_bootstrapping():
-        raise RuntimeError(
-            "a script that runs an experiment on several processes is imported by each of them: "
-            'put the call under `if __name__ == "__main__":`, or use engine="serial"'
-        )
+    check_script()
     return lambda: pool(workers)
 
 

@@ -23,7 +23,7 @@ from trackbench.execution.worker import Computed, Work, compute_batch, environme
 from trackbench.extension_points import field_values
 from trackbench.filters.base import JoinableFilter
 from trackbench.plugins.errors import FilterError, message_of, postponed
-from trackbench.plugins.load import Plugin
+from trackbench.plugins.load import Plugin, restore_modules
 
 _MOST_DEATHS = 4
 """How often a worker may die over one block before the block is given up."""
@@ -133,6 +133,7 @@ class Queue:
             while self._waiting and len(self._running) < self._limit():
                 batch = self._batch(least_seconds)
                 plugins, files = self._plugins[batch[0][0]], self._store.files
+                restore_modules(plugins)  # in which pickle looks for the classes of the tasks
                 works = [Work(pickle.dumps(stack), [*map(files, stack)]) for stack in batch]
                 future = executor.submit(compute_batch, works, plugins, expected, shared)
                 self._running[future] = [self._waiting.popleft() for _ in batch]

@@ -16,8 +16,8 @@ from trackbench.execution import code_digests
 from trackbench.execution.block_file import BlockFile, write_block
 from trackbench.execution.code_digests import code_digest
 from trackbench.extension_points import foreign_parts
-from trackbench.plugins.errors import FilterError, blocked, guarded, located_message
-from trackbench.plugins.load import Plugin, load_plugin
+from trackbench.plugins.errors import FilterError, blocked, guarded, located_message, working_folder
+from trackbench.plugins.load import Plugin, forget_outdated, load_plugin, working_folder_of
 from trackbench.plugins.patches import own_values, patch_message, undo_patches
 
 
@@ -49,6 +49,7 @@ def compute(
         raise RuntimeError("this worker has another version of trackbench, numpy or Python")
     if digests.arithmetic != expected.arithmetic:
         raise RuntimeError("this worker's floating point is not that of IEEE 754")
+    forget_outdated(plugins, as_now=False)
     for plugin in plugins:
         load_plugin(plugin)
     blocks: list[BlockTask] = pickle.loads(stack)
@@ -63,7 +64,7 @@ def compute(
     parts = (block.scenario, block.filter, block.reference, block.assume)
     before = own_values() if foreign_parts(parts) else ([], {})
     try:
-        with guarded():
+        with guarded(), working_folder(working_folder_of(plugins)):
             results = run_stack(blocks)
     except Exception as error:
         raise FilterError(

@@ -9,7 +9,7 @@ import numpy as np
 from annotated_types import Interval
 from numpy.random import Generator
 
-from trackbench.core.arrays import Array, Index
+from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kalman import Innovation
 from trackbench.core.posterior_scores import Posterior
@@ -117,6 +117,14 @@ class Filter(Part, Generic[State]):
 
     def log_likelihood(self, state: State) -> Array | None:
         """Return log p(z_k | z_1..k-1) (M,) of the last measurement by the filter's approximation."""
+        return None
+
+    def refused(self, state: State) -> Mask | None:
+        """Return the measured components (n_z, M) that a gate refused at the last step.
+
+        None, as by default, of a filter whose gate refuses whole measurements, if it has one: then the
+        diagnostic ``gated`` is 1 where it did.
+        """
         return None
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:

@@ -27,6 +27,7 @@ from trackbench.models.gaussian_steps import (
     is_cancelled,
     point_prediction,
     point_transition,
+    relative_measurements,
 )
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.registry import register
@@ -203,7 +204,7 @@ def _regression(
     points = rule.points(over)
     z = model.sensor.measurement(points.x, k).mean
     center = z[:, :1]
-    offsets = model.sensor.innovation(z, center)
+    offsets = relative_measurements(model, points.x, z, k)
     mean = points.mean(offsets)
     # slope = C' P^-1, C = cov(x, z);  cov = R + cov(z, z) - slope P slope'
     cross = points.cross(points.x, over.mean, offsets, mean)

@@ -8,6 +8,7 @@ from annotated_types import Ge, Interval
 from numpy.random import Generator
 
 from trackbench.core import kalman, linalg, particles
+from trackbench.core.angles import bring_together, mean_direction, near
 from trackbench.core.arrays import Array, note, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian, draw_covering
 from trackbench.core.kalman import Innovation
@@ -17,7 +18,14 @@ from trackbench.core.smoothing import Transition, backwards
 from trackbench.core.sums import dot, mean
 from trackbench.filters.base import FixedLag, InnovationFilter, SmoothingFilter
 from trackbench.filters.particle_base import PFState, WeightedParticlesFilter
-from trackbench.models.base import DifferentiableSensor, Model, Scene, jacobian_at, log_likelihood
+from trackbench.models.base import (
+    DifferentiableSensor,
+    Model,
+    Scene,
+    angle_rows,
+    jacobian_at,
+    log_likelihood,
+)
 from trackbench.registry import register
 
 
@@ -40,14 +48,17 @@ class GaussianPF(WeightedParticlesFilter):
     def step(self, model: Model, state: PFState, z: Array, k: int, rng: Generator) -> PFState:
         """Draw from the Gaussian, move, weigh, take the moments."""
         x = model.motion.transition(state.estimate.sample(rng, self.N), k).sample(rng)
-        return _weigh(x, log_likelihood(model.sensor, z, x, k))
+        return _weigh(x, log_likelihood(model.sensor, z, x, k), angle_rows(model.motion))
 
 
-def _weigh(x: Array, log_w: Array) -> PFState:
-    """Return the state of draws (n, M, N) with log-weights (M, N)."""
+def _weigh(x: Array, log_w: Array, angles: tuple[int, ...] = ()) -> PFState:
+    """Return the state of draws (n, M, N) with log-weights (M, N).
+
+    ``angles`` are the components that are brought together before they are averaged.
+    """
     # A log-weight that all particles share is broadcast to (M, N) first.
     w, collapsed, mass = particles.normalize(np.broadcast_to(log_w, x.shape[1:]))
-    cloud = Particles(x, w)
+    cloud = bring_together(Particles(x, w), angles)
     return PFState(
         particles=cloud,
         weighted=cloud,
@@ -128,11 +139,12 @@ class EnKF(SmoothingFilter[Ensemble], EnsembleFilter):
 
     def step(self, model: Model, state: Ensemble, z: Array, k: int, rng: Generator) -> Ensemble:
         """Move every member, and correct it by the gain of the members' covariances."""
-        # Step 1: move the members.
-        x = moved = model.motion.transition(state.x, k).sample(rng)
+        # Step 1: move the members. Angles that differ by whole turns are brought together.
+        moved = model.motion.transition(state.x, k).sample(rng)
+        x, middle = _together(moved, angle_rows(model.motion))
         # Step 2: predicted measurements, as innovations about one point: angles are averaged away from
         # their cut.
-        center = model.sensor.measurement(mean(x), k)
+        center = model.sensor.measurement(middle, k)
         predicted = model.sensor.innovation(
             model.sensor.measurement(x, k).mean, center.mean[..., None]
         )
@@ -169,6 +181,7 @@ class EnKF(SmoothingFilter[Ensemble], EnsembleFilter):
         def one_back(i: int, later: Array) -> Array:
             x, predicted = states[i].x, states[i + 1].predicted
             assert predicted is not None
+            later = near(later, predicted, angle_rows(model.motion))
             dx, dp = x - mean(x)[..., None], predicted - mean(predicted)[..., None]
             # G = C P_pred^-1 of the members; x_i + G (x_later_i - x_pred_i)
             P = Gaussian(mean(predicted), _cross_cov(dp, dp))
@@ -188,6 +201,22 @@ class EnKF(SmoothingFilter[Ensemble], EnsembleFilter):
             error = np.sqrt(self.N / (self.N - 1)) * (error - mean(error)[..., None])
         each = nu[..., None] - dz + error
         return x + linalg.matvec(K[..., None], each)
+
+
+def _together(x: Array, angles: tuple[int, ...]) -> tuple[Array, Array]:
+    """Bring the angles of members x (n, M, N) together, and return also their middle (n, M).
+
+    The middle is the mean; of an angle the mean direction, half a turn from which the members are cut.
+    """
+    if not angles:
+        return x, mean(x)
+    w = equal_weights(*x.shape[1:])
+    middle = mean_direction(x, w, mean(x), angles)
+    together = near(x, middle[..., None], angles)
+    rows = list(angles)
+    middle_of_all = mean(together)
+    middle_of_all[rows] = middle[rows]
+    return together, middle_of_all
 
 
 def _transformed(dx: Array, dz: Array, S: Array, R: Array) -> Array:
@@ -251,7 +280,8 @@ class ExactFlow(EnsembleFilter):
 
     def step(self, model: Model, state: Ensemble, z: Array, k: int, rng: Generator) -> Ensemble:
         """Move the particles, then integrate the flow."""
-        x = model.motion.transition(state.x, k).sample(rng)
+        moved = model.motion.transition(state.x, k).sample(rng)
+        x, _ = _together(moved, angle_rows(model.motion))
         predicted = self.estimate(Ensemble(x, state.nis))
         start, P = predicted.mean, predicted.cov
         # All particles of a run flow by one affine map of their deviations from the mean, x -> B x + c:

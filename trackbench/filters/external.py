@@ -26,6 +26,7 @@ import numpy as np
 from annotated_types import Interval
 from numpy.random import Generator
 
+from trackbench.core.angles import wrap_angle
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.random_streams import run_seeds
@@ -39,7 +40,7 @@ from trackbench.field_types import (
 )
 from trackbench.filters.base import Filter, Steps, WrongReturnError
 from trackbench.filters.program import PROTOCOL, Program, ProgramError, end_programs
-from trackbench.models.base import Model, Scene
+from trackbench.models.base import Model, Scene, measured_angle_rows
 from trackbench.models.motions.irregular import step_length
 from trackbench.models.motions.kinematic import Linear
 from trackbench.models.sensors.base import SensorBase, StackedSensor
@@ -242,7 +243,13 @@ def _digest(word: str) -> str:
 
 
 def _step_lines(model: Model, before: _Line, z: Array, k: int) -> Iterator[_Line]:
-    """Yield the lines of steps k, k + 1, ... with their times; z is (n_z, T, M)."""
+    """Yield the lines of steps k, k + 1, ... with their times; z is (n_z, T, M).
+
+    Angles are sent in (-pi, pi], also recorded ones and those that noise carried over the cut.
+    """
+    z = z.copy()
+    for row in measured_angle_rows(model.sensor):
+        z[row] = wrap_angle(z[row])
     for i in range(z.shape[1]):
         number, length = before.number + 1, step_length(model, k + i)
         # A product has no rounding error that grows from step to step.

@@ -8,6 +8,7 @@ from annotated_types import Ge
 from numpy.random import Generator
 
 from trackbench.core import elementary, linalg, particles
+from trackbench.core.angles import bring_together
 from trackbench.core.arrays import Array, Index, with_trailing
 from trackbench.core.conversions import Polar, ccm
 from trackbench.core.distributions import Distribution, Gaussian
@@ -15,7 +16,7 @@ from trackbench.core.particles import Mass, Particles
 from trackbench.core.sums import dot, total
 from trackbench.field_types import Count, NonNegative, Positive
 from trackbench.filters.base import Filter
-from trackbench.models.base import Model
+from trackbench.models.base import Model, angle_rows
 from trackbench.models.gaussian_steps import MODEL_NOISE, extended_step
 from trackbench.models.priors import TwoPoint, two_point_difference
 from trackbench.models.sensors.base import ScaledNoise
@@ -111,6 +112,9 @@ class GaussianSum(Filter[Mixture]):
         # Step 2: multiply each weight by the likelihood of the component's innovation.
         log_w = elementary.log(state.w) + np.nan_to_num(log_p, neginf=-np.inf)
         weights = particles.normalize(log_w)
+        # Angles that differ by whole turns are brought together.
+        together = bring_together(Particles(bank.mean, weights.w), angle_rows(model.motion))
+        bank = Gaussian(together.x, bank.cov)
         # Step 3: prune, compact and merge; keep the mass from before the pruning.
         w = _prune(bank.mean, weights.w, self.kept)
         heaviest = _compact(Mixture(bank.mean, bank.cov, w))

@@ -10,9 +10,12 @@ from annotated_types import Ge
 from numpy.random import Generator
 
 from trackbench.core import elementary, quadrature
+from trackbench.core.angles import mean_direction, near
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.distributions import Distribution, Gaussian, Shifted
-from trackbench.core.posterior_scores import LinePosterior, Posterior
+from trackbench.core.particles import Particles
+from trackbench.core.posterior_scores import LinePosterior, ParticlePosterior, Posterior
+from trackbench.core.sums import dot
 from trackbench.filters.base import Filter, WrongReturnError
 from trackbench.models.base import (
     GammaMotion,
@@ -20,6 +23,7 @@ from trackbench.models.base import (
     SampledMotion,
     Scene,
     Sensor,
+    angle_rows,
     log_likelihood,
 )
 from trackbench.registry import register
@@ -153,7 +157,7 @@ class Grid(Filter[Resolved]):
                 _difference(new) if self._has_dense_nodes(model, old.posterior, k) else np.inf
             )
             if difference <= (_REFINE_ABOVE if doubled < _DOUBLINGS else _TOLERANCE):
-                return new
+                return Resolved(*(_on_one_turn(p, angle_rows(model.motion)) for p in new))
             # Step 2: double the nodes, those of the last posterior by its interpolating polynomial.
             nodes *= 2
             old = Resolved(*map(quadrature.refined, state, _counts(nodes)))
@@ -214,14 +218,34 @@ class Grid(Filter[Resolved]):
         return quadrature.moments(state.posterior)
 
     def posterior(self, state: Resolved) -> Posterior:
-        """Return the density itself."""
-        return LinePosterior(state.posterior)
+        """Return the density itself; its nodes where an angle's panels overlap on one turn."""
+        if not quadrature.overlap(state.posterior):
+            return LinePosterior(state.posterior)
+        x, w = quadrature.nodes_of(state.posterior)
+        return ParticlePosterior(Particles(x.T[None], w.T))
 
     def log_likelihood(self, state: Resolved) -> Array:
         """Evaluate log p(z_k | z_1..k-1) (M,), exact."""
         first = state.posterior[0]
         unknown = np.full(first.low.shape, np.nan)
         return unknown if first.evidence is None else elementary.log(first.evidence)
+
+
+def _on_one_turn(posterior: quadrature.Posterior, angles: tuple[int, ...]) -> quadrature.Posterior:
+    """Shift the panels of an angle by whole turns to near its mean direction; of others keep them."""
+    if not angles:
+        return posterior
+    x, w = (nodes.T for nodes in quadrature.nodes_of(posterior))
+    center = mean_direction(x[None], w, dot(x, w)[None], angles)
+    out = []
+    for panel in posterior:
+        middle = 0.5 * (panel.low + panel.high)[None]
+        turns = (near(middle, center, angles) - middle)[0]
+        # An empty panel stays where it is.
+        turns = np.where((panel.half > 0.0) | panel.is_point, turns, 0.0)
+        low, high = panel.low + turns, panel.high + turns
+        out.append(panel._replace(low=low, high=high, x=panel.x + turns))
+    return tuple(out)
 
 
 def _counts(nodes: int) -> tuple[int, int]:

@@ -16,6 +16,7 @@ from annotated_types import Ge, Interval
 from numpy.random import Generator
 
 from trackbench.core import elementary, particles
+from trackbench.core.angles import bring_together
 from trackbench.core.arrays import Array, Mask, choose
 from trackbench.core.particle_moves import crossover, metropolis, mutate
 from trackbench.core.particles import Evidence, Particles, WeightReading
@@ -31,7 +32,7 @@ from trackbench.filters.kalman_proposal import (
     UnscentedProposal,
 )
 from trackbench.filters.particle_base import PFState
-from trackbench.models.base import Model, Scene
+from trackbench.models.base import Model, Scene, angle_rows
 from trackbench.registry import register
 
 
@@ -178,10 +179,14 @@ class EvolutionFilter(ProposalFilter):
         weighted = Particles(proposals.x, w)
         if self.reading.estimate_from == "after":
             weighted = Particles(evolved.x, self._final_weights(evolved, log_ratio))
+        # Angles that differ by whole turns are brought together, in estimate and next population.
+        angles = angle_rows(model.motion)
+        weighted = bring_together(weighted, angles)
+        evolved_cloud = Particles(evolved.x, particles.equal_weights(*w.shape))
         # Spread of the evolved particles as a share of that of the draws.
         ratio = _spread(evolved.x) / _spread(proposals.x)
         return PFState(
-            particles=Particles(evolved.x, particles.equal_weights(*w.shape)),
+            particles=bring_together(evolved_cloud, angles),
             weighted=weighted,
             estimate=weighted.moments(),
             collapsed=collapsed,

@@ -26,8 +26,8 @@ from trackbench.field_types import InvalidKeyError, Registered
 from trackbench.filters.base import FixedLag, SmoothingFilter
 from trackbench.filters.ekf import EKF
 from trackbench.filters.jump_markov import JumpMarkov, shared_components
-from trackbench.filters.kf import GaussianFilter, gate_limits, of_refusals
-from trackbench.models.base import Model, Scene, extra_std
+from trackbench.filters.kf import GaussianFilter, number_of_refused, of_refusals, refused_components
+from trackbench.models.base import Model, Scene, angle_rows, extra_std
 from trackbench.models.priors import augment_gaussian
 from trackbench.registry import register
 
@@ -48,7 +48,11 @@ class ModelBank(NamedTuple):
     predicted: Array | None = None
     """weights of the models before the last measurement (r, M)"""
     refused: Mask | None = None
-    """runs (M,) whose gates refused the last measurement"""
+    """components (n_z, M) of the last measurement that the gates of all models refused"""
+    gated: Array | None = None
+    """number of measurements (M,), one of each sensor, that they refused"""
+    angles: tuple[int, ...] = ()
+    """components of the estimate that are angles"""
     measurement_weight: Array | None = None
     """mean weight of the last measurement's components (M,) in a robust update"""
 
@@ -58,7 +62,7 @@ class ModelBank(NamedTuple):
         n, states = self.reported, self.states
         if any(len(s.mean) > n for s in states):
             states = tuple(Gaussian(s.mean[:n], s.cov[:n, :n]) for s in states)
-        return combine(states, self.weights)
+        return combine(states, self.weights, angles=self.angles)
 
     @property
     def prediction(self) -> Gaussian | None:
@@ -83,7 +87,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
     spread about the mixed mean is left out by zero-mean, as the EKF/UKF Toolbox does"""
     filter: Annotated[GaussianFilter, Registered("filters")] = _EKF
     """filter of each model: ekf, ukf, {kind: cmkf, conversion: mucm}; for a linear model ekf is the
-    Kalman filter. Its `gate` refuses a measurement that is outside the gates of all models"""
+    Kalman filter. Its `gate` refuses a sensor's measurement that is outside the gates of all models"""
     smooth: bool | FixedLag = False
     """estimate each step from all measurements of the run, or from so many later ones: {lag: 5}"""
     contract_exemptions: ClassVar[dict[str, str]] = {"kalman": "has motions of its own"}
@@ -129,7 +133,9 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         first = Gaussian(first.mean[:n], first.cov[:n, :n])
         states = tuple(augment_gaussian(first, extra_std(m.motion)) for m in self.models(model))
         weights = np.repeat(self.initial_weights[:, None], runs, axis=1)
-        return ModelBank(states, weights, np.full(runs, np.nan), n)
+        angles = tuple(i for i in angle_rows(self.models(model)[0].motion) if i < n)
+        nis = np.full(runs, np.nan)
+        return ModelBank(states, weights, nis=nis, reported=n, angles=angles)
 
     def step(self, model: Model, state: ModelBank, z: Array, k: int, rng: Generator) -> ModelBank:
         """Mix, filter with every model, weigh by the likelihoods (Blom & Bar-Shalom 1988)."""
@@ -138,12 +144,14 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         models, mixed_states = self.models(model), []
         names = [m.motion.components for m in models]
         for j, like in enumerate(state.states):
-            # Step 2: mix the states, each filled up to the components of model j.
+            # Step 2: mix the states, each filled up to the components of model j; means of an angle are
+            # first brought near each other.
             filled = [
                 pad(s, like, common_components(of, names[j]), self.mixing == "unbiased")
                 for s, of in zip(state.states, names, strict=True)
             ]
-            mixed = combine(filled, mixing[:, j], self._without_spread(names, j))
+            spreadless, angles = self._without_spread(names, j), angle_rows(models[j].motion)
+            mixed = combine(filled, mixing[:, j], spreadless, angles)
             mixed_states.append(self.filter.prepared(mixed))
         # Step 3: filter with every model.
         pairs = [*zip(models, mixed_states, strict=True)]
@@ -154,26 +162,50 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         # Step 4: weights mu_j ~ c_j N(nu_j; 0, S_j).
         judged = [innovation.nis_and_scale() for innovation in innovations]
         nis, mantissa, exponent = map(np.array, zip(*judged, strict=True))
-        refused = np.zeros(z.shape[1:], dtype=np.bool_)
+        refused, innovations_used = np.zeros(z.shape, dtype=np.bool_), innovations
         if self.filter.gate is not None:
-            # Where every model's gate refuses the measurement, predict only.
-            measured_components = (~np.isnan(innovations[0].nu)).sum(axis=0)
-            refused = (nis > gate_limits(self.filter.gate, len(z))[measured_components]).all(axis=0)
+            # Leave out what every model's gate refuses; without any other measurement predict only.
+            by_model = [
+                refused_components(self.filter.gate, model.sensor, z, innovation, nis_of_model)
+                for innovation, nis_of_model in zip(innovations, nis, strict=True)
+            ]
+            refused = np.logical_and.reduce(by_model)
             z = np.where(refused, np.nan, z)
             updated = [self.filter.robust_update(of, mixed, z, k) for of, mixed in pairs]
-            states, _, sensor_weights = zip(*updated, strict=True)
-        ratios = np.array([*map(self.filter.log_ratio, innovations, nis)])
+            states, accepted, sensor_weights = zip(*updated, strict=True)
+            # The likelihoods are those of the measurements of the other sensors.
+            partly = refused.any(axis=0) & ~np.isnan(z).all(axis=0)
+            if partly.any():
+                judged = [innovation.nis_and_scale() for innovation in accepted]
+                of_accepted = map(np.array, zip(*judged, strict=True))
+                nis, mantissa, exponent = (
+                    np.where(partly, new, old)
+                    for new, old in zip(of_accepted, (nis, mantissa, exponent), strict=True)
+                )
+                innovations_used = accepted
+        ratios = np.array([*map(self.filter.log_ratio, innovations_used, nis)])
         weights = update_weights(predicted, nis - 2.0 * ratios, mantissa, exponent)
         mean_nis = total(predicted * nis, axis=0)
         if any_nan(z):
             missing = np.isnan(z).all(axis=0)
             weights = np.where(missing, predicted, weights)
             mean_nis = np.where(missing, np.nan, mean_nis)
-        bank = ModelBank(states, weights, mean_nis, state.reported, innovations, predicted)
+        bank = state._replace(
+            states=states,
+            weights=weights,
+            nis=mean_nis,
+            innovations=innovations,
+            predicted=predicted,
+            measurement_weight=None,
+        )
         if self.filter.robust is not None:
             mean = total(predicted * np.stack(sensor_weights), axis=0)
             bank = bank._replace(measurement_weight=mean)
-        return bank._replace(refused=refused)
+        return bank._replace(refused=refused, gated=number_of_refused(model.sensor, refused))
+
+    def refused(self, state: ModelBank) -> Mask | None:
+        """Return the components (n_z, M) that the gates of all models refused."""
+        return None if self.filter.gate is None else state.refused
 
     def smoothed(
         self, model: Model, states: list[ModelBank], k: int, rng: Generator
@@ -191,7 +223,8 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
                 moves = [self._move(of, x, to, priors[j], k + 1 + step) for of, x in pairs]
                 # Step 2: x_{k+1} given i, j and all z; Pr(i, j | all z) = mu_j|T p_ij mu_i c_ij / c_j.
                 predicted = [move.predicted for move in moves]
-                ends, log_c = given_later(predicted, mixing[:, j], later.states[j])
+                angles = angle_rows(to.motion)
+                ends, log_c = given_later(predicted, mixing[:, j], later.states[j], angles)
                 share = update_weights(mixing[:, j], -2.0 * log_c)
                 rows.append(later.weights[j] * share)
                 # Step 3: smooth each state i.
@@ -200,7 +233,9 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
             joint = np.stack(rows)
             weights = total(joint, axis=0)
             joint /= np.where(weights > 0.0, weights, 1.0)
-            merged = [combine(x, joint[:, i]) for i, x in enumerate(zip(*smoothed, strict=True))]
+            merged = []
+            for i, x in enumerate(zip(*smoothed, strict=True)):
+                merged.append(combine(x, joint[:, i], angles=angle_rows(models[i].motion)))
             return bank._replace(states=tuple(merged), weights=weights)
 
         return backwards(states, one_back, self.lag)
@@ -245,7 +280,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
 
     def diagnostics(self, state: ModelBank) -> dict[str, Array]:
         """Report ``nis``, the models' mean; ``mode``, weight of all but the first; ``gated``."""
-        refusals = of_refusals(self.filter, state.nis, state.refused, state.measurement_weight)
+        refusals = of_refusals(self.filter, state.nis, state.gated, state.measurement_weight)
         return {"nis": state.nis, "mode": 1.0 - state.weights[0]} | refusals
 
 

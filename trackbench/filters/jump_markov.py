@@ -8,6 +8,7 @@ import numpy as np
 from numpy.random import Generator
 
 from trackbench.core import particles, resampling
+from trackbench.core.angles import bring_together
 from trackbench.core.arrays import Array, Index
 from trackbench.core.distributions import Distribution, draw_covering
 from trackbench.core.particle_moves import Kernel, jitter_modes
@@ -18,8 +19,9 @@ from trackbench.core.sums import total
 from trackbench.field_types import InvalidKeyError, NonNegative, Registered, Share
 from trackbench.filters.base import OWN_MOTION, Filter, State
 from trackbench.filters.particle_base import ParticleFilter, PFState
-from trackbench.models.base import Model, Motion, SampledMotion, Scene, extra_std
-from trackbench.models.motions.irregular import sample_alike
+from trackbench.models.base import Model, Motion, SampledMotion, Scene, angle_rows, extra_std
+from trackbench.models.motions.irregular import angle_names, sample_alike, with_angle_names
+from trackbench.models.motions.nonlinear import AngledMotion
 from trackbench.registry import register
 
 _ROUNDING = 1e-9  # of a row's sum
@@ -78,8 +80,22 @@ class JumpMarkov(Filter[State]):
         return super().idle_keys(scenario) | OWN_MOTION
 
     def models(self, model: Model) -> list[Model]:
-        """Return a model per motion, with the axes and the sampling time of the assumed motion."""
-        return [Model(sample_alike(motion, model.motion), model.sensor) for motion in self.motions]
+        """Return a model per motion, with the axes and the sampling time of the assumed motion.
+
+        A component that is an angle of one of the motions, or of the assumed one, is one in all.
+        """
+        sampled = [sample_alike(motion, model.motion) for motion in self.motions]
+        angles = angle_names(model.motion).union(*map(angle_names, sampled))
+        if angles:
+            motions = [_with_angles(motion, tuple(sorted(angles))) for motion in self.motions]
+            alike = [sample_alike(motion, model.motion) for motion in motions]
+            sampled = [with_angle_names(motion, angles) for motion in alike]
+        return [Model(motion, model.sensor) for motion in sampled]
+
+
+def _with_angles(motion: Motion, names: tuple[str, ...]) -> Motion:
+    """Give the motion these angles, unless it names its own or can have none."""
+    return motion.with_angles(names, 1) if isinstance(motion, AngledMotion) else motion
 
 
 def shared_components(motion: SampledMotion) -> tuple[str, ...]:
@@ -128,8 +144,10 @@ class MultipleModelPF(JumpMarkov[PFState], ParticleFilter):
         x, new = state.particles.x.copy(), np.isnan(extra[:, before])
         x[n:] = np.where(new, _draw_extra(extra, mode, rng), x[n:])
         x = _propagate(models, x, mode, k, rng)
-        # Step 3: weigh by the likelihood.
+        # Step 3: weigh by the likelihood; angles that differ by whole turns are brought together.
         w, collapsed, evidence = self._weigh(model, state, z, x[:n], k)
+        angles = [i for i in angle_rows(models[0].motion) if i < n]
+        x = bring_together(Particles(x, w), angles).x
         weighted, size = Particles(x[:n], w), self._size(state.age + 1)
         # Step 4: resample states and motions; regularize the particles of each motion by themselves.
         index = resampling.ancestors(w, rng, self.resampling, size)

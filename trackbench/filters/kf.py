@@ -23,8 +23,8 @@ from trackbench.core.kalman import Innovation, Updated
 from trackbench.core.smoothing import Transition, smooth
 from trackbench.field_types import NonNegative, OpenShare, Positive
 from trackbench.filters.base import FixedLag, InnovationFilter, SmoothingFilter, Steps
-from trackbench.filters.robust import AnyRobust, Reweighted
-from trackbench.models.base import Model, Scene, has_density
+from trackbench.filters.robust import AnyRobust, Reweighted, blocks
+from trackbench.models.base import Model, Scene, Sensor, has_density
 from trackbench.models.gaussian_steps import (
     MODEL_NOISE,
     AssumedNoise,
@@ -44,12 +44,15 @@ MERWE_DEMO: dict[str, object] = {"Q": 0.75, "R": 1e-5, "P0": 0.75, "noise_mean":
 
 
 class Tracked(NamedTuple):
-    """Posterior, NIS (M,) and innovation of the last measurement, and the runs that refused it."""
+    """Posterior, NIS (M,) and innovation of the last measurement, and what a gate refused of it."""
 
     posterior: Gaussian
     nis: Array
     innovation: Innovation | None = None
-    gated: Mask | None = None
+    refused: Mask | None = None
+    """components (n_z, M) that the gates refused"""
+    gated: Array | None = None
+    """number of measurements (M,), one of each sensor, that the gates refused"""
     weight: Array | None = None
     """mean weight of the measured components (M,) in a robust update"""
 
@@ -64,7 +67,8 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
     """Base of the filters with one Gaussian: each defines `update`, which an IMM calls as well."""
 
     gate: OpenShare | None = None
-    """refuse a measurement whose NIS is beyond this quantile of its chi-square law, such as 0.999"""
+    """refuse a measurement whose NIS is beyond this quantile of its chi-square law, such as 0.999; each
+    sensor's measurement has a NIS and a gate of its own"""
 
     robust: AnyRobust | None = None
     """weights of the sensors, less for an outlier: {kind: huber, k: 1.5}, {kind: student-t, df: 4}"""
@@ -149,16 +153,26 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
         if self.smooths:
             innovation = innovation._replace(predicted=None)  # all states stay in memory
         if self.gate is None:
-            return Tracked(posterior, nis, innovation, None, weight)
-        # The limit of the NIS depends on the number of measured components.
-        measured_components = (~np.isnan(innovation.nu)).sum(axis=0)
-        gated = nis > gate_limits(self.gate, len(z))[measured_components]
-        # Update again with the refused measurements as missing: predict only.
-        if gated.any():
-            used = np.where(gated, np.nan, z)
-            posterior, _, weight = self.robust_update(model, before, used, k)
-        # The NIS is that of the measurements that are used.
-        return Tracked(posterior, np.where(gated, np.nan, nis), innovation, gated, weight)
+            return Tracked(posterior, nis, innovation, weight=weight)
+        refused = refused_components(self.gate, model.sensor, z, innovation, nis)
+        # Update again with the refused measurements as missing: without any other, predict only.
+        if refused.any():
+            used = np.where(refused, np.nan, z)
+            posterior, accepted, weight = self.robust_update(model, before, used, k)
+            # The NIS is that of the measurements that are used.
+            nis = np.where(refused.any(axis=0), accepted.nis, nis)
+        return Tracked(
+            posterior=posterior,
+            nis=nis,
+            innovation=innovation,
+            refused=refused,
+            gated=number_of_refused(model.sensor, refused),
+            weight=weight,
+        )
+
+    def refused(self, state: Tracked) -> Mask | None:
+        """Return the components (n_z, M) that the gates refused."""
+        return state.refused
 
     def prepared(self, state: Gaussian) -> Gaussian:
         """Prepare a posterior for the next prediction: N(m, a^2 P), with its factor if needed."""
@@ -200,7 +214,7 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
         return frozenset({"nis", *(name for name, key in keys.items() if key is not None)})
 
     def diagnostics(self, state: Tracked) -> dict[str, Array]:
-        """Report ``nis`` of a used measurement; ``gated``: 1 where it was refused; its mean weight."""
+        """Report ``nis`` of what is used; ``gated``: number of refused measurements; mean weight."""
         return {"nis": state.nis} | of_refusals(self, state.nis, state.gated, state.weight)
 
 
@@ -223,15 +237,40 @@ def _redundant_component(scenario: Scene) -> str | None:
 
 
 def of_refusals(
-    tracker: GaussianFilter, nis: Array, gated: Mask | None, weight: Array | None
+    tracker: GaussianFilter, nis: Array, gated: Array | None, weight: Array | None
 ) -> dict[str, Array]:
     """Name refused measurements and their mean weights (M,), if the filter has a gate or weights."""
     out = {}
     if tracker.gate is not None:
-        out["gated"] = np.zeros(len(nis)) if gated is None else gated.astype(float)
+        out["gated"] = np.zeros(len(nis)) if gated is None else gated
     if tracker.robust is not None:
         out["measurement_weight"] = nis if weight is None else weight
     return out
+
+
+def refused_components(
+    gate: float, sensor: Sensor, z: Array, innovation: Innovation, nis: Array
+) -> Mask:
+    """Return the components of z (n_z, M) beyond their gates, by the innovation and the NIS of all.
+
+    Each sensor's measurement has the gate of the NIS of its own innovation, ``nu_s' S_ss^-1 nu_s``, and
+    the limit depends on the number of measured components.
+    """
+    nu, S, sensors = innovation.nu, innovation.S, blocks(sensor)
+    measured, limits = ~np.isnan(nu), gate_limits(gate, len(z))
+    beyond = np.zeros(z.shape, dtype=np.bool_)
+    for rows in sensors:
+        nis_of_sensor = nis if len(sensors) == 1 else Innovation(nu[rows], S[rows, rows]).nis
+        beyond[rows] = nis_of_sensor > limits[measured[rows].sum(axis=0)]
+    return beyond & ~np.isnan(z)
+
+
+def number_of_refused(sensor: Sensor, refused: Mask) -> Array:
+    """Count the sensors (M,) whose measurements are refused, by components (n_z, M)."""
+    count = np.zeros(refused.shape[1])
+    for rows in blocks(sensor):
+        count += refused[rows].any(axis=0)
+    return count
 
 
 @cache

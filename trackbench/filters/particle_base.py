@@ -9,6 +9,7 @@ from annotated_types import Ge
 from numpy.random import Generator
 
 from trackbench.core import linalg, particles
+from trackbench.core.angles import bring_together, near
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution, Gaussian, draw_covering
 from trackbench.core.particles import Evidence, Particles, WeightReading, read_likelihood
@@ -18,7 +19,7 @@ from trackbench.core.resampling import Scheme, ancestors, select
 from trackbench.core.smoothing import backwards, draw_predecessors
 from trackbench.field_types import Count, Natural
 from trackbench.filters.base import Filter, SmoothingFilter, Trajectories
-from trackbench.models.base import Model, Scene, log_likelihood
+from trackbench.models.base import Model, Scene, angle_rows, log_likelihood
 
 
 class PFState(NamedTuple):
@@ -183,7 +184,13 @@ class SimulatingSmoother(SmoothingFilter[PFState], ParticleFilter):
         def one_back(i: int, later: Array) -> Array:
             cloud = states[i].weighted
             transition = model.motion.transition(cloud.x, k + 1 + i)
-            return draw_predecessors(cloud, transition.log_prob, later, rng)
+            angles = angle_rows(model.motion)
+
+            def log_density(x: Array) -> Array:
+                # An angle of a later state is the same after whole turns.
+                return transition.log_prob(near(x, transition.mean, angles))
+
+            return draw_predecessors(cloud, log_density, later, rng)
 
         # Step 1: draw the last states from each posterior; a run that diverged stays NaN.
         count = self._keys.trajectories
@@ -193,7 +200,11 @@ class SimulatingSmoother(SmoothingFilter[PFState], ParticleFilter):
             ends.append(select(last, ancestors(w, rng, size=count)))
         # Step 2: draw the states before them, step by step.
         paths = backwards(ends, one_back, self.lag)
-        clouds = [Particles(x, particles.equal_weights(*x.shape[1:])) for x in paths]
+        angles = angle_rows(model.motion)
+        clouds = []
+        for x in paths:
+            cloud = Particles(x, particles.equal_weights(*x.shape[1:]))
+            clouds.append(bring_together(cloud, angles))
         # A trajectory goes on from step to step; with a lag each step has trajectories of its own.
         origin = None
         if self.lag is None:

@@ -8,6 +8,7 @@ from annotated_types import Interval
 from numpy.random import Generator
 
 from trackbench.core import elementary, particles, resampling
+from trackbench.core.angles import bring_together
 from trackbench.core.arrays import Array, Index
 from trackbench.core.distributions import Gaussian
 from trackbench.core.particle_moves import Kernel, bandwidth, independence_moves, jitter
@@ -15,7 +16,7 @@ from trackbench.core.particles import Evidence, Particles, read_likelihood
 from trackbench.core.resampling import select
 from trackbench.field_types import Natural, NonNegative
 from trackbench.filters.particle_base import ParticleFilter, PFState, SimulatingSmoother
-from trackbench.models.base import Model, Scene
+from trackbench.models.base import Model, Scene, angle_rows
 from trackbench.registry import register
 
 
@@ -44,13 +45,16 @@ class PF(SimulatingSmoother):
         if self.ess_threshold < 1.0:
             state = state._replace(log_w=elementary.log(state.particles.w))
         w, collapsed, evidence = self._weigh(model, state, z, x, k)
-        weighted, size = Particles(x, w), self._size(state.age + 1)
+        # Angles that differ by whole turns are brought together before they are averaged.
+        angles = angle_rows(model.motion)
+        weighted = bring_together(Particles(x, w), angles)
+        size = self._size(state.age + 1)
         # Step 3: resample; step 4: move. A move needs the parent, which is resampled with its child as
         # components of one state.
         if self.moves:
-            joint = Particles(np.concatenate((x, parents)), w)
+            joint = Particles(np.concatenate((weighted.x, parents)), w)
             joint, origin = self._resample_if_needed(joint, rng, size)
-            resampled = self._move(model, joint, z, k, rng)
+            resampled = bring_together(self._move(model, joint, z, k, rng), angles)
         else:
             resampled, origin = self._resample_if_needed(weighted, rng, size)
         source = weighted if self.estimate_from == "weighted" else resampled
@@ -145,7 +149,8 @@ class RPF(SimulatingSmoother):
         # Steps 1 and 2: draw from the transition, weigh by the likelihood.
         x = model.motion.transition(state.particles.x, k).sample(rng)
         w, collapsed, evidence = self._weigh(model, state, z, x, k)
-        weighted, age = Particles(x, w), state.age + 1
+        weighted = bring_together(Particles(x, w), angle_rows(model.motion))
+        age = state.age + 1
         # Step 3: resample, and add h A e: e from the kernel, A A' the covariance of the particles.
         moments = weighted.moments()
         resampled, origin = self._resample(weighted, rng, self._size(age))
@@ -202,7 +207,7 @@ class APF(SimulatingSmoother):
             Evidence(chosen.mass, state.log_w, first.shape[1]),
             Evidence(mass, 0.0, w.shape[1]),
         )
-        weighted = Particles(x, w)
+        weighted = bring_together(Particles(x, w), angle_rows(model.motion))
         new = PFState(
             particles=weighted,
             weighted=weighted,

@@ -13,12 +13,20 @@ from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.plane_quadrature import Map, Plane, UnresolvedError
 from trackbench.core.posterior_scores import PlanePosterior, Posterior
-from trackbench.core.sums import mean
+from trackbench.core.sums import mean, total
 from trackbench.filters.base import Filter, WrongReturnError
-from trackbench.models.base import Model, SampledMotion, Scene, central_differences, log_likelihood
+from trackbench.models.base import (
+    Model,
+    SampledMotion,
+    Scene,
+    angle_rows,
+    central_differences,
+    log_likelihood,
+)
 from trackbench.registry import register
 
 _TOLERANCE = 1e-6  # of means in standard deviations, and of covariances likewise, by half the nodes
+_NEGLIGIBLE = 1e-6  # probability of an angle beyond half a turn from its mean
 State = Plane | Array
 
 
@@ -103,6 +111,13 @@ class PlaneGrid(Filter[Planes]):
         planes = Planes(tuple(both[0]), tuple(both[1]))
         if not _difference(planes) <= _TOLERANCE:
             raise self._unresolved(k, "")
+        for i in angle_rows(model.motion):
+            if _most_beyond_half_a_turn(planes.posteriors, i) > _NEGLIGIBLE:
+                name = model.motion.components[i]
+                what = f"at step {k} the angle {name!r} may differ by more than half a turn"
+                raise WrongReturnError(
+                    "step", f"{what}, and grid-2d averages it as a number; narrow the start"
+                )
         return planes
 
     def _unresolved(self, k: int, why: str) -> WrongReturnError:
@@ -121,6 +136,16 @@ class PlaneGrid(Filter[Planes]):
     def log_likelihood(self, state: Planes) -> Array:
         """Evaluate log p(z_k | z_1..k-1) (M,), exact; NaN before the first measurement."""
         return np.array([s.evidence if isinstance(s, Plane) else np.nan for s in state.posteriors])
+
+
+def _most_beyond_half_a_turn(states: Iterable[State], row: int) -> float:
+    """Return the largest probability, over the runs, of angles beyond half a turn from their mean."""
+    most = 0.0
+    for state in states:
+        if isinstance(state, Plane):
+            distance = np.abs(state.box.nodes[row] - state.moments.mean[row])
+            most = max(most, float(total(np.where(distance > np.pi, state.mass, 0.0))))
+    return most
 
 
 def _moments(states: Iterable[State]) -> Gaussian:

@@ -43,6 +43,7 @@ class Program:
         An answer may take ``timeout`` seconds. Raises ProgramError if there is none.
         """
         self._timeout, self._start_s = timeout, 0.0
+        self._last_s = 0.0  # last reading of the program's clock, which ends with the program
         self._error_lines: list[str] = []
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115 (closed with the program)
         try:
@@ -136,12 +137,12 @@ class Program:
         return ProgramError(f"the program {what}", answered)
 
     def _clock(self) -> float:
-        """Read the CPU seconds of the program; on other systems than Linux 0."""
+        """Read the CPU seconds of the program, the last ones if it has ended; 0 outside of Linux."""
         with suppress(OSError):
             # The kernel's clock of another process: clock_getcpuclockid(3).
             if sys.platform == "linux":
-                return time.clock_gettime((~self._process.pid << 3) | 2)
-        return 0.0
+                self._last_s = time.clock_gettime((~self._process.pid << 3) | 2)
+        return self._last_s
 
     @property
     def cpu_s(self) -> float:
@@ -150,6 +151,7 @@ class Program:
 
     def ask_to_end(self) -> None:
         """Send ``end``, and close the program's input."""
+        self._clock()
         with suppress(OSError, ValueError):  # it may have ended, or been killed
             os.write(self._stdin.fileno(), b"end\n")
             self._stdin.close()

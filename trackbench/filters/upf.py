@@ -9,6 +9,7 @@ from typing import ClassVar, Literal
 from numpy.random import Generator
 
 from trackbench.core import particles
+from trackbench.core.angles import bring_together
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.particle_moves import independence_moves
@@ -22,7 +23,7 @@ from trackbench.filters.kalman_proposal import (
     UnscentedProposal,
 )
 from trackbench.filters.particle_base import PFState
-from trackbench.models.base import Model
+from trackbench.models.base import Model, angle_rows
 from trackbench.models.gaussian_steps import AssumedNoise, extended_step
 from trackbench.registry import register
 
@@ -65,10 +66,11 @@ class _ResamplingFilter(KalmanProposalFilter):
         # Step 2: weigh by p(z|x) p(x|x_{k-1}) / q(x).
         target = self._log_target(model, origin, z, k)(proposals.x)
         w, collapsed, mass = particles.normalize(target - proposals.q.log_prob(proposals.x))
-        weighted = Particles(proposals.x, w)
+        angles = angle_rows(model.motion)
+        weighted = bring_together(Particles(proposals.x, w), angles)
         # Step 3: resample, each particle with its covariance.
         index = ancestors(w, rng, self.resampling)
-        x, P = select(proposals.x, index), select(kalman.cov, index)
+        x, P = select(weighted.x, index), select(kalman.cov, index)
         # Step 4: move the particles by their parents' proposals: no Kalman step is taken again.
         if self.moves:
             parents = select(origin, index)
@@ -79,7 +81,7 @@ class _ResamplingFilter(KalmanProposalFilter):
                 return log_target(x) - q.log_prob(x)
 
             x = independence_moves(x, q.sample, log_ratio, self.moves, rng)
-        resampled = Particles(x, particles.equal_weights(*w.shape))
+        resampled = bring_together(Particles(x, particles.equal_weights(*w.shape)), angles)
         source = weighted if self.estimate_from == "weighted" else resampled
         return PFState(
             particles=resampled,

@@ -154,6 +154,14 @@ def extra_std(motion: SampledMotion) -> tuple[float, ...]:
     return getattr(motion, "extra_std", ())
 
 
+def angle_rows(motion: SampledMotion) -> tuple[int, ...]:
+    """Return the rows of the state that are angles, rad: whole turns are no difference.
+
+    A motion that has angles has an attribute of this name.
+    """
+    return getattr(motion, "angle_rows", ())
+
+
 def append_noise(x: Array, std: tuple[float, ...], rng: Streams) -> Array:
     """Return states (n, *batch) with a further draw from N(0, s^2) for each s of ``std``."""
     if not std:
@@ -345,6 +353,16 @@ class Scene(Part):
     def turns(self) -> tuple[float, ...]:
         """Sizes of the accelerations of the target's turns, m/s^2."""
         return ()
+
+
+def measured_angle_rows(sensor: Sensor) -> tuple[int, ...]:
+    """Return the rows of the measured angles: a whole turn changes nothing in their innovation."""
+    n = len(sensor.components)
+    zero = np.zeros((n, n))
+    of_turn = np.diagonal(sensor.innovation(2.0 * np.pi * np.eye(n), zero))
+    of_tenth = np.diagonal(sensor.innovation(0.1 * np.eye(n), zero))
+    is_angle = np.isclose(of_turn, 0.0, atol=1e-9) & np.isclose(of_tenth, 0.1)
+    return tuple(np.flatnonzero(is_angle).tolist())
 
 
 def log_likelihood(sensor: Sensor, z: Array, x: Array, k: int) -> Array:

@@ -71,7 +71,7 @@ class GeometricDelay(Delay):
 
     @property
     def longest(self) -> int:
-        """The quantile of 0.999."""
+        """The least n with P(n or more) <= 0.001."""
         return ceil(log(_RARE) / log(self.mean / (1.0 + self.mean)))
 
 

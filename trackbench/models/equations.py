@@ -217,7 +217,8 @@ class Equations:
         if program.constant is not None:
             least, largest = np.linalg.eigvalsh(program.constant)[[0, -1]]
             if least < -_ROUNDING * largest or np.isnan(least):
-                raise InvalidKeyError("a covariance has no negative eigenvalue", *path)
+                what = f"has the eigenvalue {least:.3g}, and a covariance has none below 0"
+                raise InvalidKeyError(what, *path)
         return program
 
 

@@ -51,7 +51,7 @@ def _angle(y: Quantity, x: Quantity) -> Quantity:
 def _power(x: Quantity, y: Quantity) -> Quantity:
     """Compute ``x^y``: by multiplication for small whole y, a root for 1/2, else ``e^(y log x)``."""
     if isinstance(y, np.ndarray):
-        return exp(y * log(x))
+        return power(x, y)
     if y == 2.0:
         return np.square(x)
     if y == 0.5:
@@ -381,6 +381,10 @@ def _binary_derivative(node: Node, u: Node, v: Node, du: Node, dv: Node) -> Node
             if _is(v, 2.0):
                 return _product(_product(TWO, u), du)
             return _product(_product(v, operate("**", u, number(v.value - 1.0))), du)
+        case "**" if _is(dv, 0.0):
+            # The exponent is a number of the step, such as k.
+            lower = operate("**", u, operate("-", v, ONE))
+            return _product(_product(v, lower), du)
         case "**":
             # (u^v)' = u^v (v' log u + v u' / u)
             slope = _sum(_product(dv, operate("log", u)), _quotient(_product(v, du), u))

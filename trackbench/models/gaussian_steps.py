@@ -22,6 +22,7 @@ from trackbench.models.base import (
     NormalMotion,
     Scene,
     Sensor,
+    angle_rows,
     jacobian_at,
 )
 from trackbench.models.sensors.base import SensorBase
@@ -60,6 +61,8 @@ def idle_noise_mean(scene: Scene) -> dict[str, str]:
     return {}
 
 
+_QUARTER_TURN = 0.5 * np.pi
+_MOST_PARTS = 64  # of a line between two points: beyond, an angle is unknown anyway
 _CANCELLED = 1e-10  # share of a variance that a difference leaves with fewer than six digits
 _UNRESOLVED = 1e-12  # share of a variance that a pivot of a difference may owe to rounding
 MODEL_NOISE = AssumedNoise()
@@ -295,6 +298,29 @@ class _Measured(NamedTuple):
     """missing components, if any is"""
 
 
+def relative_measurements(model: Model, x: Array, z: Array, k: int) -> Array:
+    """Subtract the first point's measurement from those of points x (n, P, M): z (n_z, P, M).
+
+    Where an angle of the state reaches beyond a quarter of a turn, the differences are summed along the
+    line from the first point, so that a measured angle grows with it beyond half a turn.
+    """
+    angles = list(angle_rows(model.motion))
+    if not angles:
+        return model.sensor.innovation(z, z[:, :1])
+    reach = np.abs(x[angles] - x[angles, :1])
+    farthest = float(np.max(reach, initial=0.0, where=np.isfinite(reach)))
+    parts = min(int(np.ceil(farthest / _QUARTER_TURN)), _MOST_PARTS)
+    if parts <= 1:
+        return model.sensor.innovation(z, z[:, :1])
+    before, out = np.broadcast_to(z[:, :1], z.shape), np.zeros_like(z)
+    for part in range(1, parts + 1):
+        between = x[:, :1] + (part / parts) * (x - x[:, :1])
+        reached = z if part == parts else model.sensor.measurement(between, k).mean
+        out += model.sensor.innovation(reached, before)
+        before = reached
+    return out
+
+
 def _measured(
     model: Model,
     points: SigmaPoints,
@@ -309,7 +335,7 @@ def _measured(
     # Step 1: measurements of the points, relative to that of the mean, so that angles do not wrap.
     z_pred = model.sensor.measurement(x, k).mean
     center = z_pred[:, :1]
-    relative = model.sensor.innovation(z_pred, center)
+    relative = relative_measurements(model, x, z_pred, k)
     relative = relative if noise is None else relative + noise
     # Step 2: their mean, covariance S and covariance C with the state.
     z_mean = points.mean(relative)

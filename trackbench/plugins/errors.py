@@ -155,15 +155,32 @@ def interrupt(signal_number: int, frame: FrameType | None) -> None:
 def guarded() -> Iterator[None]:
     """Run plugin code: it cannot end the program, but Ctrl-C still can.
 
-    SystemExit, ``os._exit`` and a KeyboardInterrupt without a signal become a RunError.
+    SystemExit, ``os._exit`` and a KeyboardInterrupt without a signal become a RunError. The working
+    folder is afterwards what it was: paths of results and of the cache are relative to it.
     """
-    with _with_own_interrupt(), _without_os_exit():
+    with _with_own_interrupt(), _without_os_exit(), working_folder():
         try:
             yield
         except (Exception, Interrupted):
             raise
         except BaseException as error:
             raise RunError(f"code of a plugin raised {error!r}") from None
+
+
+@contextmanager
+def working_folder(folder: str = "") -> Iterator[None]:
+    """Run code in a folder, by default in that of now, and go back to the folder of before."""
+    try:
+        before = os.getcwd()
+    except OSError:  # a folder that was deleted meanwhile
+        yield
+        return
+    try:
+        if folder:
+            os.chdir(folder)
+        yield
+    finally:
+        os.chdir(before)
 
 
 @contextmanager

@@ -8,9 +8,10 @@ not travel; a worker checks that they are those of the main process.
 import hashlib
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, packages_distributions, version
+from itertools import chain
 from pathlib import Path
 from types import ModuleType
 
@@ -20,7 +21,17 @@ from trackbench.extension_points import InvalidHookError, Part
 from trackbench.field_types import require_regular_file
 from trackbench.plugins.errors import PluginError, guarded, message_of, place_within
 from trackbench.plugins.patches import own_values, patch_message, undo_patches
-from trackbench.plugins.sources import Finder, Opened, digest_of, forget_edited, imports, recorded
+from trackbench.plugins.sources import (
+    Finder,
+    Opened,
+    digest_of,
+    forget_modules,
+    imported_modules,
+    imports,
+    is_rebuilt,
+    read_at_import,
+    recorded,
+)
 
 _KEYED = ("trackbench", "numpy", "scipy")
 """Packages whose versions are part of every block's key."""
@@ -55,10 +66,15 @@ class Plugin:
 
     @property
     def identity(self) -> str:
-        """SHA-256 of a plugin's content and of all that it imports and reads."""
+        """SHA-256 of a plugin's content and of all that it imports and reads.
+
+        A file is named by its path from the plugin's folder: two files of one name may exchange their
+        contents, and the folder may be moved.
+        """
+        home = os.path.dirname(self.path)
         files = []
         for digests in (self.files, (*self.code, *self.opened)):
-            files.append(sorted((Path(name).name, digest) for name, digest in digests))
+            files.append(sorted((_path_from(home, name), digest) for name, digest in digests))
         facts = [self.digest, self.packages, *files, self.environment, self.variables]
         return hashlib.sha256(repr(facts).encode()).hexdigest()
 
@@ -81,7 +97,7 @@ class Plugin:
                 )
 
 
-def read_plugin(path: Path, files: Iterable[Path] = (), environment: Iterable[str] = ()) -> Plugin:
+def read_plugin(path: Path, files: Digests = (), environment: Iterable[str] = ()) -> Plugin:
     """Read the file as it is now, with the declared files and variables; raises OSError."""
     source = require_regular_file(path).read_bytes()
     name = str(path.absolute())
@@ -91,19 +107,51 @@ def read_plugin(path: Path, files: Iterable[Path] = (), environment: Iterable[st
         name,
         source,
         tuple(_versions(packages)),
-        tuple((str(file.absolute()), _digest_of_all(file)) for file in files),
+        files,
         _values(environment),
         _digests(modules.values()),
     )
 
 
-def _digest_of_all(file: Path) -> str:
-    """Digest a file, or all files in a folder."""
+def _path_from(home: str, name: str) -> str:
+    """Write a path from this folder, with slashes on every system."""
+    try:
+        path = os.path.relpath(name, home)
+    except ValueError:  # on another drive of Windows
+        path = name
+    return Path(path).as_posix()
+
+
+def digest_of_all(file: Path) -> str:
+    """Digest a file, or all files in a folder and in the folders that its links lead to.
+
+    Raises OSError, and PluginError for a link without end.
+    """
     if not file.is_dir():
         return digest_of(require_regular_file(file))
-    names = sorted(inner for inner in file.rglob("*") if inner.is_file())
+    names = sorted(_files_in(file, (os.path.realpath(file),)))
     digests = [(name.relative_to(file).as_posix(), digest_of(name)) for name in names]
     return hashlib.sha256(repr(digests).encode()).hexdigest()
+
+
+def _files_in(folder: Path, around: tuple[str, ...]) -> Iterator[Path]:
+    """Yield the files in a folder; ``around`` are the real paths of the folders on the way to it.
+
+    Raises PluginError for a link to a folder around it, which would have no end.
+    """
+    for inner in folder.iterdir():
+        if inner.is_file():
+            yield inner
+        if not inner.is_dir():
+            continue
+        real = os.path.realpath(inner)
+        for outer in around:
+            if os.path.commonpath((real, outer)) == real:
+                raise PluginError(
+                    f"{inner}: is a link to {real}, a folder around it; under `files` name the files "
+                    "and folders that the plugin reads"
+                )
+        yield from _files_in(inner, (*around, real))
 
 
 def _digests(files: Iterable[str]) -> Digests:
@@ -139,24 +187,28 @@ def load_plugin(plugin: Plugin, check: Callable[[type[Part]], None] | None = Non
     """
     Finder.look_beside(plugin.path)
     loaded = _loaded.get(plugin.module) if plugin.module in sys.modules else None
-    wanted = plugin
-    if loaded and check:
-        # As it is now, with what it imported, opened and read.
-        read = Opened((n for n, _ in loaded.opened), (n for n, _ in loaded.variables))
-        wanted = _with_opened(loaded, read)
-    if loaded is not None and loaded.identity == wanted.identity:
+    if loaded is not None and _is_current(loaded, plugin, as_now=check is not None):
         registry.reactivate(plugin.module)
+        sys.modules.update(_brought[plugin.module])
         return loaded
     modules, _ = imports(plugin.source, plugin.path)
     if check is None:
         _compare_with_main(plugin)
-    forget_edited(modules, [name for name, _ in loaded.opened] if loaded else [])
+    for name, compiled in imported_modules(modules, modules.values()).items():
+        if is_rebuilt(compiled):
+            raise PluginError(
+                f"{compiled.__file__} was built again after this process loaded the module {name}; "
+                "start Python again"
+            )
     before = own_values()
     registry.restore_normal_exit()
     module = _new_module(plugin)
     try:
         with guarded(), recorded() as opened:
+            before_exec = os.getcwd()
             exec(compile(plugin.source, plugin.path, "exec"), module.__dict__)
+            chosen = os.getcwd()
+            _working_folders[plugin.module] = chosen if chosen != before_exec else ""
         if names := undo_patches(before):
             raise PluginError(f"{Path(plugin.path).name}: {patch_message(names)}")
         for _, _, cls in registry.registered(plugin.module):
@@ -175,12 +227,78 @@ def load_plugin(plugin: Plugin, check: Callable[[type[Part]], None] | None = Non
         ended = error.__context__ if isinstance(error, RunError) else None
         raise PluginError(where + message_of(ended or error)) from None
     whole = _with_opened(plugin, opened) if check else plugin
-    _mark(whole, modules)
+    _mark(whole)
     return whole
 
 
 _loaded: dict[str, Plugin] = {}
 """Plugins by module, as they were when their code ran."""
+_working_folders: dict[str, str] = {}
+"""By module: the folder that a plugin's code went to; empty if it stayed."""
+_brought: dict[str, dict[str, ModuleType]] = {}
+"""Modules that each plugin brought, by the name of the plugin's module."""
+_executed: dict[str, set[str]] = {}
+"""By path of each plugin whose code has run: files that it, or an earlier content of it, opened."""
+
+
+def working_folder_of(plugins: Sequence[Plugin]) -> str:
+    """Return the folder that the last of these plugins went to when it was loaded, or an empty text."""
+    folders = [_working_folders.get(plugin.module, "") for plugin in plugins]
+    return next((folder for folder in reversed(folders) if folder), "")
+
+
+def forget_outdated(plugins: Sequence[Plugin], as_now: bool) -> None:
+    """Forget modules that the plugins of a config share with plugins that have changed since.
+
+    A module may have been made of a file, a variable or a plugin that is another one by now. It is
+    forgotten with all other modules that the changed plugin brings. A plugin that shares one of them is
+    executed again, too. ``as_now``: compare with the files and variables as they are now.
+    """
+    modules: dict[str, set[str]] = {}
+    again = set()
+    for plugin in plugins:
+        Finder.look_beside(plugin.path)
+        names, _ = imports(plugin.source, plugin.path)
+        opened = _executed.get(plugin.path, set())
+        modules[plugin.module] = {*imported_modules(names, opened)}
+        loaded = _loaded.get(plugin.module) if plugin.module in sys.modules else None
+        if loaded is None or not _is_current(loaded, plugin, as_now):
+            _loaded.pop(plugin.module, None)
+            if plugin.path in _executed:
+                again.add(plugin.module)
+    # Step 1: find the plugins that share modules with a changed one, and so on.
+    size = -1
+    while len(again) > size:
+        size = len(again)
+        shared = set(chain.from_iterable(modules[name] for name in again))
+        again |= {name for name, brought in modules.items() if brought & shared}
+    # Step 2: forget the modules of all plugins that are executed now, but those of other plugins.
+    for name in again:
+        _loaded.pop(name, None)
+    kept = set(chain.from_iterable(modules[name] for name in modules if name in _loaded))
+    for name, brought in modules.items():
+        if name not in _loaded:
+            forget_modules(brought - kept)
+
+
+def loaded_identities() -> list[str]:
+    """Return the identities of the plugins whose code has run in this process, sorted."""
+    return sorted(plugin.identity for plugin in _loaded.values())
+
+
+def restore_modules(plugins: Iterable[Plugin]) -> None:
+    """Put the modules back that loaded plugins imported, after another config imported its own."""
+    for plugin in plugins:
+        if plugin.module in _loaded:
+            sys.modules.update(_brought[plugin.module])
+
+
+def _is_current(loaded: Plugin, plugin: Plugin, as_now: bool) -> bool:
+    """Test whether a plugin was executed with the files and variables that it has now."""
+    if not as_now:
+        return loaded.identity == plugin.identity
+    read = Opened((name for name, _ in loaded.opened), (name for name, _ in loaded.variables))
+    return loaded.identity == _with_opened(plugin, read).identity
 
 
 def _new_module(plugin: Plugin) -> ModuleType:
@@ -193,22 +311,30 @@ def _new_module(plugin: Plugin) -> ModuleType:
     return module
 
 
-def _mark(plugin: Plugin, modules: Iterable[str]) -> None:
+def _mark(plugin: Plugin) -> None:
     """Keep the plugin as loaded, and mark its modules: blocks of their classes depend on it."""
     _loaded[plugin.module] = plugin
     setattr(sys.modules[plugin.module], "__plugin_digest__", plugin.identity)  # noqa: B010
-    for name in modules:
-        if name in sys.modules:
-            setattr(sys.modules[name], "__plugin_brought__", plugin.identity)  # noqa: B010
+    names, _ = imports(plugin.source, plugin.path)
+    files = {name for name, _ in (*plugin.code, *plugin.opened)}
+    _executed.setdefault(plugin.path, set()).update(files)
+    _brought[plugin.module] = imported_modules(names, files)
+    for module in _brought[plugin.module].values():
+        setattr(module, "__plugin_brought__", plugin.identity)  # noqa: B010
+        is_rebuilt(module)  # notes the content of a compiled module
 
 
 def _with_opened(plugin: Plugin, opened: Opened) -> Plugin:
     """Add the files that a plugin opened and the variables that it read."""
     modules, packages = imports(plugin.source, plugin.path)  # it may have extended the path
+    whole = Opened()
+    whole.add(opened)
+    for file in (*modules.values(), *opened.files()):
+        whole.add(read_at_import(file))
     known = {plugin.path, *(name for name, _ in (*plugin.files, *plugin.code))}
     folders = tuple(f"{name}{os.sep}" for name, _ in plugin.files)
-    files = {f for f in (*opened.files(), *modules.values()) if not f.startswith(folders)}
-    variables = opened.variables.keys() - {name for name, _ in plugin.environment}
+    files = {f for f in (*whole.files(), *modules.values()) if not f.startswith(folders)}
+    variables = whole.variables.keys() - {name for name, _ in plugin.environment}
     return replace(
         plugin,
         packages=tuple(_versions(packages)),
@@ -225,7 +351,7 @@ def _compare_with_main(plugin: Plugin) -> None:
     for name, digest in (*plugin.files, *plugin.code, *plugin.opened):
         if not os.path.exists(name):
             raise PluginError(f"this worker has no {name}, which {Path(plugin.path).name} reads")
-        if _digest_of_all(Path(name)) != digest:
+        if digest_of_all(Path(name)) != digest:
             raise PluginError(f"{name} is not as it was when the run began; start again")
 
 

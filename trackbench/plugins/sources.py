@@ -9,7 +9,7 @@ import hashlib
 import os
 import sys
 import sysconfig
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import cache
 from importlib import invalidate_caches
@@ -28,8 +28,6 @@ _PYTHON = [Path(sysconfig.get_path(name)) for name in ("stdlib", "platstdlib")]
 _OF_THE_SYSTEM = [*map(Path, ("/dev", "/etc", "/proc", "/sys", "/usr/lib", "/usr/share"))]
 _OF_THE_USER = [Path("~/.cache").expanduser(), Path("~/.config").expanduser()]
 _EXTENSIONS = (".so", ".pyd")
-_executed: dict[str, str] = {}
-"""Digest of the source that each file was last executed from."""
 
 
 def digest_of(path: str | Path) -> str:
@@ -70,6 +68,7 @@ class Finder:
         if cls not in sys.meta_path:
             sys.meta_path.append(cls)
             SourceFileLoader.get_code = _get_code  # type: ignore[assignment, method-assign]
+            SourceFileLoader.exec_module = _exec_module  # type: ignore[assignment, method-assign]
         invalidate_caches()  # a file may be of this very second
 
     @classmethod
@@ -81,6 +80,21 @@ class Finder:
 
 
 _python_get_code = SourceFileLoader.get_code
+_python_exec_module = SourceFileLoader.exec_module
+
+
+def _exec_module(loader: SourceFileLoader, module: ModuleType) -> None:
+    """Execute a module, and record what its code reads if a plugin imports it.
+
+    A second plugin that imports the module does not execute it, and depends on what it read.
+    """
+    path = os.path.abspath(loader.path)
+    if not _recorders or is_installed(path):
+        _python_exec_module(loader, module)
+        return
+    with recorded() as opened:
+        _python_exec_module(loader, module)
+    _read_at_import[path] = opened
 
 
 def _get_code(loader: SourceFileLoader, fullname: str) -> CodeType | None:
@@ -92,7 +106,6 @@ def _get_code(loader: SourceFileLoader, fullname: str) -> CodeType | None:
     if is_installed(path):
         return _python_get_code(loader, fullname)
     source = loader.get_data(path)
-    _executed[path] = hashlib.sha256(source).hexdigest()
     code: CodeType = loader.source_to_code(source, path)
     return code
 
@@ -156,24 +169,37 @@ def _specs(name: str) -> Iterator[ModuleSpec]:
             return
 
 
-def forget_edited(modules: Mapping[str, str], opened: Collection[str]) -> None:
-    """Forget imported modules of a plugin if any of their files has other content by now.
-
-    ``modules`` are files by the module's name; ``opened`` are files of modules that the plugin's code
-    finds by itself.
-    """
-    imported = {}
+def imported_modules(names: Collection[str], files: Collection[str]) -> dict[str, ModuleType]:
+    """Select the imported modules of these names, and those that come from one of these files."""
+    chosen = {}
     for name, module in [*sys.modules.items()]:
         file = os.path.abspath(getattr(module, "__file__", None) or "")
-        if name in modules or file in opened:
-            imported[name] = file
-    imported = {n: f for n, f in imported.items() if not f.endswith(_EXTENSIONS)}
-    if any(
-        file != modules.get(name, file) or _executed.get(file) != digest_of(file)
-        for name, file in imported.items()
-    ):
-        for name in imported.keys() - {"__main__"}:
+        if name != "__main__" and (name in names or file in files):
+            chosen[name] = module
+    return chosen
+
+
+def forget_modules(modules: Iterable[str]) -> None:
+    """Let Python execute these modules again when they are next imported.
+
+    A compiled module stays, since a process loads it only once.
+    """
+    for name in modules:
+        file = str(getattr(sys.modules.get(name), "__file__", None) or "")
+        if name in sys.modules and not file.endswith(_EXTENSIONS):
             del sys.modules[name]
+
+
+def is_rebuilt(module: ModuleType) -> bool:
+    """Test whether a compiled module has another file than the one that this process loaded."""
+    file = os.path.abspath(getattr(module, "__file__", None) or "")
+    if not file.endswith(_EXTENSIONS) or not os.path.isfile(file):
+        return False
+    return _loaded_extensions.setdefault(file, digest_of(file)) != digest_of(file)
+
+
+_loaded_extensions: dict[str, str] = {}
+"""Digest of each compiled module when it was loaded."""
 
 
 class Opened:
@@ -183,11 +209,24 @@ class Opened:
         self.read = dict.fromkeys(read)
         self.variables = dict.fromkeys(variables)
         self.written: set[str] = set()
+        self.updated: dict[str, str] = {}
+        """digest, before it was opened, of each file that was opened to be read and written"""
+
+    def add(self, other: "Opened") -> None:
+        """Add the files and variables of another record."""
+        self.read |= other.read
+        self.variables |= other.variables
+        self.written |= other.written
+        self.updated = {**other.updated, **self.updated}
 
     def files(self) -> list[str]:
-        """Select the files that make the plugin: those of no installed package, and not written."""
+        """Select the files that make the plugin: those of no installed package, and not written.
+
+        A file that was opened to be read and written counts if it still has its content.
+        """
+        unchanged = [name for name, digest in self.updated.items() if _is_unchanged(name, digest)]
         paths: dict[str, None] = {}
-        for name in self.read:
+        for name in (*self.read, *unchanged):
             path = Path(name)
             if path.suffix == ".pyc":
                 with suppress(ValueError):
@@ -199,19 +238,55 @@ class Opened:
         return [*paths]
 
 
+def _is_unchanged(name: str, digest: str) -> bool:
+    with suppress(OSError):
+        return digest_of(name) == digest
+    return False
+
+
 _recorders: list[Opened] = []
+_read_at_import: dict[str, Opened] = {}
+"""What the code of each module's file read when a plugin imported it."""
+
+
+def read_at_import(file: str) -> Opened:
+    """Return what a module's code read when a plugin imported it, by the module's file."""
+    return _read_at_import.get(file, Opened())
 
 
 def _hear(event: str, arguments: tuple[Any, ...]) -> None:
     """Note a file that is opened; Python calls this for each event of its audit."""
-    if event == "open" and _recorders and isinstance(arguments[0], str | bytes | os.PathLike):
-        name = os.path.abspath(os.fsdecode(arguments[0]))
-        writes = arguments[2] & (os.O_WRONLY | os.O_RDWR | os.O_CREAT)
+    if not _recorders or event not in ("open", "sqlite3.connect", "ctypes.dlopen"):
+        return
+    if not isinstance(arguments[0], str | bytes | os.PathLike):
+        return
+    name = os.path.abspath(os.fsdecode(arguments[0]))
+    if event != "open":
+        # A library or a database. Python does not pass on how it is opened.
+        _note_update(name)
+        return
+    flags = arguments[2]
+    if flags & (os.O_WRONLY | os.O_CREAT | os.O_TRUNC):
         for recorder in _recorders:
-            if writes:
-                recorder.written.add(name)
-            else:
-                recorder.read[name] = None
+            recorder.written.add(name)
+    elif flags & os.O_RDWR:
+        _note_update(name)
+    else:
+        for recorder in _recorders:
+            recorder.read[name] = None
+
+
+def _note_update(name: str) -> None:
+    """Note a file that may be read and written, with its content before that."""
+    recorders = [*_recorders]
+    _recorders.clear()  # the digest opens the file, too
+    try:
+        with suppress(OSError):
+            digest = digest_of(name) if os.path.isfile(name) else ""
+            for recorder in recorders if digest else ():
+                recorder.updated.setdefault(name, digest)
+    finally:
+        _recorders.extend(recorders)
 
 
 @cache
@@ -221,27 +296,41 @@ def _listen() -> None:
 
 @contextmanager
 def recorded() -> Iterator[Opened]:
-    """Record the files that are opened, and the environment variables that plugin code reads."""
+    """Record the files that are opened, and the environment variables that plugin code reads.
+
+    A record within a record is part of both.
+    """
     _listen()
     opened = Opened()
-    environment: Any = os.environ
-    encode: Callable[[str], bytes] = environment.encodekey
-
-    def noted(key: str) -> bytes:
-        frame = sys._getframe(1)
-        while frame.f_back is not None and frame.f_globals["__name__"] in _READERS:
-            frame = frame.f_back
-        if not is_installed(frame.f_code.co_filename):
-            opened.variables[key] = None
-        return encode(key)
-
+    restore = [] if _recorders else [*_note_variables()]
     _recorders.append(opened)
-    environment.encodekey = noted
     try:
         yield opened
     finally:
-        environment.encodekey = encode
         _recorders.remove(opened)
+        for environment, encode in restore:
+            environment.encodekey = encode
+
+
+def _note_variables() -> Iterator[tuple[Any, Callable[[Any], Any]]]:
+    """Note the variables that plugin code reads; yield each environment with its own function."""
+    environments: list[Any] = [os.environ]
+    if os.supports_bytes_environ:
+        environments.append(os.environb)
+    for environment in environments:
+        encode = environment.encodekey
+
+        def noted(key: Any, encode: Callable[[Any], Any] = encode) -> Any:
+            frame = sys._getframe(1)
+            while frame.f_back is not None and frame.f_globals["__name__"] in _READERS:
+                frame = frame.f_back
+            if not is_installed(frame.f_code.co_filename):
+                for recorder in _recorders:
+                    recorder.variables[os.fsdecode(key)] = None
+            return encode(key)
+
+        environment.encodekey = noted
+        yield environment, encode
 
 
 _READERS = ("os", "_collections_abc", "collections.abc")

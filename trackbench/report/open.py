@@ -17,6 +17,7 @@ from trackbench.results.folder import RUN_AGAIN
 from trackbench.results.folder_contents import FORMAT, RUN_FILES, Damage, check_digests
 
 _KINDS: dict[str, type] = {"packages": dict, "cpu_s": float, "training_holds_out": str}
+_KINDS |= dict.fromkeys(("date", "trackbench", "python", "platform"), str)
 _KINDS |= dict.fromkeys(("failed", "loops_over_runs", "deterministic"), list)
 """Types of the manifest's entries that a report shows."""
 _CHANGED = "changed after the run"
@@ -117,6 +118,7 @@ def _check_manifest(results: Results) -> None:
         manifest = results.manifest
         version, recorded = int(manifest["format"]), dict(manifest["files"])
         valid = all(isinstance(manifest.get(key, kind()), kind) for key, kind in _KINDS.items())
+        valid &= isinstance(manifest.get("commit") or "", str)
         valid &= all({"filter", "reason"} <= set(row) for row in results.failed)
     except (UserError, ValueError, KeyError, TypeError):
         valid = False

@@ -1,7 +1,8 @@
 """Files that follow from a results folder: tables, figures, verdicts, pairs.
 
 Figures are drawn in parallel processes, while their parent writes everything else. The cache of drawn
-figures is keyed by results, options of the figure and source code.
+figures is keyed by results, options of the figure, source code, plugins that have run, and settings of
+matplotlib.
 """
 
 import hashlib
@@ -15,7 +16,7 @@ from functools import cache
 from importlib.metadata import version
 from itertools import product
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, cast
 
 import trackbench
 from trackbench.atomic_files import (
@@ -33,6 +34,7 @@ from trackbench.execution.cache import figure_cache_folder
 from trackbench.execution.engines import pool, result_of
 from trackbench.execution.queue import progress_bar
 from trackbench.field_types import require_regular_file
+from trackbench.plugins.load import loaded_identities
 from trackbench.registry import is_plugin
 from trackbench.report.findings.ranking_table import ranking_tables
 from trackbench.report.findings.sentences import answer
@@ -70,7 +72,10 @@ class KeptFigures:
         words = {key: value for key, value in results.config.items() if key not in _PARTS}
         facts = [results.manifest.get(name) for name in _FACTS]
         looks = {label: results.line_style(label) for label in results.labels}
+        # Code of a plugin, or of a notebook, may change how matplotlib draws any figure.
+        settings = {name: repr(value) for name, value in style.changed_settings().items()}
         made_by = [libraries, words, facts, looks, compared_statistics(results.config), _sources()]
+        made_by += [settings, loaded_identities()]
         digest = hashlib.sha256(json.dumps(made_by, default=str).encode())
         names = (*RUN_FILES, "tuning.csv", *results.config.get("published", ()))
         _add(digest, (results.folder / name for name in names))
@@ -179,7 +184,7 @@ def drawing_pool(
 
     with ExitStack() as stack:
         if sent:
-            begin = (_init_worker, results.folder, results.run_facts)
+            begin = (_init_worker, results.folder, results.run_facts, style.changed_settings())
             drawers = stack.enter_context(pool(min(processes, len(sent)), *begin))
             with suppress(BrokenExecutor):  # a drawer was killed as it began
                 for name, spec in sent.items():
@@ -190,7 +195,12 @@ def drawing_pool(
 _opened: list[Results] = []
 
 
-def _init_worker(folder: Path, facts: dict[str, Any]) -> None:
+def _init_worker(folder: Path, facts: dict[str, Any], settings: dict[str, Any]) -> None:
+    """Open the results in a process that draws, under matplotlib's settings of its parent."""
+    if settings:
+        import matplotlib as mpl
+
+        cast(dict[str, Any], mpl.rcParams).update(settings)
     _opened[:] = [Results(folder, facts)]
 
 

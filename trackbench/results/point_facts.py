@@ -5,6 +5,7 @@ or data file.
 """
 
 import json
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -16,6 +17,7 @@ from trackbench.config.experiment import Point
 from trackbench.config.python_tables import path_from
 from trackbench.evaluation.consistency_and_calibration import sizes
 from trackbench.metrics import unit_of, without_unit
+from trackbench.statistics.intervals import AcceptedNis
 from trackbench.yaml_source import unprintable_reason
 
 POINTS_FILE = "points.json"
@@ -68,6 +70,19 @@ class PointFacts:
     """components of the truth that are angles"""
     judged: list[int] | None = None
     """first and last step that count, of one recorded run"""
+
+    def accepted_nis(self, label: str) -> AcceptedNis | None:
+        """Return the law of the NIS of what a filter's gate accepts; None without a gate."""
+        keys = self.filters.get(label, {})
+        inner = keys.get("filter")
+        gate = inner.get("gate") if isinstance(inner, dict) else keys.get("gate")
+        if not isinstance(gate, float) or not 0.0 < gate < 1.0 or not self.measured:
+            return None
+        sizes = [len(self.measured)]
+        if isinstance(self.scenario.get("sensor"), list):
+            # Components of several sensors begin with the sensor's number.
+            sizes = [*Counter(name.partition(".")[0] for name in self.measured).values()]
+        return AcceptedNis(gate, tuple(sizes))
 
     def component(self, c: int) -> tuple[str, str]:
         """Name component c of the truth, and its unit; empty where none is known."""

@@ -29,7 +29,7 @@ from trackbench.core.arrays import Array, Index
 from trackbench.core.sums import total
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.consistency_and_calibration import sizes
-from trackbench.evaluation.error_series import LOST_BECAUSE, NOT_FINITE
+from trackbench.evaluation.error_series import LOST_BECAUSE, NO_TRUTH, NOT_FINITE
 from trackbench.evaluation.exact_errors import exact_series
 from trackbench.evaluation.metric_expression import exact_label, measured
 from trackbench.evaluation.summary import (
@@ -79,8 +79,8 @@ class Losses(NamedTuple):
 
     @property
     def is_total(self) -> bool:
-        """True if no run has finite estimates, so that the filter does not work here."""
-        return self.by_code[NOT_FINITE] == self.runs
+        """True if no run has finite estimates and a finite truth, so that there is nothing to show."""
+        return self.by_code[NOT_FINITE] + self.by_code[NO_TRUTH] == self.runs
 
     def __str__(self) -> str:
         reasons = [f"{n} because {LOST_BECAUSE[code]}" for code, n in self.by_code.items() if n]

@@ -29,11 +29,15 @@ def arrivals(sensor: Sensors, recorded: Array | None, z: Array, rng: Streams) ->
     for n, delay in enumerate(delays):
         u = np.empty((T, runs))
         if not isinstance(delay, int):
-            # No fault has a name with a line break.
-            number = zlib.crc32(f"\ndelay of sensor {n + 1}".encode())
-            u = cast(RunStreams, rng).beside(number).random((T, runs))
+            u = cast(RunStreams, rng).beside(stream_number(n)).random((T, runs))
         out[n] = np.minimum(due + drawn_steps(delay, u), T)
     return out
+
+
+def stream_number(sensor: int) -> int:
+    """Return the number of the random streams of a sensor's delays; sensors are counted from 0."""
+    # No fault has a name with a line break.
+    return zlib.crc32(f"\ndelay of sensor {sensor + 1}".encode())
 
 
 def treatment(assume: Assume) -> Late | None:

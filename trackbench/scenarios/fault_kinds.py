@@ -66,7 +66,7 @@ class Fault:
             raise InvalidKeyError("give `steps`, or `from` and `to`", "steps")
         if self.steps is not None and self.steps[0] > self.steps[1]:
             raise InvalidKeyError(f"{[*self.steps]} ends before it begins", "steps")
-        if self.from_ is not None and self.to is not None and self.from_ >= self.to:
+        if self.from_ is not None and self.to is not None and self.from_ > self.to:
             what = f"ends at {self.to:g} s, and begins at {self.from_:g} s; take a later end"
             raise InvalidKeyError(what, "to")
 
@@ -123,6 +123,11 @@ class LargerNoise(Fault):
     def changed_variance(self) -> float:
         """Factor on the variance of the noise of the measurements that the fault changes."""
         return self.factor * self.factor
+
+    @property
+    def known_factor(self) -> float:
+        """Factor on all errors; NaN if it is drawn."""
+        return self.factor if self.share == 1.0 else np.nan
 
     @property
     def variance(self) -> float:
@@ -187,6 +192,11 @@ class Outliers(LargerNoise):
     def uses_noise(self) -> bool:
         """True if the truth must be known."""
         return not isinstance(self.density, UniformClutter)
+
+    @property
+    def known_factor(self) -> float:
+        """Factor on all errors; NaN if it is drawn."""
+        return super().known_factor if self.density is None else np.nan
 
     @property
     def changed_variance(self) -> float:

@@ -24,8 +24,9 @@ from trackbench.models.sensors.base import (
     rows_of,
     sensors_of,
 )
+from trackbench.scenarios.delays import stream_number
 from trackbench.scenarios.fault_kinds import AnyFault as AnyFault
-from trackbench.scenarios.fault_kinds import Bias, Fault, Stretch
+from trackbench.scenarios.fault_kinds import Bias, Fault, Freeze, LargerNoise, Stretch
 
 
 class FaultContext(NamedTuple):
@@ -34,6 +35,8 @@ class FaultContext(NamedTuple):
     sensor: Sensors
     steps: Index
     times: Array
+    starts_with_scans: bool = False
+    """measurements of the start precede the steps"""
 
     def rows(self, fault: Fault) -> slice:
         """Return the rows of the measurement that a fault changes."""
@@ -83,7 +86,20 @@ class FaultContext(NamedTuple):
         if changes_errors and any(getattr(s, "is_count", False) for s in self.sensors(fault)):
             what = "a count (`noise: poisson`) has no such error; take blackout or freeze"
             raise InvalidKeyError(what, "kind")
+        if isinstance(fault, Freeze) and not self._measures_before(fault):
+            what = "no measurement is before this fault that a frozen sensor could repeat; "
+            what += "begin later, or take blackout"
+            key = "steps" if fault.steps else "kind" if fault.from_ is None else "from"
+            raise InvalidKeyError(what, key)
         fault.check(self.components(fault))
+
+    def _measures_before(self, fault: Fault) -> bool:
+        """Test whether each of the fault's sensors measures before it, by its period."""
+        earlier = self.steps[1:][: int(np.argmax(self.measured(fault)))]
+        if self.starts_with_scans:
+            return True
+        sensors = self.sensors(fault)
+        return all(((earlier - one.offset) % one.period == 0).any() for one in sensors)
 
     def windows(self, faults: Sequence[Fault], scored: Mask) -> dict[str, Mask]:
         """Select the steps (K,) of each fault, and those after it up to the next one."""
@@ -104,36 +120,86 @@ class FaultContext(NamedTuple):
         self, faults: Sequence[Fault], truth: Array, z: Array, scans: Array, rng: Streams
     ) -> Array:
         """Add the faults to measurements (n_z, T, M) in order of time; ``scans`` precede them."""
-        drawn, z, more_noise = z, z.copy(), np.zeros_like(z)
-        for fault in sorted(faults, key=lambda fault: int(np.argmax(self.measured(fault)))):
+        z, numbers = z.copy(), self._stream_numbers(faults)
+        for fault in self._in_order(faults):
             rows, inside = self.rows(fault), self.measured(fault)
             earlier = np.concatenate([scans, z[:, : int(np.argmax(inside))]], axis=1)[rows]
             stretch = self._stretch(fault, z)._replace(before=_latest(earlier))
-            # Draws depend on the name alone.
-            opened = cache(partial(cast(RunStreams, rng).beside, zlib.crc32(fault.name.encode())))
+            if isinstance(fault, Freeze):
+                self._check_frozen(fault, stretch)
+            # Draws depend on the names alone.
+            opened = cache(partial(cast(RunStreams, rng).beside, numbers[fault.name]))
             stretch = stretch._replace(streams=opened)
             if fault.uses_noise:
-                # The errors as earlier faults have made them.
-                noise = self._noise(truth, drawn, inside)[rows] + more_noise[rows, inside]
-                stretch = stretch._replace(noise=noise)
-            faulty = fault.faulty(stretch)
-            if fault.uses_noise:
-                more_noise[rows, inside] += faulty - stretch.z
-            z[rows, inside] = faulty
+                # The errors as earlier faults have made them, those of a bias or a frozen value too.
+                stretch = stretch._replace(noise=self._noise(truth, z, inside)[rows])
+            z[rows, inside] = fault.faulty(stretch)
         return z
+
+    def _stream_numbers(self, faults: Sequence[Fault]) -> dict[str, int]:
+        """Return the number of each fault's random streams: the CRC-32 of its name, if it is free.
+
+        Few names have one CRC-32. The fault that is listed first keeps it; another has the next number.
+        """
+        numbers: dict[str, int] = {}
+        taken = {stream_number(n) for n in range(len(sensors_of(self.sensor)))}
+        for fault in faults:
+            number = zlib.crc32(fault.name.encode())
+            while number in taken:
+                number += 1
+            taken.add(number)
+            numbers[fault.name] = number
+        return numbers
+
+    def _in_order(self, faults: Sequence[Fault]) -> list[Fault]:
+        """Sort the faults by their first steps, those of one step as they are listed."""
+        return sorted(faults, key=lambda fault: int(np.argmax(self.measured(fault))))
+
+    def _check_frozen(self, fault: Fault, stretch: Stretch) -> None:
+        """Raise ValueError for a recorded sensor that freezes before its first measurement."""
+        certain = all(one.detection == 1 for one in self.sensors(fault))
+        measured = ~np.isnan(stretch.z).all(axis=(1, 2))
+        unknown = np.isnan(stretch.before).all(axis=1)
+        if certain and (measured & unknown).any():
+            name = stretch.components[int(np.argmax(measured & unknown))]
+            what = f"the fault {fault.name!r} freezes `{name}` before its first measurement"
+            raise ValueError(f"{what}; begin later, or take blackout")
 
     def corrected(self, faults: Sequence[Fault], z: Array) -> Array:
         """Correct measurements (n_z, T, M) for a filter that knows of the faults."""
-        z = z.copy()
-        for fault in faults:
-            z[self.rows(fault), self.measured(fault)] = fault.corrected(self._stretch(fault, z))
+        z, ordered = z.copy(), self._in_order(faults)
+        for i, fault in enumerate(ordered):
+            part = self.rows(fault), self.measured(fault)
+            stretch = self._stretch(fault, z)
+            corrected, factor = fault.corrected(stretch), self._factor(ordered[i + 1 :])[part]
+            if (factor != 1.0).any():
+                # Later faults have multiplied the error, too.
+                corrected = z[part] - factor[..., None] * (z[part] - corrected)
+            z[part] = corrected
         return z
+
+    def _factor(self, faults: Sequence[Fault]) -> Array:
+        """Return the factor (n_z, T) of these faults on errors of earlier ones; NaN if it is drawn."""
+        factor = np.ones((len(self.sensor.components), len(self.steps) - 1))
+        for fault in faults:
+            if isinstance(fault, LargerNoise):
+                factor[self.rows(fault), self.measured(fault)] *= fault.known_factor
+        return factor
 
     def known_sensor(self, faults: Sequence[Fault], assumed: Sensors) -> Sensor:
         """Give the assumed sensor the noise of the faults; raises InvalidKeyError."""
         if not faults:
             raise InvalidKeyError("has no effect: the scenario has no `faults`", "assume", "faults")
         scales = np.ones((len(self.sensor.components), len(self.steps) - 1))
+        ordered = self._in_order(faults)
+        for i, fault in enumerate(ordered):
+            factor = self._factor(ordered[i + 1 :])[self.rows(fault), self.measured(fault)]
+            if isinstance(fault, Bias) and np.isnan(factor).any():
+                what = f"a later fault multiplies the bias of {fault.name!r} by a random factor, "
+                what += (
+                    "and no filter knows its law; give the later one a `factor` without a `share`"
+                )
+                raise InvalidKeyError(what, "assume", "faults")
         for fault in faults:
             if fault.variance == np.inf:
                 what = f"the density of {fault.name!r} has no variance about the truth: it is uniform, "

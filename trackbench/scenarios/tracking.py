@@ -14,6 +14,7 @@ from trackbench.core.random_streams import Streams
 from trackbench.field_types import Finite, InvalidKeyError, Natural, Positive, Registered, Unit
 from trackbench.models.base import Model, SampledMotion
 from trackbench.models.delays import Late
+from trackbench.models.motions.irregular import with_angle_names
 from trackbench.models.motions.kinematic import ConstantVelocity
 from trackbench.models.motions.nonlinear import AngledMotion
 from trackbench.models.sensors.base import (
@@ -101,7 +102,8 @@ class Tracking(Scenario):
 
     @property
     def _fault_context(self) -> FaultContext:
-        return FaultContext(self.true_sensor, self.steps, self.times)
+        starts_with_scans = self._start.scans > 0
+        return FaultContext(self.true_sensor, self.steps, self.times, starts_with_scans)
 
     @property
     def longest_delay(self) -> int:
@@ -199,7 +201,7 @@ class Tracking(Scenario):
         # The motion's first components are the target's; more may follow.
         if isinstance(motion, AngledMotion) and self.angles:
             motion = motion.with_angles(self.angles, self.target.axes)
-        sampled = self._timeline.sampled(motion, self.target.axes)
+        sampled = with_angle_names(self._timeline.sampled(motion, self.target.axes), self.angles)
         if sampled.components[: len(self.components)] != self.components:
             what = f"a motion of {', '.join(sampled.components)} for {', '.join(self.components)}"
             raise InvalidKeyError(what, "assume")

@@ -23,8 +23,15 @@ from trackbench.statistics.estimates import (
     as_difference_of_variances,
     linear_combination,
     quotient,
+    ratio_interval,
 )
-from trackbench.statistics.intervals import Events, Sides, normal_of_t, studentized_difference
+from trackbench.statistics.intervals import (
+    Events,
+    Sides,
+    deviations,
+    normal_of_t,
+    studentized_difference,
+)
 from trackbench.statistics.over_runs import STATISTICS, influence, mean, without_rounding
 
 Key = TypeVar("Key", bound=Hashable)
@@ -92,6 +99,19 @@ class Comparison(NamedTuple):
     def ratio(self) -> RunEstimate:
         """``a / b``, with its influences."""
         return quotient(self.a, self.b)
+
+    @property
+    def ratio_interval(self) -> tuple[float, float]:
+        """95 % interval of ``a / b`` by the test of the difference; NaN without an error."""
+        return ratio_interval(self.a, self.b)
+
+    @property
+    def interval_contradicts(self) -> bool:
+        """True if the pair's own 95 % interval shows a difference that is not significant.
+
+        The interval is of this pair alone, and the mark is of the whole family at `rules.LEVEL`.
+        """
+        return self.sign == 0 and abs(self.z) > deviations(0.95)
 
     def word(self, more_is_better: bool = False) -> str:
         """Return the word on a."""

@@ -1,5 +1,6 @@
 """A measured number with its error, one influence per run where it can, and how two become one."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -275,6 +276,75 @@ def quotient(a: RunEstimate, b: RunEstimate) -> RunEstimate:
     influences = influence_of_ratio(a.value, b.value, of_a, of_b)
     stderr = mean(influences[~np.isnan(influences)]).stderr
     return term._replace(influences=influences, stderr=stderr)
+
+
+_FARTHEST_RATIO = 1e4
+"""Multiple of a ratio beyond which its limit counts as infinite."""
+_RATIO_STEP = 0.01
+"""First step from a ratio, as a share of it, in the search of its limits."""
+_RATIO_ROUNDING = 1e-6
+"""Share of a ratio to which its limits are found."""
+
+
+@ignore_float_errors
+def ratio_interval(a: RunEstimate, b: RunEstimate, level: float = 0.95) -> tuple[float, float]:
+    """Return the confidence interval of ``a / b`` of two numbers that cannot be negative.
+
+    It has every ratio r for which the test of ``a - r b = 0`` does not reject (Fieller 1954, J. R.
+    Statist. Soc. B 16, 175). So it excludes 1 exactly if the difference of a and b is significant at
+    that level. Its upper end is infinite if b may be zero; NaN without an error.
+
+    Parameters
+    ----------
+    a, b
+        numbers of the same runs, or of the steps of one recording
+    level
+        confidence
+    """
+    ratio = float(np.divide(a.value, b.value))
+    if not 0.0 < ratio < np.inf or not b.value > 0.0:
+        return np.nan, np.nan
+    limit = inference.deviations(level)
+
+    def excludes(r: float) -> bool:
+        return abs(_less_multiple(a, b, r).z()) >= limit
+
+    if np.isnan(_less_multiple(a, b, (1.0 + _RATIO_STEP) * ratio).z()):
+        return np.nan, np.nan
+    # Doubled steps look for a ratio that is excluded, down to zero and up to the farthest.
+    low = _limit_of_ratio(excludes, ratio, -_RATIO_STEP * ratio, 0.0)
+    high = _limit_of_ratio(excludes, ratio, _RATIO_STEP * ratio, _FARTHEST_RATIO * ratio)
+    return low, high if high < _FARTHEST_RATIO * ratio else np.inf
+
+
+def _less_multiple(a: RunEstimate, b: RunEstimate, r: float) -> RunEstimate:
+    """Return ``a - r b``, paired by runs or steps."""
+    if isinstance(a, OfSteps) and isinstance(b, OfSteps):
+        return a.minus(b, r)
+    return linear_combination(a.value - r * b.value, a, b, 1.0, -r)
+
+
+def _limit_of_ratio(
+    excludes: Callable[[float], bool], ratio: float, step: float, farthest: float
+) -> float:
+    """Return where a test begins to exclude ratios on one side; the farthest one if it does nowhere."""
+    # Step 1: double the step until the test excludes.
+    inside, outside = ratio, ratio + step
+    while not excludes(outside):
+        step *= 2.0
+        inside, outside = outside, ratio + step
+        if abs(step) >= abs(farthest - ratio):
+            if not excludes(farthest):
+                return farthest
+            outside = farthest
+    # Step 2: bisect between the last two ratios.
+    while abs(outside - inside) > _RATIO_ROUNDING * ratio:
+        middle = 0.5 * (inside + outside)
+        if excludes(middle):
+            outside = middle
+        else:
+            inside = middle
+    return outside
 
 
 @ignore_float_errors

@@ -17,6 +17,7 @@ values with a lognormal tail (sigma 1) cover 93 to 96 % by that, where plain Stu
 difference of variances has limits of its own (`of_variances`).
 """
 
+from dataclasses import dataclass
 from math import copysign, inf, sqrt
 from typing import NamedTuple, Protocol
 
@@ -259,6 +260,50 @@ def anees_band(n_x: int, runs: float, level: float = 0.95) -> tuple[float, float
     shares = [0.5 - level / 2.0, 0.5 + level / 2.0]
     low, high = 2.0 * gammaincinv(n_x * runs / 2.0, shares) / (n_x * runs)
     return float(low), float(high)
+
+
+@dataclass(frozen=True)
+class AcceptedNis:
+    """Law of the NIS per component of the measurements that a consistent filter's gate accepts.
+
+    A gate at the quantile q of the chi-square law F_n cuts its tail off. The rest has the mean
+    ``n F_{n+2}(q) / F_n(q)`` and the mean square ``n (n + 2) F_{n+4}(q) / F_n(q)`` (Johnson, Kotz &
+    Balakrishnan 1994, chapter 18). Several sensors have a gate each. If they measure at one time, their
+    innovations depend on each other, and the mean is between that of the sensors' laws and 1.
+    """
+
+    gate: float
+    """probability of a good measurement within the gate"""
+    sizes: tuple[int, ...]
+    """number of components of each sensor's measurement"""
+
+    @property
+    def mean(self) -> tuple[float, float]:
+        """Least and largest mean of a consistent filter: equal for one sensor."""
+        least = min(self._moments(n)[0] for n in self.sizes)
+        return least, least if len(self.sizes) == 1 else 1.0
+
+    def band(self, components: float, level: float = 0.95) -> tuple[float, float]:
+        """Return the band of a mean over so many components, as `anees_band` without a gate."""
+        lowest = []
+        for n in self.sizes:
+            # A chi-square over its degrees of freedom, times a factor, with the mean's two moments.
+            mean, variance = self._moments(n)
+            freedom = 2.0 * mean * mean * components / (n * variance)
+            low, high = anees_band(1, freedom, level)
+            lowest.append(mean * low)
+            if len(self.sizes) == 1:
+                return mean * low, mean * high
+        return min(lowest), anees_band(1, components, level)[1]
+
+    def _moments(self, n: int) -> tuple[float, float]:
+        """Return mean and variance of an accepted measurement's NIS over its n components."""
+        from scipy.special import chdtr, chdtri
+
+        quantile = chdtri(n, 1.0 - self.gate)
+        mean = chdtr(n + 2, quantile) / self.gate
+        square = (n + 2.0) / n * chdtr(n + 4, quantile) / self.gate
+        return float(mean), float(square - mean * mean)
 
 
 @np.errstate(all="ignore")

@@ -33,6 +33,8 @@ TINY = 0.01
 """Share of a number below which a significant difference is called tiny, unless the config has one."""
 NEAR_BEST = 2.0
 """Ratio to the best up to which an error without a significant difference shares the mark."""
+NATS_NEAR_BEST = log(NEAR_BEST)
+"""Nats below the best up to which a log score shares it: the predicted density is half as large."""
 NOT_CHANCE = 4.0
 """Standard errors from which a number that should be zero, one of some dozens, is not."""
 EQUAL, BETTER, WORSE = "equal", "better", "worse"
@@ -142,13 +144,19 @@ def is_no_chance(number: Estimate, runs: int) -> bool:
     return abs(normal_of_t(z_score(number), max(runs - 1.0, 1.0))) > NOT_CHANCE
 
 
-def credibility(low: float, high: float) -> str:
-    """Return the word on a filter from the 95 % interval of its ANEES or ANIS; empty if undecided."""
+def credibility(low: float, high: float, sign: int, mean: tuple[float, float] = (1.0, 1.0)) -> str:
+    """Return the word on a filter from its ANEES or ANIS; empty if undecided.
+
+    It is calibrated if the 95 % interval (``low``, ``high``) is within `NEAR` of ``mean``, the least
+    and the largest mean of a consistent filter. Otherwise the ``sign`` of a significant difference from
+    these decides, by Holm at `LEVEL` over the filters of a table.
+    """
+    least, largest = mean
     if not isfinite(low + high):
         return ""
-    if low >= 1.0 - NEAR and high <= 1.0 + NEAR:
+    if low >= least * (1.0 - NEAR) and high <= largest * (1.0 + NEAR):
         return "calibrated"
-    return "overconfident" if low > 1.0 else "underconfident" if high < 1.0 else ""
+    return {1: "overconfident", -1: "underconfident"}.get(sign, "")
 
 
 def share_that_matters(of_config: float | str | None) -> float:

@@ -7,20 +7,21 @@ from bayesfilter.model import StateTransitionModel
 from bayesfilter.observation import Observation
 
 from benchmarks.audit.linear import Functions
+from benchmarks.audit.nonlinear import EXTENDED, SigmaPoints
 
 
 class Unscented(Functions, kind="BayesianFilter, unscented"):
     jacobian = False
+    rule = SigmaPoints(alpha=1e-3, beta=2.0, kappa=-1.0)
+    shown_by = "bayesfilter_unscented"
 
     def start(self, mean, cov):
-        self.sensor_matrices()  # it has no option for angles
+        self.refuse_angles()
         self.now = Gaussian(mean, cov)
 
     def step(self, z, dt):
         Q, R = self.noises
-        motion = StateTransitionModel(
-            lambda x, dt: self.f(x), Q, lambda x, dt: self.motion_matrices()[0]
-        )
+        motion = StateTransitionModel(lambda x, dt: self.f(x), Q, lambda x, dt: self.F(x))
         one = BayesianFilter(motion, self.now)
         self.now = one.predict(self.now, dt, use_jacobian=self.jacobian)
         if z is not None:
@@ -31,3 +32,5 @@ class Unscented(Functions, kind="BayesianFilter, unscented"):
 
 class Extended(Unscented, kind="BayesianFilter, extended"):
     jacobian = True
+    rule = EXTENDED
+    shown_by = "?"

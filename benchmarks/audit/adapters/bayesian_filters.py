@@ -11,6 +11,7 @@ from bayesian_filters.kalman import (
 )
 
 from benchmarks.audit.linear import Functions
+from benchmarks.audit.nonlinear import CUBATURE, SigmaPoints
 from trackbench.adapters import FilterPy
 
 
@@ -30,8 +31,10 @@ class SquareRoot(Linear, kind="SquareRootKalmanFilter"):
 
 
 class Unscented(FilterPy, Functions, kind="UnscentedKalmanFilter, Merwe"):
+    rule = SigmaPoints(alpha=0.5, beta=2.0)
+
     def make(self, dt):
-        self.sensor_matrices()
+        self.refuse_angles()
         points = MerweScaledSigmaPoints(4, alpha=0.5, beta=2.0, kappa=0.0)
         one = UnscentedKalmanFilter(4, 2, dt, self.h, lambda x, dt: self.f(x), points)
         one.Q, one.R = self.noises
@@ -40,9 +43,10 @@ class Unscented(FilterPy, Functions, kind="UnscentedKalmanFilter, Merwe"):
 
 class Cubature(FilterPy, Functions, kind="CubatureKalmanFilter"):
     shown_by = "filterpy_cubature"
+    rule = CUBATURE
 
     def make(self, dt):
-        self.sensor_matrices()
+        self.refuse_angles()
         one = CubatureKalmanFilter(4, 2, dt, self.h, lambda x, dt: self.f(x))
         one.Q, one.R = self.noises
         return one

@@ -15,6 +15,7 @@ from filterpy.kalman import (
 )
 
 from benchmarks.audit.linear import Functions
+from benchmarks.audit.nonlinear import CUBATURE, EXTENDED, SigmaPoints
 from trackbench.adapters import FilterPy
 
 
@@ -67,11 +68,18 @@ class Without(Information, kind="InformationFilter, no log-likelihood"):
 
 class Extended(FilterPy, Functions, kind="ExtendedKalmanFilter"):
     shown_by = "filterpy_distance"
+    rule = EXTENDED
+
+    def move(self, one):
+        """Set F and the prediction, which the class documents to be overridden."""
+        one.F = self.F(one.x)
+        one.x = self.f(one.x)
 
     def make(self, dt):
         one = ExtendedKalmanFilter(dim_x=4, dim_z=2)
         one.x = np.zeros(4)  # else columns, also of h and residual
-        one.F, (one.Q, one.R) = self.motion_matrices()[0], self.noises
+        one.predict_x = lambda u=0: self.move(one)
+        one.Q, one.R = self.noises
         return one, {"HJacobian": self.H, "Hx": self.h, "residual": self.residual}
 
 
@@ -103,12 +111,16 @@ class Unscented(SigmaPoint):
 class Merwe(Unscented, kind="UnscentedKalmanFilter, Merwe"):
     shown_by = "filterpy_unscented"
 
+    rule = SigmaPoints(alpha=0.5, beta=2.0)
+
     def points(self):
         return MerweScaledSigmaPoints(4, alpha=0.5, beta=2.0, kappa=0.0)
 
 
 class Julier(Unscented, kind="UnscentedKalmanFilter, Julier"):
     shown_by = "filterpy_unscented"
+
+    rule = SigmaPoints(kappa=1.0)
 
     def points(self):
         return JulierSigmaPoints(4, kappa=1.0)
@@ -117,15 +129,18 @@ class Julier(Unscented, kind="UnscentedKalmanFilter, Julier"):
 class Simplex(Unscented, kind="UnscentedKalmanFilter, simplex"):
     shown_by = "filterpy_simplex"
 
+    rule = SigmaPoints(is_simplex=True)
+
     def points(self):
         return SimplexSigmaPoints(4)
 
 
 class Cubature(SigmaPoint, kind="CubatureKalmanFilter"):
     shown_by = "filterpy_cubature"
+    rule = CUBATURE
 
     def make(self, dt):
-        self.sensor_matrices()  # linear only: what its update takes differs by release
+        self.refuse_angles()
         one = CubatureKalmanFilter(4, 2, dt, self.h, lambda x, dt: self.f(x))
         one.Q, one.R = self.noises
         return one

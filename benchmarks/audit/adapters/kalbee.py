@@ -5,6 +5,7 @@ import numpy as np
 from kalbee.modules.filters.sr_ukf import SquareRootUKF
 
 from benchmarks.audit.linear import Functions
+from benchmarks.audit.nonlinear import CUBATURE, EXTENDED, SigmaPoints
 
 
 class Linear(Functions):
@@ -57,15 +58,18 @@ class CholeskyCovariance(Functions, kind="CholeskyKalmanFilter.covariance"):
 
 
 class Nonlinear(Functions):
-    """Any class of f and h; there is no option for angles, so only on a linear model."""
+    """Any class of f and h; there is no option for angles."""
 
     def start(self, mean, cov):
-        self.sensor_matrices()
+        self.refuse_angles()
         Q, R = self.noises
-        self.one = self.new(mean[:, None], cov, Q, R, lambda x, dt: self.f(x), self.h_column)
+        self.one = self.new(mean[:, None], cov, Q, R, self.f_column, self.h_column)
 
     def new(self, *arguments):
         return self.cls(*arguments)
+
+    def f_column(self, x, dt):
+        return self.f(x)[:, None]
 
     def h_column(self, x):
         return self.h(x)[:, None]
@@ -79,27 +83,34 @@ class Nonlinear(Functions):
 
 
 class Extended(Nonlinear, kind="ExtendedKalmanFilter"):
+    rule = EXTENDED
+    shown_by = "kalbee_ekf"
+
     def new(self, *arguments):
         return kalbee.ExtendedKalmanFilter(
             *arguments,
-            transition_jacobian=lambda x, dt: self.motion_matrices()[0],
+            transition_jacobian=lambda x, dt: self.F(x),
             measurement_jacobian=self.H,
         )
 
 
 class Unscented(Nonlinear, kind="UnscentedKalmanFilter"):
+    rule = SigmaPoints(alpha=1e-3, beta=2.0)
     cls = kalbee.UnscentedKalmanFilter
 
 
 class SigmaPoint(Nonlinear, kind="SigmaPointUKF"):
+    rule = SigmaPoints(alpha=1e-3, beta=2.0)
     shown_by = "kalbee_sigma_point_ukf"
 
     cls = kalbee.SigmaPointUKF
 
 
 class Cubature(Nonlinear, kind="CubatureKalmanFilter"):
+    rule = CUBATURE
     cls = kalbee.CubatureKalmanFilter
 
 
 class RootUnscented(Nonlinear, kind="SquareRootUKF"):
+    rule = SigmaPoints(alpha=1e-3, beta=2.0)
     cls = SquareRootUKF

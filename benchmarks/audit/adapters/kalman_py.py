@@ -3,6 +3,7 @@
 from kalman_py import ExtendedKalmanFilter, KalmanFilter, UnscentedKalmanFilter
 
 from benchmarks.audit.linear import Functions, Matrices
+from benchmarks.audit.nonlinear import EXTENDED, SigmaPoints
 
 
 class Kalman(Matrices, kind="KalmanFilter"):
@@ -24,6 +25,7 @@ class SquareRoot(Kalman, kind="KalmanFilter, square root"):
 
 
 class Unscented(Functions, kind="UnscentedKalmanFilter"):
+    rule = SigmaPoints(alpha=1.0, beta=2.0)
     square_root = False
 
     def start(self, mean, cov):
@@ -44,10 +46,12 @@ class Unscented(Functions, kind="UnscentedKalmanFilter"):
 
 
 class Extended(Unscented, kind="ExtendedKalmanFilter"):
+    rule = EXTENDED
+
     def new(self, *model):
         return ExtendedKalmanFilter(
             *model,
-            jac_f=lambda x, dt: self.motion_matrices()[0],
+            jac_f=lambda x, dt: self.F(x),
             jac_h=self.H,
             residual_z=self.residual,
             square_root=self.square_root,

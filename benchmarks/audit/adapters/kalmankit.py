@@ -4,6 +4,7 @@ import numpy as np
 from kalmankit import ExtendedKalmanFilter, KalmanFilter
 
 from benchmarks.audit.linear import Functions
+from benchmarks.audit.nonlinear import EXTENDED
 
 NONE = np.array([np.nan])  # no control input
 
@@ -22,12 +23,13 @@ class Kalman(Functions, kind="KalmanFilter.predict, update"):
 
 
 class Extended(Kalman, kind="ExtendedKalmanFilter.predict, update"):
+    rule = EXTENDED
+
     def step(self, z, dt):
-        self.sensor_matrices()  # linear only: it has no option for angles
+        self.refuse_angles()
         Q, R = self.noises
-        F = self.motion_matrices()[0]
         one = ExtendedKalmanFilter(
-            self.x, self.P, [Q], [R], lambda x, u: self.f(x), self.h, lambda x, u: F, self.H
+            self.x, self.P, [Q], [R], lambda x, u: self.f(x), self.h, lambda x, u: self.F(x), self.H
         )
         self.x, self.P = one.predict(self.x, NONE, self.P, Q)
         if z is not None:

@@ -5,6 +5,7 @@ from pykalman import AdditiveUnscentedKalmanFilter, KalmanFilter, UnscentedKalma
 from pykalman.sqrt import BiermanKalmanFilter, CholeskyKalmanFilter
 
 from benchmarks.audit.linear import Batch, Functions, Matrices
+from benchmarks.audit.nonlinear import Augmented, SigmaPoints
 
 
 class Standard(Batch, kind="KalmanFilter.filter"):
@@ -59,9 +60,11 @@ class Bierman(OfRoots, kind="BiermanKalmanFilter.filter"):
 
 
 class Additive(Functions, kind="AdditiveUnscentedKalmanFilter.filter_update"):
+    rule = SigmaPoints(kappa=-1.0)
+
     def start(self, mean, cov):
         self.x, self.P = mean, cov
-        self.sensor_matrices()  # linear only: it has no option for angles
+        self.refuse_angles()
 
     def step(self, z, dt):
         Q, R = self.noises
@@ -73,6 +76,8 @@ class Additive(Functions, kind="AdditiveUnscentedKalmanFilter.filter_update"):
 
 
 class Unscented(Additive, kind="UnscentedKalmanFilter.filter_update"):
+    rule = Augmented(kappa=-7.0)
+
     def new(self, Q, R):
         return UnscentedKalmanFilter(
             lambda x, v: self.f(x) + v, lambda x, v: self.h(x) + v, Q, R, self.x, self.P

@@ -5,6 +5,7 @@ from stonesoup.predictor import kalman as predictors
 from stonesoup.types.state import SqrtGaussianState
 from stonesoup.updater import kalman as updaters
 
+from benchmarks.audit.nonlinear import CUBATURE, EXTENDED, Iterated, SigmaPoints
 from trackbench.adapters import StoneSoup
 
 
@@ -14,6 +15,8 @@ class Kalman(StoneSoup, kind="KalmanUpdater"):
 
 
 class Extended(StoneSoup, kind="ExtendedKalmanUpdater"):
+    rule = EXTENDED
+
     def make(self, transition, measurement):
         return (
             predictors.ExtendedKalmanPredictor(transition),
@@ -22,6 +25,8 @@ class Extended(StoneSoup, kind="ExtendedKalmanUpdater"):
 
 
 class Unscented(StoneSoup, kind="UnscentedKalmanUpdater"):
+    rule = SigmaPoints(alpha=0.5, beta=2.0, kappa=-1.0)
+
     def make(self, transition, measurement):
         return (
             predictors.UnscentedKalmanPredictor(transition),
@@ -30,6 +35,8 @@ class Unscented(StoneSoup, kind="UnscentedKalmanUpdater"):
 
 
 class Cubature(StoneSoup, kind="CubatureKalmanUpdater"):
+    rule = CUBATURE
+
     def make(self, transition, measurement):
         return (
             predictors.CubatureKalmanPredictor(transition),
@@ -38,6 +45,8 @@ class Cubature(StoneSoup, kind="CubatureKalmanUpdater"):
 
 
 class Iterated(StoneSoup, kind="IteratedKalmanUpdater"):
+    rule = Iterated()
+
     def make(self, transition, measurement):
         return (
             predictors.ExtendedKalmanPredictor(transition),
@@ -46,6 +55,8 @@ class Iterated(StoneSoup, kind="IteratedKalmanUpdater"):
 
 
 class SquareRoot(StoneSoup, kind="SqrtKalmanUpdater"):
+    rule = EXTENDED
+
     def make(self, transition, measurement):
         return (
             predictors.SqrtKalmanPredictor(transition),

@@ -5,6 +5,7 @@ from tfilterspy.state_estimation.linear_filters import KalmanFilter
 from tfilterspy.state_estimation.unscented_kalman import UnscentedKalmanFilter
 
 from benchmarks.audit.linear import Functions
+from benchmarks.audit.nonlinear import EXTENDED, SigmaPoints
 
 
 class Online(Functions):
@@ -28,17 +29,18 @@ class Kalman(Online, kind="KalmanFilter.filter_step"):
 
 
 class Extended(Online, kind="ExtendedKalmanFilter.filter_step"):
+    rule = EXTENDED
+
     def new(self, scale):
-        self.sensor_matrices()
+        self.refuse_angles()
         Q, R = self.noises
-        F = self.motion_matrices()[0]
-        return ExtendedKalmanFilter(
-            self.f, self.h, lambda x: F, self.H, Q, scale * R, self.x, self.P
-        )
+        return ExtendedKalmanFilter(self.f, self.h, self.F, self.H, Q, scale * R, self.x, self.P)
 
 
 class Unscented(Online, kind="UnscentedKalmanFilter.filter_step"):
+    rule = SigmaPoints(alpha=1e-3, beta=2.0)
+
     def new(self, scale):
-        self.sensor_matrices()
+        self.refuse_angles()
         Q, R = self.noises
         return UnscentedKalmanFilter(self.f, self.h, Q, scale * R, self.x, self.P)

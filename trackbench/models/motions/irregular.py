@@ -1,12 +1,14 @@
 """A motion over intervals that differ from step to step, as in recorded data."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution
-from trackbench.models.base import Model, Motion, SampledMotion, extra_std
+from trackbench.models.base import Model, Motion, SampledMotion, angle_rows, extra_std
+from trackbench.models.motions.kinematic import Linear
+from trackbench.models.motions.nonlinear import SteppedMotion
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,6 +22,8 @@ class Irregular:
     axes: int
     first: int
     intervals: Array
+    named_angles: tuple[int, ...] = ()
+    """rows of all angles, where the motion itself does not name each of them"""
 
     def motion_at(self, k: int) -> SampledMotion:
         """Return the motion from step k - 1 to step k."""
@@ -57,6 +61,11 @@ class Irregular:
         """Initial standard deviations of further components, as `base.extra_std`."""
         return extra_std(self._one)
 
+    @property
+    def angle_rows(self) -> tuple[int, ...]:
+        """Rows of the state that are angles, as `base.angle_rows`."""
+        return self.named_angles or angle_rows(self._one)
+
     @cached_property
     def _one(self) -> SampledMotion:
         return self.motion_at(self.first)
@@ -72,6 +81,24 @@ def sample_alike(motion: Motion, other: SampledMotion) -> SampledMotion:
     # Each axis has two components; further ones come after them.
     axes = (len(other.components) - len(extra_std(other))) // 2
     return motion.sampled(other.T, axes)  # type: ignore[attr-defined]
+
+
+def angle_names(motion: SampledMotion) -> set[str]:
+    """Return the names of the components that are angles."""
+    return {motion.components[i] for i in angle_rows(motion)}
+
+
+def with_angle_names(motion: SampledMotion, names: Collection[str]) -> SampledMotion:
+    """Give a motion the angles of these names, beside its own."""
+    known = angle_names(motion).union(names)
+    rows = tuple(i for i, name in enumerate(motion.components) if name in known)
+    if rows == angle_rows(motion):
+        return motion
+    if isinstance(motion, Irregular):
+        return replace(motion, named_angles=rows)
+    if isinstance(motion, Linear | SteppedMotion):
+        return replace(motion, angle_rows=rows)
+    return motion
 
 
 def step_length(model: Model, k: int | None = None) -> float:

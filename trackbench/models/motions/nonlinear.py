@@ -105,10 +105,10 @@ class EquationMotion(AngledMotion):
     def sampled(self, T: float, axes: int = 1) -> SampledMotion:
         """Return the motion over T seconds."""
         f, jacobian, Q = self._compiled(T)
-        step = self._step(T, f, jacobian)
+        step, angles = self._step(T, f, jacobian), self.angle_rows(self.components)
         if Q.constant is not None:
-            return AdditiveNoise(self.components, T, step, Q.constant)
-        return StateNoise(self.components, T, step, Q)
+            return AdditiveNoise(self.components, T, step, Q.constant, angle_rows=angles)
+        return StateNoise(self.components, T, step, Q, angle_rows=angles)
 
     @abstractmethod
     def _step(self, T: float, f: ArrayProgram, jacobian: ArrayProgram) -> "Step":
@@ -217,6 +217,7 @@ class SteppedMotion:
     components: tuple[str, ...]
     T: float
     step: Step
+    angle_rows: tuple[int, ...] = field(default=(), kw_only=True)
 
     def jacobian(self, x: Array, k: int) -> Array:
         """Return df/dx (n, n[, *batch])."""
@@ -292,7 +293,8 @@ class NonlinearMotion(AngledMotion):
     @lru_cache(maxsize=64)  # noqa: B019 (a motion is a few numbers)
     def sampled(self, T: float, axes: int = 1) -> AdditiveNoise:
         """Return the motion over T seconds."""
-        return AdditiveNoise(self.components, T, FunctionStep(self, T), fixed(self.Q(T)))
+        step, Q = FunctionStep(self, T), fixed(self.Q(T))
+        return AdditiveNoise(self.components, T, step, Q, angle_rows=step.angles)
 
 
 class FunctionStep(Step):
@@ -335,7 +337,8 @@ class MapMotion(EquationMotion):
         # Linear: the Jacobian and Q are constant, and f(0) = 0.
         F = jacobian.constant
         if F is not None and Q.constant is not None and f.is_zero_at_zero():
-            return Linear(T, F, Q.constant, self.components)
+            angles = self.angle_rows(self.components)
+            return Linear(T, F, Q.constant, self.components, angle_rows=angles)
         return super().sampled(T, axes)
 
     def _step(self, T: float, f: ArrayProgram, jacobian: ArrayProgram) -> Step:

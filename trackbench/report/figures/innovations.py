@@ -1,7 +1,7 @@
 """Figure kinds of innovations: `nis` over time and `autocorrelation` by lag, with their bands."""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from trackbench.report.plotting import style
 from trackbench.report.plotting.style import Figure
 from trackbench.report.results import Results
 from trackbench.report.tables.consistency import autocorrelation_band
-from trackbench.statistics.intervals import anees_band
+from trackbench.statistics.intervals import AcceptedNis, anees_band
 
 _ENOUGH = 60  # measured components whose average is worth a point
 
@@ -26,8 +26,9 @@ class Nis(OverTime):
     """Normalized innovation squared over the number of components, with a consistent filter's band.
 
     Averages over runs and over successive steps, so many that each is of some components; the gray band
-    has 95 % of them (Bar-Shalom, Li & Kirubarajan 2001, section 5.4.2). More than 5 filters over more
-    than 150 steps have a panel each, with the other filters in gray.
+    has 95 % of them (Bar-Shalom, Li & Kirubarajan 2001, section 5.4.2). Each gate
+    has a lower band of its own, as what it accepts has a smaller NIS. More than 5 filters over more than
+    150 steps have a panel each, with the other filters in gray.
     """
 
     requires: ClassVar[dict[str, str]] = {"anis": "per_step", "innovations": "per_step"}
@@ -44,7 +45,8 @@ class Nis(OverTime):
         titles = self.panel_titles(results, self.steps_of(results, measured("anis")))
         figure, panels = self.panels_over_time(results, titles)
         for (ax,), point, title in panels:
-            band: tuple[Array, Array] = (np.empty(0), np.empty(0))
+            bands: dict[AcceptedNis | None, tuple[Array, Array]] = {}
+            looks: dict[AcceptedNis | None, dict[str, Any]] = {None: style.BAND}
             every = (self.lines(results, point, measured(m)) for m in ("anis", "innovations"))
             for (rows, look), (numbers, _) in zip(*every, strict=True):
                 if len(rows):
@@ -53,10 +55,20 @@ class Nis(OverTime):
                     k, value, number = _averages(rows[self.x], rows["value"], count, over)
                     dotted = look | {"marker": "o", "markersize": 2}
                     self.curve(ax, (k, value), dotted, title, titles, over)
-                    band = max(band, (k, number), key=lambda b: len(b[0]))
-            if len(band[0]):
-                low, high = np.array([anees_band(1, round(n)) for n in band[1]]).T
-                ax.fill_between(band[0], low, high, label="95 % band", **style.BAND)
+                    accepted = results.facts(point).accepted_nis(look["label"])
+                    band = bands.get(accepted, (np.empty(0), np.empty(0)))
+                    # The band of a gate has the color of its first filter.
+                    of_gate = {"color": look.get("color"), "alpha": 0.15, "linewidth": 0.0}
+                    looks.setdefault(accepted, of_gate)
+                    bands[accepted] = max(band, (k, number), key=lambda b: len(b[0]))
+            for accepted, (k, number) in bands.items():
+                if accepted is None:
+                    limits, name = [anees_band(1, round(n)) for n in number], "95 % band"
+                else:
+                    limits = [accepted.band(round(n)) for n in number]
+                    name = f"95 % band, gate {accepted.gate:g}"
+                low, high = np.array(limits).T
+                ax.fill_between(k, low, high, label=name, **looks[accepted])
             ax.axhline(1.0, color="black", linewidth=0.6)
         return self.finish(figure, titles)
 

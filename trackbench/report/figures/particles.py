@@ -51,7 +51,9 @@ class ParticlesOfOneRun(FigureKind):
             return {"steps": f"{[first, last]} are no steps of {of_run[0]} to {of_run[-1]}"}
         trackers = points[0].filters
         labels = [*trackers] if self.filters is None else self.filters
-        if not any(trackers[label].particle_count > 1 for label in labels if label in trackers):
+        chosen = [trackers[label] for label in labels if label in trackers]
+        # A filter whose entry has a mistake is None: its mistake is reported alone.
+        if not any(tracker is None or tracker.particle_count > 1 for tracker in chosen):
             return {"" if self.filters is None else "filters": "no filter here has particles"}
         return {}
 

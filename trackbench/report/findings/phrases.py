@@ -65,7 +65,12 @@ def rounded(x: float, digits: int) -> str:
 
 
 def multiple(ratio: float, width: float) -> str:
-    """Return a ratio with the digits that its interval allows, three decimals at most: ``3.2``."""
+    """Return a ratio with the digits that its interval allows, three decimals at most: ``3.2``.
+
+    A ratio of a million or more has two digits and an exponent.
+    """
+    if abs(ratio) >= 1e6:
+        return f"{ratio:.1e}"
     if not 0.0 < width < inf:
         return rounded(ratio, 3)
     return f"{ratio:.{min(3, max(0, ceil(log10(3.0 / width))))}f}"

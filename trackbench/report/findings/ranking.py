@@ -83,8 +83,13 @@ class Rival(NamedTuple):
     @property
     def is_near(self) -> bool:
         """True if its error is at most `rules.NEAR_BEST` times the best, with 95 % confidence."""
-        ratio = self.comparison.ratio
-        return self.comparison.is_equal or ratio.interval()[1] <= rules.NEAR_BEST
+        return self.comparison.is_equal or self.comparison.ratio_interval[1] <= rules.NEAR_BEST
+
+    @property
+    def is_near_score(self) -> bool:
+        """True if its score is at most `rules.NATS_NEAR_BEST` below the best, with 95 % confidence."""
+        low, _ = self.difference.interval()
+        return self.comparison.is_equal or -low <= rules.NATS_NEAR_BEST
 
 
 class Ranking(NamedTuple):
@@ -131,7 +136,7 @@ class Ranking(NamedTuple):
         ):
             return []
         is_score = self.metric.family[0].is_score
-        near = [*takewhile(lambda tie: is_score or tie.is_near, self.ties)]
+        near = [*takewhile(lambda tie: tie.is_near_score if is_score else tie.is_near, self.ties)]
         decides = self.worse or len(near) == len(self.not_worse)
         return self.among_the_best[: len(near) + 1] if decides else []
 
@@ -160,7 +165,7 @@ def rankings(results: Results, metric: str = "") -> list[Ranking]:
         every = []
         for where in scenes(results) if metric else []:
             statistic = compared_statistic(results.config, metric)
-            settings = list(_settings(results, points_of(results, where), metric, statistic))
+            settings = list(candidates_of(results, points_of(results, where), metric, statistic))
             reference = results.config.get("reference")
             every.append(ranking_of(settings, metric, reference)._replace(scene=where))
         results.known_rankings[metric] = every
@@ -172,7 +177,7 @@ def best_settings(results: Results) -> list[Ranking]:
     metric = next(iter(ranking_metrics(results)), "")
     best = []
     for where in scenes(results) if metric else []:
-        settings = list(_settings(results, points_of(results, where), metric))
+        settings = list(candidates_of(results, points_of(results, where), metric))
         for label in dict.fromkeys(c.label for c in settings if c.varied):
             # One ranking for each filter with several values.
             mine = [c for c in settings if c.label == label]
@@ -239,7 +244,7 @@ def ranking_of(
     return ranking._replace(best=best, ties=ties, worse=worse, undecided=undecided)
 
 
-def _settings(
+def candidates_of(
     results: Results, points: Sequence[GridPoint], metric: str, statistic: str = "mean"
 ) -> Iterator[Candidate]:
     """Yield each filter with each of the values that the grid gives it, once."""

@@ -4,11 +4,13 @@ Error, ratio to the best with its 95 % interval, lost runs, consistency in a wor
 """
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain
 from math import inf, isfinite, isinf, isnan, nan
 
 import numpy as np
 
+from trackbench.core.arrays import Array
 from trackbench.errors import counted
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.report.findings import phrases
@@ -19,12 +21,15 @@ from trackbench.report.table import Text, TextTable, rounded
 from trackbench.statistics import rules
 from trackbench.statistics.comparison import Comparison
 from trackbench.statistics.estimates import COLLAPSED_NOTE, collapsed_in_words
-from trackbench.statistics.over_runs import interval, mean
+from trackbench.statistics.intervals import studentized
+from trackbench.statistics.over_runs import influence, interval, mean
 
 _SECONDS = ((1.0, "s"), (1e3, "ms"), (1e6, "µs"))
 _LOST, _ANEES, _TIME = "Lost runs", "ANEES", "CPU per run"
 _FULL_BLOCK = 100
 """Runs that share the calls of a block so that a run's CPU time hardly depends on their number."""
+_FAR = 1000.0
+"""Ratio to the best beyond which an error shows that the filter has left the target."""
 _MOST_SETTINGS = 20
 """Longer tables of a filter's settings are cut to the best."""
 
@@ -60,19 +65,22 @@ def _table(results: Results, standing: Ranking, of_settings: bool) -> TextTable:
     heads = ["Settings" if of_settings else "Filter", head_of(statistic, metric)]
     table = TextTable(title, [*heads, beside, _LOST, _ANEES, _TIME])
     matters = rules.share_that_matters(results.config.get("matters"))
+    reference = [standing.reference] if standing.reference is not None else []
+    words_on = consistency(results, [*shown, *reference])
     for c in shown:
         ratio = "unranked: loses more" if c in standing.losing else _ratio(standing, c, matters)
         at = f" at {c.setting}" * bool(c.varied)
         name = c.setting if of_settings else f"{c.label}{at}"
-        table.rows.append(_row(results, c, name, ratio))
+        table.rows.append(_row(results, c, name, ratio, words_on[c]))
     if not of_settings:
-        for row in _unranked(results, standing, matters):
+        for row in _unranked(results, standing, matters, words_on):
             _insert(table.rows, row, is_score)
     words = " ".join(row[2].text for row in table.rows)
     if "n.s." in words:
         table.notes.append(
             f"n.s.: not significant at {100 * rules.LEVEL:g} % over all pairs of filters (an interval "
-            f"is of its pair alone){_runs_needed(standing)}."
+            f"is of its pair alone, and left out where it would show a difference)"
+            f"{_runs_needed(standing)}."
         )
     if "tiny" in words:
         table.notes.append(f"tiny: significant, but at most {phrases.percent(matters)}.")
@@ -80,7 +88,21 @@ def _table(results: Results, standing: Ranking, of_settings: bool) -> TextTable:
         table.notes.append(COLLAPSED_NOTE)
     if 1 < standing.runs < _FULL_BLOCK and any(row[-1].text != "–" for row in table.rows):
         table.notes.append("CPU times: a run takes less in blocks of more runs.")
-    return _without_empty(results, table)
+    far = _far_from_best(standing)
+    if far:
+        table.notes.append(
+            f"{phrases.listed(far)}: more than {_FAR:g} times the error of the best, and no run counts "
+            "as lost: `lost_beyond` under `score` sets the error from which a run does."
+        )
+    return _without_empty(results, table, names_losses=not far)
+
+
+def _far_from_best(standing: Ranking) -> list[str]:
+    """Name the filters that lost no run and have an error far beyond that of the best."""
+    if standing.metric.family[0].is_score or not standing.order:
+        return []
+    limit = _FAR * standing.order[0].overall.value
+    return [c.name for c in standing.order if not c.losses and c.overall.value > limit > 0.0]
 
 
 def _runs_ranked(standing: Ranking) -> str:
@@ -107,25 +129,28 @@ def _insert(rows: list[list[Text]], row: list[Text], is_score: bool) -> None:
     rows.insert(place, row)
 
 
-def _row(results: Results, c: Candidate, name: str, ratio: str) -> list[Text]:
-    seconds = _cpu_s(results, c)
+def _row(results: Results, c: Candidate, name: str, ratio: str, word: str) -> list[Text]:
+    seconds = cpu_seconds(results, c)
     looped = " *" * (c.label in results.loops_over_runs)
     return [
         Text(name),
         Text("–" if isnan(c.overall.value) else rounded(*c.overall, 4), c.overall.value),
         Text(ratio),
         Text(f"{c.losses} of {len(c.lost)}" if c.losses else "0", c.losses),
-        Text(consistency(results, c) or "–"),
+        Text(word or "–"),
         Text(f"{_duration(seconds)}{looped}" if isfinite(seconds) else "–", seconds),
     ]
 
 
-def _unranked(results: Results, standing: Ranking, matters: float) -> Iterator[list[Text]]:
+def _unranked(
+    results: Results, standing: Ranking, matters: float, words_on: Mapping[Candidate, str]
+) -> Iterator[list[Text]]:
     """Yield the reference, the bound, exact errors, and filters without a number."""
     metric, reference = standing.metric, standing.reference
     if reference is not None:
         ratio = _ratio(standing, reference, matters)
-        yield _row(results, reference, f"{reference.label} (reference)", ratio)
+        name = f"{reference.label} (reference)"
+        yield _row(results, reference, name, ratio, words_on[reference])
     point = results.points()[0] | standing.scene
     statistic = next((c.sample.statistic for c in standing.order), "")
     rows = results.columns("summary", point).where(metric=f"rms({metric.metric})")
@@ -150,7 +175,7 @@ def _ratio(standing: Ranking, c: Candidate, matters: float) -> str:
     comparison = standing.compared.get(c.name)
     if comparison is None:
         first = "0" if standing.metric.family[0].is_score else "1"
-        return first if c is standing.order[0] else "–"
+        return first if c in standing.order[:1] else "–"
     if comparison.is_equal:
         return "equal"
     value, low, high = _beside(standing.metric, comparison)
@@ -159,7 +184,14 @@ def _ratio(standing: Ranking, c: Candidate, matters: float) -> str:
     is_score, wide = standing.metric.family[0].is_score, high - low
     texts = [f"{x:.2g}" if is_score else phrases.multiple(x, wide) for x in (value, low, high)]
     text = texts[0] + " x" * (not is_score)
-    text += f" ({texts[1]} to {texts[2]})" if isfinite(wide) else ""
+    if isfinite(wide):
+        interval_text = f" ({texts[1]} to {texts[2]})"
+    elif isfinite(low):
+        interval_text = f" (more than {phrases.rounded(low, 2)})"
+    else:
+        interval_text = ""
+    if not comparison.interval_contradicts:
+        text += interval_text
     if not comparison.is_tested:
         return text if standing.best is None else f"{text} {rules.UNTESTED}"
     if not comparison.sign:
@@ -174,8 +206,7 @@ def _beside(metric: Measure, comparison: Comparison) -> tuple[float, float, floa
         comparison = comparison.swapped
         value, limits = comparison.difference.value, comparison.difference.interval()
     else:
-        value, limits = comparison.ratio.value, comparison.ratio.interval()
-        limits = max(limits[0], 0.0), limits[1]
+        value, limits = comparison.ratio.value, comparison.ratio_interval
     return (value, *limits) if comparison.is_tested else (value, nan, nan)
 
 
@@ -204,27 +235,78 @@ def _runs_needed(standing: Ranking) -> str:
     return f"; {long} runs would decide differences of this size"
 
 
-def consistency(results: Results, candidate: Candidate) -> str:
-    """Judge NEES, or NIS without a truth, in a word; empty if unknown."""
+def consistency(results: Results, candidates: Sequence[Candidate]) -> dict[Candidate, str]:
+    """Judge NEES, or NIS without a truth, of every filter of a table in a word; empty if unknown.
+
+    The filters are one family of tests: of several exact filters none is called overconfident or
+    underconfident with a probability of 1 - `rules.LEVEL`.
+    """
+    every = {c: _normalized_squares(results, c) for c in candidates}
+    means = {c: _mean_if_consistent(results, c) for c in candidates}
+    zs = [_z_of_mean(values, means[c]) for c, values in every.items()]
+    words = {}
+    for (c, values), z, p in zip(every.items(), zs, rules.adjusted(zs), strict=True):
+        sign = int(np.sign(z)) if p < rules.LEVEL else 0
+        words[c] = _word_on(values, sign, means[c])
+    return words
+
+
+def _normalized_squares(results: Results, candidate: Candidate) -> Array:
+    """Return each run's NEES over the number of components, or ANIS: 1 if consistent; NaN left out."""
     runs = results.runs(candidate.point)
-    name = next((n for n in ("nees", "anis") if (candidate.label, n) in runs), None)
-    if name is None:
-        return ""
-    # NEES over the number of components, or ANIS: 1 if consistent.
+    name = _consistency_metric(results, candidate)
+    if not name:
+        return np.empty(0)
     n = results.facts(candidate.point).sizes[""] if name == "nees" else 1
     values = runs[candidate.label, name]
-    values = values[~np.isnan(values)] / n
+    return values[~np.isnan(values)] / n
+
+
+def _consistency_metric(results: Results, candidate: Candidate) -> str:
+    """Name the metric that a filter's consistency is judged by; empty if it has none."""
+    runs = results.runs(candidate.point)
+    return next((n for n in ("nees", "anis") if (candidate.label, n) in runs), "")
+
+
+def _mean_if_consistent(results: Results, candidate: Candidate) -> tuple[float, float]:
+    """Return the least and largest mean of a consistent filter; a gate accepts small NIS only."""
+    accepted = results.facts(candidate.point).accepted_nis(candidate.label)
+    if accepted is None or _consistency_metric(results, candidate) == "nees":
+        return 1.0, 1.0
+    return accepted.mean
+
+
+def _z_of_mean(values: Array, if_consistent: tuple[float, float]) -> float:
+    """Return z of the mean of a consistent filter; NaN where the runs decide nothing.
+
+    Runs with a number that is not finite have a word of their own.
+    """
+    if len(values) < 2 or not np.isfinite(values).all():
+        return nan
+    least, largest = if_consistent
+    of_runs = mean(values).value
+    target = min(max(of_runs, least), largest)
+    return studentized(of_runs - target, influence("mean", values))
+
+
+def _word_on(values: Array, sign: int, if_consistent: tuple[float, float]) -> str:
+    """Return the word on runs' normalized squares.
+
+    ``sign`` is that of a significant difference of their mean from that of a consistent filter.
+    """
+    if not len(values):
+        return ""
     if words := collapsed_in_words(values):
         whole = f"{len(values)} of {len(values)} runs"
         return "collapsed in all" if words.endswith(f" {whole}") else words.removesuffix(" runs")
     if isinf(mean(values).value):
         return "overconfident"
-    # Judge by the 95 % interval of the mean over the runs.
     low, high = interval("mean", values)
-    return rules.credibility(low, high) or ("" if isnan(low) else "undecided")
+    return rules.credibility(low, high, sign, if_consistent) or ("" if isnan(low) else "undecided")
 
 
-def _cpu_s(results: Results, c: Candidate) -> float:
+def cpu_seconds(results: Results, c: Candidate) -> float:
+    """Return the CPU seconds of a filter's run; NaN if they were not measured."""
     rows = results.columns("timing", c.point).where(filter=c.label)
     return float(rows["cpu_s_per_run"][0]) if len(rows) else nan
 
@@ -238,12 +320,15 @@ def _is_empty(rows: list[list[Text]], column: int) -> bool:
     return all(row[column].text in ("–", "0") for row in rows)
 
 
-def _without_empty(results: Results, table: TextTable) -> TextTable:
-    """Leave out columns without a word, and the column of lost runs if there are none."""
+def _without_empty(results: Results, table: TextTable, names_losses: bool = True) -> TextTable:
+    """Leave out columns without a word, and the column of lost runs if there are none.
+
+    The title then says that no run is lost, if it ``names_losses``.
+    """
     columns = range(len(table.heads))
     empty = [i for i in columns if _is_empty(table.rows, i)]
     shown = [i for i in columns if i < 3 or i not in empty]
-    if _LOST in [table.heads[i] for i in empty]:
+    if names_losses and _LOST in [table.heads[i] for i in empty]:
         table.title += "; no lost runs"
     if any(row[-1].text.endswith("*") for row in table.rows):
         table.notes.append("*: filtered run by run, which is slower than the method.")
@@ -272,23 +357,26 @@ def _over_scenes(results: Results, standings: Sequence[Ranking]) -> TextTable:
         for c in (*standing.order, *standing.losing):
             of.setdefault(c.label, []).append(c)
             ratios.setdefault(c.label, []).append(_times_best(standing, c))
+    words_on = consistency(results, [*chain.from_iterable(of.values())])
     ratios = {label: sorted(filter(isfinite, values)) for label, values in ratios.items()}
     for label in sorted(of, key=lambda label: (-best[label], np.median(ratios[label] or [inf]))):
         ratio = _span([f"{x:.3g}" for x in ratios[label]])
         row = [Text(label), Text(f"at {best[label]} of {len(standings)}", best[label])]
         row.append(Text(f"{ratio}{' x' * (not is_score)}" if ratio else "–"))
-        table.rows.append([*row, *_over_candidates(results, of[label])])
+        table.rows.append([*row, *_over_candidates(results, of[label], words_on)])
     table.notes = ["Among the best: the lowest error, or no significant difference from it."]
     return _without_empty(results, table)
 
 
-def _over_candidates(results: Results, candidates: Sequence[Candidate]) -> Iterator[Text]:
+def _over_candidates(
+    results: Results, candidates: Sequence[Candidate], words_on: Mapping[Candidate, str]
+) -> Iterator[Text]:
     """Yield a filter's lost runs, words on its consistency and CPU times over several scenarios."""
     lost, runs = sum(c.losses for c in candidates), sum(len(c.lost) for c in candidates)
     yield Text(f"{lost} of {runs}" if lost else "0", lost)
-    words = Counter(consistency(results, c).partition(" in ")[0] for c in candidates)
+    words = Counter(words_on[c].partition(" in ")[0] for c in candidates)
     yield Text(", ".join(f"{word} at {n}" for word, n in words.most_common() if word) or "–")
-    times = [_cpu_s(results, c) for c in candidates]
+    times = [cpu_seconds(results, c) for c in candidates]
     yield Text(_span([*map(_duration, sorted(filter(isfinite, times)))]) or "–")
 
 

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import Any, TypeAlias
+from urllib.parse import quote
 from xml.etree import ElementTree as ET
 
 from trackbench.atomic_files import write_text
@@ -135,8 +136,15 @@ def _card(folder: Path, results: Results, comparison: Verdicts) -> dict[str, Any
         **{"filters": len(results.filters), "runs": config["runs"], "result": _result(results)},
         "counted": bars(comparison),
         "thumbnail": Markup(thumbnail(picture)) if picture else "",
-        "link": report.relative_to(folder).as_posix() if report.is_file() else "",
+        "link": _link(report.relative_to(folder)) if report.is_file() else "",
     }
+
+
+def _link(path: Path) -> str:
+    """Write a relative path as a link: a folder may be called ``javascript:x`` or ``a#b``."""
+    name = path.as_posix()
+    quoted = quote(name)
+    return name if quoted == name else f"./{quoted}"
 
 
 _RECORDINGS, _ANGLES = "Recordings", "Targets seen by radar, lidar or bearings"
@@ -230,8 +238,8 @@ def _ledger(folder: Path, experiments: Overview, everything: Verdicts) -> str:
     for topic, group in _by_topic(experiments).items():
         parts.append(f"## {topic}")
         for results, comparison in group:
-            name = results.folder.relative_to(folder).as_posix()
-            parts.append(f"### [{results.config['name']}]({name}/): {results.title}")
+            link = _link(results.folder.relative_to(folder))
+            parts.append(f"### [{results.config['name']}]({link}/): {results.title}")
             result = _result(results)
             lines = [*([f"Result: {result}"] if result else []), *summary_lines(comparison)]
             parts += [f"- {line}" for line in lines]

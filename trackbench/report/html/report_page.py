@@ -104,9 +104,15 @@ def _facts(results: Results) -> list[tuple[str, object]]:
     return [*facts, ("Grid", grid)] if grid else facts
 
 
+_ALONE = (
+    "An interval is of its pair alone, and left out where it would show a difference that is not "
+    "significant."
+)
+
+
 def _pairs(results: Results) -> TextTable:
     heads = [*results.grid_heads, "a", "b", "Metric", "a - b", "95 % interval", "a is"]
-    rule = f"Significant: {rules.HOW_FILTERS_DIFFER}. The interval is of one pair alone."
+    rule = f"Significant: {rules.HOW_FILTERS_DIFFER}. {_ALONE}"
     table = TextTable("Differences on common runs", heads, notes=[rule])
     for point, pairs in results.pairs:
         for pair in pairs:
@@ -118,6 +124,8 @@ def _pairs(results: Results) -> TextTable:
                 row.append(Text(phrases.number(value), number))
             row += [*map(Text, (pair.filter_a, pair.filter_b, pair.metric))]
             between = " to ".join(end.partition(" ")[0] for end in ends)
+            if pair.comparison.interval_contradicts:
+                between = "–"
             table.rows.append([*row, Text(difference, of.value), Text(between), Text(pair.word)])
     return table
 

@@ -26,8 +26,11 @@ _PLACES = re.compile(
 )
 _FREE = {"d", "id", "data-live", "data-axes", "data-of", "data-key"}
 """Attributes of any content: the page's script and its style sheet run none of it."""
-_REFERENCE = re.compile(r"url\(#([^)]+)\)")
+_REFERENCE = re.compile(r"url\(#([^()]+)\)")
+"""Reference to an id. A bracket ends the search, so that the time grows with the length of a text."""
 _HARMLESS = re.compile(r"(?!.*url\()[-\w\s#.,;%'\"()+]*", re.IGNORECASE | re.DOTALL)
+_MOST_NESTED = 100
+"""Groups within groups. matplotlib draws with some ten."""
 _NUMBER = re.compile(r"-?(?:\d+\.?\d*|\.\d+)(?:e-?\d+)?")
 
 
@@ -39,7 +42,10 @@ def outline(d: str) -> Iterator[tuple[list[tuple[float, float]], bool]]:
     for stroke in filter(None, d.split("M")):
         points = []
         for letter, numbers in re.findall(r"([lL]?)([^lLz]+)", stroke):
-            a, b = map(float, _NUMBER.findall(numbers)[:2])
+            coordinates = _NUMBER.findall(numbers)
+            if len(coordinates) < 2:
+                return
+            a, b = map(float, coordinates[:2])
             x, y = (x + a, y + b) if letter == "l" else (a, b)
             points.append((x, y))
         yield points, "z" in stroke
@@ -55,8 +61,24 @@ def cleaned(content: bytes, name: str) -> ET.Element:
         raise UserError(f"figures/{name}.svg: is not an SVG file: {error}") from None
     if root.tag != f"{{{_SVG}}}svg":
         raise UserError(f"figures/{name}.svg: is not an SVG file: it begins with {root.tag}")
+    _check_depth(root, name)
     _clean(root)
     return root
+
+
+def _check_depth(root: ET.Element, name: str) -> None:
+    """Raise UserError if groups are nested so deep that functions on them would not end."""
+    level = [root]
+    depth = 0
+    while level:
+        children: list[ET.Element] = []
+        for element in level:
+            children += element
+        level = children
+        depth += 1
+        if depth > _MOST_NESTED:
+            what = f"has groups within groups, more than {_MOST_NESTED} deep, as no figure has"
+            raise UserError(f"figures/{name}.svg: {what}; draw it again: trackbench plot RESULTS")
 
 
 def inline(content: bytes, name: str, title: str) -> str:

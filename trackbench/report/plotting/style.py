@@ -9,7 +9,7 @@ import textwrap
 import warnings
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 import numpy as np
 
@@ -280,6 +280,27 @@ def rc_context() -> Iterator[None]:
     with warnings.catch_warnings(), mpl.rc_context(_RC | dict(sheet().letters)):
         warnings.simplefilter("ignore")
         yield
+
+
+def changed_settings() -> dict[str, Any]:
+    """Return matplotlib's settings that a plugin or a notebook has changed in this process."""
+    if "matplotlib" not in sys.modules:
+        return {}
+    import matplotlib as mpl
+
+    # The methods of `dict` print no warning for an old name.
+    defaults = dict(dict.items(cast(dict[str, Any], mpl.rcParamsDefault)))
+    settings = dict(dict.items(cast(dict[str, Any], mpl.rcParams)))
+    changed: dict[str, Any] = {}
+    for name, value in settings.items():
+        default = defaults.get(name)
+        if name not in _OF_THE_SCREEN and repr(value) != repr(default):
+            changed[name] = value
+    return changed
+
+
+_OF_THE_SCREEN = {"backend", "backend_fallback", "interactive", "toolbar"}
+"""Settings of matplotlib that change no file."""
 
 
 def forms(formats: Iterable[str]) -> list[str]:

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import chain
-from typing import ClassVar
+from typing import ClassVar, TypeAlias
 
 import numpy as np
 
@@ -20,8 +20,11 @@ from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
 from trackbench.results.frames import Columns
 from trackbench.statistics.estimates import MISSING
-from trackbench.statistics.intervals import anees_band
+from trackbench.statistics.intervals import AcceptedNis, anees_band
 from trackbench.statistics.over_runs import Estimate
+
+_Sizes: TypeAlias = dict[tuple[int, AcceptedNis | None], set[float]]
+"""Degrees of freedom of the steps, by number of components and law of what a gate accepts."""
 
 
 @register("tables", "consistency")
@@ -32,7 +35,8 @@ class Consistency(TableKind):
     ANEES and ANIS are NEES and NIS over the number n of components: 1 if consistent. Components that are
     known exactly, not measured, or refused by a gate do not count. Averaged over M runs at one step they
     are chi-square of M n degrees of freedom over M n; a consistent filter stays in the 95 % band in 95 %
-    of the steps (Bar-Shalom, Li & Kirubarajan 2001, section 5.4.3).
+    of the steps (Bar-Shalom, Li & Kirubarajan 2001, section 5.4.3). What a gate accepts has a smaller
+    ANIS, and a filter with a gate has the band of that.
     """
 
     requires: ClassVar[dict[str, str]] = {"anees": "per_step", "nis": "per_step"}
@@ -50,7 +54,7 @@ class Consistency(TableKind):
         refused = _refused(evaluators.values())
         keys = [*results.grid_heads, "Filter"]
         table = Table(self.title, keys, [*sized, *refused], self.digits)
-        every: dict[str, dict[int, set[float]]] = {"ANEES": {}, "ANIS": {}}
+        every: dict[str, _Sizes] = {"ANEES": {}, "ANIS": {}}
         for point, evaluator in evaluators.items():
             given, frame = results.facts(dict(point)), results.columns("per_step", dict(point))
             sizes = {"anees": len(given.components), "nis": len(given.measured)}
@@ -59,10 +63,11 @@ class Consistency(TableKind):
                 for name, (metric, n) in zip(every, sizes.items(), strict=True):
                     rows = frame.where(filter=label)
                     chosen, number = rows.where(metric=metric), degrees_of(rows, metric, n)
-                    every[name].setdefault(n, set()).update(number.tolist())
+                    accepted = given.accepted_nis(label) if metric == "nis" else None
+                    every[name].setdefault((n, accepted), set()).update(number.tolist())
                     # ANEES is stored per component, NIS is not.
                     each = 1.0 if metric == "anees" else number / chosen["runs"]
-                    cells += _cells(chosen["value"] / each, number)
+                    cells += _cells(chosen["value"] / each, number, accepted)
                 cells += [_innovation_cell(evaluator, label, m) for m in refused.values()]
                 table.add([*(str(v) for _, v in point), label], cells)
         table.notes += _consistency_bands(every, int(results.config["runs"]))
@@ -82,28 +87,35 @@ def degrees_of(rows: Columns, metric: str, n: int) -> Array:
     return np.asarray(chosen["runs"] * each)
 
 
-def _cells(value: Array, number: Array) -> list[Cell]:
+def _band(components: float, accepted: AcceptedNis | None) -> tuple[float, float]:
+    """Return the 95 % band of a mean over so many components; of what a gate accepts its own."""
+    return anees_band(1, components) if accepted is None else accepted.band(components)
+
+
+def _cells(value: Array, number: Array, accepted: AcceptedNis | None) -> list[Cell]:
     """Fill the median over the steps, and the share of steps inside the bands of such ``number``s."""
     if not len(value):
         return [Cell.missing(), Cell.missing()]
     # A band for each number of degrees of freedom that a step has.
-    bands = {m: anees_band(1, m) for m in set(number.tolist())}
+    bands = {m: _band(m, accepted) for m in set(number.tolist())}
     low, high = np.array([bands[m] for m in number.tolist()]).T
     inside = float(((value >= low) & (value <= high)).mean())
     # Steps depend on each other, so no standard error is claimed.
     return [Cell(Estimate(x, np.nan), len(value), 0) for x in (float(np.median(value)), inside)]
 
 
-def _consistency_bands(every: dict[str, dict[int, set[float]]], runs: int) -> Iterator[str]:
+def _consistency_bands(every: dict[str, _Sizes], runs: int) -> Iterator[str]:
     """Yield the band for each number of components, and the widest one of steps that use fewer."""
     for name, sizes in every.items():
-        for n, numbers in sizes.items():
-            of = f" of {n} components" if len(sizes) > 1 else ""
-            low, high = anees_band(n, runs)
+        several = len({n for n, _ in sizes}) > 1
+        for (n, accepted), numbers in sizes.items():
+            of = f" of {n} components" if several else ""
+            of += "" if accepted is None else f" with gate {accepted.gate:g}"
+            low, high = anees_band(n, runs) if accepted is None else accepted.band(n * runs)
             text = f"95 % band of {name}{of} over {counted(runs, 'run')}: {low:.3f} to {high:.3f}"
             least = min(numbers, default=n * runs)
             if least < n * runs:
-                low, high = anees_band(1, least)
+                low, high = _band(least, accepted)
                 text += f"; {low:.3f} to {high:.3f} at a step of {least:g} components in all runs"
             yield f"{text}."
 
@@ -123,9 +135,9 @@ def components(numbers: Array) -> float:
     return float(len(positive) * least * (len(positive) / total(least / positive)))
 
 
-def anis_band(numbers: Array) -> tuple[float, float]:
+def anis_band(numbers: Array, accepted: AcceptedNis | None = None) -> tuple[float, float]:
     """Return the 95 % band of the mean ANIS over runs; wide for few measurements."""
-    return anees_band(1, components(numbers))  # any degrees of freedom
+    return _band(components(numbers), accepted)
 
 
 def autocorrelation_band(numbers: Array) -> float:
@@ -151,7 +163,8 @@ class Innovations(TableKind):
     ANIS is the normalized innovation squared over the number of measured components, 1 if consistent;
     of N components it is chi-square of N degrees of freedom over N. The autocorrelation of successive
     whitened innovations is 0 within 1.96 / sqrt(N) (Bar-Shalom, Li & Kirubarajan 2001, section 5.4.2).
-    Where runs measure different numbers, N is that of which means over runs vary as much.
+    Where runs measure different numbers, N is that of which means over runs vary as much. What a gate
+    accepts has a smaller ANIS, and a filter with a gate has the band of that.
     The log score is the mean log p(z_k | z_1..k-1): higher is better. What is held out (`hold_out`) is
     predicted and not filtered.
     """
@@ -217,7 +230,8 @@ def _band_notes(results: Results, labels: list[str]) -> list[str]:
     for point in results.points():
         alike: dict[str, list[str]] = {}
         for label in labels:
-            for sentence in _note_on_bands(results.runs(point), label):
+            accepted = results.facts(point).accepted_nis(label)
+            for sentence in _note_on_bands(results.runs(point), label, accepted):
                 alike.setdefault(sentence, []).append(label)
         for sentence, names in alike.items():
             who = [phrases.listed(names)] if len(alike) > 1 else []
@@ -228,7 +242,9 @@ def _band_notes(results: Results, labels: list[str]) -> list[str]:
     return [f"{'; '.join(places)}: {sentence}" for sentence, places in said.items()]
 
 
-def _note_on_bands(runs: dict[tuple[str, str], Array], label: str) -> list[str]:
+def _note_on_bands(
+    runs: dict[tuple[str, str], Array], label: str, accepted: AcceptedNis | None
+) -> list[str]:
     """Write the sentence on a filter's bands; none for a filter without predictions."""
     numbers = runs.get((label, "innovations"), np.empty(0))
     finite = ~np.isnan(numbers)
@@ -237,11 +253,12 @@ def _note_on_bands(runs: dict[tuple[str, str], Array], label: str) -> list[str]:
     number = round(float(numbers[finite].sum()))
     if not number:
         return ["Nothing was measured after the start: nothing can be said of a filter."]
-    low, high = anis_band(numbers[finite])
+    low, high = anis_band(numbers[finite], accepted)
     bands = [f"ANIS {low:.3f} to {high:.3f}"]
     # The band of the autocorrelation is that of the runs that have one.
     paired = ~np.isnan(runs.get((label, "autocorrelation_1"), np.full(len(numbers), np.nan)))
     if paired.any():
         bands.append(f"autocorrelation within {autocorrelation_band(numbers[paired]):.3f}")
-    of = f"95 % bands of a consistent filter over {number} measured components"
+    gate = "" if accepted is None else f" with gate {accepted.gate:g}"
+    of = f"95 % bands of a consistent filter{gate} over {number} measured components"
     return [f"{of}: {', '.join(bands)}."]

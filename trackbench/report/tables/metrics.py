@@ -100,7 +100,8 @@ def best_labels(expressions: Evaluator, labels: Sequence[str], m: Measure) -> li
     """Return the filters that are marked as best, by the ranking at this point.
 
     The other filters of the experiment belong to its family of tests. Of a time or a step, of which
-    runs have no values, only the least value is the best; of a step none in fewer than five runs.
+    runs have no values, only the least value is the best; of a step none in fewer than five runs. A
+    number that is zero in every run has no error to be compared, and the column no mark.
     """
     smaller = m.is_cpu_time or m.family[0].better == "lower"
     if not (smaller or m.family[0].is_score) or m.relation in ("gain", "win_rate"):
@@ -113,6 +114,8 @@ def best_labels(expressions: Evaluator, labels: Sequence[str], m: Measure) -> li
             return []
         others = [c for label, c in candidates.items() if label not in labels]
         ranking = ranking_of(rivals, m.metric, unranked=others)
+        if ranking.best is not None and not m.is_share and _is_zero_in_every_run(ranking.best):
+            return []
         return [c.label for c in ranking.marked]
     runs = max(map(len, expressions.runs.values()), default=0)
     if runs < rules.FEWEST_RUNS and not m.is_cpu_time:
@@ -120,8 +123,16 @@ def best_labels(expressions: Evaluator, labels: Sequence[str], m: Measure) -> li
     values = {label: _cell(expressions, m.of(label)).estimate.value for label in labels}
     values = {label: value for label, value in values.items() if isfinite(value)}
     least = min(values.values(), default=0.0)
+    if least == 0.0 and not m.is_share:
+        return []
     best = [label for label, value in values.items() if value == least]
     return best if smaller and len(best) < len(values) else []
+
+
+def _is_zero_in_every_run(candidate: Candidate) -> bool:
+    """Test whether a number is zero by construction: no run has another value."""
+    values = candidate.sample.values
+    return not values[np.isfinite(values)].any()
 
 
 def _candidate(expressions: Evaluator, m: Measure) -> Iterator[Candidate]:

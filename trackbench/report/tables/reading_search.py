@@ -3,31 +3,29 @@
 `readings` ranks them by the distance to all printed numbers, `claim-readings` by the claims that hold.
 """
 
-import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from math import comb, inf, isfinite, nan
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
-from trackbench.config.grid import single_paths
-from trackbench.config.includes import split_path
+from trackbench.config.mistakes import unknown
 from trackbench.config.published import Claim, PublishedNumber, read_published
 from trackbench.core import elementary
-from trackbench.evaluation.metric_expression import TIME_MEAN, Measure
+from trackbench.errors import Mark, Problem, UserError
 from trackbench.field_types import Count, Digits
 from trackbench.registry import register
 from trackbench.report.expressions import Evaluator
-from trackbench.report.findings import phrases
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table, rounded
 from trackbench.report.verdicts.claims import judge
+from trackbench.report.verdicts.searches import searched_points, ways_to_measure
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics.comparison import as_family, compare_estimates
 from trackbench.statistics.estimates import RunEstimate
-from trackbench.statistics.over_runs import STATISTICS, Estimate, mean
+from trackbench.statistics.over_runs import Estimate, mean
 from trackbench.statistics.rules import CLAIM_WORDS, NEAR
 
 
@@ -66,6 +64,9 @@ class Readings(TableKind):
     (the range of the mean, the mean range), each way is a reading of its own, one for all filters. The
     nearest of many readings is nearer than one chosen beforehand: the notes say how many were tried, and
     how many of them are not significantly farther, by the rule for filters over all pairs of readings.
+
+    Every printed number also gets a verdict, under the reading that is best for it alone, and counts in
+    the ledger with it. Ratios and gains get one, too.
     """
 
     of: str
@@ -75,6 +76,9 @@ class Readings(TableKind):
     statistics: tuple[Literal["time-mean", "mean", "rms", "median"], ...] = ()
     """what a printed error may be, each a reading: the mean over steps of the RMSE over runs, or a
     statistic of the runs' RMSE; default: what the published rows say"""
+    chosen: dict[str, str] = field(default_factory=dict)
+    """printed numbers to which a setting of the grid was fitted, as `METRIC` or `FILTER: METRIC`, and
+    the setting, in words: their verdict is `inconclusive`"""
     rows: Count = 10
     """how many readings are shown"""
     digits: Digits = 3
@@ -86,7 +90,7 @@ class Readings(TableKind):
         numbers = self._numbers(results)
         measured = set[str]().union(*(number.labels for number in numbers))
         labels = [label for label in results.filters if label in measured]
-        heads, points = readings(results, labels)
+        heads, points = searched_points(results, labels)
         more, ways = ways_to_measure(numbers, self.statistics)
         heads += more
         printed = len(ways[0][1]) if numbers else 0
@@ -116,6 +120,7 @@ class Readings(TableKind):
     def _numbers(self, results: Results) -> list[PublishedNumber]:
         paths = results.config.get("published", [])
         published = read_published(results.folder, paths, self.of)
+        self._check_chosen(published.numbers)
         wanted = results.filters if self.filters is None else self.filters
         numbers = []
         for number in published.numbers:
@@ -123,6 +128,15 @@ class Readings(TableKind):
             if set(number.labels) & set(wanted) and not (isinstance(number.value, str) or is_made):
                 numbers.append(number)
         return numbers
+
+    def _check_chosen(self, numbers: list[PublishedNumber]) -> None:
+        """Reject a key of `chosen` that names no printed number."""
+        named = dict.fromkeys(number.metric for number in numbers)
+        named |= dict.fromkeys(f"{number.filter}: {number.metric}" for number in numbers)
+        for key in self.chosen:
+            if key not in named:
+                what = f"{key!r} is no printed number of {self.of}; {unknown(key, [*named])}"
+                raise UserError(Problem(Mark("tables"), "chosen", what))
 
 
 def distance(numbers: list[Number]) -> Distance:
@@ -149,45 +163,6 @@ def distance(numbers: list[Number]) -> Distance:
     return Distance(estimate, near)
 
 
-def ways_to_measure(
-    numbers: list[PublishedNumber], statistics: tuple[str, ...] = ()
-) -> tuple[list[str], list[tuple[list[str], list[PublishedNumber]]]]:
-    """Return heads and rows: each way to measure the printed numbers, one row per number.
-
-    A printed number with rows of several expressions is measured by one of them at a time, the same for
-    all numbers of its printed metric.
-    """
-    rows: dict[tuple[str, ...], list[Measure]] = {}
-    for n in numbers:
-        assert n.expression is not None
-        rows.setdefault((n.paper, n.table, n.row, n.filter, n.metric), []).append(n.expression)
-    # Printed metrics that are measured by several expressions.
-    several = {at[-1]: dict.fromkeys(ms) for at, ms in rows.items() if len(set(ms)) > 1}
-    ways = []
-    # Every combination of a statistic and one expression for each of these metrics.
-    for statistic, *taken in itertools.product(statistics or ("",), *several.values()):
-        chosen = dict(zip(several, taken, strict=True))
-        selected = [n for n in numbers if n.expression == chosen.get(n.metric, n.expression)]
-        words = [statistic] if statistic else []
-        words += [m.name if _is_average(m) else str(m) for m in taken]
-        ways.append((words, [_by(statistic, n) for n in selected]))
-    return [*(["statistic"] if statistics else []), *several], ways
-
-
-def _by(statistic: str, number: PublishedNumber) -> PublishedNumber:
-    """Take another statistic of the same errors; a variance stays one."""
-    m = number.expression
-    if not statistic or m is None or not _is_average(m):
-        return number
-    return replace(number, expression=m._replace(statistic=statistic))
-
-
-def _is_average(m: Measure) -> bool:
-    """Test whether the expression is a statistic in the metric's unit over whole runs."""
-    averages = [TIME_MEAN, *(name for name, s in STATISTICS.items() if s.power == 1)]
-    return m.statistic in averages and not m.steps and not m.relation
-
-
 def _measured(expressions: Evaluator, numbers: list[PublishedNumber]) -> list[Number]:
     measured = []
     for number in numbers:
@@ -197,27 +172,6 @@ def _measured(expressions: Evaluator, numbers: list[PublishedNumber]) -> list[Nu
                 term = expressions.term(m.of(label))
                 measured.append(Number(label, printed, term, is_variance))
     return measured
-
-
-def readings(
-    results: Results, labels: list[str]
-) -> tuple[list[str], list[tuple[list[str], dict[str, Any]]]]:
-    """Return paths that concern these filters, and one point for each combination of their values."""
-    paths = [path for path in results.grid if _concerns(results, path, labels)]
-    points: dict[tuple[str, ...], dict[str, Any]] = {}
-    # Points that differ in other paths only are one reading: the first stands for it.
-    for point in results.points():
-        points.setdefault(tuple(phrases.number(point[path]) for path in paths), point)
-    keys = [split_path(results.source, single_paths(path)[0]) for path in paths]
-    # A column is called by the last word of its key, by two words if that is ambiguous.
-    last = [where[-1] for where in keys]
-    heads = [".".join(map(str, k[-1 if last.count(k[-1]) == 1 else -2 :])) for k in keys]
-    return heads, [(list(shown), p) for shown, p in points.items()]
-
-
-def _concerns(results: Results, path: str, labels: list[str]) -> bool:
-    keys = [split_path(results.source, single) for single in single_paths(path)]
-    return any(where[0] == "scenario" or where[1] in labels for where in keys)
 
 
 def _notes(heads: list[str], tried: list[tuple[list[str], Distance]], numbers: int) -> list[str]:
@@ -265,7 +219,7 @@ class ClaimReadings(TableKind):
     def table(self, results: Results) -> Table:
         """Rank the readings by the number of claims that hold."""
         # Step 1: judge every claim at every point.
-        heads, points = readings(results, list(results.filters))
+        heads, points = searched_points(results, list(results.filters))
         claims, verdicts = _judged(results, self._claims(results), [point for _, point in points])
         if not claims:
             note = f"Nothing is claimed in {self.of} that these filters measure."

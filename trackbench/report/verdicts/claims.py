@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 from trackbench.config.published import Claim, PublishedNumber, picks
 from trackbench.errors import counted
+from trackbench.evaluation.metric_expression import Measure
 from trackbench.report.expressions import Evaluator
 from trackbench.report.results import Results
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import rules
-from trackbench.statistics.estimates import OfSteps, RunEstimate, gain, quotient
-from trackbench.statistics.over_runs import Estimate, z_score
+from trackbench.statistics.estimates import RunEstimate, gain, quotient
 from trackbench.statistics.rules import UNDECIDED, Verdict
 
 NOT_MEASURED = "not measured"
@@ -38,11 +38,11 @@ def judge(claim: Claim, evidence: Evaluator | None) -> ClaimVerdict:
     if not tests:
         return _unjudged(claim, f"nothing is known of {claim.left}'s {claim.expression}")
     # Step 2: z of the weakest test, of all runs, of the parts and under stress.
-    zs = [test.in_favor(test.term) for test in tests]
+    zs = [test.z for test in tests]
     weakest = tests[min(range(len(zs)), key=lambda i: -inf if isnan(zs[i]) else zs[i])]
     z = rules.weakest(zs, len(single))
-    parts = _weakest(tests, [test.term.parts(batches) for test in tests], len(single))
-    stressed = _weakest(tests, [test.term.stressed() for test in tests], len(single))
+    parts = _weakest([test.of_parts(batches) for test in tests], len(single))
+    stressed = _weakest([test.stressed() for test in tests], len(single))
     exact = weakest.term.is_exact  # and so are all that are measured
     verdict = rules.claim_verdict(z, parts, stressed, claim.relation == "~", exact)
     # Step 3: a filter that loses more runs is no better, whatever its error.
@@ -73,48 +73,87 @@ def _at_each_step(claim: Claim, whole: Evaluator) -> list[Claim]:
     return [replace(claim, expression=a, right_expression=b) for a, b in pairs]
 
 
+class _Bound(NamedTuple):
+    """A one-sided test: the term lies above an edge, or below it."""
+
+    term: RunEstimate
+    edge: float
+    is_above: bool
+
+    def in_favor(self, term: RunEstimate) -> float:
+        """Return z by the term of all runs, or of some of them; positive in favor of the bound."""
+        z = term.z(self.edge)
+        return z if self.is_above else -z
+
+
 class _Test(NamedTuple):
     """A claim against one filter of its right side, or against its factor if there is none."""
 
     claim: Claim
     right: str
     term: RunEstimate
-    """the left side, less the right one"""
-    edge: float
-    """value of the term from which the claim holds"""
-    target: float
-    """what an equality is relative to"""
+    """the left side, less the right one times the factor"""
+    bounds: tuple[_Bound, ...]
+    """one-sided tests that must all be shown: one of an inequality, two of an equality"""
 
-    def in_favor(self, term: RunEstimate) -> float:
-        """Return z of the claim by a term of all runs, or of some of them."""
-        claim = self.claim
-        if claim.relation != "~":
-            z = term.z(self.edge)
-            return -z if claim.relation == "<" else z
-        # left ~ right: tolerance |target| - |difference|
-        margin = claim.tolerance * abs(self.target) - abs(term.value - self.edge)
-        if isinstance(term, OfSteps):
-            return term.z(term.value - margin)
-        return z_score(Estimate(margin, term.stderr))
+    @property
+    def z(self) -> float:
+        """Return z in favor of the claim by all runs."""
+        return _least([bound.in_favor(bound.term) for bound in self.bounds])
+
+    def of_parts(self, batches: int) -> list[float]:
+        """Return z in favor of the claim without each batch of runs in turn."""
+        return self._of_others([bound.term.parts(batches) for bound in self.bounds])
+
+    def stressed(self) -> list[float]:
+        """Return z in favor of the claim by runs that could well have been drawn."""
+        return self._of_others([bound.term.stressed() for bound in self.bounds])
+
+    def _of_others(self, terms: list[list[RunEstimate]]) -> list[float]:
+        zs = []
+        for of_bounds in zip(*terms, strict=True):
+            pairs = zip(self.bounds, of_bounds, strict=True)
+            zs.append(_least([bound.in_favor(term) for bound, term in pairs]))
+        return zs
+
+
+def _least(zs: list[float]) -> float:
+    """Return the least z of tests that must all be shown, NaN if one is unknown."""
+    return nan if any(map(isnan, zs)) else min(zs)
 
 
 def _test(expressions: Evaluator, claim: Claim, right: str) -> _Test:
     left, *others = claim.sides(right)
+    ends = _ends(expressions, claim, others)
     if not others:
         term = expressions.of_steps(left) or expressions.term(left)
-        return _Test(claim, right, term, claim.factor, claim.factor)
-    target = claim.factor * expressions.term(others[0]).value
-    term = expressions.difference(left, others[0], claim.factor)
-    return _Test(claim, right, term, 0.0, target)
+        bounds = [_Bound(term, edge, is_above) for edge, is_above in ends]
+        return _Test(claim, right, term, tuple(bounds))
+    # The right side is measured, too: its error belongs to the test of an end.
+    bounds = []
+    for factor, is_above in ends:
+        bounds.append(_Bound(expressions.difference(left, others[0], factor), 0.0, is_above))
+    return _Test(claim, right, expressions.difference(left, others[0], claim.factor), tuple(bounds))
 
 
-def _weakest(tests: list[_Test], terms: list[list[RunEstimate]], steps: int) -> list[float]:
+def _ends(expressions: Evaluator, claim: Claim, others: list[Measure]) -> list[tuple[float, bool]]:
+    """Return multiples of the right side, and whether the left side must lie above each.
+
+    An equality is two one-sided tests (Schuirmann 1987, J. Pharmacokinet. Biopharm. 15, 657): the left
+    side is above the lower end of the tolerance and below the upper one.
+    """
+    if claim.relation != "~":
+        return [(claim.factor, claim.relation == ">")]
+    room = claim.tolerance * abs(claim.factor)
+    if others and expressions.term(others[0]).value < 0.0:
+        room = -room  # of a negative right side the larger multiple is the lower end
+    return [(claim.factor - room, True), (claim.factor + room, False)]
+
+
+def _weakest(zs_of_tests: list[list[float]], steps: int) -> list[float]:
     """Find z of the weakest test by each part of the runs; none unless every test has parts."""
-    weakest = []
-    for part in zip(*terms, strict=True) if all(terms) else ():
-        zs = [test.in_favor(term) for test, term in zip(tests, part, strict=True)]
-        weakest.append(rules.weakest(zs, steps))
-    return weakest
+    parts = zip(*zs_of_tests, strict=True) if all(zs_of_tests) else ()
+    return [rules.weakest(zs, steps) for zs in parts]
 
 
 def _why(whole: Evaluator, test: _Test) -> str:
@@ -124,7 +163,7 @@ def _why(whole: Evaluator, test: _Test) -> str:
         term = whole.term(side)
         losses = f" ({term.losses})" if term.lost else ""
         why.append(f"{side.filter} {term.value:.4g}{losses}")
-    why += [] if right else [f"{test.target:g}"]
+    why += [] if right else [f"{claim.factor:g}"]
     return noted(", ".join(why), test.term.why)
 
 

@@ -206,10 +206,13 @@ def _number_tables(comparison: Verdicts) -> list[TextTable]:
         best = [_row(number.best, number.readings) for number in numbers]
         table = TextTable(f"{place}: published and measured", _HEADS, best)
         tables.append(_explained(table, [number.best.verdict for number in numbers]))
-        several = (number.rows for number in numbers if number.readings > 1)
+        # A search's row stands for many readings: only the rows themselves are listed.
+        several = (number.rows for number in numbers if len(number.rows) > 1)
         readings = list(chain.from_iterable(several))
         if readings:
-            table = TextTable(f"{place}: every reading", _HEADS, [_row(row) for row in readings])
+            table = TextTable(
+                f"{place}: every reading", _HEADS, [_row(row, row.tried) for row in readings]
+            )
             tables.append(_explained(table, [row.verdict for row in readings]))
     return tables
 

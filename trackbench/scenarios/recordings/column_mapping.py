@@ -4,12 +4,14 @@ import re
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import chain
 from math import inf, pi
 from typing import Literal, NamedTuple
 
 import numpy as np
 
+from trackbench.core.angles import wrap_angle
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.conversions import (
     Geodetic,
@@ -193,7 +195,7 @@ KEYS = (
     *("week", "subsecond"),
 )
 """What a row may say beside its quantities."""
-_HEMISPHERES = {
+HEMISPHERES = {
     "latitude": ("north_south", ("n", "north", "nord", "norte"), ("s", "south", "sud", "sur")),
     "longitude": ("east_west", ("e", "east", "est", "ost", "este"), ("w", "west", "ouest")),
 }
@@ -211,6 +213,8 @@ COURSE = ("speed", "course")
 _DEFAULT_UNITS = {"latitude": "deg", "longitude": "deg", "course": "deg"}
 _PLANE = ("x", "y", "z")
 _VELOCITY = ("vx", "vy", "vz")
+_NO_ANGLES = (*_PLANE, *_VELOCITY, *GEODETIC, "range", "range_rate", "speed", "course")
+_ROUNDING = 1e-6
 _SAMPLE = 1000  # rows that show which columns hold words
 
 
@@ -229,6 +233,9 @@ class Naming:
     origin: tuple[Finite, ...] = ()
     """latitude and longitude (deg), perhaps height (m), of the point from which x counts east and y
     north; default: the first position that is read, for a run far from it that run's own first one"""
+    clockwise: tuple[str, ...] = ()
+    """measured angles that count clockwise from north, as those of radars and compasses do: [azimuth];
+    default: an azimuth counts from x to y. A course always is clockwise"""
     time_format: str = ""
     """form of dates that are not in ISO 8601, as strptime has it: "%d/%m/%Y %H:%M:%S"; a column `date`
     stands before a time of day"""
@@ -261,6 +268,13 @@ class Naming:
                 if key not in known:
                     what = f"there is no {key}; known: {', '.join(known)}"
                     raise InvalidKeyError(what, *within, part, key)
+        for i, name in enumerate(self.clockwise):
+            if name in components and plain_name(name) not in _NO_ANGLES:
+                continue
+            what = f"{name!r} is no angle that is measured here; there are {', '.join(components)}"
+            if name == "course":
+                what = "a course always counts clockwise from north; leave it out"
+            raise InvalidKeyError(what, *within, "clockwise", i)
         for key, unit in self.units.items():
             mistake = _mistaken_unit(key, unit, is_scalar=not {"px", "vx"} & {*components})
             if mistake is not None:
@@ -277,6 +291,10 @@ class Naming:
             if column in names and not is_other:
                 return column
         return None
+
+    def is_clockwise(self, name: str) -> bool:
+        """Test whether a quantity is an angle clockwise from north."""
+        return name in self.clockwise or plain_name(name) in self.clockwise
 
     def scale(self, name: str) -> float:
         """Look up the factor from a quantity's unit to SI."""
@@ -509,6 +527,13 @@ class Columns:
         """True if positions or velocities depend on latitude and longitude."""
         return any("latitude" in sources for sources in self._of.values())
 
+    @property
+    def has_velocities_alone(self) -> bool:
+        """True if the table has velocities along x and y, and no positions."""
+        own = {plain_name(name) for name, sources in self._of.items() if sources}
+        has_own_place = any(self.column(name) is not None for name in ("x", "y"))
+        return bool(own & {"vx", "vy"}) and not has_own_place
+
     def of_columns(self, names: Collection[str]) -> str:
         """Find the first of these quantities that has a column of its own; empty without one."""
         return next(
@@ -634,7 +659,13 @@ class Columns:
         assert column is not None
         scale = self.naming.scale(name)
         values = table.columns[column]
-        return values if scale == 1.0 else values * scale
+        if scale != 1.0:
+            values = values * scale
+        if not self.naming.is_clockwise(name):
+            return values
+        # From x (east) to y (north): a = pi / 2 - c. Angles beyond a turn stay, and are reported later.
+        turned = wrap_angle(0.5 * pi - values)
+        return np.where(np.abs(values) > 2.0 * pi + _ROUNDING, values, turned)
 
     def _along(self, table: Table, name: str) -> Array:
         """Compute the velocity east (vx) or north of a speed and a course clockwise from north."""
@@ -646,14 +677,17 @@ class Columns:
 
     def _take_hemispheres(self) -> None:
         """Note the columns of hemispheres, named by the config or evident from their first words."""
-        for quantity, (key, *_) in _HEMISPHERES.items():
+        for quantity, (key, *_) in HEMISPHERES.items():
             column = self.take(key, "word")
             if column is not None:
                 self._hemispheres[quantity] = _HemisphereColumn(column, is_named=True)
-        if len(self._hemispheres) == len(_HEMISPHERES):
+        if len(self._hemispheres) == len(HEMISPHERES):
             return
-        sample = self._first_words()
-        for quantity, (key, positive, negative) in _HEMISPHERES.items():
+        sample = {
+            name: {cell.lower() for cell in cells} - {""}
+            for name, cells in self.first_cells.items()
+        }
+        for quantity, (key, positive, negative) in HEMISPHERES.items():
             if quantity in self._hemispheres or key in self.naming.columns:
                 continue
             for name, words in sample.items():
@@ -662,16 +696,23 @@ class Columns:
                     self._hemispheres[quantity] = _HemisphereColumn(name, is_named=False)
                     break
 
-    def _first_words(self) -> dict[str, set[str]]:
-        """Collect the different words in the first rows of each column, in small letters."""
+    @cached_property
+    def first_cells(self) -> dict[str, tuple[str, ...]]:
+        """First cells of each column."""
         rows = first_rows(self.path, self.naming.format, _SAMPLE)
         columns = zip(*rows, strict=True)
-        words = ({cell.lower() for cell in column} - {""} for column in columns)
-        return dict(zip(self.names, words, strict=False))
+        return dict(zip(self.names, columns, strict=False))
+
+    def take_words(self, column: str) -> bool:
+        """Note a column of words that is read beside the quantities, unless it is one of theirs."""
+        if column in self.contents or self.names.count(column) > 1:
+            return False
+        self.contents[column] = "word"
+        return True
 
     def _apply_hemisphere(self, table: Table, quantity: str) -> None:
         """Give a coordinate the sign of its hemisphere. Raises DataError for contradictions."""
-        key, positive, negative = _HEMISPHERES[quantity]
+        key, positive, negative = HEMISPHERES[quantity]
         column, is_named = self._hemispheres[quantity]
         coordinate = self.column(quantity)
         assert coordinate is not None

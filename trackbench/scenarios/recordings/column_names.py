@@ -29,10 +29,12 @@ _WORDS: dict[str, str] = {
     "vx": "vx velx vxm xvelocity velocityx speedx eastspeed veast ve vele",
     "vy": "vy vely vym yvelocity velocityy speedy northspeed vnorth vn veln",
     "range": "range rmsd rho distance dist slantrange entfernung abstand",
-    "azimuth": "azimuth az bearing theta azimut",
-    "speed": "speed spd sog speedoverground groundspeed velocity vel geschwindigkeit vitesse "
-    "velocidad gspeed hspeed",
-    "course": "course track gcrs cog courseoverground heading direction bearing kurs cap rumbo headmot",
+    "azimuth": "azimuth az bearing theta azimut truebearing bearingtrue trueazimuth azimuthtrue brg "
+    "peilung relevement",
+    "speed": "speed spd sog speedoverground groundspeed gs velocity vel geschwindigkeit vitesse "
+    "velocidad kts kt knots gspeed hspeed",
+    "course": "course track trk gcrs cog courseoverground trackangle heading hdg direction bearing kurs "
+    "cap rumbo headmot",
 }
 """Names of each quantity's columns, without accents and white space, the surest first."""
 _FILLERS = (

@@ -8,8 +8,10 @@ from dataclasses import fields
 from trackbench.field_types import MOST_STEPS
 from trackbench.scenarios.recordings.column_mapping import STAMP_PARTS
 from trackbench.scenarios.recordings.csv_lines import TextFormat
-from trackbench.scenarios.recordings.guess_format import Guess
+from trackbench.scenarios.recordings.guess_format import Guess, SensorGuess
+from trackbench.scenarios.recordings.mixtures import role_of
 
+_LABELS = ("run", "sensor")
 _MOST_NAMES = 7  # of further runs
 _LAST = 20_000  # step of a long recording, which all filters reach within minutes
 _NO_WORDS = ("null", "true", "false")
@@ -68,8 +70,16 @@ def unused_columns(guess: Guess) -> list[str]:
 
 def unknown_places(guess: Guess) -> list[str]:
     """Name the sensors whose place must be written into the config."""
-    names = [s.name or "the sensor" for s in guess.sensors if s.kind in ("range", "bearing")]
+    names = [s.name or "the sensor" for s in guess.sensors if _lacks_place(guess, s)]
     return [*names, *(["the origin"] if _lacks_origin(guess) else [])]
+
+
+def _lacks_place(guess: Guess, sensor: SensorGuess) -> bool:
+    """Test whether a sensor's place must be written: one radar alone is the origin."""
+    if sensor.kind in ("range", "bearing"):
+        return True
+    radars = [other for other in guess.sensors if other.kind == "range-azimuth"]
+    return sensor.kind == "range-azimuth" and len(radars) > 1
 
 
 def _lacks_origin(guess: Guess) -> bool:
@@ -84,10 +94,11 @@ def _used_columns(guess: Guess) -> dict[str, str]:
     # Only what the sensors below measure: a file of several sensors has further columns.
     read = {"time", "date", "step", "received", "run", "sensor", "latitude", "longitude"}
     read |= STAMP_PARTS.keys()
+    read |= {"north_south", "east_west"}
     read |= {"vx", "vy", "speed", "course"} if guess.moves else set()
     read = read.union(*(sensor.quantities for sensor in guess.sensors))
     if {"x", "y"} <= naming.columns.keys() or not read & {"x", "y"}:
-        read -= {"latitude", "longitude"}
+        read -= {"latitude", "longitude", "north_south", "east_west"}
     return {name: column for name, column in naming.columns.items() if name in read}
 
 
@@ -95,7 +106,8 @@ def _target_lines(guess: Guess) -> Iterator[str]:
     naming, why = guess.naming, guess.why
     columns = _used_columns(guess)
     yield "columns:  # guess, from their names"
-    yield from (f"  {name}: {quoted(column)}" for name, column in columns.items())
+    for name, column in columns.items():
+        yield f"  {name}: {quoted(column)}{_comment(why, name) if name in _LABELS else ''}"
     if unused := unused_columns(guess):
         yield f"  # not used: {', '.join(unused)}"
     units = {name: unit for name, unit in naming.units.items() if name in columns}
@@ -109,6 +121,8 @@ def _target_lines(guess: Guess) -> Iterator[str]:
     if naming.missing:
         numbers = ", ".join(f"{value:.9g}" for value in naming.missing)
         yield f"missing: [{numbers}]{_comment(why, 'missing')}"
+    if naming.clockwise and "azimuth" in columns:
+        yield f"clockwise: [{', '.join(naming.clockwise)}]{_comment(why, 'clockwise')}"
     if naming.same_time is not None:
         yield f"same_time: {naming.same_time}{_comment(why, 'same_time')}"
     if columns.get("sensor"):
@@ -130,7 +144,8 @@ def _target_lines(guess: Guess) -> Iterator[str]:
 
 def _sensor_lines(guess: Guess) -> Iterator[str]:
     source = "guess: how far measurements are from the line between their neighbors"
-    for name, kind, _, sigmas in guess.sensors:
+    for sensor in guess.sensors:
+        name, kind, _, sigmas = sensor
         shown = quoted(name)
         after = f"  # {shown}: {source}" if name else f"  # {source}"
         ask = f"  # write where {shown if name else 'it'} is, m"
@@ -145,11 +160,15 @@ def _sensor_lines(guess: Guess) -> Iterator[str]:
             keys = [f"sigma_range: {value:g}" for value in sigma_range]
             angle_key = "sigma_azimuth_mrad" if sigma_range else "sigma_mrad"
             keys.append(f"{angle_key}: {float(f'{1000.0 * angle:.3g}'):g}")
-            if kind == "bearing":
+            if _lacks_place(guess, sensor):
                 keys.insert(0, at)
                 after = ask
             yield f"- {{kind: {kind}, {', '.join(keys)}}}{after}"
-            yield "# azimuth counts from x to y; of angles clockwise from north x is north and y east"
+    if any("azimuth" in sensor.quantities for sensor in guess.sensors):
+        if not guess.naming.clockwise:
+            yield "# azimuth counts from x to y; from north clockwise: `clockwise: [azimuth]` above"
+        if role_of(guess.naming.columns.get("sensor", "")) == "place":
+            yield "# angles that the target measures from its heading are of a sensor `function`"
     if guess.moves:
         velocity = float(f"{max(0.05 * guess.speed, 0.05):.1g}")
         yield f"- {{kind: velocity, sigma: {velocity:g}}}  # guess: 5 % of the usual speed"

@@ -14,6 +14,7 @@ from trackbench.field_types import DataError, Place, decimals
 from trackbench.scenarios.recordings.column_mapping import (
     COURSE,
     GEODETIC,
+    HEMISPHERES,
     UNITS,
     Naming,
     no_fix,
@@ -52,6 +53,7 @@ from trackbench.scenarios.recordings.guess_units import Candidate, Numbers, like
 from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows import (
     Gathered,
+    MixedRowsError,
     Rows,
     check_turns,
     chosen_runs,
@@ -69,6 +71,7 @@ _MEASURED = ("x", "y", "latitude", "longitude", "range", "azimuth")
 _WEEK = 604800.0  # s
 _TIME_OF_WEEK = {"tow", "itow", "gms", "sow", "gpst", "secondsofweek"}
 _ELAPSED = {"elapsed", "duration", "split", "lap", "laptime", "elapsedtime"}
+_NORTH = frozenset(("north", "true", "compass", "magnetic", "mag", "clockwise", "cw"))
 _TUM = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 
 
@@ -105,6 +108,46 @@ class Guess:
 def recognized(path: str, given: Naming | None = None) -> Guess:
     """Guess how a table is written, but for ``given`` keys. Raises DataError without time or place."""
     given = given or Naming()
+    found: dict[str, str] = {}
+    # A column whose words split the rows names runs or sensors; there may be one of each.
+    while True:
+        try:
+            guess = _recognized_columns(path, replace(given, columns=given.columns | found))
+        except MixedRowsError as error:
+            key = _key_of_labels(error)
+            if key in found or key in given.columns:
+                raise
+            found[key] = error.column
+            continue
+        guess.why.update(
+            dict.fromkeys(found, "guess: rows of one of its words agree with each other")
+        )
+        return guess
+
+
+def _key_of_labels(error: MixedRowsError) -> str:
+    """Choose whether a column names runs or sensors. Raises DataError if neither is evident."""
+    if error.role == "place":
+        return "sensor"
+    if error.split == "errors" or (error.role == "sensor" and error.split == "unknown"):
+        return "sensor"
+    if error.role != "sensor":
+        return "run"
+    column = json.dumps(error.column)[1:-1]
+    what = (
+        f"column {column} splits the rows into parts that lie apart: are they several targets, or"
+    )
+    way = f"`--set 'columns.run={column}'`, `--set 'columns.sensor={column}'`, or to mix them"
+    place = error.places[0]
+    raise DataError(
+        place._replace(
+            what=f"{what} sensors of one with a bias? Say {way} `--set 'columns.run=\"\"'`"
+        )
+    )
+
+
+def _recognized_columns(path: str, given: Naming) -> Guess:
+    """Guess how a table is written; raises MixedRowsError if a column splits its rows."""
     # Step 1: find the columns by their names.
     why: dict[str, str] = {}
     form = _text_format(path, given.format or TextFormat(), why)
@@ -159,7 +202,10 @@ def recognized(path: str, given: Naming | None = None) -> Guess:
 
 def _measured(path: str, naming: Naming, why: dict[str, str], sensors: list[SensorGuess]) -> Guess:
     """Add what all rows show to the guess: runs, errors, speed, and further units."""
-    gathered, units, columns = Gathered(naming), naming.units, naming.columns
+    # Errors and speeds are those of the mirror image, too, whatever the unit of angles.
+    # A row far from the others in any of the runs is reported when its run is read.
+    gathered = Gathered(replace(naming, clockwise=()), refuses_far_rows=False)
+    units, columns = naming.units, naming.columns
     by_name = [sensor.name for sensor in sensors] if columns.get("sensor") else []
     wanted = [sensor.quantities for sensor in sensors]
     velocity = _VELOCITY if wanted == [_PLACE] and not by_name and _has_velocity(columns) else ()
@@ -181,7 +227,8 @@ def _measured(path: str, naming: Naming, why: dict[str, str], sensors: list[Sens
         measured = np.isfinite(rows.values[: len(sensor.quantities)]).all(axis=0)
         rows = rows.at(np.flatnonzero(measured & (rows.run == sizes.argmax())))
         if naming.same_time is None and (way := _same_time(gathered, rows)):
-            naming = gathered.naming = replace(naming, same_time=way)
+            naming = replace(naming, same_time=way)
+            gathered.naming = replace(naming, clockwise=())
             why["same_time"] = "guess: several rows of a whole second; or mean, or last"
         longest.append(in_order(gathered, rows))
     levels = [
@@ -189,9 +236,30 @@ def _measured(path: str, naming: Naming, why: dict[str, str], sensors: list[Sens
         for sensor, rows in zip(sensors, longest, strict=True)
     ]
     speed = next((speed for _, speed in levels if speed), 0.0)
+    naming = _with_clockwise(naming, wanted, every, why)
     guesses = [s._replace(sigmas=level[0]) for s, level in zip(sensors, levels, strict=True)]
     steps = len(np.unique(np.concatenate([rows.ticks for rows in longest])))
     return Guess(naming, why, runs, guesses, float(f"{speed:.1g}") or 1.0, steps=steps)
+
+
+def _with_clockwise(
+    naming: Naming, wanted: list[tuple[str, ...]], every: list[Rows], why: dict[str, str]
+) -> Naming:
+    """Guess whether azimuths count clockwise from north: those of radars and compasses, 0 to 360 deg."""
+    angles = [r.values[-1] for names, r in zip(wanted, every, strict=True) if "azimuth" in names]
+    column = naming.columns.get("azimuth")
+    if not angles or column is None or naming.clockwise:
+        return naming
+    is_positive = all((a[np.isfinite(a)] >= 0.0).all() for a in angles)
+    says_so = not _NORTH.isdisjoint(words_of(column))
+    if not says_so and not (is_positive and naming.units.get("azimuth") == "deg"):
+        return naming
+    why["clockwise"] = (
+        "guess: from 0 to 360 deg, as of radars; leave it out if it counts from x to y"
+    )
+    if says_so:
+        why["clockwise"] = "as the column's name says: from north"
+    return replace(naming, clockwise=("azimuth",))
 
 
 def _has_velocity(columns: dict[str, str]) -> bool:
@@ -285,12 +353,15 @@ def _columns(
     recognized_columns = columns_of(names)
     columns = {name: named.column for name, named in recognized_columns.items()}
     columns = {n: c for n, c in columns.items() if c not in given.columns.values()} | given.columns
+    for key, column in _hemispheres(names, sample, columns).items():
+        columns = {n: c for n, c in columns.items() if c != column} | {key: column}
     if columns.keys() >= {*_VELOCITY}:
         columns = {name: column for name, column in columns.items() if name not in COURSE}
     if "date" in columns and "time" not in columns:
         columns["time"] = columns.pop("date")
     if "time" in columns:
         columns.pop("step", None)
+    _settle_twice_named(columns, given)
     for key, least, most in (("sensor", 2, _MOST_SENSORS), ("run", 1, max(1, len(sample) // 3))):
         words = set(sample.cells(columns.get(key, "")))
         if key not in given.columns and ("" in words or not least <= len(words) <= most):
@@ -304,6 +375,29 @@ def _columns(
         if unit is not None:
             units[name], why[name] = unit, "as the line of units says"
     return columns, units | given.units
+
+
+def _hemispheres(names: list[str], sample: "_Sample", columns: dict[str, str]) -> dict[str, str]:
+    """Find the columns of the letters N and S, and E and W, beside latitude and longitude."""
+    out: dict[str, str] = {}
+    for quantity, (key, positive, negative) in HEMISPHERES.items():
+        for name in names if quantity in columns and key not in columns else ():
+            words = {cell.lower() for cell in sample.cells(name)} - {""}
+            if name != columns[quantity] and words and words <= {*positive, *negative}:
+                out.setdefault(key, name)
+    return out
+
+
+def _settle_twice_named(columns: dict[str, str], given: Naming) -> None:
+    """Decide in place what a column is that two quantities claim: a track, and a sensor's id."""
+    run = columns.get("run")
+    if run is None or "run" in given.columns:
+        return
+    if run == columns.get("course"):
+        # Beside a speed a track is a course; else it names what moves.
+        columns.pop("run" if "speed" in columns else "course")
+    elif run == columns.get("sensor"):
+        columns.pop("run")
 
 
 def _no_time(names: list[str]) -> str:

@@ -27,14 +27,30 @@ from trackbench.scenarios.recordings.column_mapping import (
     Frame,
     Naming,
 )
-from trackbench.scenarios.recordings.column_names import NamedColumn, rest_of_stamp
+from trackbench.scenarios.recordings.column_names import (
+    NamedColumn,
+    columns_of,
+    rest_of_stamp,
+    words_of,
+)
 from trackbench.scenarios.recordings.csv_tables import Table
+from trackbench.scenarios.recordings.mixtures import (
+    Split,
+    as_positions,
+    is_regular,
+    may_split,
+    role_of,
+    split_by,
+)
 
 TICK = 1e-6
 """s: times that are nearer to each other are one"""
 _LATEST = 1e12
 """s: beyond are no times, and ticks would not fit into their numbers"""
 _MOST_MISTAKES = 20
+_MOST_WORDS_SHOWN = 8
+_UTC = frozenset(("utc", "gmt", "zulu"))
+"""Words in the name of a column whose dates need no zone of their own."""
 _NEAR_ORIGIN = 5e4
 """m: an origin within is not asked whether its numbers are exchanged"""
 Numbers = NDArray[np.integer[Any]]
@@ -70,13 +86,15 @@ class Gathered:
     """Common properties of the files, collected while they are read.
 
     Times are numbers of steps (``stepped``), or seconds, of dates (``dated``) after the first of them.
-    The first file (``clock_of``) says which. ``has_delays``: a column has the times at which rows were
-    received. ``unavailable`` counts cells with codes of "not available".
+    The first file (``clock_of``) says which; ``says_utc`` if its column's name has the zone.
+    ``has_delays``: a column has the times at which rows were received.
+    ``unavailable`` counts cells with codes of "not available".
     ``rest`` names columns that look like further parts of the time, and are not read.
     ``geodetic`` is the first file with latitude and longitude, and ``planar`` the first one with another
     quantity that depends on the position (``in_frame``). ``origin`` is given by the config's key
     ``origin_key``, or the first position of the ``chosen`` runs (default: of all); ``own_origins`` are
-    those of runs far from it. Heights count for a target ``in_space``.
+    those of ``far_runs``. ``not_rotated`` is a file of velocities without places. Heights count for a
+    target ``in_space``.
     """
 
     naming: Naming
@@ -87,6 +105,9 @@ class Gathered:
     chosen: Collection[str] = ()
     own_origins: dict[str, tuple[float, ...]] = field(default_factory=dict)
     placed_runs: set[str] = field(default_factory=set)
+    far_runs: list[str] = field(default_factory=list)
+    refuses_far_rows: bool = True
+    not_rotated: str = ""
     first_position: str = ""
     largest_distance: float = 0.0
     geodetic: str = ""
@@ -94,6 +115,7 @@ class Gathered:
     since: float | None = None
     stepped: bool = False
     dated: str = ""
+    says_utc: bool = False
     clock_of: str = ""
     has_delays: bool = False
     rest: dict[str, NamedColumn] = field(default_factory=dict)
@@ -123,11 +145,15 @@ class Gathered:
     def timed(self, columns: Columns, table: Table, clock: str, parts: Sequence[str] = ()) -> Array:
         """Read times of a table's rows; all tables have clocks of one kind. ``parts`` are added."""
         stepped = columns.contents[clock] == "step"
+        # Dates without a zone are in UTC, and go with those that have one if the column says UTC.
+        says_utc = table.dated == "date" and not _UTC.isdisjoint(words_of(clock))
         # The first file decides which clock all files have.
         if self.since is None:
             self.stepped, self.dated, self.clock_of = stepped, table.dated, columns.path
             self.since = float(table.columns[clock].min()) if table.dated else 0.0
-        if (stepped, table.dated) != (self.stepped, self.dated):
+            self.says_utc = says_utc
+        has_same_zone = bool(self.dated and table.dated) and (says_utc or self.says_utc)
+        if (stepped, table.dated) != (self.stepped, self.dated) and not has_same_zone:
             mine, first = _clock(stepped, table.dated), _clock(self.stepped, self.dated)
             what = (
                 f"its column {clock} has {mine}, and that of {self.clock_of} {first}: use one kind"
@@ -169,15 +195,27 @@ class Gathered:
         """Look up the numbers of those of these runs that the files have."""
         return np.array([i for i, name in enumerate(self.runs) if name in names], dtype=np.int32)
 
-    def note_distance(self) -> None:
-        """Add a note if the plane shortens distances, because positions lie far from the origin."""
-        if self.largest_distance <= FAR:
-            return
-        # The plane shortens a way that leads away from the origin by the share 1 - cos(d / R).
-        share = 1.0 - np.cos(self.largest_distance / SEMI_MAJOR_AXIS)
-        what = f"positions lie up to {_kilometers(self.largest_distance)} from the origin"
-        why = f"where the tangent plane shortens distances by {100.0 * share:.2g} %"
-        self.notices.append(f"{what}, {why}: an `origin` in their middle halves the distance")
+    def note_distances(self) -> None:
+        """Add notes on runs with an origin of their own, and on positions far from their origin."""
+        if self.far_runs:
+            shown = ", ".join(self.far_runs[:_MOST_WORDS_SHOWN])
+            shown += ", ..." if len(self.far_runs) > _MOST_WORDS_SHOWN else ""
+            what = f"runs that begin far from the first position that is read: {shown}"
+            self.notices.append(f"{what}; x and y of each count from its own first position")
+        distance = self.largest_distance
+        if distance > FAR:
+            # The plane shortens a way that leads away from the origin by the share 1 - cos(d / R).
+            share = 1.0 - np.cos(distance / SEMI_MAJOR_AXIS)
+            what = f"positions lie up to {_kilometers(distance)} from the origin"
+            why = f"where the tangent plane shortens distances by {100.0 * share:.2g} %"
+            self.notices.append(f"{what}, {why}: an `origin` in their middle halves the distance")
+        if self.not_rotated and self.origin is not None and distance > _NEAR_ORIGIN:
+            # Meridians converge by (d / R) tan(phi) on a way to the east.
+            slope = np.tan(np.deg2rad(min(abs(self.origin[0]), 89.0)))
+            turn = np.rad2deg(distance / SEMI_MAJOR_AXIS * slope)
+            what = f"{self.not_rotated} has velocities without latitude and longitude"
+            why = f"north at the target differs from that of the origin by up to {turn:.2g} deg"
+            self.notices.append(f"{what}, which are not rotated: {why}")
 
 
 _STAMPS = ((12, "%Y%m%d%H%M"), (14, "%Y%m%d%H%M%S"), (17, "%Y%m%d%H%M%S%f"))
@@ -280,6 +318,7 @@ def _rows_of_file(
     run = columns.take("run", "label")
     which = columns.take("sensor", "label")
     several = columns.take_unnamed_runs() if run is None else None
+    labels = _possible_labels(columns)
     # Step 2: read them; times become seconds.
     table = columns.read()
     gathered.unavailable += columns.unavailable
@@ -293,6 +332,8 @@ def _rows_of_file(
         received = _received(gathered, columns, table, arrival, time)
     if columns.is_geodetic:
         gathered.geodetic = gathered.geodetic or path
+    elif columns.has_velocities_alone:
+        gathered.not_rotated = gathered.not_rotated or path
     if beside := columns.of_columns(gathered.in_frame):
         gathered.planar = gathered.planar or f"{path} has {beside}"
     # Step 3: number the runs; a file without their names is one run.
@@ -322,6 +363,10 @@ def _rows_of_file(
     if columns.is_geodetic:
         places, frames = _frames_of_runs(gathered, columns, table, runs)
     quantities = columns.quantities(table, places, frames, runs)
+    for label in labels:
+        for components, of_sensor in zip(sensors, rows_by_sensor, strict=True):
+            part = {c: quantities[c][of_sensor] for c in components}
+            _check_label(columns, table, label, part, (runs[of_sensor], time[of_sensor]), of_sensor)
     files = np.full(len(time), len(gathered.files), dtype=np.int32)
     gathered.files.append(path)
     out = []
@@ -331,6 +376,73 @@ def _rows_of_file(
         rows = Rows(runs, time, values, files, table.lines, received)
         out.append(rows if isinstance(of_sensor, slice) else rows.at(of_sensor))
     return out
+
+
+class MixedRowsError(DataError):
+    """Rows of several targets or sensors, which a column names, would be those of one."""
+
+    def __init__(self, place: Place, column: str, role: str, split: Split) -> None:
+        super().__init__(place)
+        self.column, self.role, self.split = column, role, split
+
+
+def _possible_labels(columns: Columns) -> list[str]:
+    """Note and list the unused columns that may name the target or the sensor of each row."""
+    named = columns.naming.columns
+    if named.get("run") == "" or named.get("sensor") == "":
+        return []  # the config says that they are mixed
+    labels = []
+    quantities = columns_of(columns.names)
+    measured = {c.column for name, c in quantities.items() if name not in ("run", "sensor")}
+    for name, cells in columns.first_cells.items():
+        is_measured = name in measured and not role_of(name)
+        if not is_measured and may_split(name, cells) and columns.take_words(name):
+            labels.append(name)
+    return labels
+
+
+def _check_label(
+    columns: Columns,
+    table: Table,
+    label: str,
+    quantities: Mapping[str, Array],
+    clock: tuple[Numbers, Array],
+    of_sensor: Numbers | slice,
+) -> None:
+    """Raise MixedRowsError if a column's words split the rows of the longest run of a sensor.
+
+    A column whose name says that it names targets or sensors may do so unless the rows agree as one;
+    any other column must show it.
+    """
+    runs, time = clock
+    codes, words = table.columns[label][of_sensor], table.words[label]
+    if not len(runs):
+        return
+    empty = words.index("") if "" in words else -1
+    is_longest = (runs == np.bincount(runs).argmax()) & (codes != empty)
+    rows = np.flatnonzero(is_longest)
+    found, counts = np.unique(codes[rows], return_counts=True)
+    values = as_positions({name: values[rows] for name, values in quantities.items()})
+    is_repeated = len(found) >= 2 and len(rows) >= 2 * len(found) and (counts > 1).sum() > 1
+    if not (is_repeated and len(values)):
+        return
+    role, split = role_of(label), split_by(codes[rows], time[rows], values)
+    is_mixed = split == "apart" or (split == "errors" and is_regular(codes[rows], time[rows]))
+    if role:
+        is_mixed = split != "one"
+    if not is_mixed:
+        return
+    shown = ", ".join(words[code] for code in found[:_MOST_WORDS_SHOWN].tolist())
+    more = ", ..." if len(found) > _MOST_WORDS_SHOWN else ""
+    what = (
+        f"column {label} has {len(found)} values ({shown}{more}), which would be one run and sensor"
+    )
+    if split in ("apart", "errors"):
+        what += "; the rows of each agree with themselves better than with the others"
+    way = f"say `columns: {{run: {label}}}` for a run each, `columns: {{sensor: {label}}}` for a sensor"
+    mix = "run" if columns.column("run") is None else "sensor"
+    way += f' each, or `columns: {{{mix}: ""}}` to mix them'
+    raise MixedRowsError(Place(columns.path, 1, 1, f"{what}: {way}"), label, role, split)
 
 
 def _frames_of_runs(
@@ -364,8 +476,7 @@ def _frames_of_runs(
         for name, row, distance in zip(names, begins.tolist(), away.tolist(), strict=True):
             if name not in gathered.placed_runs and distance > FAR:
                 gathered.own_origins[name] = _origin_at(places, row)
-                what = f"run {name} begins {_kilometers(distance)} from the first position that is read"
-                gathered.notices.append(f"{what}: its x and y count from its own first position")
+                gathered.far_runs.append(f"{name} by {_kilometers(distance)}")
             gathered.placed_runs.add(name)
     # Step 3: the rows of each origin, and how far from it they lie.
     own = [
@@ -415,7 +526,7 @@ def _check_distances(
             way = hint or f"{limit}: write latitude and longitude of a point near the positions"
             raise InvalidKeyError(f"{what}; {way}", *gathered.origin_key)
     too_far = np.flatnonzero(away > MOST_DISTANCE)
-    if len(too_far):
+    if len(too_far) and gathered.refuses_far_rows:
         row = int(known[too_far[0]])
         of = (
             "`origin`"

@@ -68,8 +68,15 @@ class _Spread:
             what = f"needs {n} rows of {n} numbers, for {', '.join(components)}"
             raise InvalidKeyError(what, "start", "cov")
         # Symmetric, and no eigenvalue below zero but for rounding.
-        if (P != P.T).any() or np.linalg.eigvalsh(P)[0] < -1e-12 * np.abs(P).max():
-            raise InvalidKeyError("not symmetric and non-negative definite", "start", "cov")
+        differing = np.argwhere(P != P.T)
+        if len(differing):
+            i, j = differing[0] + 1
+            what = f"not symmetric: row {i}, column {j} and the reverse differ"
+            raise InvalidKeyError(what, "start", "cov")
+        least = np.linalg.eigvalsh(P)[0]
+        if least < -1e-12 * np.abs(P).max():
+            what = f"has the eigenvalue {least:.3g}, and a covariance has none below 0"
+            raise InvalidKeyError(what, "start", "cov")
         return self
 
     @property

@@ -34,6 +34,7 @@ from trackbench.scenarios.recordings.time_alignment import (
     truth_at,
     with_scans,
 )
+from trackbench.scenarios.recordings.truth_check import contradictions
 from trackbench.scenarios.starts.base import Start, position_part
 from trackbench.scenarios.targets.base import Flight, Scored, Target, Timeline, recorded_columns
 
@@ -224,8 +225,11 @@ class Measured(FromFiles, Naming, Target):
         if start is not None:
             first[parts[place]] = start.scans
         truth = None if self.truth is None else self._truth(gathered, clock)
+        if truth is not None:
+            later, steps = truth[:, 1:], clock.steps[1:]
+            gathered.notices += contradictions(sensor, self.components, later, measurements, steps)
         gathered.check_origin(origin, *path)
-        gathered.note_distance()
+        gathered.note_distances()
         apart = np.full(len(gathered.runs), np.nan) if start is None else start.apart
         notices = tuple(dict.fromkeys(gathered.notices))
         clock = with_scans(clock, gathered, scans, apart)

@@ -1,0 +1,192 @@
+"""Several targets or sensors in one table, which a column of words names; columns that name neither."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.commands import trackbench
+from tests.scenarios.test_clocks import config, table
+from trackbench.config.load import load
+from trackbench.errors import UserError
+from trackbench.scenarios.recordings.guess_format import recognized
+from trackbench.scenarios.recordings.mixtures import is_regular, split_by
+
+pytestmark = pytest.mark.usefixtures("no_report")
+
+N = 120
+T = np.arange(float(N))
+RNG = np.random.default_rng(8)
+NOISE = RNG.normal(size=(2, N))
+LINE = np.stack([8.0 * T, 3.0 * T + 0.01 * np.square(T)])
+TURNS = np.arange(N) % 2
+WORDS = np.array(["A", "B"])
+
+
+def write(folder: Path, name: str, words: Any, values: Any, times: Any = T) -> Path:
+    path = folder / "m.csv"
+    path.write_text(table(f"time,{name},x,y", times, words, *np.round(values, 3)))
+    return path
+
+
+def refused(path: Path) -> str:
+    with pytest.raises(UserError) as caught:
+        load(path)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "name", ["ship", "drone", "name", "target", "Boot", "kuda", "id", "source"]
+)
+def test_two_targets_in_one_table_are_refused(tmp_path: Path, name: str) -> None:
+    apart = np.where(TURNS, 60.0, 0.0)
+    write(tmp_path, name, WORDS[TURNS], LINE + 2.0 * NOISE + apart)
+    line = refused(config(tmp_path, {"measurements": "m.csv"}))
+    assert (
+        f"m.csv:1:1: scenario: column {name} has 2 values (A, B), which would be one run and"
+        in line
+    )
+    assert f"say `columns: {{run: {name}}}` for a run each, `columns: {{sensor: {name}}}`" in line
+    for columns in ({"run": ""}, {"sensor": ""}, {"run": name}):
+        load(config(tmp_path, {"measurements": "m.csv", "columns": columns}))
+    # A quality of that name would not be asked about.
+    write(tmp_path, "fix_type", WORDS[TURNS], LINE + 2.0 * NOISE + apart)
+    load(config(tmp_path, {"measurements": "m.csv"}))
+
+
+@pytest.mark.parametrize("name", ["sensor_id", "Sensor", "source", "provider", "capteur"])
+def test_two_sensors_in_one_table_are_refused(tmp_path: Path, name: str) -> None:
+    write(tmp_path, name, WORDS[TURNS], LINE + np.where(TURNS, 0.5, 20.0) * NOISE)
+    line = refused(config(tmp_path, {"measurements": "m.csv"}))
+    assert f"m.csv:1:1: scenario: column {name} has 2 values (A, B)" in line
+    guess = recognized(str(tmp_path / "m.csv"))
+    assert guess.naming.columns["sensor"] == name
+    assert [sensor.name for sensor in guess.sensors] == ["A", "B"]
+    (large, _), (small, _) = (sensor.sigmas for sensor in guess.sensors)
+    assert 12.0 < large < 30.0
+    assert 0.3 < small < 0.8
+
+
+def circles(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """A target that turns, and the half turn that it is in."""
+    angle = 0.3 * T
+    path = 50.0 * np.stack([np.cos(angle), np.sin(angle)])
+    return (angle // np.pi).astype(int) % 2, path + 0.3 * rng.normal(size=(2, N))
+
+
+def test_what_splits_the_rows_of_a_run() -> None:
+    """Targets and sensors split them; stations, laps and a fix that comes and goes do not."""
+    kinds: dict[str, list[tuple[str, bool]]] = {}
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        noise = rng.normal(size=(2, N))
+        halves, turning = circles(rng)
+        flicker = (rng.random(N) < 0.2).astype(int)
+        tables = {
+            "targets": (TURNS, LINE + 2.0 * noise + np.where(TURNS, 15.0, 0.0)),
+            "targets, one after the other": (TURNS.repeat(60)[:N], LINE + 2.0 * noise),
+            "sensors": (TURNS, LINE + np.where(TURNS, 0.5, 20.0) * noise),
+            "fast and slow": ((np.arange(N) % 11 == 0) * 1, LINE + noise),
+            "stations": (rng.integers(0, 3, N), LINE + 3.0 * noise),
+            "a lap": (np.arange(N) // 30, LINE + 2.0 * noise),
+            "a half turn": (halves, turning),
+            "a poor fix": (flicker, LINE + np.where(flicker, 10.0, 0.5) * noise),
+        }
+        codes, values = tables["targets, one after the other"]
+        values = values + np.where(codes, 3000.0, 0.0)
+        tables["targets, one after the other"] = codes, values
+        for name, (labels, positions) in tables.items():
+            answer = split_by(labels, T, positions), is_regular(labels, T)
+            kinds.setdefault(name, []).append(answer)
+    assert {split for split, _ in kinds["targets"]} == {"apart"}
+    assert {split for split, _ in kinds["targets, one after the other"]} == {"apart"}
+    assert {*kinds["sensors"]} == {("errors", True)}
+    # A name of no meaning is asked about only if parts are apart, or alternate with unequal errors.
+    for name in ("fast and slow", "stations", "a lap", "a half turn", "a poor fix"):
+        asked = [split == "apart" or (split == "errors" and even) for split, even in kinds[name]]
+        assert sum(asked) <= 1, name
+
+
+def test_targets_at_the_same_times(tmp_path: Path) -> None:
+    """The way on is a run each, not `same_time`."""
+    times = np.repeat(np.arange(N // 2), 2)
+    write(tmp_path, "boat", WORDS[TURNS], LINE + 100.0 * TURNS + NOISE, times)
+    assert "`columns: {run: boat}` for a run each" in refused(
+        config(tmp_path, {"measurements": "m.csv"})
+    )
+    guess = recognized(str(tmp_path / "m.csv"))
+    assert guess.naming.columns["run"] == "boat"
+    assert guess.runs == [("A", 60), ("B", 60)]
+
+
+def test_many_targets(tmp_path: Path) -> None:
+    """Also if the rows are sorted by their names."""
+    ships = np.arange(N) % 40
+    values = LINE[:, ships] + 500.0 * ships + NOISE
+    write(tmp_path, "vessel name", [f"ship {ship}" for ship in ships], values, T // 40)
+    line = refused(config(tmp_path, {"measurements": "m.csv"}))
+    assert "column vessel name has 40 values (ship 0, ship 1, ship 2, ship 3, ship 4, " in line
+    times = np.concatenate([np.arange(1200.0)] * 2)
+    words = np.repeat(WORDS, 1200)
+    values = np.stack([np.where(words == "A", times, 900.0 - times), 0.1 * times])
+    write(tmp_path, "drone", words, values, times)
+    line = refused(config(tmp_path, {"measurements": "m.csv"}))
+    assert "column drone has 2 values (A, B)" in line
+
+
+def test_sensors_that_lie_apart_are_a_question(tmp_path: Path) -> None:
+    write(tmp_path, "provider", WORDS[TURNS], LINE + 80.0 * TURNS + NOISE)
+    done = trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path)
+    assert done.returncode == 2
+    assert (
+        "m.csv:1:1: column provider splits the rows into parts that lie apart: are they "
+        in done.stderr
+    )
+    assert "`--set 'columns.run=provider'`, `--set 'columns.sensor=provider'`" in done.stderr
+
+
+def test_a_track_beside_a_speed_is_a_course(tmp_path: Path) -> None:
+    p = 51.0 + 0.0008 * T
+    q = 4.0 + 0.0016 * T + 1e-6 * NOISE[0]
+    for name in ("gs", "gs_kt", "gs_kn", "kts"):
+        rows = table(f"timestamp,latitude,longitude,{name},track", T, p, q, [277.1] * N, [52] * N)
+        (tmp_path / "m.csv").write_text(rows)
+        guess = recognized(str(tmp_path / "m.csv"))
+        assert guess.naming.columns["speed"] == name
+        assert guess.naming.columns["course"] == "track"
+        assert guess.naming.units["speed"] == "kn"
+        assert "run" not in guess.naming.columns
+        assert guess.runs == [("0", N)]
+    # Without a speed it names what moves.
+    (tmp_path / "m.csv").write_text(table("time,x,y,track", T, *LINE, [4] * N))
+    assert recognized(str(tmp_path / "m.csv")).naming.columns["run"] == "track"
+
+
+def test_places_of_landmarks_are_asked_for(tmp_path: Path) -> None:
+    marks = np.array([[0.0, 30.0], [50.0, -10.0]])[:, TURNS]
+    dx, dy = marks - 0.1 * LINE
+    bearing = np.arctan2(dy, dx) + 0.01 * NOISE[1]
+    rows = table(
+        "time,landmark,range,bearing", T, 1 + TURNS, np.hypot(dx, dy) + 0.1 * NOISE[0], bearing
+    )
+    (tmp_path / "m.csv").write_text(rows)
+    done = trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path)
+    assert "write into it where these are: 1, 2\n" in done.stdout, done.stderr
+    assert refused(tmp_path / "m.yaml").count("is not a number") == 4
+    sensor = {"kind": "range-azimuth", "sigma_range": 1, "sigma_azimuth_mrad": 5}
+    target = {"measurements": "m.csv", "columns": {"azimuth": "bearing"}}
+    line = refused(config(tmp_path, target, sensor=sensor))
+    assert "column landmark has 2 values (1, 2)" in line
+
+
+def test_hemispheres_are_read(tmp_path: Path) -> None:
+    rows = table("time,lat,N/S,lon,E/W", T, 33.8 + 1e-5 * T, ["S"] * N, 151.2 + 1e-5 * T, ["E"] * N)
+    (tmp_path / "m.csv").write_text(rows)
+    done = trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    target = load(tmp_path / "m.yaml").points[0].scenario.target
+    assert target.columns["north_south"] == "N/S"
+    # The path leads south and east: 1.11 m and 0.925 m a second.
+    x, y = target._recording.measurements[:2, -1, 0]
+    np.testing.assert_allclose([x, y], [119 * 0.925, -119 * 1.109], rtol=2e-3)

@@ -1,0 +1,342 @@
+"""Suites: a roster of filters on many problems, with the scores of single runs of these problems."""
+
+import csv
+import json
+import signal
+import subprocess
+import sys
+from math import exp, log
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.commands import trackbench
+from trackbench.commands.prepare import Options
+from trackbench.commands.run_suite import SuiteReport, run_suite
+from trackbench.config.suite import load_suite
+from trackbench.errors import UserError
+from trackbench.report.suite.figures import ordered_problems
+from trackbench.report.suite.scores import (
+    FILTER,
+    WORST,
+    ProblemRuns,
+    Ratio,
+    Score,
+    SuiteScores,
+    leader_of,
+    nearest_filter,
+    profile,
+    ratio_matrix,
+    resampled_ratios,
+    typical_ratios,
+)
+
+SUITE = """\
+name: small
+runs: 6
+groups:
+  known:
+    title: The filter knows the model
+    filters:
+      EKF: {kind: ekf}
+      UKF: {kind: ukf}
+      UPF: {kind: upf, N: 5}
+    smoothed: [EKF]
+    problems:
+      ungm:
+        {class: multimodal, score: rms(rmse), reference: PF, set: {scenario.last: 20, filters.PF.N: 50}}
+      turn: {class: mild, use: turning-aircraft, score: rms(rmse_position), set: {scenario.last: 20}}
+      body: {class: singular, use: falling-body, score: rms(rmse_altitude), set: {scenario.last: 20}}
+"""
+EKF = '''\
+import numpy as np
+from trackbench.adapters import PerRun
+
+
+class MyEKF(PerRun, kind="my-ekf"):
+    """An EKF for one run, on any model."""
+
+    def start(self, mean, cov):
+        self.x, self.P = mean, cov
+
+    def step(self, z, dt):
+        m = self.functions
+        F = m.F(self.x, self.P)
+        self.x, self.P = m.f(self.x), F @ self.P @ F.T + m.Q(self.x)
+        if z is None:
+            return self.x, self.P
+        seen = ~np.isnan(z)
+        H = m.H(self.x, self.P)[seen]
+        S = H @ self.P @ H.T + m.R(self.x)[np.ix_(seen, seen)]
+        K = np.linalg.solve(S, H @ self.P).T
+        self.x = self.x + K @ m.innovation(z, m.h(self.x))[seen]
+        self.P = self.P - K @ S @ K.T
+        return self.x, self.P
+'''
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> SuiteReport:
+    """The small suite with a filter of the user."""
+    folder = tmp_path_factory.mktemp("suite")
+    (folder / "small.yaml").write_text(SUITE)
+    (folder / "my.py").write_text(EKF)
+    options = Options(
+        out=folder / "out", quiet=True, engine="serial", formats=("svg",), times=False,
+        filters=[folder / "my.py"],
+    )  # fmt: skip
+    report = run_suite(folder / "small.yaml", options)
+    assert report is not None
+    return report
+
+
+def of(report: SuiteReport, problem: str, label: str) -> Score:
+    (score,) = [
+        s for s in report.groups[0].scores if (s.problem, s.label) == (problem, label)
+    ]  # fmt: skip
+    return score
+
+
+def test_errors_are_those_of_single_runs(small: SuiteReport, tmp_path: Path) -> None:
+    words = (
+        "--set",
+        "scenario.last=20",
+        "--set",
+        "filters.PF.N=50",
+        "--runs",
+        "6",
+        "--only",
+        "EKF",
+    )
+    done = trackbench("run", "ungm", *words, "--out", str(tmp_path / "o"), "--format", "svg")
+    assert done.returncode == 0, done.stderr
+    with (tmp_path / "o" / "summary.csv").open() as file:
+        rows = {(row["filter"], row["metric"]): row["value"] for row in csv.DictReader(file)}
+    single = float(rows["EKF", "mean(mse)"]) ** 0.5
+    assert of(small, "ungm", "EKF").error == pytest.approx(single, rel=1e-6)
+
+
+def test_a_plain_filter_of_the_models_functions_is_the_shipped_one(small: SuiteReport) -> None:
+    likeness = nearest_filter(small.groups[0], "my-ekf")
+    assert likeness is not None
+    assert likeness.label == "EKF"
+    assert list(likeness.differences) == ["ungm", "turn", "body"]
+    assert max(likeness.differences.values()) < 1e-9
+    assert any("It is the EKF: on all 3 problems" in line for line in small.sentences())
+
+
+def test_a_filter_that_does_not_fit_has_the_reason_of_check(small: SuiteReport) -> None:
+    score = of(small, "body", "UPF")
+    assert "singular" in score.reason
+    assert score.limited_ratio == WORST
+    assert "singular" in (small.folder / "suite.html").read_text()
+
+
+def test_smoothers_and_references_stand_apart(small: SuiteReport) -> None:
+    group = small.groups[0]
+    assert group.labels(FILTER) == ["EKF", "UKF", "UPF", "my-ekf"]
+    assert of(small, "ungm", "EKF, smoothed").role == "smoother"
+    reference = of(small, "ungm", "PF")
+    assert reference.role == "reference"
+    score = of(small, "ungm", "EKF")
+    assert score.ratio_to_reference.value == pytest.approx(score.error / reference.error)
+
+
+def test_files_of_a_suite(small: SuiteReport) -> None:
+    with (small.folder / "scores.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(small.groups[0].scores)
+    assert {row["problem"] for row in rows} == {"ungm", "turn", "body"}
+    for name in ("known-matrix.svg", "known-profile.svg", "known-cost.svg"):
+        assert (small.folder / "figures" / name).is_file() or name == "known-cost.svg"
+    for problem in ("ungm", "turn", "body"):
+        assert (small.folder / problem / "report.html").is_file()
+
+
+def test_mistakes_have_file_and_line(tmp_path: Path) -> None:
+    (tmp_path / "a.yaml").write_text(SUITE.replace("kind: ukf", "kind: ufk"))
+    (tmp_path / "b.yaml").write_text(SUITE.replace("use: falling-body", "use: faling-body"))
+    (tmp_path / "c.yaml").write_text(SUITE.replace("reference: PF", "reference: PG"))
+    (tmp_path / "d.yaml").write_text(SUITE.replace("class: mild", "clas: mild"))
+    for name, line, what in (
+        ("a", 8, "'ufk' is not a kind of filter"),
+        ("b", 15, "did you mean falling-body"),
+        ("c", 13, "'PG' is no filter"),
+        ("d", 14, "clas"),
+    ):
+        done = trackbench("suite", f"{name}.yaml", cwd=tmp_path)
+        assert done.returncode == 2
+        assert f"{name}.yaml:{line}:" in done.stderr
+        assert what in done.stderr
+    done = trackbench("suite", "standrad", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "did you mean standard" in done.stderr
+    done = trackbench("suite", "standard", "--problem", "umgm", "--only", "KEF", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "did you mean ungm" in done.stderr
+    assert "did you mean EKF" in done.stderr
+    assert [path.name for path in tmp_path.iterdir() if path.is_dir()] == []
+
+
+def test_a_filter_that_raises_costs_its_cells(tmp_path: Path) -> None:
+    (tmp_path / "s.yaml").write_text(SUITE)
+    source = EKF.replace(
+        "m = self.functions\n", "m = self.functions\n        assert len(self.x) > 1\n"
+    )
+    (tmp_path / "my.py").write_text(source)
+    words = ("--filter", "my.py", "--only", "EKF", "--runs", "2", "--workers", "1", "--json")
+    done = trackbench("suite", "s.yaml", *words, cwd=tmp_path)
+    assert done.returncode == 1
+    assert "ungm: my-ekf failed" in done.stderr
+    cells = [json.loads(line) for line in done.stdout.splitlines()]
+    mine = {cell["problem"]: cell for cell in cells if cell["label"] == "my-ekf"}
+    assert mine["ungm"]["reason"]
+    assert mine["turn"]["error"] > 0
+    assert not [cell for cell in cells if cell["label"] == "EKF" and cell["reason"]]
+
+
+def test_a_dry_run_and_one_problem(tmp_path: Path) -> None:
+    (tmp_path / "s.yaml").write_text(SUITE)
+    done = trackbench("suite", "s.yaml", "--problem", "turn", "--dry-run", cwd=tmp_path)
+    assert done.returncode == 0
+    assert "turn: 4 filters x 6 runs x 20 steps" in done.stdout
+    assert [path.name for path in tmp_path.iterdir()] == ["s.yaml"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT to another process")
+def test_an_interrupted_suite_writes_no_scores(tmp_path: Path) -> None:
+    (tmp_path / "s.yaml").write_text(
+        SUITE.replace("runs: 6", "runs: 60").replace("N: 50", "N: 2000")
+    )
+    words = [sys.executable, "-m", "trackbench", "suite", "s.yaml", "--engine", "serial"]
+    with subprocess.Popen(words, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        for line in process.stderr:
+            if line.startswith("body: "):  # the last problem is announced, and blocks begin
+                break
+        process.send_signal(signal.SIGINT)
+        rest = process.stderr.read()
+    assert process.returncode in (130, -signal.SIGINT)
+    if process.returncode == 130:
+        assert "interrupted" in rest
+    assert not (tmp_path / "results" / "small" / "scores.csv").exists()
+
+
+def test_blocks_are_computed_once(tmp_path: Path) -> None:
+    (tmp_path / "s.yaml").write_text(SUITE)
+    words = ("suite", "s.yaml", "--only", "EKF", "--runs", "2", "--seed", "77", "--workers", "1")
+    first = trackbench(*words, "--problem", "turn", cwd=tmp_path)
+    assert "reused" not in first.stderr
+    whole = trackbench(*words, cwd=tmp_path)
+    assert "reused 2 of 2 blocks" in whole.stderr
+    scores = (tmp_path / "results" / "small" / "scores.csv").read_bytes()
+    again = trackbench(*words, cwd=tmp_path)
+    assert again.stderr.count("reused") == 3
+    assert (tmp_path / "results" / "small" / "scores.csv").read_bytes() == scores
+
+
+def score(problem: str, problem_class: str, label: str, ratio: float, **keys: object) -> Score:
+    beside = {"ratio_to_best": Ratio(value=ratio), "error": ratio, "runs": 8}
+    return Score(
+        group="g", problem=problem, problem_class=problem_class, label=label, role=FILTER,
+        **beside | keys,  # type: ignore[arg-type]
+    )  # fmt: skip
+
+
+def by_hand(ratios: dict[str, tuple[float, ...]], classes: tuple[str, ...]) -> SuiteScores:
+    """Scores of filters on problems p0, p1, ...; each run has the error of the problem."""
+    scores = []
+    runs = {}
+    for j, name in enumerate(classes):
+        values = {}
+        for label, numbers in ratios.items():
+            reason = "" if np.isfinite(numbers[j]) else "does not fit"
+            scores.append(score(f"p{j}", name, label, numbers[j], reason=reason))
+            values[label] = np.full(8, numbers[j])
+        runs[f"p{j}"] = ProblemRuns(statistic="mean", values=values)
+    return SuiteScores(group="g", title="G", scores=scores, runs=runs)
+
+
+def test_typical_ratios_and_profiles_by_hand() -> None:
+    group = by_hand(
+        {"A": (1.0, 1.0, 30.0), "B": (2.0, 4.0, 1.0), "C": (1.5, np.nan, 2.0)}, ("x", "x", "y")
+    )
+    typical = typical_ratios(group)
+    assert typical["A"] == pytest.approx(10.0 ** (1 / 3))
+    assert typical["B"] == pytest.approx(2.0)
+    assert typical["C"] == pytest.approx(30.0 ** (1 / 3))
+    labels, problems, ratios = ratio_matrix(group)
+    assert (labels, problems) == (["A", "B", "C"], ["p0", "p1", "p2"])
+    shares = profile(ratios, np.array([1.0, 1.5, 2.0, 9.9]))
+    assert shares.tolist() == [
+        [2 / 3, 2 / 3, 2 / 3, 2 / 3],
+        [1 / 3, 1 / 3, 2 / 3, 1.0],
+        [0.0, 1 / 3, 2 / 3, 2 / 3],
+    ]
+    # The area under a profile over log factors is one minus the logarithm of the typical ratio.
+    factors = np.exp(np.linspace(0.0, log(WORST), 20_001))
+    areas = profile(ratios, factors)[:, :-1].mean(axis=1)
+    for label, area in zip(labels, areas, strict=True):
+        assert exp((1.0 - area) * log(WORST)) == pytest.approx(typical[label], rel=1e-3)
+
+
+def test_a_leader_that_depends_on_a_class_is_said() -> None:
+    group = by_hand({"A": (1.0, 1.0, 3.0), "B": (1.2, 1.2, 1.0)}, ("x", "y", "z"))
+    leader = leader_of(group, resampled_ratios(group))
+    assert leader is not None
+    assert leader.label == "B"
+    assert leader.without == {"z": "A"}
+    assert not leader.is_robust
+    robust = by_hand({"A": (1.0, 1.0, 1.0), "B": (1.2, 1.2, 1.3)}, ("x", "y", "z"))
+    leader = leader_of(robust, resampled_ratios(robust))
+    assert leader is not None
+    assert (leader.label, leader.is_robust) == ("A", True)
+
+
+def test_a_leader_that_depends_on_the_runs_is_said() -> None:
+    rng = np.random.default_rng(1)
+    values = {label: 1.0 + 0.5 * rng.standard_normal(20) for label in "AB"}
+    group = by_hand({"A": (1.0,), "B": (1.01,)}, ("x",))
+    noisy = SuiteScores(
+        group="g", title="G", scores=group.scores,
+        runs={"p0": ProblemRuns(statistic="mean", values=values)},
+    )  # fmt: skip
+    leader = leader_of(noisy, resampled_ratios(noisy))
+    assert leader is not None
+    assert leader.rivals == ("B",)
+
+
+def test_losing_runs_counts_as_the_worst_ratio() -> None:
+    assert score("p", "x", "A", 1.2, word="loses more runs").limited_ratio == WORST
+    assert score("p", "x", "A", 1.2, reason="fits not").limited_ratio == WORST
+    assert score("p", "x", "A", 1.2).limited_ratio == 1.2
+    assert score("p", "x", "A", float("nan")).limited_ratio == WORST
+
+
+def test_classes_with_the_same_good_filters_are_neighbors() -> None:
+    group = by_hand(
+        {"A": (1.0, 5.0, 1.0, 5.0), "B": (5.0, 1.0, 5.0, 1.0)}, ("a", "b", "c", "d")
+    )  # fmt: skip
+    problems = ordered_problems(group)
+    assert abs(problems.index("p0") - problems.index("p2")) == 1
+    assert abs(problems.index("p1") - problems.index("p3")) == 1
+
+
+def test_the_shipped_suite_fits_its_problems() -> None:
+    suite = load_suite(Path("standard"))
+    known = [problem for problem in suite.problems if problem.group == "known"]
+    assert len(known) >= 20
+    assert len(suite.settings.groups["known"].filters) >= 15
+    assert len([p for p in suite.problems if p.group != "known"]) >= 8
+    for problem in suite.problems:
+        for label, why in problem.left_out.items():
+            assert why, (problem.name, label)
+
+
+def test_a_filter_that_fits_no_problem_is_a_mistake(tmp_path: Path) -> None:
+    (tmp_path / "s.yaml").write_text(SUITE)
+    source = EKF.replace('"""An EKF for one run', 'state = ("a", "b")\n    """An EKF for one run')
+    (tmp_path / "my.py").write_text(source)
+    with pytest.raises(UserError, match="fits no problem"):
+        load_suite(tmp_path / "s.yaml", filter_files=[tmp_path / "my.py"])

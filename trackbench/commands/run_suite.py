@@ -1,0 +1,213 @@
+"""Run a suite: its problems as experiments in one queue, then the scores over all of them."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from trackbench.atomic_files import ensure_folder
+from trackbench.commands import with_known_keywords
+from trackbench.commands.prepare import OPTION_NAMES, Options, say
+from trackbench.commands.run_experiment import preview, run_each
+from trackbench.commands.stored_results import Report
+from trackbench.config.suite import Suite, load_suite
+from trackbench.errors import Mark, Problem, UserError
+from trackbench.report.html.suite_page import write_suite_page
+from trackbench.report.plotting import style
+from trackbench.report.suite.figures import draw_figures
+from trackbench.report.suite.scores import (
+    FILTER,
+    ProblemRuns,
+    Score,
+    SuiteScores,
+    score_problem,
+    write_scores,
+)
+from trackbench.report.suite.tables import (
+    filter_sentences,
+    filter_table,
+    leader_sentence,
+    roster_table,
+    smoother_table,
+)
+from trackbench.report.table import TextTable
+
+_UNUSED = ("measurements", "truth", "grid", "product")
+"""Options of experiments that a suite does not have."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SuiteReport:
+    """Outcome of a suite: its folder, the scores by group, and what failed."""
+
+    suite: Suite
+    folder: Path
+    groups: list[SuiteScores]
+    failed: list[str]
+    """filters, tables and figures that failed, a line each, with the problem"""
+
+    def tables(self) -> list[TextTable]:
+        """Return the tables of the first screen: the user's filters, or the whole rosters."""
+        shown = [filter_table(self.groups, label) for label in self.suite.added]
+        for group in self.groups:
+            if len(group.labels(FILTER)) > 1:
+                shown.append(roster_table(group))
+        return shown
+
+    def sentences(self) -> list[str]:
+        """Return what follows from the scores, a paragraph for each filter and group."""
+        lines = []
+        for group in self.groups:
+            for label in self.suite.added:
+                if label in group.labels(FILTER):
+                    lines.append(" ".join(filter_sentences(group, label)))
+            lines.append(leader_sentence(group))
+        return [line for line in lines if line]
+
+    def smoothers(self) -> list[TextTable]:
+        """Return the tables of smoothers, of the groups that have any."""
+        tables = [smoother_table(group) for group in self.groups]
+        return [table for table in tables if table is not None]
+
+
+def prepare_suite(file: Path, options: Options, problems: Sequence[str] = ()) -> Suite:
+    """Read and validate a suite with the options' overrides."""
+    for name in _UNUSED:
+        if getattr(options, name):
+            raise UserError(Problem(Mark(name), "", "a suite has no such option"))
+    return load_suite(
+        file,
+        overrides=[text for text in options.set if text != "block=fit"],
+        only=options.only,
+        chosen_problems=problems,
+        runs=options.runs,
+        seed=options.seed,
+        quick=options.quick,
+        filter_files=[Path(path) for path in options.filters],
+        allow_plugins=options.allow_plugins,
+    )
+
+
+def suite_folder(suite: Suite, options: Options) -> Path:
+    """Return the folder of the suite's scores, in which each problem has a results folder."""
+    if options.out is not None:
+        return Path(options.out)
+    parts = [suite.settings.name]
+    if options.quick:
+        parts.append("quick")
+    if options.filters:
+        parts += ["with", *(Path(path).stem for path in options.filters)]
+    return Path("results") / "-".join(parts)
+
+
+def preview_suite(file: Path, options: Options, problems: Sequence[str] = ()) -> list[str]:
+    """Describe each problem that `run_suite` would run in a line, with the time that it takes."""
+    suite = prepare_suite(file, options, problems)
+    lines = preview(
+        [problem.config for problem in suite.problems], _options_of_jobs(suite, options)
+    )
+    return [*lines, *_left_out_lines(suite)]
+
+
+@with_known_keywords(*OPTION_NAMES)
+def run_suite(
+    file: Path | str,
+    options: Options | None = None,
+    problems: Sequence[str] = (),
+    **changes: object,
+) -> SuiteReport | None:
+    """Run a suite and write the scores of its filters.
+
+    Parameters
+    ----------
+    file : path of a suite file, or name of a shipped suite
+    problems : names of the problems to run; default: all
+    changes : fields of Options
+
+    Returns
+    -------
+    The scores; None for a shard, whose blocks are computed into the cache only.
+
+    Raises
+    ------
+    UserError : bad input, with one line per mistake
+    """
+    options = (options or Options()).changed(changes)
+    suite = prepare_suite(Path(file), options, problems)
+    folder = suite_folder(suite, options)
+    for line in _left_out_lines(suite):
+        say(f"note: {line}", options)
+    scores: dict[str, list[Score]] = {name: [] for name in suite.settings.groups}
+    runs: dict[str, dict[str, ProblemRuns]] = {name: {} for name in suite.settings.groups}
+    failed: list[str] = []
+    configs = [problem.config for problem in suite.problems]
+    reports = run_each(configs, _options_of_jobs(suite, options))
+    with closing(reports):
+        for problem, report in zip(suite.problems, reports, strict=False):
+            failed += _failures(suite, problem.name, report)
+            cells, of_runs = score_problem(problem, report.results)
+            scores[problem.group] += cells
+            runs[problem.group][problem.name] = of_runs
+    if options.shard:
+        return None
+    groups = [
+        SuiteScores(group=name, title=group.title, scores=scores[name], runs=runs[name])
+        for name, group in suite.settings.groups.items()
+        if scores[name]
+    ]
+    result = SuiteReport(suite=suite, folder=folder, groups=groups, failed=failed)
+    ensure_folder(folder)
+    write_scores(folder, groups)
+    figures = draw_figures(folder, groups, style.forms(options.formats))
+    write_suite_page(
+        folder / "suite.html",
+        title=suite.settings.title or suite.settings.name,
+        version=suite.settings.version,
+        groups=groups,
+        sentences=result.sentences(),
+        tables=result.tables(),
+        smoothers=result.smoothers(),
+        figures=figures,
+        left_out=[*_left_out_lines(suite)],
+    )
+    return result
+
+
+def _options_of_jobs(suite: Suite, options: Options) -> Options:
+    """Return the options of the experiments, whose configs hold the other options already."""
+    folder = suite_folder(suite, options)
+    if len(suite.problems) == 1:
+        folder = folder / suite.problems[0].name  # of several problems each has a folder in it
+    return replace(
+        options,
+        set=(),
+        only=(),
+        runs=None,
+        seed=None,
+        quick=False,
+        spare=False,
+        filters=(),
+        out=folder,
+    )
+
+
+def _left_out_lines(suite: Suite) -> Iterator[str]:
+    """Yield a line for each filter and reason why it is left out of problems."""
+    problems: dict[tuple[str, str], list[str]] = {}
+    for problem in suite.problems:
+        for label, why in problem.left_out.items():
+            problems.setdefault((label, why), []).append(problem.name)
+    for (label, why), names in problems.items():
+        yield f"{label} is left out of {', '.join(names)}: {why}"
+
+
+def _failures(suite: Suite, name: str, report: Report) -> list[str]:
+    """List the user's filters, tables and figures that failed on a problem.
+
+    A filter of the roster that fails costs a cell of the matrix, which has the reason.
+    """
+    lines = list(report.results.unmade_lines)
+    for line in report.failed_filters:
+        if any(line.startswith(f"{label} ") for label in suite.added):
+            lines.append(line)
+    return [f"{name}: {line}" for line in lines]

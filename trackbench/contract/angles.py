@@ -1,0 +1,435 @@
+"""Does a filter wrap its angles? Runs in which each angle passes its cut, against runs elsewhere.
+
+The prior of a problem is turned until an angle has a chosen value some steps later; sensors and motion
+stay as they are. A filter may count an angle from -pi, from 0, or from north. So the angle passes pi, 0,
+pi/2 and -pi/2 in some runs, and stays between them in others, which show how far an honest filter is
+from a reference filter.
+"""
+
+from copy import copy
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import cycle, islice
+from math import comb
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from trackbench.contract.problems import Estimates, ModelDraws, run_filter, simulate, why_not
+from trackbench.core import linalg
+from trackbench.core.angles import near, wrap_angle
+from trackbench.core.arrays import Array, Mask
+from trackbench.core.distributions import Gaussian, per_run_moments
+from trackbench.core.random_streams import RunStreams
+from trackbench.filters.base import AnyFilter
+from trackbench.filters.ekf import EKF
+from trackbench.filters.particle_filters import PF
+from trackbench.filters.ukf import UKF
+from trackbench.models.base import Model, Sensor, has_density, measured_angle_rows
+from trackbench.scenarios.base import Simulation
+
+_RUNS_BY_CUT = {
+    "+-pi": (np.pi, 64),
+    "0": (0.0, 24),
+    "pi/2": (np.pi / 2, 24),
+    "-pi/2": (-np.pi / 2, 24),
+}
+_FAR_FROM_CUTS = "elsewhere"
+_ELSEWHERE = (np.pi / 4, -np.pi / 4, 3 * np.pi / 4, -3 * np.pi / 4)
+_RUNS_ELSEWHERE = 24  # of each
+_AHEAD = (1, 2, 3, 5, 8)  # steps after which the angle has its value, run after run
+_STAGES = 24  # in which a prior is turned, and a few more in which it stays
+_NEWTON_STAGES = 6
+_REACHED = 1e-3  # rad
+_SOUND = 6.0  # standard deviations: largest error of a reference filter in a run that counts
+_LEAST_SCALE = 1.0 / 3.0  # standard deviations from the reference, of filters that nearly equal it
+_BEYOND = 3.0  # times the largest deviation of a run in which no angle is near a cut
+_LEAST_RUNS = 3  # runs beyond it that are a fault
+_LEAST_SHARE = 0.05
+_CHANCE = 1e-3  # probability of such runs by chance, of a filter that draws
+_FIFTH = 0.2
+_MENDED = 0.2  # share of the faulty runs that may stay faulty
+
+
+class Angle(NamedTuple):
+    """An angle of a problem: a component of the measurement or of the state."""
+
+    name: str
+    kind: Literal["measured", "state"]
+    row: int
+
+
+def angles_of(problem: ModelDraws) -> list[Angle]:
+    """List the measured angles of a problem, then those of the state that no sensor measures alone."""
+    sensor = problem.model.sensor
+    out = [Angle(sensor.components[i], "measured", i) for i in measured_angle_rows(sensor)]
+    components = problem.model.motion.components
+    out += [Angle(components[i], "state", i) for i in problem.angle_rows]
+    return out
+
+
+def turn(problem: ModelDraws, angle: Angle, values: Array, ahead: Array, seed: int) -> Simulation:
+    """Draw runs from priors that are turned until the angle has ``values`` (M,) after ``ahead`` steps.
+
+    The mean of a prior whose angle cannot have the value is NaN.
+    """
+    runs = len(values)
+    # Step 1: the priors of the problem, one after the other if fewer are recorded.
+    model, known = problem.model, simulate(problem, runs, seed=seed)
+    column = np.arange(runs) % known.prior.mean.shape[1]
+    prior = per_run_moments(Gaussian(known.prior.mean, known.prior.cov))
+    mean, cov = prior.mean[:, column], prior.cov[..., column]
+    # Step 2: turn them, and draw truth and measurements.
+    turned = _Turning(problem, angle, ahead).turned(mean, cov, values)
+    rows = problem.angle_rows
+    for i in rows:
+        turned.mean[i] = wrap_angle(turned.mean[i])
+    reached = np.isfinite(turned.mean).all(axis=0)
+    start = Gaussian(np.where(reached, turned.mean, mean), np.where(reached, turned.cov, cov))
+    missing = np.isnan(known.measurements)[..., column]
+    data = problem.draw_from(start, missing, RunStreams(seed + 1, range(runs)))
+    # Step 3: angles are measured in (-pi, pi].
+    z = data.measurements
+    for i in measured_angle_rows(model.sensor):
+        z[i] = wrap_angle(z[i])
+    return data._replace(prior=Gaussian(np.where(reached, start.mean, np.nan), start.cov))
+
+
+class _Turning:
+    """Turn prior means (n, M) about the sensor, whose other components keep their values."""
+
+    def __init__(self, problem: ModelDraws, angle: Angle, ahead: Array) -> None:
+        self.model, self.angle, self.ahead = problem.model, angle, ahead
+        self.steps = problem.steps
+        components = self.model.motion.components
+        pairs = [(f"{kind}x", f"{kind}y") for kind in ("p", "v", "a")]
+        self.planar = [
+            (components.index(x), components.index(y)) for x, y in pairs if {x, y} <= {*components}
+        ]
+
+    def values(self, x: Array) -> Array:
+        """Return what is measured, or the state if the angle is one of it, after the steps ahead."""
+        out = np.empty(0)
+        for i, k in enumerate(self.steps[1 : 1 + int(self.ahead.max())].tolist(), 1):
+            x = np.asarray(self.model.motion.transition(x, k).mean)
+            here = x
+            if self.angle.kind == "measured":
+                here = np.asarray(self.model.sensor.measurement(x, k).mean)
+            out = here.copy() if i == 1 else np.where(self.ahead == i, here, out)
+        return out
+
+    def jacobian(self, x: Array, columns: list[int]) -> Array:
+        """Return the derivatives (m, len(columns), M) of `values`."""
+        out = []
+        for i in columns:
+            h = 1e-5 * np.maximum(np.abs(x[i]), 1.0)
+            ahead, behind = x.copy(), x.copy()
+            ahead[i] += h
+            behind[i] -= h
+            out.append(self.difference(self.values(ahead), self.values(behind)) / (2.0 * h))
+        return np.stack(out, axis=1)
+
+    def difference(self, a: Array, b: Array) -> Array:
+        """Subtract two `values`."""
+        if self.angle.kind == "measured":
+            return self.model.sensor.innovation(a, b)
+        return a - b
+
+    def turned(self, mean: Array, cov: Array, values: Array) -> Gaussian:
+        """Return the priors whose angle has the values; NaN where it cannot have them."""
+        row = self.angle.row
+        start = self.values(mean)
+        whole = wrap_angle(values - start[row])
+        if self.angle.kind == "state":
+            mean = mean.copy()
+            mean[row] += whole
+            return Gaussian(mean, np.array(cov))
+        # Step 1: the components of the state that are moved, and the measured ones that are held.
+        every = [*range(len(mean))]
+        J = np.abs(self.measured_jacobian(mean))
+        support = (1e-12 * J.max(axis=(0, 1)) < J).any(axis=-1)
+        moved = [i for i in every if support[row, i]]
+        sensor_of = self.model.sensor.components[row].partition(".")[0]
+        held = [
+            j
+            for j, name in enumerate(self.model.sensor.components)
+            if j != row
+            and j not in measured_angle_rows(self.model.sensor)
+            and name.partition(".")[0] in (sensor_of, name)
+            and not (support[j] & ~support[row]).any()
+        ]
+        rows = [row, *held[: len(moved) - 1]]
+        # Step 2: turn velocities stage by stage, and follow with the positions by Newton's method.
+        is_planar = any(set(pair) <= set(moved) for pair in self.planar)
+        x = mean.copy()
+        for stage in range(1, _STAGES + _NEWTON_STAGES + 1):
+            angle = whole * min(stage / _STAGES, 1.0)
+            if is_planar:
+                G = self.rotation(len(mean), angle)
+                still = np.setdiff1d(every, moved)
+                x[still] = np.einsum("ijm,jm->im", G, mean)[still]
+            target = start.copy()
+            target[row] += angle
+            error = self.difference(target, self.values(x))[rows]
+            D = self.jacobian(x, moved)[rows]
+            inverse = np.linalg.pinv(np.moveaxis(np.nan_to_num(D), -1, 0))
+            x[moved] += np.einsum("mij,jm->im", inverse, error)
+        off = np.abs(self.difference(start + _only(row, whole, start), self.values(x))[row])
+        x = np.where(off < _REACHED, x, np.nan)
+        if is_planar:
+            G = self.rotation(len(mean), whole)
+            cov = np.einsum("ijm,jkm,lkm->ilm", G, cov, G)
+        return Gaussian(x, np.array(cov))
+
+    def measured_jacobian(self, x: Array) -> Array:
+        """Return the derivatives (n_z, n, M) of a measurement of the states themselves."""
+        k, sensor = int(self.steps[1]), self.model.sensor
+        out = []
+        for i in range(len(x)):
+            h = 1e-5 * np.maximum(np.abs(x[i]), 1.0)
+            ahead, behind = x.copy(), x.copy()
+            ahead[i] += h
+            behind[i] -= h
+            means = [np.asarray(sensor.measurement(state, k).mean) for state in (ahead, behind)]
+            out.append(sensor.innovation(*means) / (2.0 * h))
+        return np.stack(out, axis=1)
+
+    def rotation(self, n: int, angle: Array) -> Array:
+        """Return matrices (n, n, M) that rotate positions, velocities and accelerations."""
+        G = np.repeat(np.eye(n)[..., None], len(angle), axis=2)
+        for i, j in self.planar:
+            G[i, i] = G[j, j] = np.cos(angle)
+            G[j, i] = np.sin(angle)
+            G[i, j] = -G[j, i]
+        return G
+
+
+def _only(row: int, value: Array, like: Array) -> Array:
+    out = np.zeros_like(like)
+    out[row] = value
+    return out
+
+
+@dataclass(frozen=True, kw_only=True)
+class _WithoutWrap(ModelDraws):
+    """A problem whose sensor does not wrap, so that measured angles may be beyond a turn."""
+
+    @cached_property
+    def model(self) -> Model:
+        """Model that filters get."""
+        motion, sensor = super().model
+        plain: Sensor = copy(sensor)
+        object.__setattr__(plain, "innovation", np.subtract)
+        return Model(motion, plain)
+
+
+def measured_without_cut(
+    problem: ModelDraws, data: Simulation, center: Estimates, row: int, cut: float
+) -> Simulation:
+    """Shift a measured angle by whole turns to within half a turn of its prediction.
+
+    The prediction is that of a reference filter, in (cut - 2 pi, cut].
+    """
+    z = data.measurements.copy()
+    motion, sensor = problem.model
+    for i, k in enumerate(problem.steps[1:].tolist()):
+        predicted = np.asarray(motion.transition(center.mean[:, i], k).mean)
+        expected = np.asarray(sensor.measurement(predicted, k).mean)
+        innovation = sensor.innovation(z[:, i], expected)[row]
+        turn_down = 2.0 * np.pi * np.ceil((expected[row] - cut) / (2.0 * np.pi))
+        z[row, i] = expected[row] - turn_down + innovation
+    return data._replace(measurements=z)
+
+
+def name_of_unwrapped(
+    tracker: AnyFilter, problem: ModelDraws, data: Simulation, center: Estimates, runs: Mask
+) -> str:
+    """Name the measured angle that explains the errors of some runs: its innovation is not wrapped.
+
+    It explains them if the runs are right once the angle is measured without a cut.
+    """
+    rows = problem.angle_rows
+    free = _without_wrap(problem)
+    limit = _FIFTH * deviation(run_filter(tracker, problem, data), center, rows)
+    for angle in angles_of(problem):
+        if angle.kind == "state" or not runs.any():
+            continue
+        for cut in (np.pi, 2.0 * np.pi):
+            shifted = measured_without_cut(problem, data, center, angle.row, cut)
+            after = deviation(run_filter(tracker, free, shifted), center, rows)
+            if (after > limit)[runs].mean() <= _MENDED:
+                return angle.name
+    return ""
+
+
+def _without_wrap(problem: ModelDraws) -> ModelDraws:
+    return _WithoutWrap(base=problem.base, unequal=problem.unequal)
+
+
+def is_unwrapped(tracker: AnyFilter, problem: ModelDraws, angle: Angle, of: "_Comparison") -> bool:
+    """Test whether a whole turn added to some measurements of an angle changes the estimates.
+
+    The angle is far from any cut in the runs that are compared.
+    """
+    # A program is sent no angle beyond half a turn, unless the sensor has none.
+    free = _without_wrap(problem) if tracker.runs_program else problem
+    before = run_filter(tracker, free, of.data)
+    sigma = np.sqrt(linalg.diagonal(of.center.cov))
+    for whole_turn in (2.0 * np.pi, -2.0 * np.pi):
+        z = of.data.measurements.copy()
+        z[angle.row, ::2] += whole_turn
+        after = run_filter(tracker, free, of.data._replace(measurements=z))
+        mean = near(after.mean, before.mean, problem.angle_rows)
+        moved = np.abs(mean - before.mean)[: len(sigma)] / np.maximum(sigma, np.finfo(float).tiny)
+        moved = np.nan_to_num(moved, nan=np.inf).max(axis=(0, 1))
+        if np.median(moved[of.is_elsewhere]) > 1.0:
+            return True
+    return False
+
+
+def deviation(of: Estimates, center: Estimates, rows: tuple[int, ...]) -> Array:
+    """Return the largest deviation (M,) of any mean from a reference's, in standard deviations."""
+    sigma = np.sqrt(linalg.diagonal(center.cov))
+    mean = near(of.mean[: len(sigma)], center.mean, rows)
+    ratio = np.abs(mean - center.mean) / np.maximum(sigma, np.finfo(float).tiny)
+    return np.nan_to_num(ratio[:, 1:].max(axis=(0, 1)), nan=np.inf)
+
+
+class _Comparison(NamedTuple):
+    """Runs of an angle: deviations from a reference in units of an honest filter's, and their groups."""
+
+    ratio: Array
+    group: tuple[str, ...]
+    center: Estimates
+    data: Simulation
+    random: bool
+
+    def of_group(self, name: str) -> Mask:
+        """Select the runs of a group."""
+        return np.array([other == name for other in self.group])
+
+    @property
+    def elsewhere(self) -> list[str]:
+        """Groups whose angle is far from its cuts."""
+        return sorted({name for name in self.group if name.startswith(_FAR_FROM_CUTS)})
+
+    @property
+    def is_elsewhere(self) -> Mask:
+        """Runs whose angle is far from its cuts."""
+        return np.array([name.startswith(_FAR_FROM_CUTS) for name in self.group])
+
+    @property
+    def limit(self) -> float:
+        """Limit of the ratio: the largest one of the best group without a cut, times a margin."""
+        largest = [float(self.ratio[self.of_group(name)].max()) for name in self.elsewhere]
+        return _BEYOND * max(1.0, min(largest))
+
+
+def mistaken_angle(tracker: AnyFilter, problem: ModelDraws) -> str | None:
+    """Describe the angle at whose cut a filter goes wrong; an empty text if there is none.
+
+    None if no angle passes its cut, or if no reference filter runs.
+    """
+    compared_any, doubtful = False, ""
+    for angle in angles_of(problem):
+        compared = _compare(tracker, problem, angle)
+        if compared is None:
+            continue
+        compared_any = True
+        cut = _cut_of_fault(compared)
+        if not cut:
+            continue
+        is_here = compared.of_group(cut)
+        number = int((compared.ratio > compared.limit)[is_here].sum())
+        where = f"{number} of {is_here.sum()} runs go wrong where {angle.name} crosses {cut}"
+        if angle.kind == "measured" and is_unwrapped(tracker, problem, angle, compared):
+            return f"the innovation of {angle.name} is not wrapped: {where}"
+        what = "is every difference of it wrapped, and a mean of sigma points on the circle?"
+        doubtful = doubtful or f"{where}: {what}"
+    return doubtful if compared_any else None
+
+
+def _compare(tracker: AnyFilter, problem: ModelDraws, angle: Angle) -> _Comparison | None:
+    """Filter runs at the cuts of an angle, and elsewhere; None if the angle passes no cut."""
+    # Step 1: runs of each group, whose angle has its value after different numbers of steps.
+    values, group = list[float](), list[str]()
+    for name, (value, number) in _RUNS_BY_CUT.items():
+        values += [value] * number
+        group += [name] * number
+    for value in _ELSEWHERE:
+        values += [value] * _RUNS_ELSEWHERE
+        group += [f"{_FAR_FROM_CUTS} {value:.2f}"] * _RUNS_ELSEWHERE
+    possible = [step for step in _AHEAD if step < len(problem.steps)]
+    ahead = np.array([*islice(cycle(possible), len(values))])
+    data = turn(problem, angle, np.array(values), ahead, seed=7)
+    reached = np.flatnonzero(np.isfinite(data.prior.mean).all(axis=0)).tolist()
+    group = [group[i] for i in reached]
+    if "+-pi" not in group or not any(name.startswith(_FAR_FROM_CUTS) for name in group):
+        return None
+    data = Simulation(
+        truth=data.truth[..., reached],
+        measurements=data.measurements[..., reached],
+        prior=Gaussian(data.prior.mean[:, reached], data.prior.cov[..., reached]),
+    )
+    # Step 2: references.
+    sensor = problem.model.sensor
+    if has_density(sensor) and sensor.why_no_moments():
+        return None
+    filters: list[AnyFilter] = [f for f in (UKF(), EKF()) if not why_not(f, problem)]
+    if not filters:
+        return None
+    tested = run_filter(tracker, problem, data)
+    references = [run_filter(f, problem, data) for f in filters]
+    rows = problem.angle_rows
+    truth = Estimates(mean=data.truth, cov=references[0].cov, random=False, series={})
+    errors = [deviation(truth, reference, rows) for reference in references]
+    best = int(np.argmin([np.median(error) for error in errors]))
+    center = references[best]
+    others = [reference for i, reference in enumerate(references) if i != best]
+    particles = PF(N=max(tracker.particle_count, 50))
+    if tested.random and not why_not(particles, problem):
+        others.append(run_filter(particles, problem, data))
+    # Step 3: deviations from the best reference, in units of another reference's. Runs in which the best
+    # reference itself is wrong do not count.
+    scale = np.full(len(group), _LEAST_SCALE)
+    for other in others:
+        scale = np.maximum(scale, deviation(other, center, rows))
+    ratio = np.where(errors[best] < _SOUND, deviation(tested, center, rows) / scale, 0.0)
+    return _Comparison(
+        ratio=ratio,
+        group=tuple(group),
+        center=center,
+        data=data,
+        random=tested.random,
+    )
+
+
+def _cut_of_fault(compared: _Comparison) -> str:
+    """Return the cut at which most runs are beyond the limit, if they are too many; else nothing."""
+    beyond = compared.ratio > compared.limit
+    shares = {name: float(beyond[compared.of_group(name)].mean()) for name in {*compared.group}}
+    # The two best groups without a cut: a filter may be wrong in half of the plane.
+    quiet = sorted(compared.elsewhere, key=shares.__getitem__)[:2]
+    is_quiet = np.any([compared.of_group(name) for name in quiet], axis=0)
+    cuts = [name for name in _RUNS_BY_CUT if name in shares]
+    for cut in sorted(cuts, key=shares.__getitem__, reverse=True):
+        is_here = compared.of_group(cut)
+        number = int(beyond[is_here].sum())
+        if number < _LEAST_RUNS or shares[cut] < _LEAST_SHARE:
+            continue
+        chance = _fisher(
+            number, int(is_here.sum()), int(beyond[is_quiet].sum()), int(is_quiet.sum())
+        )
+        if not compared.random or chance < _CHANCE:
+            return cut
+    return ""
+
+
+def _fisher(here: int, runs_here: int, there: int, runs_there: int) -> float:
+    """Return the probability that at least ``here`` of all such runs are here by chance (Fisher)."""
+    every = here + there
+    ways = [
+        comb(runs_here, i) * comb(runs_there, every - i)
+        for i in range(here, min(every, runs_here) + 1)
+    ]
+    return sum(ways) / comb(runs_here + runs_there, every)

@@ -1,0 +1,46 @@
+"""suite.html: the scores of a suite on one page."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from trackbench.report.html.report_page import write_page
+from trackbench.report.html.svg import inline
+from trackbench.report.suite.figures import SuiteFigure
+from trackbench.report.suite.scores import SuiteScores
+from trackbench.report.table import TextTable
+
+
+def write_suite_page(
+    path: Path,
+    *,
+    title: str,
+    version: int,
+    groups: Sequence[SuiteScores],
+    sentences: Sequence[str],
+    tables: Sequence[TextTable],
+    smoothers: Sequence[TextTable],
+    figures: Sequence[SuiteFigure],
+    left_out: Sequence[str],
+) -> Path:
+    """Write the page: sentences and tables first, then figures, smoothers, links to the problems."""
+    from markupsafe import Markup
+
+    pictures: list[dict[str, Any]] = []
+    for figure in figures:
+        svg = Markup(inline(figure.svg, figure.name, figure.caption))
+        pictures.append({"name": figure.name, "svg": svg, "heading": "", "caption": figure.caption})
+    problems = {group.title: group.problems for group in groups}
+    return write_page(
+        path,
+        "suite.html",
+        live=False,
+        title=title,
+        version=version,
+        sentences=sentences,
+        tables=tables,
+        smoothers=smoothers,
+        figures=pictures,
+        problems=problems,
+        left_out=left_out,
+    )

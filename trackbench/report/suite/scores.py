@@ -1,0 +1,570 @@
+"""Scores of a suite: one record for each problem and filter, and what follows over all problems.
+
+The error of a filter is divided by that of the best filter of the same problem. Over problems the
+ratios are summarized by their geometric mean, each ratio limited to `WORST`: a filter that loses runs,
+or cannot be run, counts as `WORST`. The logarithm of this number is one minus the area under the
+filter's performance profile [1]_ between 1 and `WORST`, so that figure and number agree.
+
+.. [1] E. D. Dolan, J. J. More: Benchmarking optimization software with performance profiles,
+   Mathematical Programming 91, 2002.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from math import inf, isfinite, nan
+from pathlib import Path
+
+import numpy as np
+
+from trackbench.atomic_files import write_csv
+from trackbench.config.suite import FittedProblem, shown_label
+from trackbench.core.arrays import Array
+from trackbench.report.findings.ranking import (
+    Candidate,
+    Ranking,
+    candidates_of,
+    ranking_metrics,
+    ranking_of,
+)
+from trackbench.report.findings.ranking_table import consistency, cpu_seconds
+from trackbench.report.paired import compared_statistic
+from trackbench.report.results import Results
+from trackbench.statistics.comparison import Comparison, compare
+from trackbench.statistics.estimates import RunEstimate, collapsed_in_words
+
+WORST = 10.0
+"""Ratio to the best from which on a filter counts as useless for the problem."""
+FILTER, SMOOTHER, REFERENCE, BOUND = "filter", "smoother", "reference", "bound"
+RESAMPLINGS = 200
+"""Resamplings of the runs for the bands of performance profiles."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ratio:
+    """Ratio of two errors with its 95 % interval; NaN where there is none."""
+
+    value: float = nan
+    low: float = nan
+    high: float = nan
+
+    @classmethod
+    def of(cls, comparison: Comparison) -> "Ratio":
+        """Return the ratio of two filters with the interval of its test."""
+        low, high = comparison.ratio_interval
+        return cls(value=comparison.ratio.value, low=low, high=high)
+
+    @classmethod
+    def to_bound(cls, error: RunEstimate, bound: float) -> "Ratio":
+        """Return the ratio of an error to a bound, which is exact."""
+        low, high = error.interval()
+        return cls(value=error.value / bound, low=low / bound, high=high / bound)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Score:
+    """Cell of a suite: a filter on a problem."""
+
+    group: str
+    problem: str
+    problem_class: str
+    label: str
+    role: str
+    """filter, smoother, reference or bound"""
+    metric: str = ""
+    error: float = nan
+    stderr: float = nan
+    ratio_to_best: Ratio = field(default_factory=Ratio)
+    ratio_to_reference: Ratio = field(default_factory=Ratio)
+    word: str = ""
+    """best, no significant difference, worse, loses more runs, untested"""
+    runs: int = 0
+    lost: int = 0
+    collapsed: int = 0
+    consistency: str = ""
+    cpu_s: float = nan
+    """CPU seconds of a run"""
+    reason: str = ""
+    """why the filter has no error here"""
+
+    @property
+    def is_run(self) -> bool:
+        """True if the filter was run on the problem."""
+        return not self.reason
+
+    @property
+    def limited_ratio(self) -> float:
+        """Ratio to the best, at most `WORST`; `WORST` without a fair error."""
+        if self.reason or self.word == LOSES_MORE or not self.ratio_to_best.value <= WORST:
+            return WORST
+        return max(self.ratio_to_best.value, 1.0)
+
+
+BEST, ALIKE, WORSE = "best", "no significant difference", "worse"
+LOSES_MORE, UNTESTED = "loses more runs", "untested"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProblemRuns:
+    """Errors of each run of a problem, to resample: values (M,) by filter, NaN where lost."""
+
+    statistic: str
+    values: Mapping[str, Array]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SuiteScores:
+    """All scores of a suite's group."""
+
+    group: str
+    title: str
+    scores: list[Score]
+    runs: Mapping[str, ProblemRuns]
+    """errors of each run, by problem"""
+
+    def of_role(self, role: str) -> list[Score]:
+        """Return the scores of filters, or of smoothers."""
+        return [score for score in self.scores if score.role == role]
+
+    def labels(self, role: str) -> list[str]:
+        """Return the labels with this role, in the roster's order."""
+        return list(dict.fromkeys(score.label for score in self.of_role(role)))
+
+    @property
+    def problems(self) -> list[str]:
+        """Return the problems in the suite's order."""
+        return list(dict.fromkeys(score.problem for score in self.scores))
+
+    @property
+    def classes(self) -> dict[str, str]:
+        """Return the class of each problem."""
+        return {score.problem: score.problem_class for score in self.scores}
+
+
+def score_problem(problem: FittedProblem, results: Results) -> tuple[list[Score], ProblemRuns]:
+    """Return the scores of a problem's filters, and the errors of each run.
+
+    Parameters
+    ----------
+    problem : problem with its roster
+    results : its results folder
+    """
+    point = results.points()[0]
+    metric = next(iter(ranking_metrics(results)), "")
+    statistic = compared_statistic(results.config, metric) if metric else "mean"
+    candidates = {c.label: c for c in candidates_of(results, [point], metric, statistic)}
+    reference = results.config.get("reference")
+    smoothers = {f"{label}, smoothed" for label in results.config.get("smoothed", ())}
+    replaced = {shown_label(problem, label): label for label in problem.tuned}
+    hidden = set(problem.tuned)
+    shown = [candidate for label, candidate in candidates.items() if label not in hidden]
+    words_on_consistency = consistency(results, shown)
+    scores: list[Score] = []
+    # Step 1: filters and smoothers, ranked apart.
+    for role in (FILTER, SMOOTHER):
+        ranked = [
+            candidate
+            for label, candidate in candidates.items()
+            if label != reference
+            and label not in hidden
+            and (label in smoothers) == (role == SMOOTHER)
+        ]
+        if not ranked:
+            continue
+        ranking = ranking_of(ranked, metric)
+        for candidate in ranked:
+            word = words_on_consistency[candidate]
+            score = _score_candidate(problem, results, ranking, candidate, role, word)
+            against = _ratio_to_reference(
+                results, candidates, candidate, reference, metric, statistic
+            )
+            label = replaced.get(candidate.label, candidate.label)
+            scores.append(replace(score, label=label, ratio_to_reference=against))
+    # Step 2: the reference and the bound.
+    if reference in candidates:
+        candidate = candidates[reference]
+        error = candidate.overall
+        scores.append(
+            Score(
+                group=problem.group,
+                problem=problem.name,
+                problem_class=problem.settings.class_,
+                label=reference,
+                role=REFERENCE,
+                metric=f"{statistic}({metric})",
+                error=error.value,
+                stderr=error.stderr,
+                runs=len(candidate.lost),
+                lost=candidate.losses,
+                consistency=words_on_consistency[candidate],
+                cpu_s=cpu_seconds(results, candidate),
+            )
+        )
+    bound = _bound(results, metric)
+    if bound is not None:
+        scores.append(
+            Score(
+                group=problem.group,
+                problem=problem.name,
+                problem_class=problem.settings.class_,
+                label=str(results.config["bound"]),
+                role=BOUND,
+                metric=f"rms({metric})",
+                error=bound.value,
+                stderr=bound.stderr,
+            )
+        )
+    # Step 3: filters that have no error here, with the reason.
+    reasons = dict(problem.left_out)
+    failed = {row["filter"]: str(row["reason"]) for row in results.failed}
+    for label in results.filters:
+        if label not in candidates and label not in hidden:
+            reasons[replaced.get(label, label)] = failed.get(label, "has no such error")
+    for label, why in reasons.items():
+        role = SMOOTHER if label in smoothers else FILTER
+        scores.append(
+            Score(
+                group=problem.group,
+                problem=problem.name,
+                problem_class=problem.settings.class_,
+                label=label,
+                role=role,
+                reason=why,
+            )
+        )
+    values = {
+        replaced.get(label, label): candidate.sample.values
+        for label, candidate in candidates.items()
+        if label != reference and label not in smoothers and label not in hidden
+    }
+    return scores, ProblemRuns(statistic=statistic, values=values)
+
+
+def _score_candidate(
+    problem: FittedProblem,
+    results: Results,
+    ranking: Ranking,
+    candidate: Candidate,
+    role: str,
+    consistency_word: str,
+) -> Score:
+    """Score a filter beside the best of its problem."""
+    overall = candidate.overall
+    runs = results.runs(candidate.point)
+    anees = runs.get((candidate.label, "nees"), np.full(0, nan))
+    size = results.facts(candidate.point).sizes.get("", 1)
+    collapsed = collapsed_in_words(anees / size)
+    reason = ""
+    if not isfinite(overall.value):
+        reason = "lost all runs" if candidate.losses == len(candidate.lost) else "infinite error"
+    return Score(
+        group=problem.group,
+        problem=problem.name,
+        problem_class=problem.settings.class_,
+        label=candidate.label,
+        role=role,
+        metric=f"{candidate.sample.statistic}({ranking.metric.metric})",
+        error=overall.value,
+        stderr=overall.stderr,
+        ratio_to_best=_ratio_to_best(ranking, candidate),
+        word=_word(ranking, candidate),
+        runs=len(candidate.lost),
+        lost=candidate.losses,
+        collapsed=int(collapsed.split()[2]) if collapsed else 0,
+        consistency=consistency_word,
+        cpu_s=cpu_seconds(results, candidate),
+        reason=reason,
+    )
+
+
+def _ratio_to_best(ranking: Ranking, candidate: Candidate) -> Ratio:
+    """Divide the error by that of the best filter."""
+    if not ranking.order:
+        return Ratio()
+    best = ranking.order[0]
+    if candidate is best:
+        return Ratio(value=1.0, low=1.0, high=1.0)
+    comparison = ranking.compared.get(candidate.name) or compare(candidate.sample, best.sample)
+    return Ratio() if comparison is None else Ratio.of(comparison)
+
+
+def _word(ranking: Ranking, candidate: Candidate) -> str:
+    """Return how the filter compares with the best, by the rule for filters."""
+    if candidate in ranking.losing:
+        return LOSES_MORE
+    if ranking.order and candidate is ranking.order[0]:
+        return BEST
+    comparison = ranking.compared.get(candidate.name)
+    if comparison is None or not (comparison.is_tested or comparison.is_equal):
+        return UNTESTED
+    return WORSE if comparison.sign else ALIKE
+
+
+def _ratio_to_reference(
+    results: Results,
+    candidates: Mapping[str, Candidate],
+    candidate: Candidate,
+    reference: str | None,
+    metric: str,
+    statistic: str,
+) -> Ratio:
+    """Divide the error by that of the reference filter, or by the bound."""
+    if reference is not None and reference in candidates:
+        comparison = compare(candidate.sample, candidates[reference].sample)
+        return Ratio() if comparison is None else Ratio.of(comparison)
+    bound = _bound(results, metric)
+    if bound is None or statistic != "rms":
+        return Ratio()
+    return Ratio.to_bound(candidate.sample.overall, bound.value)
+
+
+def _bound(results: Results, metric: str) -> RunEstimate | None:
+    """Return the scenario's bound of the rms error; None without one."""
+    label = results.config.get("bound")
+    rows = results.columns("summary").where(filter=label, metric=f"rms({metric})").records()
+    for row in rows if label else ():
+        stderr = row["stderr"]
+        exact = stderr if isfinite(stderr) else 0.0
+        return RunEstimate(row["value"], exact, None, int(row.get("runs", 0)))
+    return None
+
+
+HEADER = (
+    *("group", "problem", "class", "filter", "role", "metric", "error", "stderr"),
+    *("ratio_to_best", "low", "high", "word"),
+    *("ratio_to_reference", "reference_low", "reference_high"),
+    *("runs", "lost", "collapsed", "consistency", "reason"),
+)
+"""Columns of scores.csv, which are the same bytes on every machine; costs.csv has the CPU times."""
+
+
+def write_scores(folder: Path, groups: Sequence[SuiteScores]) -> None:
+    """Write scores.csv, and costs.csv with the CPU time of each filter's run."""
+    rows = []
+    costs = []
+    for group in groups:
+        for score in group.scores:
+            best = score.ratio_to_best
+            reference = score.ratio_to_reference
+            numbers = [score.error, score.stderr, best.value, best.low, best.high]
+            error, stderr, ratio, low, high = map(_cell, numbers)
+            rows.append(
+                [
+                    *(score.group, score.problem, score.problem_class, score.label, score.role),
+                    *(score.metric, error, stderr, ratio, low, high, score.word),
+                    *map(_cell, (reference.value, reference.low, reference.high)),
+                    *(score.runs, score.lost, score.collapsed, score.consistency, score.reason),
+                ]
+            )
+            if isfinite(score.cpu_s):
+                costs.append([score.group, score.problem, score.label, score.role, score.cpu_s])
+    write_csv(folder / "scores.csv", [*HEADER], rows)
+    write_csv(folder / "costs.csv", ["group", "problem", "filter", "role", "cpu_s_per_run"], costs)
+
+
+def _cell(number: float) -> float | str:
+    """Round a number to seven digits, as in summary.csv; empty for NaN."""
+    return "" if np.isnan(number) else float(f"{number:.7g}")
+
+
+def ratio_matrix(group: SuiteScores, role: str = FILTER) -> tuple[list[str], list[str], Array]:
+    """Return labels, problems, and the ratios to the best (labels, problems), limited to `WORST`."""
+    labels = group.labels(role)
+    problems = [p for p in group.problems if any(s.problem == p for s in group.of_role(role))]
+    ratios = np.full((len(labels), len(problems)), WORST)
+    for score in group.of_role(role):
+        ratios[labels.index(score.label), problems.index(score.problem)] = score.limited_ratio
+    return labels, problems, ratios
+
+
+def typical_ratios(group: SuiteScores, without_class: str = "") -> dict[str, float]:
+    """Return each filter's geometric mean of the limited ratios, over the problems.
+
+    Parameters
+    ----------
+    without_class : class of problems that is left out
+    """
+    labels, problems, ratios = ratio_matrix(group)
+    kept = [i for i, name in enumerate(problems) if group.classes[name] != without_class]
+    if not kept:
+        return {}
+    means = np.exp(np.mean(np.log(ratios[:, kept]), axis=1))
+    return dict(zip(labels, means.tolist(), strict=True))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Leader:
+    """Filter that is first over the problems, and whether that depends on the runs or on a class."""
+
+    label: str
+    typical_ratio: float
+    rivals: tuple[str, ...]
+    """filters that are first in more than 5 % of the resamplings of the runs, too"""
+    without: dict[str, str]
+    """filter that is first when a class is left out, by class, where it is another one"""
+
+    @property
+    def is_robust(self) -> bool:
+        """True if the same filter is first with other runs, and without any one class of problems."""
+        return not self.without and not self.rivals
+
+
+def leader_of(group: SuiteScores, resampled: Array) -> Leader | None:
+    """Find the filter with the smallest typical ratio, and try it with other runs and other classes.
+
+    Parameters
+    ----------
+    resampled : ratios of `resampled_ratios`
+    """
+    typical = typical_ratios(group)
+    if not typical:
+        return None
+    first = min(typical, key=lambda label: typical[label])
+    # With other runs: how often each filter is first.
+    winners = np.log(resampled).mean(axis=2).argmin(axis=1)
+    labels = [*typical]
+    rivals = []
+    for i, label in enumerate(labels):
+        if label != first and float(np.mean(winners == i)) > 0.05:
+            rivals.append(label)
+    # Without each class of problems.
+    without = {}
+    for name in dict.fromkeys(group.classes.values()):
+        others = typical_ratios(group, without_class=name)
+        if not others:
+            continue
+        other = min(others, key=lambda label: others[label])
+        if other != first:
+            without[name] = other
+    return Leader(label=first, typical_ratio=typical[first], rivals=tuple(rivals), without=without)
+
+
+def profile(ratios: Array, factors: Array) -> Array:
+    """Return the share of problems on which each filter is within each factor of the best.
+
+    Parameters
+    ----------
+    ratios : ratios to the best (labels, problems); `WORST` or more is never within a factor
+    factors : factors (F,)
+
+    Returns
+    -------
+    shares (labels, F)
+    """
+    within = (ratios[:, :, None] <= factors) & (ratios[:, :, None] < WORST)
+    return within.mean(axis=1)
+
+
+def resampled_ratios(group: SuiteScores, seed: int = 0) -> Array:
+    """Return the limited ratios (RESAMPLINGS, labels, problems) over runs drawn with replacement.
+
+    The runs of a problem are drawn for all its filters the same. A filter that loses more runs than
+    others, or was not run, keeps `WORST`.
+    """
+    labels, problems, ratios = ratio_matrix(group)
+    rng = np.random.default_rng(seed)
+    resampled = np.empty((RESAMPLINGS, len(labels), len(problems)))
+    for b in range(RESAMPLINGS):
+        for j, name in enumerate(problems):
+            drawn = _resampled_ratios(group.runs[name], labels, ratios[:, j], rng)
+            resampled[b, :, j] = np.minimum(drawn, WORST)
+    return resampled
+
+
+def profile_bands(resampled: Array, factors: Array) -> tuple[Array, Array]:
+    """Return 95 % bands (labels, F) of the performance profiles, from `resampled_ratios`."""
+    shares = np.array([profile(ratios, factors) for ratios in resampled])
+    return np.quantile(shares, 0.025, axis=0), np.quantile(shares, 0.975, axis=0)
+
+
+def _resampled_ratios(
+    runs: ProblemRuns, labels: Sequence[str], ratios: Array, rng: np.random.Generator
+) -> Array:
+    """Return the ratios to the best (labels,) over runs drawn with replacement."""
+    statistic = _STATISTICS[runs.statistic]
+    M = max((len(values) for values in runs.values.values()), default=0)
+    if M < 2:
+        return ratios
+    drawn = rng.integers(0, M, M)
+    errors = np.full(len(labels), inf)
+    for i, label in enumerate(labels):
+        values = runs.values.get(label)
+        if values is None or not ratios[i] < WORST or len(values) != M:
+            continue
+        chosen = values[drawn]
+        finite = chosen[np.isfinite(chosen)]
+        if len(finite):
+            errors[i] = statistic(finite)
+    best = float(errors.min())
+    if not 0.0 < best < inf:
+        return ratios
+    return np.where(ratios < WORST, errors / best, ratios)
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+_STATISTICS: dict[str, Callable[[Array], float]] = {
+    "mean": lambda values: float(np.mean(values)),
+    "rms": _rms,
+    "median": lambda values: float(np.median(values)),
+}
+
+
+SAME = 1e-6
+"""Relative difference up to which two errors are the same."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Likeness:
+    """Nearness of a filter's errors, run by run, to those of a filter of the roster."""
+
+    label: str
+    differences: dict[str, float]
+    """largest relative difference of a run's error, by problem that both were run on"""
+
+    @property
+    def same(self) -> list[str]:
+        """Problems on which all errors agree to `SAME`."""
+        return [name for name, difference in self.differences.items() if difference <= SAME]
+
+    @property
+    def others(self) -> list[str]:
+        """Problems on which errors differ."""
+        return [name for name, difference in self.differences.items() if not difference <= SAME]
+
+    @property
+    def typical_difference(self) -> float:
+        """Median of the differences over the problems."""
+        return float(np.median([*self.differences.values()]))
+
+
+def nearest_filter(group: SuiteScores, label: str) -> Likeness | None:
+    """Find the filter of the roster whose errors, run by run, are nearest to those of a filter."""
+    likenesses = []
+    for other in group.labels(FILTER):
+        if other == label:
+            continue
+        differences = {}
+        for problem, runs in group.runs.items():
+            mine = runs.values.get(label)
+            theirs = runs.values.get(other)
+            if mine is not None and theirs is not None and len(mine) == len(theirs):
+                differences[problem] = _largest_difference(mine, theirs)
+        if differences:
+            likenesses.append(Likeness(label=other, differences=differences))
+    return min(
+        likenesses,
+        key=lambda likeness: (-len(likeness.same), likeness.typical_difference),
+        default=None,
+    )
+
+
+def _largest_difference(mine: Array, theirs: Array) -> float:
+    """Return the largest relative difference of two filters' errors (M,); runs that both lost agree."""
+    both_lost = ~np.isfinite(mine) & ~np.isfinite(theirs)
+    scale = np.maximum(np.abs(mine), np.abs(theirs))
+    with np.errstate(all="ignore"):
+        relative = np.abs(mine - theirs) / scale
+    relative = np.where(both_lost | (mine == theirs), 0.0, relative)
+    return float(np.nan_to_num(relative, nan=inf).max(initial=0.0))

@@ -1,0 +1,235 @@
+"""Tables and sentences of a suite, for the screen and the page."""
+
+from collections.abc import Sequence
+from math import isfinite
+
+from trackbench.report.findings import phrases
+from trackbench.report.suite.figures import ordered_labels, relative_costs
+from trackbench.report.suite.scores import (
+    ALIKE,
+    BEST,
+    FILTER,
+    LOSES_MORE,
+    SMOOTHER,
+    UNTESTED,
+    Likeness,
+    Score,
+    SuiteScores,
+    leader_of,
+    nearest_filter,
+    resampled_ratios,
+    typical_ratios,
+)
+from trackbench.report.table import Text, TextTable, rounded
+from trackbench.statistics.estimates import COLLAPSED_NOTE
+
+NEAR = 1.1
+"""Factor within which a filter is near the best."""
+
+
+def roster_table(group: SuiteScores) -> TextTable:
+    """Tabulate the filters over all problems, the best first."""
+    typical = typical_ratios(group)
+    costs = relative_costs(group)
+    number = len({score.problem for score in group.of_role(FILTER)})
+    heads = ["Filter", "Typical ratio", "Within 10 %", "Within 2 x", "Best at", "Fails at"]
+    heads += ["Overconfident at", "Not run at", "CPU time"]
+    table = TextTable(f"{group.title}: {number} problems", heads)
+    for label in ordered_labels(group):
+        mine = [score for score in group.of_role(FILTER) if score.label == label]
+        run = [score for score in mine if score.is_run]
+        near = sum(score.limited_ratio <= NEAR for score in run)
+        within = sum(score.limited_ratio <= 2.0 for score in run)
+        first = sum(is_best(score) for score in run)
+        failing = sum(fails(score) for score in run)
+        overconfident = sum(score.consistency == "overconfident" for score in run)
+        cost = costs.get(label)
+        table.rows.append(
+            [
+                Text(label),
+                Text(f"{typical[label]:.2f}", typical[label]),
+                Text(str(near), near),
+                Text(str(within), within),
+                Text(str(first), first),
+                Text(str(failing), failing),
+                Text(str(overconfident), overconfident),
+                Text(str(number - len(run)), number - len(run)),
+                Text("–" if cost is None else f"{cost:.3g} x", cost),
+            ]
+        )
+    table.notes = [
+        "Typical ratio: geometric mean over the problems of the error over that of the problem's best "
+        "filter; a ratio counts as 10 at most, and as 10 where the filter cannot be run or loses more "
+        "runs than another.",
+        "Fails: loses more runs than another filter, or some of its runs collapse. CPU time: median of "
+        "its ratio to the fastest filter.",
+    ]
+    return table
+
+
+def is_best(score: Score) -> bool:
+    """Test whether a filter has the smallest error of its problem, alone or with an equal one."""
+    return score.is_run and score.limited_ratio <= 1.0 + 1e-9
+
+
+def fails(score: Score) -> bool:
+    """Test whether a filter loses more runs than another, or some of its runs collapse."""
+    return score.word == LOSES_MORE or score.collapsed > 0
+
+
+def smoother_table(group: SuiteScores) -> TextTable | None:
+    """Tabulate what smoothing gains: the smoother's error over that of its filter."""
+    smoothers = group.of_role(SMOOTHER)
+    if not smoothers:
+        return None
+    filters = {(score.problem, score.label): score for score in group.of_role(FILTER)}
+    table = TextTable(
+        "Smoothers", ["Problem", "Smoother", "Error", "Error / its filter's", "Lost runs"]
+    )
+    for score in smoothers:
+        own = filters.get((score.problem, score.label.removesuffix(", smoothed")))
+        if not score.is_run or own is None or not own.is_run:
+            continue
+        ratio = score.error / own.error
+        table.rows.append(
+            [
+                Text(score.problem),
+                Text(score.label),
+                Text(rounded(score.error, score.stderr, 4), score.error),
+                Text(f"{ratio:.3g} x", ratio),
+                Text(str(score.lost), score.lost),
+            ]
+        )
+    return table if table.rows else None
+
+
+def filter_table(groups: Sequence[SuiteScores], label: str) -> TextTable:
+    """Tabulate one filter's scores, a row a problem."""
+    heads = ["Problem", "Error", "Ratio to the best (95 %)", "Lost runs", "Consistency"]
+    table = TextTable(f"{label}, problem by problem", heads)
+    for group in groups:
+        for score in group.scores:
+            if score.label == label:
+                table.rows.append(_score_row(score))
+    if any("n.s." in row[2].text for row in table.rows):
+        table.notes.append("n.s.: no significant difference from the best filter of the problem.")
+    if any("collapsed" in row[4].text for row in table.rows):
+        table.notes.append(COLLAPSED_NOTE)
+    return table
+
+
+def _score_row(score: Score) -> list[Text]:
+    """Write the cells of one score."""
+    ratio = score.ratio_to_best
+    if score.is_run:
+        number = rounded(score.error, score.stderr, 4)
+        beside = ratio_in_words(score)
+    else:
+        number = "–"
+        beside = score.reason
+    lost = f"{score.lost} of {score.runs}" if score.lost else "0"
+    return [
+        Text(score.problem),
+        Text(number, score.error),
+        Text(beside, ratio.value),
+        Text(lost, score.lost),
+        Text(score.consistency or "–"),
+    ]
+
+
+def ratio_in_words(score: Score) -> str:
+    """Write the ratio to the best with its interval and the word of the rule for filters."""
+    ratio = score.ratio_to_best
+    if score.word == BEST:
+        return "best"
+    if ratio.low == ratio.high == 1.0:
+        return "equal to the best"
+    width = ratio.high - ratio.low
+    text = f"{phrases.multiple(ratio.value, width)} x"
+    if isfinite(width):
+        low = phrases.multiple(ratio.low, width)
+        high = phrases.multiple(ratio.high, width)
+        text += f" ({low} to {high})"
+    words = {ALIKE: " n.s.", LOSES_MORE: ", loses more runs", UNTESTED: " untested"}
+    return text + words.get(score.word, "")
+
+
+def filter_sentences(group: SuiteScores, label: str) -> list[str]:
+    """Say of one filter where it ran, where it is first or fails, and which filter it resembles."""
+    mine = [score for score in group.of_role(FILTER) if score.label == label]
+    run = [score for score in mine if score.is_run]
+    lines = [f"{group.title}: {label} ran on {len(run)} of {len(mine)} problems."]
+    if not run:
+        return lines
+    if len(group.labels(FILTER)) > 1:
+        typical = typical_ratios(group)[label]
+        lines.append(
+            f"Its typical error is {typical:.2f} times that of the best filter of each problem."
+        )
+        first = [score.problem for score in run if is_best(score)]
+        if first:
+            lines.append(f"It has the smallest error on {_listed(first)}.")
+    failing = [score.problem for score in run if fails(score)]
+    if failing:
+        lines.append(f"It loses runs or collapses on {_listed(failing)}.")
+    overconfident = [score.problem for score in run if score.consistency == "overconfident"]
+    if overconfident:
+        lines.append(f"It is overconfident on {_listed(overconfident)}.")
+    likeness = nearest_filter(group, label)
+    if likeness is not None:
+        lines.append(_likeness_sentence(likeness))
+    return lines
+
+
+def _likeness_sentence(likeness: Likeness) -> str:
+    """Say which filter of the roster a filter is, or is nearest to."""
+    number = len(likeness.differences)
+    if not likeness.others:
+        return (
+            f"It is the {likeness.label}: on all {number} problems that both ran on, the errors of "
+            "every run agree to 1e-6."
+        )
+    largest = max(likeness.differences.values())
+    apart = f"by up to {100.0 * largest:.2g} %" if isfinite(largest) else "in which runs are lost"
+    if len(likeness.same) > len(likeness.others):
+        return (
+            f"On {len(likeness.same)} of {number} problems it is the {likeness.label}: the errors of "
+            f"every run agree to 1e-6. On {_listed(likeness.others)} they differ {apart}. Where a "
+            "filter diverges, or the system is chaotic, rounding alone can grow so much."
+        )
+    return (
+        f"The nearest filter is {likeness.label}: the errors of a run differ by up to "
+        f"{100.0 * likeness.typical_difference:.2g} % on half of the problems."
+    )
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Join names with commas and ``and``."""
+    if len(names) == 1:
+        return names[0]
+    return f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def leader_sentence(group: SuiteScores) -> str:
+    """Say which filter is first over the problems, and on what that depends."""
+    if len(group.labels(FILTER)) < 2:
+        return ""
+    leader = leader_of(group, resampled_ratios(group))
+    if leader is None:
+        return ""
+    number = len({score.problem for score in group.of_role(FILTER)})
+    if leader.is_robust:
+        return (
+            f"{group.title}: over the {number} problems {leader.label} comes first. Its typical error "
+            f"is {leader.typical_ratio:.2f} times that of the best filter of each problem. It stays "
+            "first over resampled runs, and without any one class of problems."
+        )
+    reasons = []
+    if leader.rivals:
+        reasons.append(f"with other runs {_listed(leader.rivals)} may be first, too")
+    for name, label in leader.without.items():
+        reasons.append(f"without the class {name} it is {label}")
+    return (
+        f"{group.title}: no filter is the best over the {number} problems. {leader.label} has the "
+        f"smallest typical ratio, {leader.typical_ratio:.2f}; {'; '.join(reasons)}."
+    )

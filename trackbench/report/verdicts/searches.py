@@ -1,0 +1,142 @@
+"""Readings of a paper that an experiment searches: points of its grid, and ways to measure a number.
+
+A table of kind `readings` ranks them; the verdicts take the best one for each printed number.
+"""
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+from trackbench.config.grid import single_paths
+from trackbench.config.includes import split_path
+from trackbench.config.published import PublishedNumber, picks, read_published
+from trackbench.evaluation.metric_expression import TIME_MEAN, Measure
+from trackbench.report.findings import phrases
+from trackbench.report.results import Results
+from trackbench.report.verdicts.cpu_times import without_times
+from trackbench.results.point_facts import GridPoint
+from trackbench.statistics.over_runs import STATISTICS
+
+
+class SearchedReading(NamedTuple):
+    """A printed number as one reading measures it: by an expression of a filter at a point."""
+
+    number: PublishedNumber
+    """with the one label that is measured, and the reading in words"""
+    point: GridPoint
+
+
+def searched_numbers(results: Results) -> Iterator[list[SearchedReading]]:
+    """Yield for each printed number every reading of it that a `readings` table searches."""
+    seen = set[tuple[str, ...]]()
+    for keys in (results.config.get("tables") or {}).values():
+        if keys.get("kind") != "readings":
+            continue
+        # Step 1: rows of the printed numbers, by the place where a number is printed.
+        paths = results.config.get("published", [])
+        published = without_times(read_published(results.folder, paths, keys["of"]))
+        rows_by_place: dict[tuple[str, ...], list[PublishedNumber]] = {}
+        for number in published.numbers:
+            if number.printed_at not in seen:
+                fitted = _fitted_setting(number, keys.get("chosen") or {})
+                row = replace(number, chosen=fitted or number.chosen)
+                rows_by_place.setdefault(number.printed_at, []).append(row)
+        # Step 2: the readings of each number. If several tables search them, the first one counts.
+        for place, rows in rows_by_place.items():
+            readings = _readings(results, rows, keys.get("statistics") or [""])
+            if readings:
+                seen.add(place)
+                yield readings
+
+
+def _fitted_setting(number: PublishedNumber, chosen: dict[str, str]) -> str:
+    """Return the setting that was fitted to a number, in words; empty if none was."""
+    of_filter = chosen.get(f"{number.filter}: {number.metric}", "")
+    return of_filter or chosen.get(number.metric, "")
+
+
+def _readings(
+    results: Results, rows: list[PublishedNumber], statistics: list[str]
+) -> list[SearchedReading]:
+    """Return a number's readings: each expression of each label at each point."""
+    variants = dict.fromkeys(with_statistic(row, name) for row in rows for name in statistics)
+    numbers = [replace(row, label=label) for row in variants for label in row.labels]
+    readings = []
+    for number in numbers:
+        if number.expression is None:
+            continue
+        compared = [number.label]
+        if number.expression.other:
+            compared.append(number.expression.other)
+        if not set(compared) <= {*results.filters}:
+            continue
+        heads, points = searched_points(results, compared)
+        for values, point in points:
+            if not picks(number.point, point):
+                continue
+            words = [f"{head} {value}" for head, value in zip(heads, values, strict=True)]
+            if len(variants) > 1:
+                words.append(str(number.expression))
+            readings.append(SearchedReading(replace(number, reading=", ".join(words)), point))
+    return readings
+
+
+def searched_points(
+    results: Results, labels: list[str]
+) -> tuple[list[str], list[tuple[list[str], dict[str, Any]]]]:
+    """Return paths that concern these filters, and one point for each combination of their values."""
+    paths = [path for path in results.grid if _concerns(results, path, labels)]
+    points: dict[tuple[str, ...], dict[str, Any]] = {}
+    # Points that differ in other paths only are one reading: the first stands for it.
+    for point in results.points():
+        points.setdefault(tuple(phrases.number(point[path]) for path in paths), point)
+    keys = [split_path(results.source, single_paths(path)[0]) for path in paths]
+    # A column is called by the last word of its key, by two words if that is ambiguous.
+    last = [where[-1] for where in keys]
+    heads = [".".join(map(str, k[-1 if last.count(k[-1]) == 1 else -2 :])) for k in keys]
+    return heads, [(list(shown), p) for shown, p in points.items()]
+
+
+def _concerns(results: Results, path: str, labels: list[str]) -> bool:
+    keys = [split_path(results.source, single) for single in single_paths(path)]
+    return any(where[0] == "scenario" or where[1] in labels for where in keys)
+
+
+def ways_to_measure(
+    numbers: list[PublishedNumber], statistics: tuple[str, ...] = ()
+) -> tuple[list[str], list[tuple[list[str], list[PublishedNumber]]]]:
+    """Return heads and rows: each way to measure the printed numbers, one row per number.
+
+    A printed number with rows of several expressions is measured by one of them at a time, the same for
+    all numbers of its printed metric.
+    """
+    rows: dict[tuple[str, ...], list[Measure]] = {}
+    for n in numbers:
+        assert n.expression is not None
+        rows.setdefault((n.paper, n.table, n.row, n.filter, n.metric), []).append(n.expression)
+    # Printed metrics that are measured by several expressions.
+    several = {at[-1]: dict.fromkeys(ms) for at, ms in rows.items() if len(set(ms)) > 1}
+    ways = []
+    # Every combination of a statistic and one expression for each of these metrics.
+    for statistic, *taken in itertools.product(statistics or ("",), *several.values()):
+        chosen = dict(zip(several, taken, strict=True))
+        selected = [n for n in numbers if n.expression == chosen.get(n.metric, n.expression)]
+        words = [statistic] if statistic else []
+        words += [m.name if _is_average(m) else str(m) for m in taken]
+        ways.append((words, [with_statistic(n, statistic) for n in selected]))
+    return [*(["statistic"] if statistics else []), *several], ways
+
+
+def with_statistic(number: PublishedNumber, statistic: str) -> PublishedNumber:
+    """Take another statistic of the same errors; a variance stays one."""
+    m = number.expression
+    if not statistic or m is None or not _is_average(m):
+        return number
+    return replace(number, expression=m._replace(statistic=statistic))
+
+
+def _is_average(m: Measure) -> bool:
+    """Test whether the expression is a statistic in the metric's unit over whole runs."""
+    averages = [TIME_MEAN, *(name for name, s in STATISTICS.items() if s.power == 1)]
+    return m.statistic in averages and not m.steps and not m.relation

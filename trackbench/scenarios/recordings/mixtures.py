@@ -1,0 +1,204 @@
+"""Columns whose words split the rows of one run: several targets or several sensors in one table."""
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Literal
+
+import numpy as np
+
+from trackbench.core.arrays import Array, Index, Mask
+from trackbench.scenarios.recordings.column_names import words_of
+from trackbench.scenarios.recordings.csv_lines import is_value
+
+Split = Literal["apart", "errors", "one", "unknown"]
+"""Parts are apart, have errors of different sizes, agree as one, or cannot be compared."""
+
+_MOST_WORDS = 50
+"""of a column whose name says nothing"""
+_MOST_PARTS = 12
+"""that are compared, the largest"""
+_MOST_ROWS = 20_000
+_MOST_NUMBERS = 12
+"""values of a column of numbers that may name targets though its own name does not say so"""
+_FEWEST = 8
+"""rows of a part that can be compared with another part"""
+_APART = 4.0
+"""distance between parts, in distances of a row from the line between its neighbors of the same part"""
+_ERRORS = 3.0
+"""ratio of the sizes of two parts' errors"""
+_JUMP = 20.0
+"""jump from one part to the next, in usual steps"""
+_LONGEST_GAP = 2.5
+"""usual intervals between two rows of a part within which the other part's rows are compared"""
+
+
+def _word_set(text: str) -> frozenset[str]:
+    return frozenset(text.split())
+
+
+_QUALITY = _word_set(
+    "fix fixtype quality qual q status state mode ns nsat nsats sats satellites numsat hdop pdop vdop "
+    "gdop valid validity flag flags solution sol soltype accuracy acc battery health error class level "
+    "confidence conf snr rssi amplitude gear switch armed"
+)
+"""Words in the names of columns that say how good a row is, not whose it is."""
+_SENSORS = _word_set(
+    "sensor source src provider device radar station receiver tracker camera lidar antenna instrument "
+    "quelle fuente fonte bron kilde capteur sensore geber"
+)
+_PLACES = _word_set("anchor beacon landmark marker tower reflector")
+"""Words for things at places of their own."""
+_TARGETS = _word_set(
+    "mmsi icao icao24 hex callsign flight tail vessel ship boat vehicle car truck bus drone uav "
+    "aircraft plane robot object target track trackid objectid person player animal bird "
+    "individual agent tag pedestrian bike rider runner schiff boot fahrzeug flugzeug navire bateau "
+    "avion buque barco nave skib schip vliegtuig"
+)
+
+
+def role_of(name: str) -> Literal["quality", "sensor", "place", "target", ""]:
+    """Name the role that the words of a column's name give it."""
+    words = {word.rstrip("0123456789") for word in words_of(name)} | {*words_of(name)}
+    words.add("".join(words_of(name)))
+    if words & _QUALITY:
+        return "quality"
+    if words & _PLACES:
+        return "place"
+    if words & _SENSORS:
+        return "sensor"
+    return "target" if words & _TARGETS else ""
+
+
+def may_split(name: str, cells: Sequence[str]) -> bool:
+    """Test whether a column's first cells are words that are repeated, and not measured numbers.
+
+    Rows may be sorted by target, so that the first of them name one alone: the name must say so then.
+    """
+    words = {cell for cell in cells if cell}
+    role = role_of(name)
+    if role == "quality" or any(
+        re.fullmatch(r"[-+]?\d*[.,]\d+([eE][-+]?\d+)?", word) for word in words
+    ):
+        return False
+    if role:
+        return 0 < len(words) < len(cells)
+    if not 2 <= len(words) <= _MOST_WORDS or len(cells) < 2 * len(words):
+        return False
+    return len(words) <= _MOST_NUMBERS or not all(map(is_value, words))
+
+
+def split_by(codes: Index, time: Array, values: Array) -> Split:
+    """Compare the parts of the rows (R,) of one run, with values (n, R), by their codes (R,)."""
+    whole = np.flatnonzero(np.isfinite(values).all(axis=0))[:_MOST_ROWS]
+    order = whole[np.argsort(time[whole], kind="stable")]
+    time, values, codes = time[order], values[:, order], codes[order]
+    found, counts = np.unique(codes, return_counts=True)
+    largest = found[np.argsort(-counts, kind="stable")][:_MOST_PARTS]
+    parts = [np.flatnonzero(codes == code) for code in largest.tolist()]
+    parts = [part for part in parts if len(part) >= 3]
+    if len(parts) < 2:
+        return "unknown"
+    # Step 1: each part's own size of errors, from the lines between neighbors.
+    sizes = [_own_errors(time[part], values[:, part]) for part in parts]
+    compared = apart = unequal = 0
+    # Step 2: rows of one part beside the line between neighboring rows of another part.
+    for i, first in enumerate(parts):
+        for j, other in enumerate(parts):
+            if i == j:
+                continue
+            away = _distances_from(time, values, first, other)
+            if away.shape[1] < min(_FEWEST, len(other) - 1):
+                continue
+            compared += 1
+            middle = np.median(away, axis=1)
+            noise = np.maximum(sizes[i], sizes[j])
+            apart += bool((middle > _APART * noise).any())
+            # A part that is less accurate than the first one, by its own rows and beside the first's.
+            larger = (middle > _ERRORS * sizes[i]) & (sizes[j] > _ERRORS * sizes[i])
+            unequal += bool(larger.any())
+    if compared:
+        if 2 * apart > compared:
+            return "apart"
+        return "errors" if unequal else "one"
+    # Step 3: parts one after the other: a jump wherever one part follows the other.
+    return "apart" if _jumps(time, values, codes) else "unknown"
+
+
+def is_regular(codes: Index, time: Array) -> bool:
+    """Test whether parts alternate, each at equal intervals, as sensors do and quality does not."""
+    order = np.argsort(time, kind="stable")
+    codes, time = codes[order], time[order]
+    counts = np.unique(codes, return_counts=True)[1]
+    changes = int((np.diff(codes) != 0).sum())
+    fewest_changes = 1.2 * (len(codes) - counts.max())
+    if changes < fewest_changes:
+        return False
+    for code in np.unique(codes).tolist():
+        apart = np.diff(time[codes == code])
+        if (
+            len(apart) < 2
+            or (np.abs(apart - np.median(apart)) <= 0.2 * np.median(apart)).mean() < 0.7
+        ):
+            return False
+    return True
+
+
+def _own_errors(time: Array, values: Array) -> Array:
+    """Compute the median distance (n,) of rows from the line between their neighbors.
+
+    It is scaled to the error of one row.
+    """
+    share, _ = _shares(time[1:-1], time[:-2], time[2:])
+    off = values[:, 1:-1] - (1.0 - share) * values[:, :-2] - share * values[:, 2:]
+    # e = z_1 - (1 - s) z_0 - s z_2 has the variance sigma^2 (1 + s^2 + (1 - s)^2).
+    sizes = np.abs(off) / np.sqrt(1.0 + np.square(share) + np.square(1.0 - share))
+    # Numbers that lie on a line exactly are known to their last digit at best.
+    least = 1e-9 * np.abs(values).max() + 1e-12
+    return np.maximum(np.median(sizes, axis=1), least)
+
+
+def _distances_from(time: Array, values: Array, part: Index, other: Index) -> Array:
+    """Compute distances (n, B) of another part's rows from the line between neighboring rows of a part.
+
+    Only rows count that lie within a few usual intervals of both, so that the path hardly bends.
+    """
+    at = time[part]
+    after = np.searchsorted(at, time[other], side="left")
+    inside = (after > 0) & (after < len(at))
+    rows, after = other[inside], after[inside]
+    before = after - 1
+    usual = max(float(np.median(np.diff(at))), float(np.median(np.diff(time[other]))))
+    share, wide = _shares(time[rows], at[before], at[after])
+    line = (1.0 - share) * values[:, part[before]] + share * values[:, part[after]]
+    near = wide <= _LONGEST_GAP * usual
+    return np.asarray(np.abs(values[:, rows] - line)[:, near])
+
+
+def _shares(time: Array, before: Array, after: Array) -> tuple[Array, Array]:
+    """Compute the shares of intervals that have passed at times, a half if empty, and the intervals."""
+    wide = after - before
+    share = (time - before) / np.where(wide > 0.0, wide, 1.0)
+    return np.where(wide > 0.0, share, 0.5), wide
+
+
+def _jumps(time: Array, values: Array, codes: Index) -> bool:
+    """Test whether the values jump at most changes of the part, within a few usual intervals."""
+    steps, intervals = np.abs(np.diff(values, axis=1)), np.diff(time)
+    changes: Mask = np.diff(codes) != 0
+    usual = np.median(steps[:, ~changes], axis=1) if (~changes).any() else np.zeros(len(values))
+    short = intervals <= 5.0 * np.median(intervals)
+    jumped = (steps > _JUMP * np.maximum(usual, 1e-9)[:, None]).any(axis=0) & changes & short
+    return bool(jumped.sum() > 0.5 * changes.sum())
+
+
+def as_positions(values: Mapping[str, Array]) -> Array:
+    """Arrange quantities (R,) by name as rows (n, R) that do not wrap: angles as points of a circle."""
+    rows, radius = [], next((v for name, v in values.items() if name.endswith("range")), None)
+    for name, value in values.items():
+        plain = name.rpartition(".")[2]
+        if plain in ("azimuth", "bearing", "heading", "course", "angle"):
+            scale = 1.0 if radius is None else radius
+            rows += [scale * np.cos(value), scale * np.sin(value)]
+        elif np.isfinite(value).any():
+            rows.append(value)
+    return np.stack(rows) if rows else np.empty((0, 0))
