@@ -318,7 +318,7 @@ def _rows_of_file(
     run = columns.take("run", "label")
     which = columns.take("sensor", "label")
     several = columns.take_unnamed_runs() if run is None else None
-    labels = _possible_labels(columns)
+    labels = _possible_labels(columns, [part.column for part in gathered.rest.values()])
     # Step 2: read them; times become seconds.
     table = columns.read()
     gathered.unavailable += columns.unavailable
@@ -386,8 +386,11 @@ class MixedRowsError(DataError):
         self.column, self.role, self.split = column, role, split
 
 
-def _possible_labels(columns: Columns) -> list[str]:
-    """Note and list the unused columns that may name the target or the sensor of each row."""
+def _possible_labels(columns: Columns, of_time: Collection[str]) -> list[str]:
+    """Note and list the unused columns that may name the target or the sensor of each row.
+
+    Columns ``of_time`` are parts of a stamp.
+    """
     named = columns.naming.columns
     if named.get("run") == "" or named.get("sensor") == "":
         return []  # the config says that they are mixed
@@ -395,7 +398,7 @@ def _possible_labels(columns: Columns) -> list[str]:
     quantities = columns_of(columns.names)
     measured = {c.column for name, c in quantities.items() if name not in ("run", "sensor")}
     for name, cells in columns.first_cells.items():
-        is_measured = name in measured and not role_of(name)
+        is_measured = name in of_time or (name in measured and not role_of(name))
         if not is_measured and may_split(name, cells) and columns.take_words(name):
             labels.append(name)
     return labels
