@@ -1,6 +1,5 @@
 """Starting files of components, scenarios and experiments that run as they are."""
 
-import json
 import os
 import re
 import sys
@@ -13,15 +12,18 @@ from typing import NamedTuple
 from trackbench.atomic_files import write_text
 from trackbench.config.build import build
 from trackbench.config.includes import assignment, override
-from trackbench.errors import Mark, Problem, UserError
+from trackbench.config.load import load
+from trackbench.errors import Mark, Problem, UserError, in_line
 from trackbench.field_types import DataError
 from trackbench.help.copied_filter import parts_of_copy
 from trackbench.registry import GROUPS, kinds
 from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.guess_config import (
     config_parts,
+    quoted,
     unknown_places,
     unused_columns,
+    usable_quantities,
 )
 from trackbench.scenarios.recordings.guess_format import recognized
 from trackbench.yaml_source import MarkedMapping, Source
@@ -77,7 +79,9 @@ def write_new(what: str, name: str, folder: Path, form: str = "", source: str = 
     language, templates = LANGUAGES.get(form), _TEMPLATES[form or what]
     stem = "language" if language else form or what
     # Fill every template before anything is written.
-    more = language.marks if language else parts_of_copy(source) if form == "copy" else {}
+    parts = language.marks if language else parts_of_copy(source) if form == "copy" else {}
+    # These parts are of the package, and hold the marks of the name.
+    more = {mark: _with_marks(part, _name_marks(words)) for mark, part in parts.items()}
     filled = {folder / t.replace(stem, module): _filled(t, words, more) for t in templates}
     mark = Mark(f"new {what} {name}")
     for path in filled:
@@ -93,13 +97,26 @@ def write_new(what: str, name: str, folder: Path, form: str = "", source: str = 
     return list(filled)
 
 
+class WrittenConfig(NamedTuple):
+    """Files of an experiment on recorded data, and what is left to the user.
+
+    ``unknown`` are sensors whose place must be written, ``unused`` columns that are not read, and
+    ``quantities`` what they may hold.
+    """
+
+    paths: list[Path]
+    unknown: list[str]
+    unused: list[str]
+    quantities: list[str]
+
+
 def write_config_for(
     data: Path, name: str, folder: Path, changes: Sequence[str] = ()
-) -> tuple[list[Path], list[str], list[str]]:
+) -> WrittenConfig:
     """Write an experiment on recorded data with guessed columns and units; existing files stay.
 
-    ``changes``, such as ``columns.time=Zeit``, are keys of the recording that need no guess. Return the
-    file, the names of sensors whose place must be written into it, and the columns it does not use.
+    ``changes``, such as ``columns.time=Zeit``, are keys of the recording that need no guess. A config
+    that would not run is not left: UserError says why.
     """
     words = _words("experiment", name)
     path = folder / f"{'_'.join(words)}.yaml"
@@ -119,12 +136,28 @@ def write_config_for(
         problems = [Problem(Mark(p.file, p.line, p.column), "", p.what) for p in error.places]
         raise UserError(*problems) from None
     # The template's lines for the data's columns and units.
-    text = _filled("recording.yaml", words, {})
-    file = {"measurements: @FILE@": f"measurements: {json.dumps(os.path.relpath(data, folder))}"}
-    for part, lines in {**file, "@FILE@": data.name, **config_parts(guess)}.items():
-        text = text.replace(part, lines)
-    write_text(path, text)
-    return [path], unknown_places(guess), unused_columns(guess)
+    relative = quoted(os.path.relpath(data, folder))
+    parts = {"@FILE@": relative, "@SOURCE@": in_line(data.name), **config_parts(guess)}
+    write_text(path, _filled("recording.yaml", words, parts))
+    unknown = unknown_places(guess)
+    if not unknown:
+        try:
+            load(path)
+        except UserError as error:
+            path.unlink()
+            raise UserError(
+                *(_reported(problem, path, data) for problem in error.problems)
+            ) from None
+    return WrittenConfig([path], unknown, unused_columns(guess), usable_quantities(guess))
+
+
+def _reported(problem: Problem | str, path: Path, data: Path) -> Problem | str:
+    """Report a mistake of a guessed config as one of the table, since the config is not there."""
+    if isinstance(problem, str) or problem.mark.file != str(path):
+        return problem
+    key = f"{problem.path}: " if problem.path else ""
+    what = f"a config for it would not run: {key}{problem.what}"
+    return Problem(Mark(str(data)), "", what)
 
 
 def _words(what: str, name: str) -> list[str]:
@@ -141,13 +174,20 @@ def _words(what: str, name: str) -> list[str]:
 
 def _filled(template: str, words: list[str], more: Mapping[str, str]) -> str:
     text = (files("trackbench") / "templates" / f"{template}.tmpl").read_text(encoding="utf-8")
-    values = {
-        **more,  # whose values may have the marks below
+    return _with_marks(text, {**more, **_name_marks(words)})
+
+
+def _name_marks(words: list[str]) -> dict[str, str]:
+    """Return the values of the marks that stand for the name."""
+    return {
         "@KIND@": "-".join(words),
         "@MODULE@": "_".join(words),
         "@CLASS@": "".join(word.capitalize() for word in words),
         "@NAME@": "-".join(words),
     }
-    for mark, value in values.items():
-        text = text.replace(mark, value)
-    return text
+
+
+def _with_marks(text: str, values: Mapping[str, str]) -> str:
+    """Replace the marks of a text in one pass; a mark within a value, a column's name, stays."""
+    marks = re.compile("|".join(map(re.escape, values)))
+    return marks.sub(lambda match: values[match[0]], text)

@@ -74,7 +74,8 @@ def test_columns_that_are_not_used_are_named(tmp_path: Path) -> None:
     columns = (T, np.hypot(X + 9e3, Y), azimuth, *[np.round(azimuth, 2)] * 2)
     table(tmp_path / "m.csv", "time,range,azimuth_deg,elevation,Sea state", *columns)
     done = trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path)
-    line = "columns not used: elevation, \"Sea state\" (to use one: --set 'columns.range=ITS NAME')"
+    way = "to use one as speed, course, run, sensor, altitude or received"
+    line = f"columns not used: elevation, \"Sea state\" ({way}: --set 'columns.speed=ITS NAME')"
     assert done.stdout.splitlines()[1] == line
     assert '      # not used: elevation, "Sea state"\n' in (tmp_path / "m.yaml").read_text()
     # Twelve names are counted on the screen, and written into the file.

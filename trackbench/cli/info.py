@@ -143,36 +143,40 @@ def new(
         raise typer.BadParameter(f"a {what} is not made from data", param_hint="--from")
     if sets and data is None:
         raise typer.BadParameter("is of --from", param_hint="--set")
-    unknown, unused = list[str](), list[str]()
+    unknown, unused, quantities = list[str](), list[str](), list[str]()
     if data is not None and what == "experiment":
         name = name or re.sub("[^A-Za-z0-9]+", "-", data.stem).strip("-")
-        paths, unknown, unused = write_config_for(data, name, Path(), sets or ())
+        paths, unknown, unused, quantities = write_config_for(data, name, Path(), sets or ())
     elif name is None:
         raise typer.BadParameter("is required without --from", param_hint="NAME")
     else:
         form = language or ("per_run" if per_run else "nonlinear" if nonlinear else "")
         paths = write_new(what, name, Path(), "copy" if data else form, str(data))
     build = LANGUAGES[language].build if language else ""
-    _echo_next(
-        paths, build, unknown, unused, plugins="" if what == "experiment" else " --allow-plugins"
-    )
-
-
-def _echo_next(
-    paths: list[Path], build: str, unknown: list[str], unused: list[str], plugins: str
-) -> None:
-    """Print the files that were written, and what to do with them."""
     for path in paths:
         typer.echo(f"wrote {path}")
+    _echo_unused(unused, quantities)
+    plugins = "" if what == "experiment" else " --allow-plugins"
+    _echo_next(paths, build, unknown, plugins)
+
+
+def _echo_unused(unused: list[str], quantities: list[str]) -> None:
+    """Print the columns that a config does not read, and how to use one."""
+    if not unused:
+        return
+    more = f" and {len(unused) - 9} more" if unused[9:] else ""
+    way = f"to use one as {', '.join(quantities[:-1])} or {quantities[-1]}"
+    option = f"--set 'columns.{quantities[0]}=ITS NAME'"
+    typer.echo(f"columns not used: {', '.join(unused[:9])}{more} ({way}: {option})")
+
+
+def _echo_next(paths: list[Path], build: str, unknown: list[str], plugins: str) -> None:
+    """Print what to do with the files that were written."""
     config = next(path for path in paths if path.suffix == ".yaml")
     if build:
         typer.echo(f"build it: {build.replace('@MODULE@', config.stem)}")
     if unknown:
         typer.echo(f"write into it where these are: {', '.join(unknown)}")
-    if unused:
-        more = f" and {len(unused) - 9} more" if unused[9:] else ""
-        columns = f"{', '.join(unused[:9])}{more}"
-        typer.echo(f"columns not used: {columns} (to use one: --set 'columns.range=ITS NAME')")
     typer.echo(f"run it: trackbench run {config}{plugins}")
 
 

@@ -38,7 +38,6 @@ _LIMITS = {
     "speed": (0.0, inf, 1.0, "m/s"),
 }
 """Least and largest value, in a unit of which SI has so many."""
-SMALLEST_E7 = 1e6  # deg; angles beyond are whole numbers of 1e-7 deg
 _LEAST_CELLS = 5
 _NINES = re.compile(r"9{3,}(\.9+)?")
 _ENDS = (32767.0, 32768.0, 2147483647.0, 2147483648.0)
@@ -46,6 +45,11 @@ _CODES = {"latitude": 91.0, "longitude": 181.0, "course": 511.0}
 """Codes of AIS (ITU-R M.1371) that are impossible values in any table; a course may be a heading."""
 _CODES_OF_AIS = {"speed": 102.3, "course": 360.0}
 """Codes of AIS that are possible values in other tables: an aircraft's 102.3 kn, a course due north."""
+_RAW_AIS = ("deg/600000", "deg/10", "kn/10")
+
+
+_NEAREST_TO_ZERO = 0.1 / _DEGREES
+"""rad from 0 N 0 E that all positions must be, if those at 0, 0 are none"""
 
 
 class Impossible(NamedTuple):
@@ -55,16 +59,25 @@ class Impossible(NamedTuple):
     what: str
 
 
-def blank_codes(quantity: str, values: Array, of_ais: bool) -> Counter[str]:
-    """Replace "not available" codes by NaN in place, and count the cells of each code."""
+def blank_codes(quantity: str, values: Array, of_ais: bool, scale: float) -> Counter[str]:
+    """Replace "not available" codes by NaN in place, and count the cells of each code.
+
+    Raw fields of AIS, in tenths or 1/600000 deg, have the codes in these units, ``scale`` in SI.
+    """
     counts: Counter[str] = Counter()
+    raw_unit = next((unit for unit in _RAW_AIS if scale == UNITS[unit]), "")
+    usual_unit = {"kn/10": "kn"}.get(raw_unit, "deg")
     for codes in (_CODES, _CODES_OF_AIS) if of_ais else (_CODES,):
         code = codes.get(quantity)
+        if code is None:
+            continue
+        if raw_unit:
+            code = float(np.rint(code * UNITS[usual_unit] / UNITS[raw_unit]))
         coded = values == code
-        if quantity == "longitude" and (values[~coded] > 180.0).any():
+        if quantity == "longitude" and (values[~coded] * scale > np.pi).any():
             continue  # longitudes from 0 to 360 have a 181 of their own
-        if code is not None and coded.any():
-            counts[f"{quantity} {code:g}"] = int(coded.sum())
+        if coded.any():
+            counts[f"{quantity} {code:.9g}"] = int(coded.sum())
             values[coded] = np.nan
     return counts
 
@@ -92,6 +105,14 @@ def outlying(values: Array) -> dict[float, int]:
     return outliers
 
 
+def no_fix(latitude: Array, longitude: Array, scale: float) -> Mask:
+    """Find rows (R,) at latitude = longitude = 0 if all other positions are far from there."""
+    is_zero = (latitude == 0.0) & (longitude == 0.0)
+    away = np.maximum(np.abs(latitude), np.abs(longitude))[~is_zero] * scale
+    nearest = float(np.nanmin(away, initial=inf))
+    return is_zero & (_NEAREST_TO_ZERO < nearest < inf)
+
+
 def impossible(quantity: str, values: Array, scale: float) -> Impossible | None:
     """Find values, which are ``scale`` times as large in SI, that the quantity cannot have."""
     if quantity not in _LIMITS:
@@ -106,15 +127,41 @@ def impossible(quantity: str, values: Array, scale: float) -> Impossible | None:
     limits = f"at least {least:g}" if largest == inf else f"within {least:g} and {largest:g}"
     more = f", as are {len(rows) - 1} more" if len(rows) > 1 else ""
     what = f"{shown[rows[0]]:.9g} {unit} is impossible{more}; a {quantity} is {limits} {unit}"
-    first = float(values[rows[0]])
-    says = f"`missing: [{first:.9g}]` for a missing cell"
-    if abs(shown[rows[0]]) > SMALLEST_E7 and unit == "deg":
-        says += f", or `units: {{{quantity}: degE7}}` for whole numbers of 1e-7 deg"
-    return Impossible(
-        int(rows[0]), f"{what}: correct or empty the cells, or name their unit; say {says}"
-    )
+    way = _way_out(quantity, values, rows)
+    return Impossible(int(rows[0]), f"{what}: correct or empty the cells{way}")
 
 
+def _way_out(quantity: str, values: Array, wrong: Index) -> str:
+    """Name a unit in which all values are possible, or a code for missing cells that loses no others."""
+    finite = values[np.isfinite(values)]
+    most_are_wrong = 2 * len(wrong) > len(finite)
+    if _LIMITS[quantity][3] == "deg" and most_are_wrong:
+        whole = not (finite % 1.0).any()
+        minutes = np.abs(finite) % 100.0
+        if not whole and quantity != "course" and (minutes < 60.0).all():
+            degrees, rest = divmod(float(finite[0]), 100.0)
+            what = f"{finite[0]:.9g} looks like {degrees:g} deg {rest:.6g} min, as NMEA writes it"
+            return f"; {what}: write degrees and decimals"
+        least, largest, *_ = _LIMITS[quantity]
+        sizes = np.abs(finite).max()
+        units = _COURSE_UNITS if quantity == "course" else _PLACE_UNITS if sizes > 1e4 else ()
+        fitting = [
+            unit
+            for unit in units
+            if finite.min() * UNITS[unit] * _DEGREES >= least
+            and finite.max() * UNITS[unit] * _DEGREES <= largest
+        ]
+        if fitting:
+            ways = " or ".join(f"`units: {{{quantity}: {unit}}}`" for unit in fitting[:3])
+            return f", or name their unit; say {ways}"
+    if len(np.unique(values[wrong])) == 1 and not most_are_wrong:
+        code = float(values[wrong[0]])
+        return f", or name their unit; say `missing: [{code:.9g}]` for a missing cell"
+    return ", or name their unit"
+
+
+_COURSE_UNITS = ("deg/10", "deg/100", "degE5")
+_PLACE_UNITS = ("degE7", "degE6", "semicircle", "deg/600000", "degE5")
 _DIMENSIONS = {
     "length": {
         **{"m": 1.0, "km": 1000.0, "ft": 0.3048, "mi": 1609.344, "nmi": 1852.0, "cm": 1e-2},
@@ -122,22 +169,33 @@ _DIMENSIONS = {
     },
     "speed": {
         **{"m/s": 1.0, "km/h": 1 / 3.6, "kn": 1852.0 / 3600.0, "ft/s": 0.3048, "mph": 0.44704},
-        "cm/s": 1e-2,
+        **{"cm/s": 1e-2, "mm/s": 1e-3, "kn/10": 1852.0 / 36000.0},
     },
-    "angle": {"rad": 1.0, "mrad": 1e-3, "deg": pi / 180.0, "degE7": pi / 180.0e7},
+    "angle": {
+        **{"rad": 1.0, "mrad": 1e-3, "deg": pi / 180.0, "degE7": pi / 180.0e7},
+        # Whole numbers of devices: 1e-6 and 1e-5 deg, AIS, headings, and FIT (2^31 are 180 deg).
+        **{"degE6": pi / 180.0e6, "degE5": pi / 180.0e5, "deg/600000": pi / 180.0 / 600000.0},
+        **{"deg/100": pi / 18000.0, "deg/10": pi / 1800.0, "semicircle": pi / 2.0**31},
+    },
     "turn rate": {"rad/s": 1.0, "deg/s": pi / 180.0},
-    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0},
+    "time": {
+        **{"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0},
+        "100ns": 1e-7,
+    },
 }
 UNITS = dict(chain.from_iterable(units.items() for units in _DIMENSIONS.values()))
 """SI value of each unit."""
 _DIMENSION_OF = {
-    "time": "time",
+    **dict.fromkeys(("time", "subsecond"), "time"),
     **dict.fromkeys(("x", "y", "z", "altitude", "range"), "length"),
     **dict.fromkeys(("vx", "vy", "vz", "speed", "range_rate"), "speed"),
     **dict.fromkeys(("latitude", "longitude", "course", "azimuth", "elevation"), "angle"),
 }
 """Dimension of each quantity; that of a plugin's own quantities may be any."""
-KEYS = ("run", "time", "step", "sensor", "date", "received", "north_south", "east_west")
+KEYS = (
+    *("run", "time", "step", "sensor", "date", "received", "north_south", "east_west"),
+    *("week", "subsecond"),
+)
 """What a row may say beside its quantities."""
 HEMISPHERES = {
     "latitude": ("north_south", ("n", "north", "nord", "norte"), ("s", "south", "sud", "sur")),
@@ -148,6 +206,8 @@ MOST_DISTANCE = 2e6
 """m from the origin; a plane there shortens distances along the way by 5 %"""
 FAR = 3e5
 """m from the origin, beyond which a note says by how much the plane shortens distances; 0.1 %"""
+STAMP_PARTS = {"week": 604800.0, "subsecond": 1e-9}
+"""Columns that are added to the time, if the config names them, and their usual unit, s."""
 _OBJECTS = ("mmsi", "icao24", "icao", "callsign", "trackid", "vessel", "object")
 """Columns that name what moves."""
 GEODETIC = ("latitude", "longitude", "altitude")
@@ -167,7 +227,8 @@ class Naming:
     columns: dict[str, str] = field(default_factory=dict)
     """names of columns, where they differ: {x: east_m, time: t}; latitude and longitude stand for x
     and y (altitude for z), north_south and east_west for their hemispheres if they have no signs, speed
-    and course for vx and vy"""
+    and course for vx and vy; a time in two columns has its nanoseconds in `subsecond` or weeks in `week`
+    """
     units: dict[str, str] = field(default_factory=dict)
     """units that are not SI: {x: km, speed: kn, azimuth: deg}; latitude, longitude and course are in
     degrees unless they are said to be in rad, or in degE7, whole numbers of 1e-7 deg"""
@@ -224,8 +285,13 @@ class Naming:
     def called(self, name: str, names: Sequence[str]) -> str | None:
         """Find the column of a quantity among ``names``; the second sensor's 2.x falls back to x."""
         for key in dict.fromkeys((name, name.rpartition(".")[2], plain_name(name))):
-            if self.columns.get(key, key) in names:
-                return self.columns.get(key, key)
+            column = self.columns.get(key, key)
+            # A column x that `columns` calls a longitude is no x.
+            is_other = key not in self.columns and any(
+                self.columns.get(geodetic) == column for geodetic in GEODETIC if geodetic != key
+            )
+            if column in names and not is_other:
+                return column
         return None
 
     def is_clockwise(self, name: str) -> bool:
@@ -246,7 +312,7 @@ def is_unit_of(quantity: str, unit: str) -> bool:
 
 def _mistaken_unit(key: str, unit: str, is_scalar: bool) -> str | None:
     """Explain why a quantity cannot have this unit. A scalar's x and z may have any."""
-    if key in KEYS and key != "time":
+    if key in KEYS and key not in _DIMENSION_OF:
         return f"a {key} has no unit: leave it out"
     dimension = None if is_scalar and key in ("x", "z") else _DIMENSION_OF.get(plain_name(key))
     if dimension is None or unit in _DIMENSIONS[dimension]:
@@ -295,6 +361,7 @@ class Columns:
         self.contents: dict[str, Content] = {}
         self.unavailable: Counter[str] = Counter()
         self.far: list[str] = []
+        self.notices: list[str] = []
         self._used: dict[str, str] = {}
         self._hemispheres: dict[str, _HemisphereColumn] = {}
         # Velocities beside latitude and longitude are those to the east and north of each place.
@@ -337,6 +404,34 @@ class Columns:
             self.contents[column] = content
         return column
 
+    def take_stamp_parts(self) -> list[str]:
+        """Note the columns that the config names as further parts of the time."""
+        parts = [name for name in STAMP_PARTS if name in self.naming.columns]
+        return [name for name in parts if self.take(name, "number") is not None]
+
+    def stamp_parts(self, table: Table, parts: Sequence[str]) -> Array | float:
+        """Compute the seconds (R,) that further columns add to the time; raises DataError."""
+        out: Array | float = 0.0
+        for name in parts:
+            column = self.column(name)
+            assert column is not None
+            scale = (
+                UNITS[self.naming.units[name]] if name in self.naming.units else STAMP_PARTS[name]
+            )
+            seconds = table.columns[column] * scale
+            least = 0.0 if name == "subsecond" else -inf
+            most = 1.0 if name == "subsecond" else inf
+            wrong = np.flatnonzero(~((seconds >= least) & (seconds < most)))
+            if len(wrong):
+                value = table.columns[column][wrong[0]]
+                what = f"{column}: {value:.9g} is no part of a second; say its unit"
+                what += f" (`units: {{{name}: us}}`)"
+                if np.isnan(value):
+                    what = f"{column}: is missing, and is a part of the time"
+                raise DataError(Place(self.path, int(table.lines[wrong[0]]), 1, what))
+            out = out + seconds
+        return out
+
     def take_unnamed_runs(self) -> str | None:
         """Find a column that names objects, such as MMSI, unless the config says what runs are."""
         if "run" in self.naming.columns:
@@ -354,6 +449,7 @@ class Columns:
     def read(self) -> Table:
         """Read the table, codes of "not available" as NaN. Raises DataError for impossible values."""
         table = read_table(self.path, self.contents, self.naming.time_format, self.naming.format)
+        fixed = self._fixed_rows(table)
         heads = {re.split("[^a-z]", name.lower())[0] for name in self.names}
         of_ais = not heads.isdisjoint(("mmsi", "sog", "cog"))
         mistakes = []
@@ -364,7 +460,9 @@ class Columns:
                 for code in self.naming.missing:
                     self.unavailable[f"{quantity} {code:g}"] += int((values == code).sum())
                     values[values == code] = np.nan
-                self.unavailable += blank_codes(quantity, values, of_ais)
+                self.unavailable += blank_codes(
+                    quantity, values, of_ais, self.naming.scale(quantity)
+                )
                 if quantity == "speed" and not self._uses_course:
                     continue  # a speed without a course may be that of a state, which has a sign
                 impossible_value = impossible(quantity, values, self.naming.scale(quantity))
@@ -375,7 +473,23 @@ class Columns:
             raise DataError(*mistakes)
         for quantity in self._hemispheres:
             self._apply_hemisphere(table, quantity)
-        return table
+        return table if fixed.all() else table.at(np.flatnonzero(fixed))
+
+    def _fixed_rows(self, table: Table) -> Mask:
+        """Find the rows (R,) that are not at 0 N 0 E, which receivers without a fix write.
+
+        A path that leads there is no such row.
+        """
+        out = np.ones(len(table.lines), dtype=np.bool_)
+        if not self.is_geodetic:
+            return out
+        names = [self.column(name) for name in GEODETIC[:2]]
+        latitude, longitude = (table.columns[name] for name in names if name is not None)
+        has_no_fix = no_fix(latitude, longitude, self.naming.scale("latitude"))
+        if has_no_fix.any():
+            what = f"{has_no_fix.sum()} rows with {names[0]} = {names[1]} = 0 have no fix"
+            self.notices.append(f"{self.path}: {what} and were left out")
+        return ~has_no_fix
 
     def note_outliers(self, table: Table) -> None:
         """Add a note on each number of these rows that is far outside the others of its column."""
@@ -388,9 +502,22 @@ class Columns:
             if quantity == "longitude":
                 values = values[~_is_across_a_cut(values, self.naming.scale(quantity))]
             for value, n in outlying(values).items():
-                what = f"{n} cells are {value:.9g}, far outside the others: empty them, or say"
-                way = f"`missing: [{value:.9g}]`, if they hold no measurement"
-                self.far.append(f"{self.path}: {column}: {what} {way}")
+                what = f"{n} cells are {value:.9g}, far outside the others: empty them"
+                others = self._columns_with(table, value, column)
+                way = f", or say `missing: [{value:.9g}]`, if they hold no measurement"
+                if others:
+                    way = f" (`missing: [{value:.9g}]` would also empty cells of {others})"
+                self.far.append(f"{self.path}: {column}: {what}{way}")
+
+    def _columns_with(self, table: Table, value: float, column: str) -> str:
+        """Name another column of numbers in which a value is not far from the others."""
+        for other, quantity in self._used.items():
+            if other == column or self.contents[other] != "number" or quantity in STAMP_PARTS:
+                continue
+            values = table.columns[other]
+            if (values == value).any() and value not in outlying(values):
+                return other
+        return ""
 
     @property
     def _uses_course(self) -> bool:

@@ -56,6 +56,8 @@ class TextFormat:
     """character between cells, or `tab`, or `space` for any white space"""
     decimal: Literal[".", ","] | None = None
     """decimal sign; default: a comma if cells of numbers have one"""
+    thousands: Literal["", ".", ",", "'"] = ""
+    """mark between groups of three digits: "." of 1.234.567"""
     encoding: str = ""
     """name of an encoding; default: UTF-8, or UTF-16, and other bytes as Windows-1252"""
     header: Natural = 0
@@ -68,6 +70,9 @@ class TextFormat:
     def __post_init__(self) -> None:
         if len(_WORDS.get(self.separator, self.separator)) > 1:
             raise InvalidKeyError("is one character, `tab` or `space`", "separator")
+        if self.thousands and self.thousands == self.decimal:
+            what = f"is {self.thousands!r}, as the decimal sign is; leave one out"
+            raise InvalidKeyError(what, "thousands")
         if self.header and self.names:
             raise InvalidKeyError("names replace the line of the header: leave one out", "names")
         if self.encoding:
@@ -162,6 +167,10 @@ def _layout(path: str, text: TextIO, form: TextFormat) -> Layout:
     )
     # Step 3: find the header: the last comment above numbers, or the fullest line of words.
     start = next(number for number, row in cells.items() if len(row) == width)
+    _check_kinds(path, cells, separator)
+    if not form.names and (names := _names_beside_week(comments, rows)):
+        header = max(number for number in comments if number < start)
+        return Layout(text.encoding, separator, names, header, header + form.skip, None, True)
     if form.names:
         return Layout(text.encoding, separator, [*form.names], 0, start - 1 + form.skip, None)
     widths = (width, width - 1) if joined is not None else (width,)
@@ -174,6 +183,35 @@ def _layout(path: str, text: TextIO, form: TextFormat) -> Layout:
         joined = None
     before = header + form.skip
     return Layout(text.encoding, separator, names, header, before, joined, header in comments)
+
+
+def _names_beside_week(comments: Mapping[int, str], rows: Sequence[list[str]]) -> list[str]:
+    """Read RTKLIB's comment of names, whose first one stands for a GPS week and its seconds."""
+    last = comments[max(comments)].split() if comments else []
+    is_time = bool(last) and last[0].lower() in ("gpst", "utc", "jst")
+    if not is_time or len(last) != len(rows[0]) - 1 or len(last) < 3:
+        return []
+    week, seconds = rows[0][:2]
+    is_week = re.fullmatch(r"\d{1,4}", week) and re.fullmatch(r"\d{1,6}(\.\d*)?", seconds)
+    return ["week", "tow", *last[1:]] if is_week else []
+
+
+def _check_kinds(path: str, cells: Mapping[int, list[str]], separator: str) -> None:
+    """Raise DataError for rows of several kinds, which begin with a word for each width."""
+    kinds: dict[str, set[int]] = {}
+    for row in cells.values():
+        kinds.setdefault(row[0].strip() if row else "", set()).add(len(row))
+    widths = {width for of_kind in kinds.values() for width in of_kind}
+    is_word = all(re.fullmatch("[A-Za-z$][A-Za-z0-9_]*", kind) for kind in kinds)
+    is_exact = all(len(of_kind) == 1 for of_kind in kinds.values())
+    has_many = len(cells) >= 3 * len(kinds)
+    if len(widths) > 1 and len(kinds) > 1 and is_word and is_exact and has_many:
+        shown = ", ".join(f"{kind} ({of_kind.pop()} cells)" for kind, of_kind in kinds.items())
+        first = next(iter(kinds))
+        marks = {" ": "[[:space:]]", "\t": "[[:space:]]"}
+        way = f"split the file, such as `grep '^{first}{marks.get(separator, separator)}'`"
+        what = f"has rows of {len(kinds)} kinds: {shown[:100]}: {way}, and name the columns"
+        raise DataError(Place(path, next(iter(cells)), 1, what))
 
 
 def _header(

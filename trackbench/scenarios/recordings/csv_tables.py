@@ -31,6 +31,13 @@ _DIGITS = 9
 Parse = Callable[[str], float]
 
 
+def without_thousands(cell: str, mark: str) -> str:
+    """Join the groups of three digits of a number that have this mark between them."""
+    groups = rf"([-+]?\d{{1,3}})((?:{re.escape(mark)}\d{{3}})+)(?!\d)(.*)"
+    match = re.fullmatch(groups, cell.strip())
+    return match[1] + match[2].replace(mark, "") + match[3] if match else cell
+
+
 def number(cell: str, comma: bool = False) -> float:
     """Parse a finite number, NaN for a missing cell; raises ValueError. Decimals follow a ``comma``."""
     if cell.lower() in _MISSING:
@@ -103,6 +110,7 @@ def _quickly(cells: Sequence[str]) -> Array | None:
 Content = Literal["number", "time", "date", "step", "label", "word"]
 """What a column's cells are. A label and a word stand for themselves, and a word may be empty."""
 _MOST_MISTAKES = 20
+_MOST_KINDS = 5
 _ROWS_AT_A_TIME = 50_000
 Column = NDArray[Any]
 _PARSERS: dict[Content, Parse] = {"number": number, "time": seconds, "step": whole}
@@ -159,6 +167,7 @@ def read_table(
     layout = layout_of(path, form)
     # Commas in cells that commas do not separate are decimal signs.
     decimal = form.decimal if form else None
+    reading.thousands = form.thousands if form else ""
     reading.may_have_commas = decimal is None and layout.separator != ","
     reading.comma = decimal == ","
     for name in contents:
@@ -197,6 +206,7 @@ class _Reading:
         self.contents = {n: content for n, content in contents.items() if content != "date"}
         self.path, self.form = path, form
         self.may_have_commas, self.comma = False, False
+        self.thousands = ""
         self.mistakes: list[Place] = []
         self.dated: str | None = None
         self._pieces: dict[str, list[Column]] = {name: [] for name in self.contents}
@@ -214,7 +224,19 @@ class _Reading:
         if not wrong:
             return rows
         what = f"cells under {width} columns"
-        if layout.separator == "," and all(number == 2 * width for _, number in wrong):
+        numbers = {number for _, number in wrong}
+        is_decimal_comma = layout.separator == "," and numbers == {2 * width}
+        if len(numbers) == 1 and len(wrong) > _MOST_MISTAKES // 2 and not is_decimal_comma:
+            # One line says it for all rows that are alike.
+            line, number = wrong[0]
+            alike = f" ({len(wrong) - 1} more rows are alike)"
+            first_words = {cells[0] for _, cells in rows if cells and not is_value(cells[0])}
+            if 1 < len(first_words) <= _MOST_KINDS:
+                kinds = ", ".join(sorted(first_words))[:60]
+                alike += f": rows of several kinds ({kinds}) need a file each"
+            self.mistakes.append(Place(self.path, line, 1, f"{number} {what}{alike}"))
+            return [row for row in rows if len(row[1]) == width]
+        if is_decimal_comma:
             what += ": where decimals follow a comma, cells need another separator"
         self._add_mistakes([(line, f"{number} {what}") for line, number in wrong], len(rows))
         return [row for row in rows if len(row[1]) == width]
@@ -232,10 +254,14 @@ class _Reading:
             numbers = (
                 cells[name] for name, content in self.contents.items() if content == "number"
             )
-            self.comma = any("," in cell for cell in chain.from_iterable(numbers))
+            self.comma = self.thousands != "," and any(
+                "," in cell for cell in chain.from_iterable(numbers)
+            )
         for name, content in self.contents.items():
             values: Column
             column = cells[name]
+            if self.thousands and content == "number":
+                column = [without_thousands(cell, self.thousands) for cell in column]
             if content == "time" and self._date is not None and self._is_time_of_day(column[0]):
                 parts = (map(str.strip, cells[self._date]), map(str.strip, column))
                 column = [*map(" ".join, zip(*parts, strict=True))]

@@ -9,7 +9,13 @@ import numpy as np
 from trackbench.core.arrays import Array
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_NO_DATE = datetime(1900, 1, 1)  # as strptime has it
 _UTC = re.compile(r" ?(UTC|GMT)$")
+_OFFSET = re.compile(r" ([-+]\d\d:?\d\d)( [A-Z]{2,5}| [-+]\d+)?( m=[-+][0-9.]+)?$")
+"""Offset behind a space, perhaps with the zone's name and a monotonic clock, as Go prints it."""
+_NANOSECONDS = re.compile(r"([.,:]\d{6})\d+")
+_ELAPSED = re.compile(r"(\d+):([0-5]\d(?:\.\d{1,6})?)")
+"""Minutes, of which there may be more than 59, and seconds."""
 _MICROSECOND = timedelta(microseconds=1)
 _MANY = 1000  # rows, from which on pandas is faster than strptime
 
@@ -17,12 +23,19 @@ _MANY = 1000  # rows, from which on pandas is faster than strptime
 def moment(cell: str, form: str = "") -> datetime:
     """Parse a date in ISO 8601, or in a form of strptime; raises ValueError."""
     try:
-        if form.endswith("%f"):
-            # A whole second may have no digits behind it; there may be nine in place of six.
+        if "%f" in form:
+            # There may be nine digits in place of six.
+            cell = _NANOSECONDS.sub(r"\1", cell)
+        if form.endswith("%f") and form[-3] in ".,:":
+            # A whole second may have no digits behind it.
             cell = re.sub(r"(:\d\d|(^| )\d{6})$", r"\g<0>" + form[-3] + "0", cell)
-            cell = re.sub(r"(\d{6})\d+$", r"\1", cell)
+        elapsed = _ELAPSED.fullmatch(cell) if form.startswith("%M:%S") else None
+        if elapsed and ("%f" in form or "." not in cell):
+            seconds = 60 * int(elapsed[1]) + float(elapsed[2])
+            return _NO_DATE + timedelta(microseconds=round(1e6 * seconds))
         if form:
             return datetime.strptime(cell, form)
+        cell = _OFFSET.sub(r"\1", cell)
         return datetime.fromisoformat(_UTC.sub("+00:00", cell))
     except ValueError:
         raise ValueError(f"a time as {form}" if form else "a time in ISO 8601") from None
@@ -53,7 +66,7 @@ def is_instant(cell: str) -> bool:
 
 def dates_quickly(cells: Sequence[str], form: str) -> Array | None:
     """Convert to microseconds since 1970, if every cell is a date of this form and without a zone."""
-    if len(cells) < _MANY or "%z" in form:
+    if len(cells) < _MANY or "%z" in form or form.startswith("%M"):
         return None
     import pandas as pd
 

@@ -5,12 +5,17 @@ import re
 from collections.abc import Iterator
 from dataclasses import fields
 
+from trackbench.field_types import MOST_STEPS
+from trackbench.scenarios.recordings.column_mapping import STAMP_PARTS
 from trackbench.scenarios.recordings.csv_lines import TextFormat
 from trackbench.scenarios.recordings.guess_format import Guess, SensorGuess
 from trackbench.scenarios.recordings.mixtures import role_of
 
 _LABELS = ("run", "sensor")
 _MOST_NAMES = 7  # of further runs
+_LAST = 20_000  # step of a long recording, which all filters reach within minutes
+_NO_WORDS = ("null", "true", "false")
+"""Words that YAML reads as something else."""
 
 
 def config_parts(guess: Guess) -> dict[str, str]:
@@ -33,13 +38,28 @@ def config_parts(guess: Guess) -> dict[str, str]:
     return {
         "@TARGET@": "\n".join(f"    {line}" for line in _target_lines(guess)),
         "@SENSOR@": "\n".join(f"    {line}" for line in _sensor_lines(guess)),
-        "@START@": f"  start: {start}",
+        "@START@": f"  start: {start}{_last_line(guess)}",
         "@Q@": f"{q:g}",
         "@LATE@": ", late: refilter" if "received" in guess.naming.columns else "",
         "@HOLD@": f"{max(2, min(5, guess.runs[0][1] // 2))}",
         "@FILTERS@": "\n".join(lines),
         "@SHOWN@": f"{each[0].upper()}, IMM",
     }
+
+
+def _last_line(guess: Guess) -> str:
+    """Write a last step for a recording that is longer than a scenario may be."""
+    if guess.steps <= MOST_STEPS:
+        return ""
+    many = f"of {guess.steps} steps, of which {MOST_STEPS} are possible; or say `resample`"
+    return f"\n  last: {_LAST}  # {many}"
+
+
+def usable_quantities(guess: Guess) -> list[str]:
+    """Name quantities that an unused column may hold: those that the config does not read."""
+    used = _used_columns(guess)
+    names = ["course", "speed"] if "speed" in guess.naming.columns else ["speed", "course"]
+    return [name for name in (*names, "run", "sensor", "altitude", "received") if name not in used]
 
 
 def unused_columns(guess: Guess) -> list[str]:
@@ -73,6 +93,7 @@ def _used_columns(guess: Guess) -> dict[str, str]:
     naming = guess.naming
     # Only what the sensors below measure: a file of several sensors has further columns.
     read = {"time", "date", "step", "received", "run", "sensor", "latitude", "longitude"}
+    read |= STAMP_PARTS.keys()
     read |= {"north_south", "east_west"}
     read |= {"vx", "vy", "speed", "course"} if guess.moves else set()
     read = read.union(*(sensor.quantities for sensor in guess.sensors))
@@ -117,7 +138,7 @@ def _target_lines(guess: Guess) -> Iterator[str]:
     if len(guess.runs) > 1:
         (longest, _), *others = guess.runs
         more = ["..."] if others[_MOST_NAMES:] else []
-        names = ", ".join([*(name for name, _ in others[:_MOST_NAMES]), *more])
+        names = ", ".join([*(quoted(name) for name, _ in others[:_MOST_NAMES]), *more])
         yield f"runs: [{quoted(longest)}]  # the longest of {len(guess.runs)}; there are {names}"
 
 
@@ -125,13 +146,15 @@ def _sensor_lines(guess: Guess) -> Iterator[str]:
     source = "guess: how far measurements are from the line between their neighbors"
     for sensor in guess.sensors:
         name, kind, _, sigmas = sensor
-        after = f"  # {name}: {source}" if name else f"  # {source}"
+        shown = quoted(name)
+        after = f"  # {shown}: {source}" if name else f"  # {source}"
+        ask = f"  # write where {shown if name else 'it'} is, m"
         place = re.sub(r"\W", "_", name) or "SENSOR"
         at = f"at: [X_{place}, Y_{place}]"
         if kind == "position":
             yield f"- {{kind: position, sigma: {max(sigmas):g}}}{after}"
         elif kind == "range":
-            yield f"- {{kind: range, {at}, sigma: {sigmas[0]:g}}}  # write where {name or 'it'} is, m"
+            yield f"- {{kind: range, {at}, sigma: {sigmas[0]:g}}}{ask}"
         else:
             *sigma_range, angle = sigmas
             keys = [f"sigma_range: {value:g}" for value in sigma_range]
@@ -139,7 +162,7 @@ def _sensor_lines(guess: Guess) -> Iterator[str]:
             keys.append(f"{angle_key}: {float(f'{1000.0 * angle:.3g}'):g}")
             if _lacks_place(guess, sensor):
                 keys.insert(0, at)
-                after = f"  # write where {name or 'it'} is, m"
+                after = ask
             yield f"- {{kind: {kind}, {', '.join(keys)}}}{after}"
     if any("azimuth" in sensor.quantities for sensor in guess.sensors):
         if not guess.naming.clockwise:
@@ -158,12 +181,28 @@ def _comment(why: dict[str, str], key: str) -> str:
 def _flow(form: TextFormat) -> str:
     """Write the keys of a format that are set, in braces."""
     values = {f.name: getattr(form, f.name) for f in fields(form) if getattr(form, f.name)}
-    keys = (f"{key}: {json.dumps(value, ensure_ascii=False)}" for key, value in values.items())
+    keys = (f"{key}: {_flow_value(value)}" for key, value in values.items())
     return f"{{{', '.join(keys)}}}"
 
 
+def _flow_value(value: object) -> str:
+    if isinstance(value, (tuple, list)):
+        return f"[{', '.join(quoted(str(item)) for item in value)}]"
+    return quoted(value) if isinstance(value, str) else json.dumps(value)
+
+
 def quoted(word: str) -> str:
-    """Write a word of YAML; in quotes if it is more than letters, digits and lines."""
-    if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*|[1-9][0-9]*", word):
+    """Write a word of YAML; in quotes if it is more than letters, digits and lines.
+
+    Characters that are no print, such as line breaks of Unicode, are escaped: a table of a stranger
+    cannot begin a line of the config.
+    """
+    if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*|[1-9][0-9]*", word) and word.lower() not in _NO_WORDS:
         return word
-    return json.dumps(word, ensure_ascii=False)
+    text = json.dumps(word, ensure_ascii=False)
+    return "".join(c if c.isprintable() else _escape(c) for c in text)
+
+
+def _escape(character: str) -> str:
+    number = ord(character)
+    return f"\\u{number:04x}" if number < 0x10000 else f"\\U{number:08x}"

@@ -19,42 +19,12 @@ SENSORS = {
 }
 """Types of sensors that a table may hold, the most telling first, and what they measure."""
 _ONE_SIGMA = 0.683  # of a normal law's values are within its standard deviation
-_SAME_WAY = 0.8  # cosine between directions that agree
-_NEAR = 0.07  # of a ratio of speeds
-
-
-def velocities_agree(
-    rows: Rows, columns: dict[str, str], units: dict[str, str], why: dict[str, str]
-) -> bool:
-    """Compare measured velocities with the positions, and add the unit that they need to agree."""
-    lag = max(1, len(rows.time) // 20)
-    passed = rows.time[lag:] - rows.time[:-lag]
-    gone = (rows.values[:2, lag:] - rows.values[:2, :-lag]) / np.where(passed > 0, passed, np.nan)
-    shown = 0.5 * (rows.values[2:, lag:] + rows.values[2:, :-lag])
-    sizes = np.hypot(*gone), np.hypot(*shown)
-    moving = (sizes[0] > 0.0) & (sizes[1] > 0.0)
-    if not moving.any():
-        return False
-    alike = (gone * shown).sum(axis=0)[moving] / (sizes[0] * sizes[1])[moving]
-    if np.median(alike) < _SAME_WAY:
-        return False
-    names = [name for name in ("speed", "vx", "vy") if name in columns]
-    if any(name in units for name in names):
-        return True
-    if columns.get("speed", "").lower() in ("sog", "speedoverground"):
-        units["speed"], why["speed"] = "kn", "guess: speed over ground mostly is in knots"
-        return True
-    ratio = float(np.median(sizes[1][moving]) / np.median(sizes[0][moving]))
-    away = {unit: abs(ratio * UNITS[unit] - 1.0) for unit in ("m/s", "kn", "km/h", "mph", "ft/s")}
-    unit = min(away, key=lambda name: away[name])
-    units |= dict.fromkeys(names, unit)
-    why |= dict.fromkeys(names, "guess: agrees with the positions")
-    return away[unit] < _NEAR
 
 
 def levels_of(rows: Rows, kind: str, in_degrees: bool) -> tuple[tuple[float, ...], float]:
     """Estimate deviations of the quantities and the usual speed, of whole rows in order."""
-    time, values = rows.time, [*rows.values]
+    # Measured velocities stand below the quantities of the sensor.
+    time, values = rows.time, [*rows.values[: len(SENSORS[kind])]]
     if "azimuth" in SENSORS[kind]:
         values[-1] = np.unwrap(values[-1] * UNITS["deg"] if in_degrees else values[-1])
     sigmas = tuple(_scatter(time, value) for value in values)
@@ -84,18 +54,23 @@ def not_finer(
 
 
 def _scatter(time: Array, value: Array) -> float:
-    """Estimate the errors' deviation, from distances to the line between neighbors."""
+    """Estimate the errors' deviation to one digit; 1 if no row shows an error."""
+    sigma = error_of_line(time, value)
+    # A straight line leaves rounding errors alone.
+    return float(f"{sigma:.1g}") if sigma > 1e-12 * np.nanmax(np.abs(value), initial=0.0) else 1.0
+
+
+def error_of_line(time: Array, value: Array) -> float:
+    """Estimate the errors' deviation, from distances to the line between neighbors; 0 without any."""
     wide = time[2:] - time[:-2]
     if len(value) < 3 or not (wide > 0.0).any():
-        return 1.0
+        return 0.0
     share = (time[1:-1] - time[:-2]) / np.where(wide > 0.0, wide, np.nan)
     # e = z_1 - (1 - s) z_0 - s z_2 has the variance sigma^2 (1 + s^2 + (1 - s)^2).
     off = value[1:-1] - (1.0 - share) * value[:-2] - share * value[2:]
     size = np.abs(off) / np.sqrt(1.0 + np.square(share) + np.square(1.0 - share))
     # 68.3 % of the scaled |e| are below sigma.
-    sigma = float(np.nanquantile(size, _ONE_SIGMA))
-    # A straight line leaves rounding errors alone.
-    return float(f"{sigma:.1g}") if sigma > 1e-12 * np.abs(value).max() else 1.0
+    return float(np.nanquantile(size, _ONE_SIGMA)) if np.isfinite(size).any() else 0.0
 
 
 def _speed(time: Array, *place: Array) -> float:

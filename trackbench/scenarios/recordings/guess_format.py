@@ -3,23 +3,30 @@
 import json
 import re
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from itertools import chain, islice
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.field_types import DataError, Place
+from trackbench.field_types import DataError, Place, decimals
 from trackbench.scenarios.recordings.column_mapping import (
     COURSE,
     GEODETIC,
     HEMISPHERES,
-    SMALLEST_E7,
     UNITS,
     Naming,
+    no_fix,
     outlying,
 )
-from trackbench.scenarios.recordings.column_names import columns_of, ranges_of, unit_in, words_of
+from trackbench.scenarios.recordings.column_names import (
+    columns_of,
+    ranges_of,
+    rest_of_stamp,
+    unit_in,
+    words_of,
+)
 from trackbench.scenarios.recordings.csv_lines import (
     TextFormat,
     is_value,
@@ -33,20 +40,16 @@ from trackbench.scenarios.recordings.csv_tables import (
     number,
     parsed,
     read_table,
+    without_thousands,
 )
 from trackbench.scenarios.recordings.dates import instant
 from trackbench.scenarios.recordings.guess_errors import (
     SENSORS,
     levels_of,
     not_finer,
-    velocities_agree,
 )
-from trackbench.scenarios.recordings.guess_time import (
-    DateForm,
-    date_form,
-    unit_by_size,
-    unit_by_speed,
-)
+from trackbench.scenarios.recordings.guess_time import DateForm, date_form
+from trackbench.scenarios.recordings.guess_units import Candidate, Numbers, likely_units
 from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows import (
     Gathered,
@@ -60,10 +63,14 @@ from trackbench.scenarios.recordings.rows import (
 _TURN = 2.0 * np.pi
 _SAMPLE = 10_000  # rows
 _MOST_SENSORS = 50
+_MOST_LINES_OF_WORDS = 5
 _FIRST = 200  # rows that show the format
 _MOST_A_SECOND = 20
 _PLACE, _VELOCITY = ("x", "y"), ("vx", "vy")
 _MEASURED = ("x", "y", "latitude", "longitude", "range", "azimuth")
+_WEEK = 604800.0  # s
+_TIME_OF_WEEK = {"tow", "itow", "gms", "sow", "gpst", "secondsofweek"}
+_ELAPSED = {"elapsed", "duration", "split", "lap", "laptime", "elapsedtime"}
 _NORTH = frozenset(("north", "true", "compass", "magnetic", "mag", "clockwise", "cw"))
 _TUM = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 
@@ -88,6 +95,8 @@ class Guess:
     speed: float
     names: list[str] = field(default_factory=list)
     """all columns of the table"""
+    steps: int = 0
+    """different times of the longest run"""
 
     @property
     def moves(self) -> bool:
@@ -149,13 +158,11 @@ def _recognized_columns(path: str, given: Naming) -> Guess:
         raise DataError(Place(path, 1, 1, _no_time(names)))
     if not sample and any(name in columns for name in _MEASURED):
         read_table(path, {names[0]: "label"}, form=form)  # which reports why no row can be read
-    # Step 2: find the sensors, and units that other units would make impossible.
+    # Step 2: find the sensors, and the form of dates.
     sensors = _sensors(path, sample, columns, names, units)
+    if form.thousands and not (given.format or TextFormat()).thousands and form.decimal is None:
+        _check_thousands(path, sample, columns, form.thousands)
     measured = set(chain.from_iterable(sensor.quantities for sensor in sensors))
-    for name in GEODETIC[:2]:
-        values = sample.numbers(columns.get(name, ""))
-        if name not in units and (np.abs(values) > SMALLEST_E7).any():
-            units[name], why[name] = "degE7", "guess: degrees would be impossible"
     clock = DateForm(given.time_format, bool(given.time_format))
     if "time" in columns and not clock.form:
         times, dates = (sample.cells(columns[k]) if k in columns else [] for k in ("time", "date"))
@@ -167,11 +174,13 @@ def _recognized_columns(path: str, given: Naming) -> Guess:
             clock = date_form(path, times, sample.cells(day), sample.line)
     if clock.why:
         why["time_format"] = clock.why
-    elif "time" in columns and "time" not in units and not clock.is_date:
-        unit = unit_by_size(sample.numbers(columns["time"]))
-        if unit is not None:
-            units["time"], why["time"] = unit, "guess: seconds would be thousands of years"
+    # Step 3: choose the units by which times, positions and speeds agree.
     missing = given.missing or _missing(sample, columns, measured)
+    is_velocity_of = sensors[0].quantities == _PLACE and len(sensors) == 1
+    if not (is_velocity_of and _has_velocity(columns)):
+        is_velocity_of = False
+    reading = _Reading(path, sample, columns, units, clock, missing, why)
+    clock = reading.choose_units(sensors[0], names, is_velocity_of)
     naming = replace(
         given,
         columns=columns,
@@ -182,7 +191,7 @@ def _recognized_columns(path: str, given: Naming) -> Guess:
     )
     if missing and not given.missing:
         why["missing"] = "guess: far outside the others"
-    # Step 3: read all rows.
+    # Step 4: read all rows.
     guess = _measured(path, naming, why, sensors)
     sensors = [
         s._replace(sigmas=not_finer(s.sigmas, s.quantities, guess.naming, sample.cells))
@@ -227,21 +236,10 @@ def _measured(path: str, naming: Naming, why: dict[str, str], sensors: list[Sens
         for sensor, rows in zip(sensors, longest, strict=True)
     ]
     speed = next((speed for _, speed in levels if speed), 0.0)
-    # Guess the unit of times and of speeds, now that the path is known.
-    if "time" in columns and "time" not in units and not gathered.dated:
-        unit = unit_by_speed(longest[0].time, speed)
-        if unit is not None:
-            units["time"] = unit
-            why["time"] = f"guess: with seconds the usual speed would be {speed:.1g} m/s"
-            speed /= UNITS[unit]
-            longest[0] = longest[0]._replace(time=longest[0].time * UNITS[unit])
-    if velocity and not velocities_agree(longest[0], columns, units, why):
-        for name in {*_VELOCITY, *COURSE} & columns.keys():
-            columns.pop(name)
-        why["velocity"] = "velocities are left out: they disagree with the positions"
     naming = _with_clockwise(naming, wanted, every, why)
     guesses = [s._replace(sigmas=level[0]) for s, level in zip(sensors, levels, strict=True)]
-    return Guess(naming, why, runs, guesses, float(f"{speed:.1g}") or 1.0)
+    steps = len(np.unique(np.concatenate([rows.ticks for rows in longest])))
+    return Guess(naming, why, runs, guesses, float(f"{speed:.1g}") or 1.0, steps=steps)
 
 
 def _with_clockwise(
@@ -283,9 +281,15 @@ def _text_format(path: str, given: TextFormat, why: dict[str, str]) -> TextForma
     if layout.header > 1 and not layout.is_comment:
         keys["header"] = layout.header
     # Beside commas only quotes can hold decimal commas, and three digits may be thousands.
-    cells = (cell.strip() for cell in chain.from_iterable(rows))
+    cells = [cell.strip() for cell in chain.from_iterable(rows)]
     digits = r"[-+]?\d+,\d+" if layout.separator != "," else r"[-+]?\d+,(\d\d?|\d{4,})"
-    if any(re.fullmatch(digits, cell) for cell in cells):
+    thousands = _thousands(cells)
+    if thousands:
+        keys["thousands"] = thousands
+    if thousands != "," and any(
+        re.fullmatch(digits, without_thousands(cell, thousands) if thousands else cell)
+        for cell in cells
+    ):
         keys["decimal"] = ","
     if keys:
         why["format"] = "guess: as its first lines are"
@@ -298,8 +302,9 @@ def _text_format(path: str, given: TextFormat, why: dict[str, str]) -> TextForma
             raise DataError(Place(path, layout.header, 1, f"{what} {way}"))
         keys |= {"names": names, "header": 0}
         why["format"] = "guess: no line names the columns"
-    elif not given.skip and _are_units(rows):
-        keys["skip"], why["format"] = 1, "guess: below the names is a line of units"
+    elif not given.skip and (skip := _lines_of_words(rows)):
+        what = "is a line of units" if skip == 1 else f"are {skip} lines of words"
+        keys["skip"], why["format"] = skip, f"guess: below the names {what}"
     chosen = {field.name for field in fields(given) if getattr(given, field.name)}
     return replace(given, **{key: value for key, value in keys.items() if key not in chosen})
 
@@ -310,11 +315,35 @@ def _may_be_degrees(rows: list[list[str]]) -> bool:
     return all(re.fullmatch(r" *-?\d{1,3}\.\d{4,} *", cell) for cell in places)
 
 
-def _are_units(rows: list[list[str]]) -> bool:
-    """Test whether the first of these rows holds words above values."""
-    if len(rows) < 2 or any(map(is_value, rows[0])):
-        return False
-    return any(map(str.strip, rows[0])) and any(map(is_value, rows[1]))
+def _thousands(cells: list[str]) -> str:
+    """Find the mark between groups of three digits: twice in a number, or before its decimals."""
+    for mark, decimal in ((".", ","), (",", "."), ("'", ".")):
+        twice = rf"[-+]?\d{{1,3}}({re.escape(mark)}\d{{3}}){{2,}}({re.escape(decimal)}\d*)?"
+        once = rf"[-+]?\d{{1,3}}{re.escape(mark)}\d{{3}}{re.escape(decimal)}\d+"
+        if any(re.fullmatch(twice, cell) or re.fullmatch(once, cell) for cell in cells):
+            return mark
+    return ""
+
+
+def _check_thousands(path: str, sample: "_Sample", columns: dict[str, str], mark: str) -> None:
+    """Raise DataError for a column that may have thousands or decimals behind the mark."""
+    for name in columns.keys() & {"time", *_MEASURED, "speed", "course", *_VELOCITY}:
+        cells = [cell for cell in sample.cells(columns[name]) if cell]
+        once = rf"[-+]?[1-9]\d{{0,2}}{re.escape(mark)}\d{{3}}"
+        if cells and all(re.fullmatch(once, cell) for cell in cells):
+            what = f"{columns[name]}: {cells[0]} may be a thousand times as large, as other columns"
+            way = "have marks between thousands: write the numbers of the file without them"
+            raise DataError(Place(path, sample.line, 1, f"{what} {way}"))
+
+
+def _lines_of_words(rows: list[list[str]]) -> int:
+    """Count the first of these rows that hold words above values; 0 if there are too many."""
+    for count, row in enumerate(rows[: _MOST_LINES_OF_WORDS + 1]):
+        if any(map(is_value, row)):
+            return count
+        if not any(map(str.strip, row)):
+            return 0
+    return 0
 
 
 def _columns(
@@ -442,22 +471,22 @@ class _Sample:
     """First rows of a table, as text."""
 
     def __init__(self, path: str, names: list[str], form: TextFormat) -> None:
-        self._names = names
+        self.names = names
         self.line = 1 if is_parquet(path) else layout_of(path, form).before + 1
         self._rows = first_rows(path, form, _SAMPLE)
-        self._units: list[str] = []
+        self._thousands = form.thousands
+        self._units: list[list[str]] = []
         if form.skip:
-            rows = first_rows(path, replace(form, skip=0), 1)
-            self._units = rows[0] if rows else []
+            self._units = first_rows(path, replace(form, skip=0), form.skip)
 
     def __len__(self) -> int:
         return len(self._rows)
 
     def cells(self, column: str) -> list[str]:
         """List the cells of a column."""
-        if column not in self._names:
+        if column not in self.names:
             return [""] * len(self) if column == "" else []
-        return [cells[self._names.index(column)] for cells in self._rows]
+        return [cells[self.names.index(column)] for cells in self._rows]
 
     def words(self, column: str) -> list[str]:
         """List the words in a column."""
@@ -465,22 +494,286 @@ class _Sample:
 
     def numbers(self, column: str) -> Array:
         """Parse the numbers of a column, NaN for what is none."""
-        values, _ = parsed(number, [cell.replace(",", ".") for cell in self.cells(column)])
+        cells = self.cells(column)
+        if self._thousands:
+            cells = [without_thousands(cell, self._thousands) for cell in cells]
+        values, _ = parsed(number, [cell.replace(",", ".") for cell in cells])
         return values
 
     def unit(self, column: str, quantity: str) -> str | None:
-        """Find the unit of a quantity's column in the line of units."""
-        if column not in self._names or len(self._units) != len(self._names):
+        """Find the unit of a quantity's column in the lines of units."""
+        if column not in self.names:
             return None
-        return unit_in(words_of(self._units[self._names.index(column)]), quantity)
+        place = self.names.index(column)
+        units = (unit_in(words_of(row[place]), quantity) for row in self._units)
+        return next(filter(None, units), None)
+
+
+class _Reading:
+    """Choice of the units of a table, whose columns are known."""
+
+    def __init__(
+        self,
+        path: str,
+        sample: _Sample,
+        columns: dict[str, str],
+        units: dict[str, str],
+        clock: DateForm,
+        missing: tuple[float, ...],
+        why: dict[str, str],
+    ) -> None:
+        self._path, self._sample, self._clock, self._why = path, sample, clock, why
+        self._columns, self._units, self._missing = columns, units, missing
+
+    def choose_units(self, sensor: SensorGuess, names: list[str], has_velocity: bool) -> DateForm:
+        """Add the likeliest units to those that are known; return the form of dates.
+
+        Raises DataError with a line for each candidate if several are as likely. A velocity that
+        disagrees with the positions loses its columns.
+        """
+        numbers = self._numbers(sensor, names)
+        clocks: dict[str, tuple[float, float]] = {}
+        if self._clock.other:
+            clocks = self._clocks()
+        known = self._known_units(sensor)
+        first, *others = likely_units(numbers, known, clocks)
+        if others:
+            raise DataError(*self._questions([first, *others], numbers))
+        self._write(first, numbers, known)
+        if has_velocity and not first.same_way:
+            for name in {*_VELOCITY, *COURSE} & self._columns.keys():
+                self._columns.pop(name)
+                self._units.pop(name, None)
+            self._why["velocity"] = "velocities are left out: they disagree with the positions"
+        if first.time in clocks and first.time:
+            self._why["time_format"] = f"guess: {self._reason(first)}"
+            return self._clock._replace(form=first.time)
+        return self._clock
+
+    def _numbers(self, sensor: SensorGuess, names: list[str]) -> Numbers:
+        """Collect what the rows of one target and sensor show."""
+        # Step 1: choose the rows of the sensor, and those of the longest run.
+        sample, columns = self._sample, self._columns
+        rows = np.ones(len(sample), dtype=np.bool_)
+        if sensor.name and columns.get("sensor"):
+            rows &= np.array([cell == sensor.name for cell in sample.cells(columns["sensor"])])
+        if columns.get("run"):
+            runs = np.array(sample.cells(columns["run"]))
+            labels, sizes = np.unique(runs[rows], return_counts=True)
+            rows &= runs == labels[sizes.argmax()]
+        # Step 2: read the times, and the positions as they are written.
+        time, is_dated = self._times()
+        is_angle = False
+        azimuth = None
+        if sensor.kind == "range-azimuth":
+            azimuth = self._azimuths()
+            place = self._of("range") * np.stack([np.cos(azimuth), np.sin(azimuth)])
+            named = ["range"]
+        elif sensor.kind == "bearing":
+            place, named = np.empty((0, len(rows))), []
+        elif sensor.kind == "range":
+            named = list(sensor.quantities)
+            place = np.stack([self._of(name) for name in named])
+        else:
+            is_angle = not {"x", "y"} <= columns.keys()
+            named = ["longitude", "latitude"] if is_angle else ["x", "y"]
+            place = np.stack([self._of(name) for name in named])
+            if is_angle:
+                place[:, no_fix(place[1], place[0], UNITS["deg"])] = np.nan
+        # Step 3: read the speeds, and forget the rows of others.
+        speed = self._of("speed") if "speed" in columns else None
+        course = self._of("course") if "course" in columns else None
+        velocity = None
+        if columns.keys() >= {*_VELOCITY}:
+            velocity = np.stack([self._of(name) for name in _VELOCITY])
+        marks = frozenset("".join(words_of(name)) for name in names)
+        digits = [self._digits(columns[name]) for name in named]
+        return Numbers(
+            time=time[rows],
+            dated=is_dated,
+            place=place[:, rows],
+            is_angle=is_angle,
+            speed=None if speed is None else speed[rows],
+            course=None if course is None else course[rows],
+            velocity=None if velocity is None else velocity[:, rows],
+            words=marks,
+            least_digits=min(digits, default=0),
+        )
+
+    def _digits(self, column: str) -> int:
+        """Count digits behind the point of a column's numbers."""
+        cells = [cell.replace(",", ".") for cell in self._sample.cells(column)]
+        finite = np.flatnonzero(np.isfinite(self._sample.numbers(column)))
+        return max((decimals(cells[i]) for i in finite), default=0)
+
+    def _of(self, name: str) -> Array:
+        values = self._sample.numbers(self._columns[name])
+        values[np.isin(values, self._missing)] = np.nan
+        return values
+
+    def _azimuths(self) -> Array:
+        azimuth = self._of("azimuth")
+        unit = self._units.get("azimuth")
+        if unit is not None:
+            return azimuth * UNITS[unit]
+        return azimuth * (UNITS["deg"] if (np.abs(azimuth) > _TURN).any() else 1.0)
+
+    def _times(self) -> tuple[Array, bool]:
+        """Read the times of the sample, in seconds if they are dates; add further parts of a stamp."""
+        columns, sample = self._columns, self._sample
+        if "time" not in columns:
+            return sample.numbers(columns["step"]), True
+        cells = sample.cells(columns["time"])
+        if self._clock.is_date:
+            if "date" in columns and columns["time"] != columns["date"]:
+                dates = sample.cells(columns["date"])
+                joined = [" ".join(pair) for pair in zip(dates, cells, strict=True)]
+                cells = joined if joined != cells else cells
+            seconds = parsed(partial(instant, form=self._clock.form), cells)[0] / 1e6
+            if np.isnan(seconds).all():
+                seconds = parsed(instant, sample.cells(columns["time"]))[0] / 1e6
+        else:
+            seconds = sample.numbers(columns["time"])
+        return self._with_stamp_parts(seconds), self._clock.is_date
+
+    def _with_stamp_parts(self, time: Array) -> Array:
+        """Add the week or the part of a second that a further column has, and name the column."""
+        columns, units = self._columns, self._units
+        clock = columns["time"]
+        rest = rest_of_stamp(self._sample.names, clock, columns)
+        unit = units.get("time")
+        if "week" in rest and not self._clock.is_date and np.isfinite(time).any():
+            column = rest["week"].column
+            weeks = self._sample.numbers(column)
+            largest = float(np.nanmax(time))
+            if unit is None and largest <= _WEEK:
+                unit = "s"
+            elif unit is None and largest <= 1e3 * _WEEK:
+                unit = "ms"
+            is_known = not _TIME_OF_WEEK.isdisjoint(words_of(clock)) or np.ptp(weeks) > 0.0
+            is_week = np.isfinite(weeks).all() and not (weeks % 1.0).any() and weeks.max() < 1e4
+            if unit is not None and is_known and is_week and largest * UNITS[unit] <= _WEEK:
+                columns["week"] = column
+                if unit != "s":
+                    units["time"], self._why["time"] = unit, "guess: a week has 604800 s"
+                return time + weeks * _WEEK / UNITS[unit]
+        if "subsecond" in rest:
+            column, part_unit = rest["subsecond"]
+            part = self._sample.numbers(column) * UNITS[part_unit or "ns"]
+            whole = np.isfinite(time).all() and not (time % 1.0).any() and unit in (None, "s")
+            is_part = np.isfinite(part).all() and ((part >= 0.0) & (part < 1.0)).all()
+            if whole and is_part and len(np.unique(time + part)) > len(np.unique(time)):
+                columns["subsecond"] = column
+                if part_unit not in (None, "ns"):
+                    units["subsecond"] = str(part_unit)
+                if not self._clock.is_date:
+                    units["time"] = "s"
+                self._why["subsecond"] = "guess: the part of a second"
+                return time + part
+        return time
+
+    def _clocks(self) -> dict[str, tuple[float, float]]:
+        """Weigh hours and minutes against minutes and seconds."""
+        cells = self._sample.cells(self._columns["time"])
+        is_elapsed = not _ELAPSED.isdisjoint(words_of(self._columns["time"]))
+        from_zero = cells[0].lstrip("0").startswith(":") if cells else False
+        hours = 1.0 * is_elapsed + 0.5 * from_zero
+        minutes = 0.0 if is_elapsed or from_zero else 1.0
+        return {"": (1.0, hours), self._clock.other: (1.0 / 60.0, minutes)}
+
+    def _known_units(self, sensor: SensorGuess) -> dict[str, str]:
+        known = dict(self._units)
+        if sensor.kind == "range":
+            for name in sensor.quantities:
+                if name in known:
+                    known["range"] = known[name]
+        return known
+
+    def _write(self, chosen: Candidate, numbers: Numbers, known: dict[str, str]) -> None:
+        """Add the chosen units to the columns that have none yet."""
+        columns, units, why = self._columns, self._units, self._why
+        reason = f"guess: {self._reason(chosen)}"
+        if (
+            "time" in columns
+            and "time" not in units
+            and chosen.time in UNITS
+            and chosen.time != "s"
+        ):
+            units["time"], why["time"] = chosen.time, reason
+        if chosen.as_angle and not numbers.is_angle:
+            columns["longitude"], columns["latitude"] = columns.pop("x"), columns.pop("y")
+            why["x"] = "x and y are a longitude and a latitude"
+            units["longitude"] = units["latitude"] = chosen.place
+            why["longitude"] = why["latitude"] = reason
+        elif numbers.is_angle:
+            for name in GEODETIC[:2]:
+                if name not in units and chosen.place != "deg":
+                    units[name], why[name] = chosen.place, reason
+        elif chosen.place != "m":
+            for name in ("x", "y", "range"):
+                if name in columns and name not in units:
+                    units[name], why[name] = chosen.place, reason
+        names = _VELOCITY if numbers.velocity is not None else ("speed",)
+        for name in names:
+            if name in columns and name not in units and chosen.speed and chosen.agrees:
+                units[name], why[name] = chosen.speed, "guess: agrees with the positions"
+        if "course" in columns and "course" not in units and chosen.course not in ("", "deg"):
+            units["course"] = chosen.course
+            why["course"] = "guess: the direction of the positions"
+
+    def _reason(self, chosen: Candidate) -> str:
+        if chosen.agrees:
+            return "times, positions and speeds agree"
+        if np.isfinite(chosen.usual_speed):
+            return f"the usual speed is {chosen.usual_speed:.2g} m/s"
+        return "as large as its numbers are"
+
+    def _questions(self, candidates: list[Candidate], numbers: Numbers) -> list[Place]:
+        """Write one line for each candidate, with the options that choose it."""
+        columns, first = self._columns, candidates[0]
+        out = []
+        differ_in_time = any(one.time != first.time for one in candidates)
+        differ_in_place = any(one.place != first.place for one in candidates)
+        for one in candidates:
+            options, of = [], []
+            if differ_in_time:
+                clock = one.time or self._clock.form
+                key = "time_format" if clock not in UNITS else "units.time"
+                value = json.dumps(clock) if clock not in UNITS else clock
+                options.append(f"--set '{key}={value}'")
+                of.append(f"{columns['time']} in {clock}")
+            if differ_in_place:
+                names = ["latitude", "longitude"] if numbers.is_angle else ["x", "y"]
+                if one.as_angle and not numbers.is_angle:
+                    for name, column in (("longitude", "x"), ("latitude", "y")):
+                        options.append(f"--set 'columns.{name}={columns[column]}'")
+                else:
+                    options += [f"--set units.{n}={one.place}" for n in names if n in columns]
+                shown = ", ".join(columns[name] for name in names if name in columns)
+                of.append(f"{shown} in {one.place}")
+            what = f"the units may be {' and '.join(of)}"
+            if np.isfinite(one.usual_speed):
+                what += f", with a usual speed of {one.usual_speed:.2g} m/s"
+            out.append(Place(self._path, self._sample.line, 1, f"{what}: say {' '.join(options)}"))
+        return out
 
 
 def _missing(sample: _Sample, columns: dict[str, str], measured: set[str]) -> tuple[float, ...]:
-    """Find whole numbers far outside the others, which mark missing cells."""
+    """Find whole numbers far outside the others, which mark missing cells of all columns."""
+    names = sorted((measured | {*GEODETIC[:2], "speed", *_VELOCITY}) & columns.keys())
+    values = {name: sample.numbers(columns[name]) for name in names}
+    if "latitude" in values and "longitude" in values:
+        fixed = ~no_fix(values["latitude"], values["longitude"], UNITS["deg"])
+        values = {name: column[fixed] for name, column in values.items()}
     out: dict[float, None] = {}
-    # An azimuth of 0 may be far from others, and none of them is missing.
-    for name in sorted((measured | {*GEODETIC[:2]}) & columns.keys() - {"azimuth"}):
-        out |= dict.fromkeys(v for v in outlying(sample.numbers(columns[name])) if v % 1 == 0)
+    far = {name: outlying(column) for name, column in values.items()}
+    for name in sorted(values.keys() & (measured | {*GEODETIC[:2]})):
+        # An azimuth of 0 may be far from others, and none of them is missing.
+        whole = [] if name == "azimuth" else [value for value in far[name] if value % 1 == 0]
+        for value in whole:
+            # A number that other columns measure is no code.
+            if all(value in far[other] or not (values[other] == value).any() for other in values):
+                out[value] = None
     return tuple(out)
 
 

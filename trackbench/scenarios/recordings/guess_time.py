@@ -17,20 +17,38 @@ from trackbench.scenarios.recordings.rows import usual_interval
 
 _DAY_FORMS = (
     "%d/%m/%Y|%m/%d/%Y|%d.%m.%Y|%d-%m-%Y|%m-%d-%Y|%Y/%m/%d|%Y.%m.%d|%Y%m%d|%d/%m/%y|%m/%d/%y|"
-    "%d.%m.%y|%d-%b-%Y|%d-%b-%y|%d %b %Y|%b %d %Y|%b %d, %Y|%Y-%m-%d"
+    "%d.%m.%y|%d-%b-%Y|%d-%b-%y|%d %b %Y|%b %d %Y|%b %d, %Y|%Y-%m-%d|%d%m%y|%y%m%d|%m%d%y|"
+    "%d%m%Y|%m%d%Y"
 )
 _TIME_FORMS = (
     "%H:%M:%S|%H:%M:%S.%f|%H:%M:%S,%f|%I:%M:%S %p|%I:%M:%S.%f %p|%H:%M|%I:%M %p|"
     "%H%M%S|%H%M%S.%f|%H:%M:%S:%f|%H.%M.%S"
 )
+_STAMPS = (
+    *("%Y%m%d%H%M%S", "%Y%m%d%H%M%S%f", "%Y%m%d%H%M%S.%f", "%Y%m%d%H%M", "%y%m%d%H%M%S"),
+    *("%d%m%y%H%M%S", "%d%m%Y%H%M%S", "%Y%m%d_%H%M%S"),
+)
+"""Date and time of day in one number."""
+_WORDED = (
+    *("%a %b %d %H:%M:%S %Y", "%a %b %d %H:%M:%S %Z %Y", "%a %b %d %H:%M:%S GMT%z %Y"),
+    *("%a, %d %b %Y %H:%M:%S %z", "%a, %d %b %Y %H:%M:%S %Z"),
+    *("%d/%b/%Y:%H:%M:%S", "%d/%b/%Y:%H:%M:%S %z"),
+)
+_MINUTES = ("%M:%S", "%M:%S.%f")
 _DAYS, _TIMES = _DAY_FORMS.split("|"), _TIME_FORMS.split("|")
 _FORMS = [
     *_TIMES,
+    *_MINUTES,
     *_DAYS,
+    *_STAMPS,
+    *_WORDED,
     *map(" ".join, product(_DAYS, _TIMES)),
     *map("T".join, product(_DAYS, _TIMES[:3])),
 ]
 _CLOCK = re.compile(r"([01]?\d|2[0-3])[0-5]\d([0-5]\d)(?:\.\d*)?")
+_STAMP = re.compile(r"\d{12}|\d{14}(\.\d+|\d{1,6})?")
+_DIGITS_ALONE = re.compile(r"(%[YymdHMS])+(\.?%f)?")
+_YEARS = (1950, 2100)
 _LEAST_SECONDS = 10
 _STEADIER = 5.0  # times, as the ratio of largest and usual interval, so that an order is decided
 _SIZES = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
@@ -40,11 +58,15 @@ _LONG = 50.0  # s: usual interval from which on a smaller unit may be meant
 
 
 class DateForm(NamedTuple):
-    """Form of dates as strptime has it, or nothing for ISO 8601 and numbers."""
+    """Form of dates as strptime has it, or nothing for ISO 8601 and numbers.
+
+    ``other`` is a form that fits all cells as well, with times 60 times as short.
+    """
 
     form: str = ""
     is_date: bool = False
     why: str = ""
+    other: str = ""
 
 
 def date_form(path: str, times: Sequence[str], dates: Sequence[str], line: int) -> DateForm:
@@ -56,37 +78,91 @@ def date_form(path: str, times: Sequence[str], dates: Sequence[str], line: int) 
         return DateForm()
     cells = [" ".join(pair) for pair in zip(dates, times, strict=True)] if dates else [*times]
     if not parsed(number, [cell.replace(",", ".") for cell in times])[1]:
+        is_stamp = all(map(_STAMP.fullmatch, times))
         # Hours, minutes and seconds in one number, 235959.0, whose seconds take many values.
         clocks = [match for match in map(_CLOCK.fullmatch, times) if match]
-        if len(clocks) < len(times) or len({match[2] for match in clocks}) < _LEAST_SECONDS:
+        least = 1 if dates else _LEAST_SECONDS
+        is_clock = len(clocks) == len(times) and len({match[2] for match in clocks}) >= least
+        if not (is_stamp or is_clock):
             return DateForm()
     elif is_instant(cells[0]):
         return DateForm("", True)
-    found = {}
-    for form in _FORMS:
-        if form.endswith("%f") and form[:-3] in found:
-            continue  # no cell has digits behind its seconds
-        values, mistakes = parsed(partial(instant, form=form), cells[:1])
-        if not mistakes:
-            values, mistakes = parsed(partial(instant, form=form), cells)
-        if not mistakes:
-            found[form] = values
+    found = _fitting_forms(cells)
     if not found:
-        return DateForm("", True)
+        is_number = not dates and all(map(_is_number, times))
+        return DateForm() if is_number else DateForm("", True)
+    other = ""
+    if "%H:%M" in found and "%M:%S" in found:
+        other = "%M:%S"
+        found.pop(other)
     # Of orders that give the same times the month is first beside a.m. and p.m. only.
     first, *others = sorted(
         found, key=lambda form: (_unsteady(found[form]), "%p" in form and form[:2] == "%d")
     )
-    for other in others:
-        if np.array_equal(found[other] - found[other][0], found[first] - found[first][0]):
+    for form in others:
+        if np.array_equal(found[form] - found[form][0], found[first] - found[first][0]):
             continue
-        (falls, gap), (other_falls, other_gap) = map(_unsteady, (found[first], found[other]))
+        (falls, gap), (other_falls, other_gap) = map(_unsteady, (found[first], found[form]))
         if falls == other_falls and other_gap < _STEADIER * gap:
             what = f"{cells[0]!r} may be a day in either order: say which, "
-            way = " or ".join(f"`--set 'time_format=\"{form}\"'`" for form in (first, other))
+            way = " or ".join(f"`--set 'time_format=\"{one}\"'`" for one in (first, form))
             raise DataError(Place(path, line, 1, what + way))
-    why = "%d is the day, %m the month" if "%d" in first else "hours, minutes and seconds"
-    return DateForm(first, True, f"guess: {why}")
+    return DateForm(first, True, f"guess: {_explain_form(first)}", other)
+
+
+def _is_number(cell: str) -> bool:
+    return cell.replace(".", "", 1).isdigit()
+
+
+def _explain_form(form: str) -> str:
+    if "%d" in form:
+        return "%d is the day, %m the month"
+    return "minutes and seconds" if form in _MINUTES else "hours, minutes and seconds"
+
+
+def _fitting_forms(cells: Sequence[str]) -> dict[str, Array]:
+    """Find the forms that all cells have, and the times, in microseconds, that they give."""
+    found: dict[str, Array] = {}
+    for form in _FORMS:
+        if form.endswith("%f") and form[:-3] in found:
+            continue  # no cell has digits behind its seconds
+        if not all(_has_digits_of(form, cell) for cell in cells[:1]):
+            continue
+        values, mistakes = parsed(partial(instant, form=form), cells[:1])
+        if not mistakes:
+            values, mistakes = parsed(partial(instant, form=form), cells)
+        if not mistakes and all(_has_digits_of(form, cell) for cell in cells):
+            found[form] = values
+    # A count of microseconds may look like a stamp, whose seconds then all are 00.
+    short = [form for form in _STAMPS if form.startswith(("%y", "%d%m%y")) and form in found]
+    for form in short:
+        if len({cell[-2:] for cell in cells}) == 1:
+            found.pop(form)
+    return found
+
+
+def _has_digits_of(form: str, cell: str) -> bool:
+    """Test whether numbers without marks between their parts have as many digits as the form.
+
+    strptime alone takes 090324 as the 4th of February 903 for "%Y%m%d".
+    """
+    for form_part, cell_part in zip(form.split(" "), cell.split(" "), strict=False):
+        if not _DIGITS_ALONE.fullmatch(form_part) or len(form_part) == 2:
+            continue
+        digits = len(re.match(r"\d*", cell_part)[0])  # type: ignore[index]
+        wanted = form_part.count("%Y") * 4 + 2 * len(re.findall("%[ymdHMS]", form_part))
+        least = most = wanted
+        if form_part.startswith("%H"):
+            least = wanted - 1
+        elif form_part.endswith("S%f"):
+            least, most = wanted + 1, wanted + 6
+        if not least <= digits <= most:
+            return False
+        if "%Y" in form_part:
+            place = re.sub("%Y.*", "", form_part).count("%") * 2
+            if not _YEARS[0] <= int(cell_part[place : place + 4]) <= _YEARS[1]:
+                return False
+    return True
 
 
 def _unsteady(times: Array) -> tuple[bool, float]:

@@ -53,6 +53,8 @@ def _check_falls(gathered: Gathered, rows: Rows) -> None:
         way = (
             f"write dates{beside} or go on counting if a clock began anew, or sort the rows by time"
         )
+        if rest := _rest_of_time(gathered, "week"):
+            way = f"{rest}; or {way}"
         raise DataError(
             gathered.place(rows, place, f"{what} ({late} rows come after later ones): {way}")
         )
@@ -88,10 +90,14 @@ def _without_twins(gathered: Gathered, rows: Rows, again: Numbers, difference: D
         place = f"run {gathered.runs[rows.run[at]]}: {unit.format(rows.time[at])}"
         what = f"{place} is there twice{more}, and"
         hint = "say `same_time: mean`, `last` or `spread` (evenly until the next time)"
+        if rest := _rest_of_time(gathered, "subsecond"):
+            hint = f"{rest}; or {hint}"
         raise DataError(gathered.place(rows, at, f"{what} not with the same values: {hint}"))
     gathered.notices.append(
         f"{len(twice)} rows of a time that is there already: `same_time: {way}`"
     )
+    if rest := _rest_of_time(gathered, "subsecond"):
+        gathered.notices.append(f"rows of one time differ, and {rest}")
     # Step 3: keep the last row, take the mean, or spread the times.
     last = np.append(first[1:], len(new)) - 1
     if way == "last":
@@ -101,6 +107,17 @@ def _without_twins(gathered: Gathered, rows: Rows, again: Numbers, difference: D
         received = np.maximum.reduceat(rows.received, first)
         return rows.at(first)._replace(values=means, received=received)
     return rows._replace(time=_spread(rows, first, last, group))
+
+
+def _rest_of_time(gathered: Gathered, part: str) -> str:
+    """Name a column that holds a further part of the time and is not read; empty without one."""
+    if part not in gathered.rest:
+        return ""
+    column, unit = gathered.rest[part]
+    way = f"`columns: {{{part}: {column}}}`"
+    if unit not in (None, "ns"):
+        way += f" and `units: {{{part}: {unit}}}`"
+    return f"the column {column} may hold the rest of the time: say {way}"
 
 
 def _means(values: Array, first: Numbers, group: Numbers, difference: Difference) -> Array:

@@ -27,7 +27,12 @@ from trackbench.scenarios.recordings.column_mapping import (
     Frame,
     Naming,
 )
-from trackbench.scenarios.recordings.column_names import columns_of, words_of
+from trackbench.scenarios.recordings.column_names import (
+    NamedColumn,
+    columns_of,
+    rest_of_stamp,
+    words_of,
+)
 from trackbench.scenarios.recordings.csv_tables import Table
 from trackbench.scenarios.recordings.mixtures import (
     Split,
@@ -84,6 +89,7 @@ class Gathered:
     The first file (``clock_of``) says which; ``says_utc`` if its column's name has the zone.
     ``has_delays``: a column has the times at which rows were received.
     ``unavailable`` counts cells with codes of "not available".
+    ``rest`` names columns that look like further parts of the time, and are not read.
     ``geodetic`` is the first file with latitude and longitude, and ``planar`` the first one with another
     quantity that depends on the position (``in_frame``). ``origin`` is given by the config's key
     ``origin_key``, or the first position of the ``chosen`` runs (default: of all); ``own_origins`` are
@@ -112,6 +118,7 @@ class Gathered:
     says_utc: bool = False
     clock_of: str = ""
     has_delays: bool = False
+    rest: dict[str, NamedColumn] = field(default_factory=dict)
     unavailable: Counter[str] = field(default_factory=Counter)
     runs: list[str] = field(default_factory=list)
     files: list[str] = field(default_factory=list)
@@ -135,8 +142,8 @@ class Gathered:
         """Report a mistake at a row."""
         return Place(self.files[rows.file[i]], int(rows.line[i]), 1, what)
 
-    def timed(self, columns: Columns, table: Table, clock: str) -> Array:
-        """Read times of a table's rows; all tables have clocks of one kind."""
+    def timed(self, columns: Columns, table: Table, clock: str, parts: Sequence[str] = ()) -> Array:
+        """Read times of a table's rows; all tables have clocks of one kind. ``parts`` are added."""
         stepped = columns.contents[clock] == "step"
         # Dates without a zone are in UTC, and go with those that have one if the column says UTC.
         says_utc = table.dated == "date" and not _UTC.isdisjoint(words_of(clock))
@@ -158,15 +165,24 @@ class Gathered:
             raise columns.mistake(what)
         # Seconds: dates after the first one, times by their unit; steps stay numbers.
         time = table.columns[clock]
+        if parts and stepped:
+            what = f"{clock} has numbers of steps, to which `columns: {{{parts[0]}: ...}}` adds nothing"
+            raise columns.mistake(f"{what}: leave it out")
         if self.dated:
-            return (time - self.since) / 1e6
+            seconds = (time - self.since) / 1e6
+            return seconds + columns.stamp_parts(table, parts) if parts else seconds
         if not stepped:
+            written = time
             time = time * self.naming.scale("time")
-            late = np.flatnonzero(np.abs(time) > _LATEST)[:_MOST_MISTAKES].tolist()
-            if late:
-                what = "{}: {:.3g} s is no time; say its unit (`units: {{time: ns}}`)"
-                places = ((int(table.lines[i]), what.format(clock, time[i])) for i in late)
-                raise DataError(*(Place(columns.path, line, 1, text) for line, text in places))
+            if parts:
+                time = time + columns.stamp_parts(table, parts)
+            late = np.flatnonzero(np.abs(time) > _LATEST)
+            if len(late):
+                more = f", nor are {len(late) - 1} more" if len(late) > 1 else ""
+                what = (
+                    f"{clock}: {time[late[0]]:.3g} s is no time{more}; {_way_for(written[late[0]])}"
+                )
+                raise DataError(Place(columns.path, int(table.lines[late[0]]), 1, what))
         return time
 
     def numbers_of(self, names: Sequence[str]) -> Numbers:
@@ -200,6 +216,23 @@ class Gathered:
             what = f"{self.not_rotated} has velocities without latitude and longitude"
             why = f"north at the target differs from that of the origin by up to {turn:.2g} deg"
             self.notices.append(f"{what}, which are not rotated: {why}")
+
+
+_STAMPS = ((12, "%Y%m%d%H%M"), (14, "%Y%m%d%H%M%S"), (17, "%Y%m%d%H%M%S%f"))
+_EPOCHS = {"ms": 1e12, "us": 1e15, "ns": 1e18}
+
+
+def _way_for(value: float) -> str:
+    """Say how a number that is too large for seconds is read: as a date, or in another unit."""
+    digits = f"{value:.0f}"
+    for length, form in _STAMPS:
+        month, day = int(digits[4:6] or 0), int(digits[6:8] or 0)
+        is_date = 1 <= month <= 12 and 1 <= day <= 31
+        if len(digits) == length and digits[:2] in ("19", "20") and is_date:
+            return f'it looks like a date, say `time_format: "{form}"`'
+    # The unit in which it is a time since 1970.
+    units = [unit for unit, size in _EPOCHS.items() if 0.5 * size <= abs(value) <= 5.0 * size]
+    return f"say its unit (`units: {{time: {units[0] if units else 'ns'}}}`)"
 
 
 def _clock(stepped: bool, dated: str) -> str:
@@ -279,19 +312,22 @@ def _rows_of_file(
         raise columns.mistake(f"no column time or step; there are {known} (see `columns`)")
     if columns.column("date") != clock:
         columns.take("date", "date")
+    parts = columns.take_stamp_parts()
+    gathered.rest = gathered.rest or rest_of_stamp(columns.names, clock, parts)
     arrival = columns.take("received", columns.contents[clock])
     run = columns.take("run", "label")
     which = columns.take("sensor", "label")
     several = columns.take_unnamed_runs() if run is None else None
-    labels = _possible_labels(columns)
+    labels = _possible_labels(columns, [part.column for part in gathered.rest.values()])
     # Step 2: read them; times become seconds.
     table = columns.read()
     gathered.unavailable += columns.unavailable
+    gathered.notices += columns.notices
     if several is not None and len(table.words[several]) > 1:
         what = f"column {several} has {len(table.words[several])} values, which would be one run"
         way = f'say `columns: {{run: {several}}}`, or `columns: {{run: ""}}` to mix them'
         raise columns.mistake(f"{what}: {way}")
-    time = received = gathered.timed(columns, table, clock)
+    time = received = gathered.timed(columns, table, clock, parts)
     if arrival is not None:
         received = _received(gathered, columns, table, arrival, time)
     if columns.is_geodetic:
@@ -350,8 +386,11 @@ class MixedRowsError(DataError):
         self.column, self.role, self.split = column, role, split
 
 
-def _possible_labels(columns: Columns) -> list[str]:
-    """Note and list the unused columns that may name the target or the sensor of each row."""
+def _possible_labels(columns: Columns, of_time: Collection[str]) -> list[str]:
+    """Note and list the unused columns that may name the target or the sensor of each row.
+
+    Columns ``of_time`` are parts of a stamp.
+    """
     named = columns.naming.columns
     if named.get("run") == "" or named.get("sensor") == "":
         return []  # the config says that they are mixed
@@ -359,7 +398,7 @@ def _possible_labels(columns: Columns) -> list[str]:
     quantities = columns_of(columns.names)
     measured = {c.column for name, c in quantities.items() if name not in ("run", "sensor")}
     for name, cells in columns.first_cells.items():
-        is_measured = name in measured and not role_of(name)
+        is_measured = name in of_time or (name in measured and not role_of(name))
         if not is_measured and may_split(name, cells) and columns.take_words(name):
             labels.append(name)
     return labels

@@ -15,6 +15,8 @@ ONE_RUN = "0"
 """Name of the run of one file without names of runs."""
 _MOST_NAMES = 8
 _MOST_CELLS = 200_000_000
+_MOST_RECORDED = 5_000_000
+"""steps of a recording that are read, of which a scenario takes those up to its `last`"""
 _EQUAL = 1e-6  # of an interval: a clock that strays by less has equal steps
 
 
@@ -91,7 +93,7 @@ def common_clock(
 
 def _counted(gathered: Gathered, number: float) -> int:
     """Return the number of steps as an integer. Raises DataError if there are too many to allocate."""
-    if number > MOST_STEPS:
+    if number > _MOST_RECORDED:
         what = (
             f"gives {number:.9g} steps, more than {MOST_STEPS}: choose runs, or a longer `resample`"
         )

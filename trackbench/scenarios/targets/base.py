@@ -326,6 +326,12 @@ class Schedule(NamedTuple):
             if self.last is not None and not steps[0] <= self.last <= steps[-1]:
                 what = f"what is recorded is measured in steps {steps[0]} to {steps[-1]}"
                 raise InvalidKeyError(what, "last")
+            taken = len(self.of_recorded(recorded).steps) - self.skipped
+            if taken > MOST_STEPS:
+                latest = int(recorded.steps[self.skipped + MOST_STEPS - 1])
+                what = f"the recording gives {taken} steps, more than {MOST_STEPS}"
+                way = f"say `last: {latest}`, choose runs, or a longer `resample`"
+                raise InvalidKeyError(f"{what}: {way}")
             return
         # Otherwise the keys must give a step after the start's scans, and not too many.
         if self.last is None:

@@ -1,0 +1,432 @@
+"""Guess of the units of times, positions and speeds, by which of them agree.
+
+Each candidate unit has points against it: for a number that the unit rarely has, for a speed that few
+things have, for an unusual interval between rows, and for a measured speed that disagrees with the
+positions. The units with fewest points are written. If several are as likely, the user is asked.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from trackbench.core.arrays import Array, Index
+from trackbench.core.conversions import SEMI_MAJOR_AXIS
+from trackbench.scenarios.recordings.column_mapping import UNITS
+from trackbench.scenarios.recordings.guess_errors import error_of_line
+from trackbench.scenarios.recordings.rows import usual_interval
+
+NEAR = 0.07
+"""Largest relative difference between a measured speed and that of the positions which agrees."""
+_MARGIN = 0.6  # points between candidates of which one is sure
+_DISAGREES = 2.0  # points for speeds that do not agree, and in another unit do
+_MANY = 20.0  # sigmas of an error, from which on a way between two rows is sure
+_SAME_WAY = 0.8  # cosine between directions that agree
+_REGULAR = 0.8  # of the intervals are the usual one
+
+
+class TimeUnit(NamedTuple):
+    """Numbers that times in a unit have.
+
+    ``largest`` is that of a clock that began at zero; ``dates`` are numbers that count from a date.
+    """
+
+    unit: str
+    points: float
+    largest: float
+    dates: tuple[tuple[float, float], ...] = ()
+    is_whole: bool = False
+
+
+TIME_UNITS = (
+    TimeUnit("s", 0.0, 4e7, ((6.5e8, 5e9),)),
+    TimeUnit("ms", 0.0, 4e9, ((6.5e11, 5e12),), True),
+    TimeUnit("us", 0.0, 4e12, ((6.5e14, 5e15),), True),
+    TimeUnit("ns", 0.0, 4e15, ((6.5e17, 5e18),), True),
+    # Ticks of Windows since 1601, and since the year 1.
+    TimeUnit("100ns", 0.0, 0.0, ((1.2e17, 1.5e17), (6.25e17, 6.48e17)), True),
+    # Days of spreadsheets, since the year 0, and Julian dates.
+    TimeUnit("d", 0.0, 0.0, ((2e4, 8e4), (7e5, 8e5), (2.4e6, 2.5e6))),
+    TimeUnit("d", 2.0, 4e3),
+    TimeUnit("h", 2.0, 1e4),
+    TimeUnit("min", 2.0, 1e6),
+)
+
+
+class AngleUnit(NamedTuple):
+    """Unit of latitude and longitude; names of columns that stand beside it are its ``words``."""
+
+    unit: str
+    points: float
+    is_whole: bool
+    words: tuple[str, ...] = ()
+
+
+_AIS = ("mmsi", "sog", "cog", "imo", "sourcemmsi")
+PLACE_UNITS = (
+    AngleUnit("deg", 0.0, False),
+    AngleUnit("rad", 0.0, False),
+    AngleUnit("degE7", 0.0, True),
+    AngleUnit("degE6", 0.0, True),
+    AngleUnit("degE5", 1.0, True),
+    AngleUnit("deg/600000", 1.0, True, _AIS),
+    AngleUnit("semicircle", 1.0, True, ("positionlat", "positionlong")),
+)
+COURSE_UNITS = ("deg", "rad", "deg/10", "deg/100", "degE5")
+_SMALLEST_WHOLE = 1e4
+"""Whole numbers below are degrees."""
+LENGTH_UNITS = {"m": 0.0, "km": 1.0, "mm": 1.0, "cm": 1.0, "ft": 1.0, "mi": 1.0, "nmi": 1.0}
+SPEED_UNITS = {
+    **{"m/s": 0.0, "kn": 0.0, "km/h": 0.25, "mph": 0.25, "ft/s": 0.5, "cm/s": 0.5, "mm/s": 1.0},
+    "kn/10": 0.5,
+}
+"""Points against a unit. Lengths that are not m count only beside a speed that agrees."""
+_USUAL_SPEEDS = ((0.05, 400.0, 0.0), (0.01, 3000.0, 1.0), (1e-3, 11200.0, 2.0))
+"""Least and largest speed, m/s, and the points within; 4 beyond. 11.2 km/s leaves the Earth."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Numbers:
+    """Numbers (R,) of one target's rows as they are written, in order of the table.
+
+    ``time`` is in seconds if it is ``dated``. ``place`` (2, R) is longitude and latitude or x and y,
+    (1, R) a range; empty if there is no position. A velocity (2, R) is measured, or a ``speed``,
+    perhaps with a ``course``.
+    """
+
+    time: Array
+    dated: bool
+    place: Array
+    is_angle: bool
+    speed: Array | None = None
+    course: Array | None = None
+    velocity: Array | None = None
+    words: frozenset[str] = frozenset()
+    """names of all columns, in small letters without marks"""
+    least_digits: int = 0
+    """digits behind the point that cells of positions have"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Candidate:
+    """Units of one reading of a table, the points against it, and the speed that it gives, m/s."""
+
+    time: str
+    place: str
+    as_angle: bool
+    speed: str
+    course: str
+    points: float
+    usual_speed: float
+    agrees: bool
+    """True if a measured speed is that of the positions"""
+    same_way: bool
+    """True if a measured course is their direction"""
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Units of which no two candidates may remain."""
+        return self.time, self.place
+
+
+def likely_units(
+    numbers: Numbers, given: Mapping[str, str], clocks: Mapping[str, tuple[float, float]] = {}
+) -> list[Candidate]:
+    """List the likeliest candidates, the best first; ``given`` are units by quantity that are known.
+
+    ``clocks`` are other forms of dates, with their factor on the times and the points against them.
+    """
+    out: list[Candidate] = []
+    times = list(_times(numbers, given, clocks))
+    for (place, as_angle, place_points), (time, seconds, time_points) in product(
+        _places(numbers, given), times
+    ):
+        meters = _meters(numbers.place, place, as_angle, given)
+        moves = _Moves.of_rows(numbers.time * seconds, meters)
+        points = place_points + time_points
+        points += _points_of_speed(moves.usual_speed, as_angle)
+        points += _points_of_interval(numbers.time * seconds, as_angle)
+        for speed, speed_points, agrees in _speeds(numbers, given, moves, as_angle):
+            course, same_way = _course(numbers, given, moves, agrees)
+            out.append(
+                Candidate(
+                    time=time,
+                    place=place,
+                    as_angle=as_angle,
+                    speed=speed,
+                    course=course,
+                    points=points + speed_points,
+                    usual_speed=moves.usual_speed,
+                    agrees=agrees,
+                    same_way=same_way,
+                )
+            )
+    out.sort(key=lambda candidate: candidate.points)
+    # Other lengths are likely only if a speed agrees.
+    best: dict[tuple[str, str], Candidate] = {}
+    for candidate in out:
+        is_length = not candidate.as_angle and candidate.place not in ("m", *given.values())
+        if candidate.agrees or not is_length:
+            best.setdefault(candidate.key, candidate)
+    ranked = list(best.values())
+    return [one for one in ranked if one.points < ranked[0].points + _MARGIN]
+
+
+def _times(
+    numbers: Numbers, given: Mapping[str, str], clocks: Mapping[str, tuple[float, float]]
+) -> Iterator[tuple[str, float, float]]:
+    """Yield units of the time, their factor to seconds, and points against them."""
+    if numbers.dated:
+        yield "", 1.0, clocks.get("", (1.0, 0.0))[1]
+        for form, (factor, points) in clocks.items():
+            if form:
+                yield form, factor, points
+        return
+    if "time" in given:
+        yield given["time"], UNITS[given["time"]], 0.0
+        return
+    finite = numbers.time[np.isfinite(numbers.time)]
+    largest = float(np.abs(finite).max(initial=0.0))
+    is_whole = not (finite % 1.0).any()
+    whole_seconds = _whole_seconds_of_days(finite)
+    found: dict[str, float] = {}
+    for row in TIME_UNITS:
+        points = row.points
+        is_date = any(least <= largest <= most for least, most in row.dates)
+        if not is_date and largest > row.largest:
+            points += 3.0
+        if row.is_whole and not is_whole:
+            points += 1.0
+        if row.unit == "d" and is_date:
+            points += -1.0 if whole_seconds else 1.0 * is_whole
+        found[row.unit] = min(points, found.get(row.unit, np.inf))
+    for unit, points in found.items():
+        yield unit, UNITS[unit], points
+
+
+def _whole_seconds_of_days(times: Array) -> bool:
+    """Test whether fractions of days are whole seconds, which seconds with so many digits are not."""
+    if not len(times) or not (np.abs(times * 1e3 % 1.0 - 0.5) < 0.49).any():
+        return False
+    seconds = times * 86400.0
+    # Nine digits behind the point are 1e-4 s, six are 0.09 s.
+    return bool((np.abs(seconds - np.rint(seconds)) < 0.09).mean() > 0.95)
+
+
+def _places(numbers: Numbers, given: Mapping[str, str]) -> Iterator[tuple[str, bool, float]]:
+    """Yield units of the position, whether they are of angles, and points against them."""
+    if not numbers.is_angle:
+        is_ais = bool(numbers.words.intersection(_AIS))
+        known = given.get("x", given.get("range"))
+        yield from [(known, False, 0.0)] if known else _lengths(numbers, is_ais)
+        if known is None and _may_be_degrees(numbers):
+            yield "deg", True, 0.0 if is_ais else 1.0
+        return
+    if "latitude" in given or "longitude" in given:
+        yield given.get("latitude", given.get("longitude", "deg")), True, 0.0
+        return
+    longitude, latitude = (float(np.nanmax(np.abs(part), initial=0.0)) for part in numbers.place)
+    is_whole = not (numbers.place[np.isfinite(numbers.place)] % 1.0).any()
+    is_large = max(longitude, latitude) >= _SMALLEST_WHOLE
+    has_words = {row.unit: bool(numbers.words.intersection(row.words)) for row in PLACE_UNITS}
+    any_words = any(has_words.values())
+    fitting = []
+    for row in PLACE_UNITS:
+        in_degrees = UNITS[row.unit] / UNITS["deg"]
+        # 91 and 181 deg are codes of AIS.
+        if latitude * in_degrees > 91.001 or longitude * in_degrees > 360.001:
+            continue
+        if row.is_whole != (is_whole and is_large):
+            continue
+        points = 0.0 if has_words[row.unit] else row.points + (row.is_whole and any_words)
+        # Six digits of a radian are 6 m.
+        points += row.unit == "rad" and numbers.least_digits <= 6
+        fitting.append((row.unit, True, points))
+    yield from fitting or [("deg", True, 0.0)]
+
+
+def _lengths(numbers: Numbers, is_ais: bool) -> Iterator[tuple[str, bool, float]]:
+    for unit, points in LENGTH_UNITS.items():
+        is_alone = numbers.speed is None and numbers.velocity is None
+        if unit == "m" or not is_alone:
+            yield unit, False, points + (is_ais and _may_be_degrees(numbers))
+
+
+def _may_be_degrees(numbers: Numbers) -> bool:
+    """Test whether x and y may be a longitude and a latitude."""
+    has_speed = numbers.speed is not None or numbers.velocity is not None
+    is_ais = bool(numbers.words.intersection(_AIS))
+    if len(numbers.place) != 2 or numbers.least_digits < 4 or not (has_speed or is_ais):
+        return False
+    longitude, latitude = (float(np.nanmax(np.abs(part), initial=0.0)) for part in numbers.place)
+    return longitude <= 181.0 and latitude <= 91.0
+
+
+def _meters(place: Array, unit: str, as_angle: bool, given: Mapping[str, str]) -> Array:
+    """Compute meters (n, R) from positions in a unit, near the middle latitude."""
+    if not as_angle:
+        return place * UNITS[unit]
+    longitude, latitude = place * UNITS[unit]
+    middle = float(np.nanmedian(latitude)) if np.isfinite(latitude).any() else 0.0
+    # Differences of longitudes are those of angles.
+    first = float(longitude[np.isfinite(longitude)][0]) if np.isfinite(longitude).any() else 0.0
+    east = np.remainder(longitude - first + np.pi, 2.0 * np.pi) - np.pi
+    return SEMI_MAJOR_AXIS * np.stack([east * np.cos(middle), latitude])
+
+
+@dataclass(frozen=True)
+class _Moves:
+    """Ways (n, L) between rows that lie far enough apart to be sure, and the time that they took, s."""
+
+    first: Index
+    last: Index
+    time: Array
+    ways: Array
+    usual_speed: float
+    """median speed, m/s; NaN if nothing moved for sure"""
+
+    @classmethod
+    def of_rows(cls, time: Array, meters: Array) -> "_Moves":
+        """Choose the shortest distance in rows over which errors do not matter."""
+        finite = np.isfinite(time) & np.isfinite(meters).all(axis=0) if len(meters) else None
+        rows = np.flatnonzero(finite) if finite is not None else np.array([], dtype=np.intp)
+        rows = rows[np.argsort(time[rows], kind="stable")]
+        time, meters = time[rows], meters[:, rows]
+        nothing = np.array([], dtype=np.intp)
+        if len(rows) < 3:
+            return cls(nothing, nothing, np.array([]), meters[:, :0], np.nan)
+        sigma = float(np.hypot.reduce([error_of_line(time, axis) for axis in meters]))
+        lag = 1
+        while True:
+            ways = meters[:, lag:] - meters[:, :-lag]
+            sizes = np.sqrt(np.square(ways).sum(axis=0))
+            if 2 * lag > max(1, len(rows) // 4) or np.median(sizes) > _MANY * sigma:
+                break
+            lag *= 2
+        passed = time[lag:] - time[:-lag]
+        later = passed > 0.0
+        speeds = sizes[later] / passed[later]
+        is_sure = later.any() and float(np.quantile(sizes, 0.9)) > 3.0 * sigma
+        usual = float(np.median(speeds)) if is_sure else np.nan
+        return cls(rows[:-lag][later], rows[lag:][later], passed[later], ways[:, later], usual)
+
+
+def _points_of_speed(speed: float, on_earth: bool) -> float:
+    """Weigh a speed by what moves so fast; cells, robots and pixels may be slow."""
+    if not np.isfinite(speed) or speed == 0.0:
+        return 0.0
+    points = 4.0
+    for least, largest, points_within in _USUAL_SPEEDS:
+        if least <= speed <= largest:
+            points = points_within
+            break
+    return points if on_earth or speed > 1.0 else min(points, 1.0)
+
+
+def _points_of_interval(times: Array, is_gps: bool) -> float:
+    """Weigh the usual interval between rows: whole seconds, or so many a second, are usual."""
+    finite = np.sort(times[np.isfinite(times)])
+    apart = np.diff(finite)
+    apart = apart[apart > 0.0]
+    if not len(apart):
+        return 0.0
+    usual = usual_interval(finite)
+    points = 0.0
+    if usual < 0.002:
+        points += 3.0 if is_gps else 2.0
+    elif usual < (0.039 if is_gps else 0.015):
+        points += 1.0
+    if (np.abs(apart - usual) > 0.02 * usual).mean() > 1.0 - _REGULAR:
+        return points
+    if usual >= 20.0:
+        # 1000 s are no usual interval, and may be 1000 ms.
+        if min(usual % 30.0, -usual % 30.0) <= 0.5 or abs(usual - 20.0) < 0.5:
+            return points
+        return points + (1.0 if usual > 60.0 else 0.5)
+    if usual >= 1.0:
+        return points + 0.5 * (min(usual % 0.5, -usual % 0.5) > 0.02 * usual)
+    rate = 1.0 / usual
+    return points + (abs(rate - np.rint(rate)) > 0.03 * rate)
+
+
+def _speeds(
+    numbers: Numbers, given: Mapping[str, str], moves: _Moves, as_angle: bool
+) -> Iterator[tuple[str, float, bool]]:
+    """Yield units of the speed that agree, or one that disagrees, with points against them."""
+    shown = _shown_speed(numbers)
+    if shown is None:
+        yield "", 0.0, False
+        return
+    ratio = _ratio(shown, moves)
+    known = given.get("speed", given.get("vx"))
+    agreeing = []
+    for unit, points in SPEED_UNITS.items():
+        if known is not None and unit != known:
+            continue
+        away = abs(ratio * UNITS[unit] - 1.0) if np.isfinite(ratio) else np.inf
+        is_ais = not numbers.words.isdisjoint(_AIS)
+        is_at_sea = (as_angle and unit == "kn") or (is_ais and unit.startswith("kn"))
+        if away < NEAR:
+            # A knot is likelier beside latitudes.
+            agreeing.append((unit, (0.0 if is_at_sea else points) + 0.5 * away / NEAR, True))
+    yield from agreeing
+    yield known or "", _DISAGREES if np.isfinite(ratio) else 0.0, False
+
+
+def _shown_speed(numbers: Numbers) -> Array | None:
+    if numbers.velocity is not None:
+        return np.hypot(*numbers.velocity)
+    return numbers.speed
+
+
+def _ratio(shown: Array, moves: _Moves) -> float:
+    """Compute the usual ratio of measured speeds, as written, and those of the positions, or NaN."""
+    if not len(moves.first) or not np.isfinite(moves.usual_speed):
+        return np.nan
+    speed = np.sqrt(np.square(moves.ways).sum(axis=0)) / moves.time
+    # The mean of the speeds at both ends; ways are compared where things move.
+    mean = 0.5 * (shown[moves.first] + shown[moves.last])
+    valid = np.isfinite(mean) & (mean > 0.0) & (speed > 0.0)
+    if not valid.any():
+        return np.nan
+    moving = valid & (speed >= 0.5 * np.median(speed[valid]))
+    return float(np.median(mean[moving] / speed[moving]))
+
+
+def _course(
+    numbers: Numbers, given: Mapping[str, str], moves: _Moves, agrees: bool
+) -> tuple[str, bool]:
+    """Find the unit of the course in which it is the direction of the ways, and whether it is."""
+    if numbers.velocity is not None:
+        # North may stand before east.
+        cosine, swapped = (_cosine(v, moves) for v in (numbers.velocity, numbers.velocity[::-1]))
+        return "", agrees and cosine >= _SAME_WAY and cosine > swapped - 0.01
+    if numbers.course is None or numbers.speed is None or not agrees:
+        return given.get("course", ""), False
+    largest = float(np.nanmax(np.abs(numbers.course), initial=0.0))
+    units = [given["course"]] if "course" in given else COURSE_UNITS
+    best, cosine = "", -1.0
+    for unit in units:
+        course = numbers.course * UNITS[unit]
+        # 511 deg is a code of AIS.
+        if largest * UNITS[unit] > UNITS["deg"] * 511.001:
+            continue
+        along = numbers.speed * np.stack([np.sin(course), np.cos(course)])
+        found = _cosine(along, moves)
+        if found > cosine + 0.01:
+            best, cosine = unit, found
+    return best, cosine >= _SAME_WAY
+
+
+def _cosine(velocity: Array, moves: _Moves) -> float:
+    """Compute the usual cosine between a velocity (2, R) and the ways; -1 without any."""
+    if len(moves.ways) != 2 or not len(moves.first):
+        return -1.0
+    shown = 0.5 * (velocity[:, moves.first] + velocity[:, moves.last])
+    sizes = np.hypot(*shown) * np.hypot(*moves.ways)
+    valid = np.isfinite(sizes) & (sizes > 0.0)
+    if not valid.any():
+        return -1.0
+    return float(np.median((shown * moves.ways).sum(axis=0)[valid] / sizes[valid]))
