@@ -1,5 +1,6 @@
 """No number in the prose about the experiments is stale."""
 
+import csv
 import re
 from pathlib import Path
 
@@ -7,7 +8,7 @@ import pytest
 
 from docs.site import numbers
 from docs.site.numbers import LINK, Row, UnclearError
-from tests.prose import FINDINGS, HERE, TEXTS, count, like, tied, untied, without_tied
+from tests.prose import FINDINGS, HERE, TEXTS, count, like, tied, untied, values, without_tied
 from trackbench.statistics.rules import CLAIM_WORDS, NUMBER_WORDS
 
 
@@ -98,6 +99,37 @@ def test_a_count_is_of_the_ledger() -> None:
     assert (
         f"- {numbers} published numbers: " in ledger or f"- {numbers + words} published" in ledger
     )
+
+
+def test_every_search_counts_in_the_ledger() -> None:
+    """A table of kind `readings` gives every number of its paper that it measures a verdict."""
+    ledger = (HERE / "results" / "README.md").read_text(encoding="utf-8")
+    searches = [
+        path.stem
+        for path in sorted((HERE / "experiments").glob("*.yaml"))
+        if re.search(r"^ +kind: readings$", path.read_text(encoding="utf-8"), re.MULTILINE)
+    ]
+    assert {"hdepf-search", "banana-search"} <= {*searches}
+    for name in searches:
+        file = HERE / "results" / name / "comparison.csv"
+        rows = list(csv.DictReader(file.read_text(encoding="utf-8").splitlines()))
+        assert rows
+        assert all("readings searched" in row["note"] for row in rows)
+        section = ledger.partition(f"### [{name}]")[2].partition("\n### ")[0]
+        assert section.count("readings searched") == len(rows)
+
+
+def test_a_number_of_a_note_and_the_end_of_an_interval_are_found() -> None:
+    """Of the search's table and of the claim's note, in files that are in git."""
+    (tried,) = values("hdepf-search", "notes; coherent; ([0-9]+) readings")
+    notes = (HERE / "results" / "hdepf-search" / "tables" / "coherent.md").read_text("utf-8")
+    assert f"\n{tried:.0f} readings, " in notes
+    assert values("hdepf-search", "notes; coherent; no such ([0-9]+)") == ()
+    claim = "At equal time MPF has the lower position RMSE"
+    (most,) = values("banana-pf", f"most; {claim}")
+    claims = (HERE / "results" / "banana-pf" / "claims.csv").read_text("utf-8")
+    (line,) = [line for line in claims.splitlines() if line.startswith(claim)]
+    assert f"at most {most:g} % (95 %)" in line
 
 
 @pytest.mark.parametrize("path", FINDINGS, ids=lambda path: path.stem)
