@@ -458,9 +458,7 @@ class _Pool:
 
     def of_run(self, run: int, before: _Line | None) -> _Copy:
         """Choose the program that goes on with a run: one that is there, or begins the run again."""
-        running = {n: copy for n, copy in self._copies.items() if not copy.program.was_ended}
-        self._copies = running
-        for copy in running.values():
+        for copy in self._copies.values():
             if copy.at == (before, run):
                 return copy
         tracker, is_short = self._tracker, before is None or before.number < _SHORT

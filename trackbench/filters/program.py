@@ -153,11 +153,6 @@ class Program:
         """CPU seconds that the program has spent since it was ready."""
         return max(0.0, self._clock() - self._start_s)
 
-    @property
-    def was_ended(self) -> bool:
-        """True if this process has ended the program."""
-        return self not in _running
-
     def ask_to_end(self) -> None:
         """Send ``end``, and close the program's input."""
         self._clock()
