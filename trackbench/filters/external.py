@@ -458,6 +458,8 @@ class _Pool:
 
     def of_run(self, run: int, before: _Line | None) -> _Copy:
         """Choose the program that goes on with a run: one that is there, or begins the run again."""
+        # All programs of this process may have been ended meanwhile.
+        self._copies = {i: copy for i, copy in self._copies.items() if copy.program.is_running}
         for copy in self._copies.values():
             if copy.at == (before, run):
                 return copy
