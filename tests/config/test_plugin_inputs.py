@@ -247,12 +247,14 @@ def test_a_filter_of_a_helper_has_the_key_of_all_that_the_plugin_imports(
 ) -> None:
     """The helper registers the filter; a further module, which the helper imports, is edited."""
     written("import helper", "helper.FACTOR")
-    # Of a kind of its own: other tests of this file register `half` from a plugin.
-    for name, target in (("half.py", "outer.py"), ("own.yaml", "own.yaml")):
-        text = (tmp_path / name).read_text()
-        text = text.replace('"half"', '"of-helper"').replace("kind: half", "kind: of-helper")
-        (tmp_path / target).write_text(text)
+    # A name of its own: other tests have registered theirs.
+    text = (tmp_path / "half.py").read_text().replace('"filters", "half"', '"filters", "aided"')
+    (tmp_path / "outer.py").write_text(text)
     (tmp_path / "half.py").write_text("import outer\n")
+    config = (tmp_path / "own.yaml").read_text().replace("{kind: half}", "{kind: aided}")
+    (tmp_path / "own.yaml").write_text(config)
+    for name in ("outer", "helper"):
+        sys.modules.pop(name, None)
     keys = []
     for value in ("2.5", "7.5"):
         (tmp_path / "helper.py").write_text(f"FACTOR = {value}\n")

@@ -16,6 +16,7 @@ from trackbench.config.load import load
 from trackbench.errors import UserError
 from trackbench.evaluation.run_block import run_whole_block
 from trackbench.execution import plan, queue
+from trackbench.execution.cache import BlockStore
 from trackbench.execution.plan import block_width, check_memory, make_plan
 from trackbench.execution.queue import Queue
 from trackbench.registry import kinds
@@ -213,3 +214,15 @@ def test_the_limit_of_a_container_counts(
         (tmp_path / "fs" / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / "fs" / name).write_text(text)
     assert [*plan.container_limits(tmp_path / "cgroup", tmp_path / "fs")] == limits
+
+
+@pytest.mark.parametrize(("peak_of_one", "fitting"), [(2, 4), (3, 3), (4, 2), (7, 1), (12, 1)])
+def test_as_many_workers_run_as_the_memory_has_room_for(
+    peak_of_one: int, fitting: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(queue, "memory", lambda: 10)
+    ((task, *_),) = make_plan(experiment_of(tmp_path, "KF: {kind: ukf}")).tasks.values()
+    mine = Queue(4, BlockStore(tmp_path))
+    assert mine.fitting == 4
+    mine.hungriest = task, peak_of_one
+    assert mine.fitting == fitting

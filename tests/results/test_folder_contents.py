@@ -12,7 +12,7 @@ from trackbench.report.figures.bars import Bars
 from trackbench.report.kinds import figure_folder, shows_cpu_times
 from trackbench.report.tables.efficiency import EqualCost
 from trackbench.report.tables.metrics import Metrics
-from trackbench.results.folder_contents import is_in_git, read_manifest
+from trackbench.results.folder_contents import FORMAT, is_in_git, read_manifest, write_manifest
 
 
 def ignored(names: list[str]) -> set[str]:
@@ -56,3 +56,8 @@ def test_what_shows_cpu_times_stands_apart() -> None:
     assert EqualCost(of="PF").without_cpu_times() is None
     assert figure_folder(Bars(metric=time)) == "run/figures"
     assert not shows_cpu_times(Bars(metric=mean))
+
+
+def test_a_manifest_that_is_written_again_has_the_format_of_today(tmp_path: Path) -> None:
+    write_manifest(tmp_path, {"seed": 1, "format": FORMAT - 1, "files": {}}, ())
+    assert read_manifest(tmp_path)["format"] == FORMAT
