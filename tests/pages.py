@@ -30,6 +30,7 @@ from trackbench.__main__ import main
 from trackbench.commands import run_experiment
 from trackbench.config.experiment import Settings
 from trackbench.config.load import load
+from trackbench.config.suite import load_suite
 from trackbench.errors import UserError
 from trackbench.scenarios.tracking import Tracking
 from trackbench.yaml_source import parse
@@ -46,6 +47,7 @@ LONG = {
     "tune c.yaml": "three filters, 1700 steps",
     "experiments/ais.yaml": "an hour of radio",
     "experiments/uav-radar.yaml": "900 steps of seven filters",
+    "trackbench suite": "filters on 38 problems",
 }
 """What is validated and not run, and why."""
 _DONE: set[str] = set()
@@ -154,8 +156,12 @@ class Sandbox:
             assert _exit_code(words) == 0, line
 
     def config(self, text: str, file: str | None) -> None:
-        """Validate a config, or a part of one in a whole."""
+        """Validate a config, or a part of one in a whole; a suite with its problems."""
         part = parse(text, "page").data
+        if "groups" in part:
+            assert file is not None
+            load_suite(Path(file))
+            return
         problems = []
         for base in (self.base, TURN, TUNED, MERWE):
             data = _whole(part, parse(base, "base").data)

@@ -10,11 +10,13 @@ import pytest
 
 from tests.commands import trackbench
 from tests.conftest import EXPERIMENTS, shipped
+from tests.linear_problem import LINEAR
 from trackbench.contract import check_filter
+from trackbench.contract.checks import ContractError, _check_covariance
 from trackbench.core.distributions import Gaussian, per_run_moments
 from trackbench.filters.base import Steps
 from trackbench.filters.ekf import EKF
-from trackbench.filters.kf import Tracked
+from trackbench.filters.kf import KF, Tracked
 from trackbench.filters.particle_filters import PF
 from trackbench.registry import kinds
 
@@ -243,3 +245,21 @@ def test_the_command(tmp_path: Path) -> None:
     assert none.returncode == 2
     assert "mine.py: registers no filter" in none.stderr
     assert trackbench("check", cwd=tmp_path).returncode == 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class _OneSided(KF):
+    """A Kalman filter one of whose covariances has a NaN above the diagonal."""
+
+    def estimate(self, state: Tracked) -> Gaussian:
+        cov = per_run_moments(state.posterior).cov.copy()
+        cov[0, 1, 0] = np.nan
+        return Gaussian(state.posterior.mean, cov)
+
+    def all_steps(self, *_: object) -> None:
+        """Return nothing: steps are made one by one."""
+
+
+def test_a_nan_of_one_side_is_not_symmetric() -> None:
+    with pytest.raises(ContractError, match="its mirror image is not"):
+        _check_covariance(_OneSided(), LINEAR)

@@ -65,6 +65,12 @@ def test_a_word_that_is_neither(tmp_path: Path) -> None:
     assert done.stderr == said
     assert trackbench("show", "nothing").returncode == 2
     assert not list(tmp_path.iterdir())
+    (tmp_path / "turn.yaml").touch()
+    done = trackbench("run", "turn", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr == (
+        "turn: is neither a file nor a shipped experiment; did you mean turn.yaml?\n"
+    )
 
 
 def test_the_list_has_titles_papers_and_times() -> None:

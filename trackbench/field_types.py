@@ -49,6 +49,10 @@ IS_WORD = "word of a command line, or path of a file in it"
 ProgramWord = Annotated[str, IS_WORD]
 """A word of a command; the dataclass gets the absolute path of one that is a file beside the YAML."""
 
+IS_VARIABLE = "name of an environment variable"
+VariableName = Annotated[str, IS_VARIABLE]
+"""Name of an environment variable, on whose value cached blocks depend."""
+
 
 class Unit(NamedTuple):
     """Annotation of a key that has a unit: ``sigma: Annotated[float, Unit("m")]``."""

@@ -39,6 +39,7 @@ _PLAIN_TAGS = [
     f"tag:yaml.org,2002:{name}"
     for name in ("str", "int", "float", "bool", "null", "timestamp", "merge", "value")
 ]
+_COLLECTION_TAGS = ("tag:yaml.org,2002:map", "tag:yaml.org,2002:seq")
 _WORDS: dict[str, bool | None] = {"true": True, "false": False, "null": None, "~": None, "": None}
 _NOWHERE = Mark("config")
 
@@ -277,8 +278,25 @@ def _invalid_yaml(error: yaml.MarkedYAMLError, text: str, name: str) -> tuple[Ma
         if space is not None:
             what = f"not valid YAML: {_describe_space(number, space.group())}"
             return Mark(name, number, space.start() + 1), what
+    for number, line in enumerate(lines[: mark.line], 1):
+        if line.startswith(("<<<<<<< ", "=======", ">>>>>>> ")):
+            what = (
+                f"not valid YAML: {line[:20]!r} is a mark of a conflict in git; choose one version"
+            )
+            return Mark(name, number, 1), what
     what = f"not valid YAML: {error.problem}"
     start = error.context_mark
+    if "another document" in what:
+        return (
+            mark,
+            "not valid YAML: a second document begins here (---); write each into its own file",
+        )
+    if "block end" in what and what.endswith(("'}'", "']'")):
+        return mark, f"not valid YAML: the bracket {what[-2]} here closes nothing; leave it out"
+    if start is not None and error.context in _IN_BRACKETS:
+        bracket = lines[start.line][start.column : start.column + 1]
+        opened = f"the bracket {bracket} at {start.line + 1}:{start.column + 1}"
+        return mark, f"{what}; close {opened}, or separate its parts by commas"
     if start is not None and error.problem == "could not find expected ':'":
         line = lines[start.line].strip()
         missing_space = re.match(r"[\w-]+:(?=\S)", line)
@@ -290,6 +308,8 @@ def _invalid_yaml(error: yaml.MarkedYAMLError, text: str, name: str) -> tuple[Ma
         return place, "not valid YAML: the quotation mark here has no partner; close the text"
     if "'\\t'" in what:
         return mark, f"{what}; indent with spaces"
+    if "cannot start any token" in what:
+        return mark, f"{what}; put the text in quotation marks"
     before = lines[mark.line - 1][: mark.column - 1] if 0 < mark.line <= len(lines) else ""
     if "mapping values are not allowed" in what:
         above = lines[mark.line - 2].strip() if mark.line > 1 else ""
@@ -304,6 +324,7 @@ def _invalid_yaml(error: yaml.MarkedYAMLError, text: str, name: str) -> tuple[Ma
     return mark, what
 
 
+_IN_BRACKETS = ("while parsing a flow mapping", "while parsing a flow sequence")
 _ODD_SPACES = {
     **{0x00A0: "a no-break space", 0x2007: "a figure space", 0x202F: "a narrow no-break space"},
     **{0x2009: "a thin space", 0x3000: "an ideographic space", 0x200B: "a space without width"},
@@ -370,6 +391,9 @@ class _Builder:
         if len(keys) > DEEPEST:
             what = f"nested more than {DEEPEST} levels deep"
             raise UserError(Problem(self.mark(node), "", what))
+        if isinstance(node, yaml.CollectionNode) and node.tag not in _COLLECTION_TAGS:
+            what = f"the tag {node.tag} is not allowed"
+            self.problems.append(Problem(self.mark(node), dotted(keys), what))
         if isinstance(node, yaml.MappingNode):
             return self._mapping(node, keys)
         if isinstance(node, yaml.SequenceNode):
@@ -403,6 +427,9 @@ class _Builder:
                 continue
             key = str(key_node.value)
             at = (*keys, key)
+            if node.flow_style and (how := _joined_key(key_node, value_node)):
+                self.problems.append(Problem(mark, dotted(keys), how))
+                continue
             # Mistakes in the key itself; a duplicate key would silently replace the first value.
             self._check_text(key, mark, keys)
             self._check_spaces(key_node, keys)
@@ -439,6 +466,17 @@ class _Builder:
     def _check_text(self, text: str, mark: Mark, keys: Keys) -> None:
         if what := unprintable_reason(text):
             self.problems.append(Problem(mark, dotted(keys), what))
+
+
+def _joined_key(key: yaml.Node, value: yaml.Node) -> str:
+    """Explain a part of ``{kind:position, sigma = 50}`` that is all key; an empty text for others."""
+    nodes = (key, value)
+    if not all(isinstance(node, yaml.ScalarNode) and node.style is None for node in nodes):
+        return ""
+    match = re.fullmatch(r"([\w-]+)(:(?=\S)|\s*=\s*)(\S.*)", str(key.value))
+    if match is None or value.value != "":
+        return ""
+    return f"{key.value!r} is no key with a value; write {match[1]}: {match[3]}"
 
 
 def _is_after_comma(before: yaml.Node, key: yaml.Node, value: yaml.Node) -> bool:

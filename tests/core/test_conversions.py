@@ -12,6 +12,7 @@ from trackbench.core.conversions import (
     convert,
     east_north_up,
     position,
+    rotate_east_north_up,
 )
 
 NODES, WEIGHTS = np.polynomial.hermite_e.hermegauss(60)
@@ -160,3 +161,25 @@ def test_places_on_the_earth() -> None:
     )
     found = east_north_up(Geodetic(*(np.array([v]) for v in far)), Geodetic(lat, lon, 50.0))
     np.testing.assert_allclose(found[:, 0], expected, rtol=1e-9)
+
+
+def test_vectors_at_another_place() -> None:
+    """Axes of places far from the origin, one scalar at a time: along the equator, and over the pole."""
+    east, north, up = np.eye(3)
+    origin = Geodetic(0.0, 0.0, 0.0)
+    # A quarter of the equator to the east: up there is east of the origin, east there is down.
+    place = Geodetic(*(np.array([part]) for part in (0.0, math.pi / 2, 0.0)))
+    for vector, expected in ((up, east), (east, -up), (north, north)):
+        found = rotate_east_north_up(vector[:, None], place, origin)
+        np.testing.assert_allclose(found[:, 0], expected, atol=1e-15)
+    # Meridians converge by d_lambda sin(phi): 1 deg at 30 N by half a degree, against the clock.
+    p, q = math.radians(30.0), math.radians(1.0)
+    place = Geodetic(*(np.array([part]) for part in (p, q, 0.0)))
+    found = rotate_east_north_up(north[:, None], place, Geodetic(p, 0.0, 0.0))[:, 0]
+    assert math.degrees(math.atan2(-found[0], found[1])) == pytest.approx(0.5, rel=1e-3)
+    # At the origin nothing turns, and lengths stay.
+    vectors = np.array([[1.0, -2.0], [3.0, 0.5], [0.2, 7.0]])
+    same = Geodetic(*(np.array([part] * 2) for part in (p, q, 90.0)))
+    np.testing.assert_allclose(
+        rotate_east_north_up(vectors, same, Geodetic(p, q, 0.0)), vectors, rtol=1e-12
+    )

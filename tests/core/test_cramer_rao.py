@@ -99,3 +99,21 @@ def test_bound_of_one_information_is_not_simulated(tmp_path: Path) -> None:
     for scenario in (linear, banana(q=0.0, scans=30, range_km=100.0)):
         assert scenario.bounds()
         assert scenario.bounds_without_batch() == ()
+
+
+NEAR = """scenario:
+  kind: tracking
+  last: 40
+  target: {kind: driven, motion: {kind: cwna, q: 1}, launch: {x: 400, y: %s, vx: -20, vy: 0}}
+  sensor: {kind: range-azimuth, sigma_range: 50, sigma_azimuth_mrad: 5}
+  start: {kind: gaussian, sigma: [30, 2, 30, 2]}
+"""
+
+
+def test_information_without_a_mean_is_noted(tmp_path: Path) -> None:
+    """E[1 / r^2] is not finite if a target may pass over its radar; 100 km away it is."""
+    near, far = (scenario_of(NEAR % y, tmp_path) for y in (0, 100_000))
+    assert "10 of 10000 simulated paths carry" in near.bound_caution
+    assert far.bound_caution == ""
+    # The information x^4 of a normal x has a mean and a long tail.
+    assert scenario_of(CUBE % (0.95, 1.0, "x**3/10", 1.0), tmp_path).bound_caution == ""

@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from trackbench.core.random_streams import RunStreams, aside_stream, block_stream
+from trackbench.core.random_streams import (
+    _TRAINING_DATA,
+    RunStreams,
+    aside_stream,
+    block_stream,
+    is_erlang,
+    run_seeds,
+)
 
 
 def test_a_run_does_not_depend_on_the_runs_beside_it() -> None:
@@ -60,3 +67,36 @@ def test_streams_beside_the_data_are_others_for_each_number_and_for_training() -
 def test_streams_beside_are_those_of_the_runs() -> None:
     alone, many = (RunStreams(7, runs).beside(3).random((2, len(runs))) for runs in ([5], [4, 5]))
     np.testing.assert_array_equal(alone[:, 0], many[:, 1])
+
+
+@pytest.mark.parametrize("shape", [1, 2.0, 7, 8.0])
+def test_gamma_variates_of_a_small_whole_shape_are_sums_of_exponentials(shape: float) -> None:
+    """Up to eight, on every machine the same; of the uniform variates of the run's own stream."""
+    u = RunStreams(7, range(3)).random((int(shape), 5, 3))
+    found = RunStreams(7, range(3)).standard_gamma(shape, (5, 3))
+    np.testing.assert_allclose(found, -np.log(1.0 - u).sum(axis=0), rtol=1e-12)
+
+
+@pytest.mark.parametrize("shape", [0.5, 2.5, 9.0])
+def test_gamma_variates_of_other_shapes_are_numpys(shape: float) -> None:
+    found = RunStreams(7, range(2000)).standard_gamma(shape, (2000,))
+    assert stats.kstest(found, "gamma", (shape,)).pvalue > 1e-3
+    assert not is_erlang(shape)
+
+
+def test_seeds_of_runs_are_others_in_each_block_and_for_each_seed() -> None:
+    """For generators outside of Python: run m of a block has its own, however many runs there are."""
+    seeds = [run_seeds(block_stream(s, block), 50) for s in (7, 8) for block in (0, 1, -1)]
+    assert len({seed for of_block in seeds for seed in of_block}) == 6 * 50
+    assert run_seeds(block_stream(7, 0), 3) == seeds[0][:3]
+    stream = block_stream(7, 0)
+    stream.random(10)
+    assert run_seeds(stream, 50) == seeds[0]
+    assert all(0 <= seed < 2**32 for seed in seeds[0])
+
+
+def test_training_runs_count_from_minus_one_down() -> None:
+    """The first is the first stream of its kind, so that stored tunings come out again."""
+    training = RunStreams(7, [-1, -2]).random((3, 2))
+    kind = _TRAINING_DATA
+    np.testing.assert_array_equal(RunStreams(7, [0, 1], (kind, kind)).random((3, 2)), training)

@@ -124,8 +124,9 @@ def test_tables_do_not_hang_on_a_librarys_last_bit() -> None:
 
 def test_streams_of_one_block_and_of_chosen_runs_stay_apart() -> None:
     block = block_stream(5, 0)
-    some = SomeRuns(block, 7, [0]).standard_normal((1, 4000))[0]
-    drawn = [some, *(block_stream(5, b).standard_normal(4000) for b in range(3))]
+    some = [SomeRuns(block, step, [0]).standard_normal((1, 4000))[0] for step in (7, 8)]
+    some.append(SomeRuns(block, 7, [1]).standard_normal((1, 4000))[0])
+    drawn = [*some, *(block_stream(5, b).standard_normal(4000) for b in range(3))]
     for a, b in combinations(drawn, 2):
         assert abs(np.corrcoef(a, b)[0, 1]) < 5 / np.sqrt(4000)
 

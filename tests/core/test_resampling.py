@@ -72,3 +72,21 @@ def test_select_takes_from_its_own_run(rng: np.random.Generator) -> None:
     x = np.arange(24.0).reshape(2, 3, 4)
     index = ancestors(np.tile([0.0, 1.0, 0.0, 0.0], (3, 1)), rng)
     np.testing.assert_array_equal(select(x, index), np.repeat(x[..., 1:2], 4, axis=2))
+
+
+@pytest.mark.parametrize("N", [3, 10, 49, 98, 103, 1000])
+def test_residual_of_equal_weights_copies_each_particle_once(N: int) -> None:
+    """Rounding of 1 / N, which is 1 - 1e-16 in 49 times 1 / 49, leaves nothing to draw."""
+    rng = np.random.Generator(np.random.SFC64(1))
+    assert (SCHEMES["residual"](np.full((2, N), 1.0 / N), rng, N) == 1).all()
+
+
+@pytest.mark.parametrize("scheme", ALL)
+def test_a_run_without_weights_is_resampled_with_equal_ones(
+    scheme: Scheme, rng: np.random.Generator
+) -> None:
+    runs, N = 4000, 5
+    counts = SCHEMES[scheme](np.full((runs, N), np.nan), rng, N)
+    assert (counts.sum(axis=1) == N).all()
+    standard_error = counts.std(axis=0) / np.sqrt(runs) + 1e-12
+    assert (np.abs(counts.mean(axis=0) - 1.0) < 5 * standard_error).all()

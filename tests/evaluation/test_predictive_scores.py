@@ -217,6 +217,31 @@ def test_a_filter_that_tells_no_likelihood_has_none() -> None:
     assert np.array_equal(found["anis"], own["anis"], equal_nan=True)
 
 
+def test_a_filter_that_answers_a_mean_alone_has_prediction_errors() -> None:
+    """z - H F x needs no covariance; what does is missing, of the one filter only."""
+
+    class MeanOnly(Silent):
+        def init(self, *words: Any) -> Any:
+            return (super().init(*words),)
+
+        def step(self, model: Any, state: Any, *words: Any) -> Any:
+            return (super().step(model, *state, *words),)
+
+        def estimate(self, state: Any) -> Gaussian:
+            known = self._kf.estimate(*state)
+            return Gaussian(known.mean, np.full(known.cov.shape, np.nan))
+
+    alone: Any = MeanOnly()
+    found = track(GAPPY, alone, 2, predictive_metrics=BOTH, hold_out=5).diagnostics
+    own = track(GAPPY, KF(), 2, predictive_metrics=BOTH, hold_out=5).diagnostics
+    errors = [name for name in own if name.startswith(("squared_", "error_"))]
+    assert len(errors) == 16
+    for name in errors:
+        np.testing.assert_allclose(found[name], own[name], rtol=1e-9, atol=1e-12)
+    for name in ("anis", "innovations", "autocovariance_1"):
+        assert np.isnan(found[name]).all()
+
+
 def test_a_likelihood_of_another_shape_is_the_filters_failure() -> None:
     class Wrong(Silent):
         def log_likelihood(self, state: Any) -> Array:

@@ -187,3 +187,29 @@ def test_a_file_is_read_in_little_more_than_its_numbers_take(tmp_path: Path) -> 
     path.write_text("filter,step,time,metric,value,stderr,runs\n" + "".join(lines))
     read = peak(read_frame, path)
     assert 7 * 8 * rows < read < 2 * 8 * 8 * rows + 6_000_000
+
+
+@pytest.mark.parametrize(
+    ("groups", "files", "limits"),
+    [
+        ("0::/\n", {"memory.max": "512\n"}, [512]),
+        ("0::/\n", {"memory.max": "max\n"}, []),
+        ("0::/a/b\n", {"a/b/memory.max": "max\n", "a/memory.max": "64\n"}, [64]),
+        ("0::/docker/1a\n", {"memory.max": "32\n"}, [32]),  # seen from within the container
+        (
+            "3:cpu:/\n4:hugetlb,memory:/docker/1a\n0::/\n",
+            {"memory/memory.limit_in_bytes": "128\n", "cpu/memory.max": "1\n"},
+            [128],
+        ),
+        (None, {"memory.max": "512\n"}, []),
+    ],
+)
+def test_the_limit_of_a_container_counts(
+    groups: str | None, files: dict[str, str], limits: list[int], tmp_path: Path
+) -> None:
+    if groups is not None:
+        (tmp_path / "cgroup").write_text(groups)
+    for name, text in files.items():
+        (tmp_path / "fs" / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "fs" / name).write_text(text)
+    assert [*plan.container_limits(tmp_path / "cgroup", tmp_path / "fs")] == limits

@@ -268,6 +268,8 @@ def test_a_block_is_the_same_computed_and_read(tmp_path: Path) -> None:
             assert list(read.per_run) == list(result.per_run)
             assert encode(read, "key") == encode(result, "key")
             assert decode(encode(result, "key"), "other") is None
+            of_another_format = b"TBBLOCK0" + encode(result, "key")[8:]
+            assert decode(of_another_format, "key") is None
 
 
 def test_no_space_for_a_block(tmp_path: Path) -> None:

@@ -22,11 +22,18 @@ from trackbench.contract import check_file, check_filter
 from trackbench.contract.problems import UNEQUAL, ModelDraws, new_rng, planar, radar, simulate
 from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockTask
+from trackbench.execution import cache, code_digests
 from trackbench.execution.cache import block_key
 from trackbench.filters import program
 from trackbench.filters.external import External, ProgramRunError
 from trackbench.filters.program import programs_cpu_s
+from trackbench.models.motions.kinematic import WhiteAcceleration
+from trackbench.models.sensors.position import PositionSensor
 from trackbench.scaffold import write_new
+from trackbench.scenarios.starts.without_scans import GaussianStart
+from trackbench.scenarios.targets.base import Launch
+from trackbench.scenarios.targets.driven import Driven
+from trackbench.scenarios.tracking import Tracking
 
 SOURCE = Path(__file__).parents[1] / "programs" / "planar.c"
 KEYS = {"q": 25.0, "sigma": 20.0}
@@ -119,7 +126,7 @@ def test_a_program_of_one_sensor_is_one_line_that_names_on(tmp_path: Path) -> No
         assert "`--on CONFIG`" in finding.why
     # A program that refuses the first problem is checked on another one of the contract.
     first = "print('ready' if 'azimuth' in hello else 'error needs an azimuth', flush=True)"
-    tracker = script(tmp_path, "print(*['0.1'] * 4, flush=True)", first)
+    tracker = script(tmp_path, "print(*[float(fields[-1]) / 7.0] * 4, flush=True)", first)
     findings = [*check_filter(External, tracker)]
     assert ("shapes", "good") in {finding[:2] for finding in findings}
 
@@ -163,7 +170,12 @@ def test_seeds_belong_to_runs(tmp_path: Path) -> None:
 WRONG = {
     "print('1 2 3', flush=True)": "run 0, step 0: the program answers 3 numbers, not 4 of a mean",
     "print(*['x'] * 4, flush=True)": "run 0, step 0: the program answers 'x', which is no number",
-    "print(*[1] * 6, 2, *[1] * 13, flush=True)": "a covariance that is not symmetric",
+    "print(*[1] * 6, 2, *[1] * 13, flush=True)": (
+        "not symmetric: row 1, column 3 and its mirror image are 2 and 1"
+    ),
+    "print(*[1] * 6, 'nan', *[1] * 13, flush=True)": "mirror image are nan and 1",
+    "print(*[1] * 6, 'inf', *[1] * 13, flush=True)": "mirror image are inf and 1",
+    "print(*[1] * 4, 'nan', *[1] * 3, 2, *[1] * 11, flush=True)": "a covariance that is not symmetric",
     "print(f'{good}\\n{good}', flush=True)": "the program answers more than one line",
     "print(f'{good}\\n{good}' if number == 0 else good, flush=True)": "more than one line",
     "print('1 ' * 2**20, end='', flush=True)": "the program answers a line that does not end",
@@ -189,6 +201,8 @@ def test_a_wrong_answer_is_one_line(answer: str, tmp_path: Path) -> None:
     ("first", "what"),
     [
         ("print('error needs Q', flush=True)", "the program refuses this problem: needs Q"),
+        ("print('error needs Q', end='\\r\\n', flush=True)", "refuses this problem: needs Q"),
+        ("print('error', 'x' * 900_000, flush=True)", "x..."),
         ("print('hello', flush=True)", "answers 'hello' at its start, not `ready`"),
         ("raise ValueError('no such file')", "'ValueError: no such file'"),
     ],
@@ -197,6 +211,59 @@ def test_a_wrong_start_is_one_line(first: str, what: str, tmp_path: Path) -> Non
     with pytest.raises(ProgramRunError) as raised:
         track(planar(), script(tmp_path, "print(good, flush=True)", first), 2)
     assert what in str(raised.value)
+    assert len(str(raised.value)) < 700
+
+
+def test_a_program_may_end_its_lines_as_on_windows(tmp_path: Path) -> None:
+    answer, first = (f"print({what}, end='\\r\\n', flush=True)" for what in ("good", "'ready'"))
+    assert (track(planar(), script(tmp_path, answer, first), 2).mean == 1.0).all()
+
+
+def test_the_end_of_a_long_stderr_is_kept(tmp_path: Path) -> None:
+    noise = "[sys.stderr.write(('e' * 99 + '\\n') * 1000) for _ in range(20)]"
+    first = f"print('ready', flush=True); {noise}; sys.stderr.flush()"
+    tracker = script(tmp_path, "sys.exit('the last words')", first)
+    kept = list[int]()
+
+    class Counted(program.Program):
+        def kill(self) -> None:
+            super().kill()
+            kept.append(sum(map(len, self._error_lines)))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("trackbench.filters.external.Program", Counted)
+        with pytest.raises(ProgramRunError, match="'the last words'"):
+            track(planar(), tracker, 2)
+    assert 50_000 < kept[0] <= 1 << 16
+
+
+DIGITS = {
+    "f'{v:.6g}'": "at most 6 digits",
+    "f'{v:.9g}'": "at most 9 digits",
+    "f'{v:.4f}'": "at most 4 decimals",
+    "f'{v:.17g}'": "",
+    "repr(v)": "",
+}
+
+
+@pytest.mark.parametrize("printed", DIGITS)
+def test_answers_of_few_digits_are_noticed(printed: str, tmp_path: Path) -> None:
+    numbers = "[float(fields[-1]) * 100 / k for k in (1, 3, 7, 9)]"
+    tracker = script(tmp_path, f"print(*[{printed} for v in {numbers}], flush=True)")
+    shapes = next(f for f in check_filter(External, tracker) if f.check == "shapes")
+    assert shapes.verdict == ("bad" if DIGITS[printed] else "good")
+    assert DIGITS[printed] in shapes.why
+    if DIGITS[printed]:
+        assert "print 17 digits" in shapes.why
+
+
+def test_a_run_notes_answers_of_few_digits(tmp_path: Path) -> None:
+    script(tmp_path, "print(*[f'{123456.7 + float(fields[0]) % 50:.6g}'] * 4, flush=True)")
+    path = tmp_path / "own.yaml"
+    command = f"[{sys.executable}, filter.py]"
+    path.write_text(CONFIG + f"  Mine: {{kind: external, command: {command}}}\n")
+    report = api.run(path, out=tmp_path / "out", quiet=True, allow_plugins=True, formats=())
+    assert any("Mine: answers have at most 6 digits" in note for note in report.notes)
 
 
 def test_a_kill_at_any_time_is_an_error_or_the_right_numbers(compiled: Path) -> None:
@@ -361,6 +428,47 @@ def test_the_time_of_a_program_is_that_of_its_filter(tmp_path: Path) -> None:
     assert spent <= programs_cpu_s() - ready < spent + 0.1
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="reads the CPU clock of another process")
+def test_the_time_of_a_program_is_known_after_its_end(tmp_path: Path) -> None:
+    """Of one that works 20 ms for each answer, also if nobody has asked before it ended."""
+    work = "end = time.process_time() + 0.02\n    while time.process_time() < end: pass"
+    tracker = script(tmp_path, f"{work}\n    print(good, flush=True)")
+    for end in (program.end_programs, lambda programs: [one.kill() for one in programs]):
+        one, before = program.Program(tracker.command, "hello", 20.0), programs_cpu_s()
+        one.exchange(["step"] * 5)
+        end([one])
+        assert 0.1 < programs_cpu_s() - before < 1.0
+
+
+def test_the_arithmetic_of_the_machine_is_part_of_the_key_of_a_program(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It computes as it likes; a filter of the package has the same numbers on every machine."""
+    filters = script(tmp_path, "print(good, flush=True)"), make_filter("kf")
+    keys = []
+    for machine in ("one", "another"):
+        monkeypatch.setattr(code_digests, "numpy_arithmetic", lambda digest=machine: digest)
+        cache._part.cache_clear()
+        keys.append([block_key(BlockTask(planar(), f, 1, 0, 2, 2), 2) for f in filters])
+    cache._part.cache_clear()
+    (of_program, of_kf), (elsewhere, of_kf_elsewhere) = keys
+    assert of_program != elsewhere
+    assert of_kf == of_kf_elsewhere
+
+
+def test_times_of_equal_steps_have_no_rounding_that_grows(tmp_path: Path) -> None:
+    """The program answers the time of each step: a tenth, two tenths, ..., not their sum so far."""
+    tracker = script(tmp_path, "print(*[fields[0] if word == 'step' else 0] * 4, flush=True)")
+    driven = Driven(motion=WhiteAcceleration(q=1.0), launch=Launch(vx=1.0))
+    start = GaussianStart(sigma=(1.0, 1.0, 1.0, 1.0))
+    scenario = Tracking(
+        T=0.1, target=driven, sensor=PositionSensor(sigma=1.0), start=start, last=60
+    )
+    times = track(scenario, tracker, 1).mean[0, :, 0]
+    np.testing.assert_array_equal(times, np.arange(61) * 0.1)
+    assert not np.array_equal(times[1:], np.cumsum(np.full(60, 0.1)))
+
+
 def test_the_program_and_its_files_are_part_of_the_key(tmp_path: Path) -> None:
     (tmp_path / "own").write_text("1")
     tracker = replace(script(tmp_path, "print(good, flush=True)"), files=(str(tmp_path / "own"),))
@@ -370,6 +478,54 @@ def test_the_program_and_its_files_are_part_of_the_key(tmp_path: Path) -> None:
         (tmp_path / "own").write_text("2")
     keys.add(block_key(BlockTask(planar(), replace(tracker, parameters={"a": 1}), 1, 0, 2, 2), 2))
     assert len(keys) == 3
+    # So are a folder among the files, and a file within a word.
+    folder = tmp_path / "weights" / "of"
+    folder.mkdir(parents=True)
+    keyed = replace(tracker, files=(str(folder.parent),))
+    worded = replace(tracker, command=(*tracker.command, f"--c={tmp_path / 'own'}"))
+    for text in ("3", "4"):
+        (folder / "a").write_text(text)
+        (tmp_path / "own").write_text(text)
+        for other in (keyed, worded):
+            keys.add(block_key(BlockTask(planar(), replace(other), 1, 0, 2, 2), 2))
+    assert len(keys) == 7
     Path(tracker.command[1]).write_text("edited meanwhile")
     with pytest.raises(ProgramRunError, match="is not as it was when the run began"):
         track(planar(), tracker, 2)
+
+
+def test_declared_variables_are_part_of_the_key(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In the filter's entry, or for all programs of the config; as are the config's folders."""
+    script(tmp_path, "print(*[os.environ.get('GAIN', 'nan')] * 4, flush=True)")
+    (tmp_path / "weights").mkdir()
+    monkeypatch.setenv("TRACKBENCH_CACHE", str(tmp_path / "cache"))
+    mine = f"  Mine: {{kind: external, command: [{sys.executable}, filter.py]}}\n"
+    declared = "environment: [GAIN]\nfiles: [weights]\n"
+    (tmp_path / "all.yaml").write_text(CONFIG + mine + declared)
+    (tmp_path / "one.yaml").write_text(CONFIG + mine.replace("}", ", environment: [GAIN]}"))
+    for name in ("all", "one"):
+        means = []
+        for gain in ("0.5", "77.25", "77.25"):
+            monkeypatch.setenv("GAIN", gain)
+            report = api.run(
+                tmp_path / f"{name}.yaml",
+                out=tmp_path / "out" / name,
+                quiet=True,
+                allow_plugins=True,
+                formats=(),
+                engine="serial",
+            )
+            errors = report.per_run[report.per_run["filter"] == "Mine"]
+            means.append(errors[errors["metric"] == "rmse_position"]["value"].mean())
+        assert means[0] != means[1] == means[2]
+        assert "environment: [GAIN]" in (tmp_path / "out" / name / "config.yaml").read_text()
+    # A variable that changes while programs start is an error, as a file is.
+    tracker = replace(script(tmp_path, "print(good, flush=True)"), environment=("GAIN",), copies=1)
+    monkeypatch.setenv("GAIN", "3")
+    with pytest.raises(ProgramRunError, match="GAIN is not as it was when the run began"):
+        track(planar(), tracker, 2)
+    (tmp_path / "none.yaml").write_text(CONFIG + declared)
+    with pytest.raises(UserError, match="what plugins and programs read"):
+        api.run(tmp_path / "none.yaml", quiet=True)

@@ -9,10 +9,14 @@ import pytest
 
 from tests.conftest import track
 from trackbench import api
+from trackbench.config.load import load
 from trackbench.core.distributions import Gaussian
+from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.error_series import SeriesSums, per_run_metrics, sensor_rejections
+from trackbench.evaluation.run_block import run_block
 from trackbench.evaluation.run_filter import run_filter
+from trackbench.execution.plan import cautions
 from trackbench.filters.ekf import EKF
 from trackbench.filters.imm import IMM, ModelBank
 from trackbench.filters.kf import KF, Tracked
@@ -144,13 +148,37 @@ def test_accepted_measurements_have_a_smaller_nis(n: int, gate: float) -> None:
     assert law.band(n * per_mean, 0.5)[1] < high
 
 
-def test_the_smaller_nis_of_several_sensors_is_not_known_better() -> None:
-    """With measurements at one time the mean is between that of a sensor and 1."""
-    law = AcceptedNis(0.95, (2, 1))
-    one, two = AcceptedNis(0.95, (1,)), AcceptedNis(0.95, (2,))
-    assert law.mean == (min(one.mean[0], two.mean[0]), 1.0)
-    assert law.band(1000)[0] == min(one.band(1000)[0], two.band(1000)[0])
-    assert law.band(1000)[1] == anees_band(1, 1000)[1]
+def test_the_smaller_nis_of_several_sensors_is_between_two_laws() -> None:
+    one, two, both = (AcceptedNis(0.95, (n,)) for n in (1, 2, 3))
+    together = AcceptedNis(0.95, (2, 1))
+    assert together.mean == (one.mean[0], both.mean[0])
+    assert together.band(1000) == (one.band(1000)[0], both.band(1000)[1])
+    # With a gate each, sensors that measure at one time have a mean of at most 1.
+    each = AcceptedNis(0.95, (2, 2), each=True)
+    assert each.mean == (two.mean[0], 1.0)
+    assert each.band(1000) == (two.band(1000)[0], anees_band(1, 1000)[1])
+
+
+@pytest.mark.parametrize("gate_by", ["measurement", "sensor"])
+def test_anis_of_two_sensors_is_in_the_band(gate_by: str) -> None:
+    """Of filters that are consistent: the motion has so little noise that a refusal costs nothing."""
+    quiet = replace(TWO, target=Driven(motion=WhiteAcceleration(q=1e-6)))
+    task = BlockTask(
+        replace(quiet, start=GaussianStart(sigma=(0.01, 0.01, 0.01, 0.01))),
+        KF(gate=0.9, gate_by=gate_by),  # type: ignore[arg-type]
+        seed=1,
+        index=0,
+        width=100,
+        runs_used=100,
+        predictive_metrics=("prediction",),
+    )
+    got = run_block(task).per_run
+    anis = np.mean(got["anis"])
+    law = AcceptedNis(0.9, (2, 2), each=gate_by == "sensor")
+    low, high = law.band(got["innovations"].sum())
+    assert low < anis < high
+    # Four components have the mean .8205 together, two .7442 each.
+    assert anis == pytest.approx(0.7442 if gate_by == "sensor" else 0.8205, abs=0.012)
 
 
 def test_the_band_of_a_gated_filter_is_that_of_its_gate(tmp_path: Path) -> None:
@@ -228,7 +256,7 @@ def test_each_sensor_has_a_gate(kind: Any) -> None:
     z = simulate(TWO, 1, 0, 20).measurements.copy()
     z[:2, 10:20] += 100.0  # the first sensor is wrong for a while, the second is not
     data = simulate(TWO, 1, 0, 20)._replace(measurements=z)
-    tracker = kind(gate=0.99) if kind != "imm" else _bank_of_two()
+    tracker = kind(gate=0.99, gate_by="sensor") if kind != "imm" else _bank_of_two()
     task = BlockTask(TWO, tracker, 1, index=0, width=20, runs_used=20)
     found = run_filter(task, data)
     counts, nis_count = found.diagnostics["gated"], found.diagnostics["unused_nis"]
@@ -245,7 +273,11 @@ def test_each_sensor_has_a_gate(kind: Any) -> None:
 def _bank_of_two() -> IMM:
     """Return an IMM of two equal motions, which is one filter."""
     motions = (WhiteAcceleration(q=1.0), WhiteAcceleration(q=1.0))
-    return IMM(motions=motions, transition=((0.9, 0.1), (0.1, 0.9)), filter=EKF(gate=0.99))
+    return IMM(
+        motions=motions,
+        transition=((0.9, 0.1), (0.1, 0.9)),
+        filter=EKF(gate=0.99, gate_by="sensor"),
+    )
 
 
 def test_shares_of_refused_measurements_count_measurements() -> None:
@@ -267,3 +299,35 @@ def test_shares_of_refused_measurements_count_measurements() -> None:
     weights = {"rejected_good": numbers["rejected_good"]}
     got = per_run_metrics(short, values, sums, np.ones(1, dtype=bool), weights=weights)
     assert got["rejected_good"][0] == 0.25  # one of four good measurements
+
+
+def test_one_gate_for_several_sensors_is_noted(tmp_path: Path) -> None:
+    text = """
+    name: two
+    scenario:
+      kind: tracking
+      last: 9
+      target: {kind: driven, motion: {kind: cwna, q: 1}}
+      sensor: [{kind: position, sigma: 5}, {kind: velocity, sigma: 1 MORE}]
+      start: {kind: gaussian, sigma: [5, 2, 5, 2]}
+    filters: {Gated: {kind: kf, gate: 0.99 KEY}, IMM: BANK}
+    """
+    bank = "{kind: ekf}"
+    for more, key, noted in (
+        ("", "", True),
+        ("", ", gate_by: sensor", False),
+        (", period: 2", "", True),
+    ):
+        here = text.replace("MORE", more).replace("KEY", key).replace("BANK", bank)
+        (tmp_path / "two.yaml").write_text(here)
+        notes = cautions(load(tmp_path / "two.yaml").points)
+        assert any("one gate judges all sensors" in note for note in notes) == noted
+    for wrong, why in (("", "with one sensor"), ("gate: null", "without `gate`")):
+        here = text.replace("KEY", ", gate_by: sensor").replace("BANK", bank).replace("MORE", "")
+        if wrong:
+            here = here.replace("gate: 0.99", wrong)
+        else:
+            here = here.replace(", {kind: velocity, sigma: 1 }", "")
+        (tmp_path / "two.yaml").write_text(here)
+        with pytest.raises(UserError, match=why):
+            load(tmp_path / "two.yaml")

@@ -11,7 +11,7 @@ from scipy.stats import binom, binomtest, norm, t, ttest_rel
 from tests.commands import trackbench
 from tests.conftest import PLANE
 from trackbench import api
-from trackbench.commands.gate import Limit, judge
+from trackbench.commands.gate import Limit, judge, limit_of
 from trackbench.report.compare_folders import Row, compare_folders, rows_of
 from trackbench.report.results import Results
 from trackbench.statistics.comparison import Sample
@@ -229,6 +229,31 @@ def test_one_recording_is_exact_or_untested() -> None:
     ):
         rows = [*rows_of(key, first, second, True, is_exact)]
         assert [r.verdict for r in judge(rows, Limit(3.0, limit))] == [word]
+
+
+@pytest.mark.parametrize(
+    ("share", "words"), [(0.1, ("worse", "worse")), (10.0, ("worse", "negligible"))]
+)
+def test_lost_runs_count_however_small_their_share_of_a_limit_is(share, words) -> None:
+    """40 lost runs in place of 5 are seven times as many; errors as many times larger are negligible."""
+    few, many = (np.repeat([1.0, 0.0], [n, 400 - n]) for n in (5, 40))
+    rows = []
+    for metric in ("lost", "rmse_position"):
+        rows += rows_of(({}, "A", metric), Sample(few), Sample(many), True, False)
+    assert tuple(r.verdict for r in judge(rows, Limit(3.0, share))) == words
+
+
+@pytest.mark.parametrize(
+    ("text", "limit"),
+    [
+        ("3sigma", Limit(3.0, 1e-4)),
+        ("2.5sigma,1%", Limit(2.5, 0.01)),
+        ("4sigma, 300%", Limit(4.0, 3.0)),
+        ("3 sigma, 0.5 %", Limit(3.0, 0.005)),
+    ],
+)
+def test_a_limit_is_standard_deviations_and_percent(text: str, limit: Limit) -> None:
+    assert limit_of(text) == pytest.approx(limit)
 
 
 def false_alarms(

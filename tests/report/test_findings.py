@@ -190,7 +190,7 @@ def test_a_filter_without_the_error_has_a_row(tmp_path, A) -> None:
     path.write_text(re.sub(r"(?m)^(C,\d+),rmse_position", r"\1,nees", path.read_text()))
     rows = ranked(results)
     assert [*rows] == ["A", "B", "C"]
-    assert rows["C"][RATIO] == "has no such error"
+    assert rows["C"][RATIO] == "has no position RMSE"
 
 
 def test_a_contradiction_is_no_answer(tmp_path, rng) -> None:

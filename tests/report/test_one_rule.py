@@ -161,7 +161,8 @@ def test_the_word_of_a_pair_knows_which_side_is_better(rng, metric: str, word: s
 PACKAGE = Path(trackbench.__file__).parent
 CLAIMS = """paper,claim,experiment,left,expression,relation,factor,right,tolerance
 p,position,car-track,"KF, smoothed",rms(rmse_position),<,1,KF,
-p,opposite,car-track,KF,rms(rmse_position),<,1,"KF, smoothed",
+p,far,car-track,"KF, smoothed",rms(rmse_position),<,2,KF,
+p,opposite,car-track,KF,rms(rmse_position),<,0.5,"KF, smoothed",
 p,velocity,car-track,"KF, smoothed",rms(rmse_velocity),<,1,KF,
 p,bound,car-track,KF,rms(rmse_position),<,1,,
 p,equal,car-track,KF,rms(rmse_position),~,1.6,"KF, smoothed",0.05
@@ -169,7 +170,7 @@ p,equal,car-track,KF,rms(rmse_position),~,1.6,"KF, smoothed",0.05
 
 
 def test_claims_on_a_recording_are_decided_by_its_steps(tmp_path: Path) -> None:
-    """The smoother's position error is lower by more than three errors of the steps."""
+    """The smoother's position error is lower than twice that of the filter beyond three errors."""
     (tmp_path / "claims.csv").write_text(CLAIMS)
     published = f"published=[{tmp_path / 'claims.csv'}]"
     words = [published, "figures={}", "key_figure=null"]
@@ -177,10 +178,11 @@ def test_claims_on_a_recording_are_decided_by_its_steps(tmp_path: Path) -> None:
     report = api.run("car-track", options, out=tmp_path / "out")
     found = {row.claim.claim: row.verdict for row in report.comparison.claims}
     assert [verdict.word for verdict in found.values()] == [
-        *("holds", "fails", "inconclusive", "holds", "inconclusive"),
+        *("inconclusive", "holds", "fails", "inconclusive", "holds", "inconclusive"),
     ]
     ((_, two),) = report.results.pairs
-    assert {pair.metric: pair.word for pair in two}["rmse_position"] == "worse"
+    words = {pair.metric: pair.word for pair in two}
+    assert words["rmse_position"] == "worse"
     page = (report.folder / "report.html").read_text()
     assert "95 % interval" in page
     assert ">worse</td>" in page
@@ -188,7 +190,7 @@ def test_claims_on_a_recording_are_decided_by_its_steps(tmp_path: Path) -> None:
         pairs = {row["metric"]: float(row["z"]) for row in csv.DictReader(file)}
     assert found["position"].z == pytest.approx(pairs["rmse_position"], rel=1e-9)
     assert found["velocity"].z == pytest.approx(pairs["rmse_velocity"], rel=1e-9)
-    assert any("2.51 standard errors, and 3 decide" in note for note in report.notes)
+    assert any("2.78 standard errors, and 3 decide" in note for note in report.notes)
     caption = HeatMap(metric=measure("mean(rmse_position)")).default_caption(report.results)
     assert caption.endswith("0 of 1 pair do not differ significantly (at 1 % over all pairs).")
     (ranking,) = rankings(report.results)
@@ -196,7 +198,7 @@ def test_claims_on_a_recording_are_decided_by_its_steps(tmp_path: Path) -> None:
     (difference,) = (rival.difference for rival in ranking.worse)
     low, high = difference.interval()
     assert 0.0 < low < difference.value < high
-    assert high - low > 2 * 1.96 * difference.stderr  # Student's t of few degrees of freedom
+    assert high - low > 2 * 1.96 * difference.stderr  # by tails that are heavier than normal
     assert not np.isnan(difference.stderr)
 
 

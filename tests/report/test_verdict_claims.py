@@ -203,3 +203,44 @@ def test_an_equality_with_a_number_is_studentized(rng):
     assert found.verdict.z == pytest.approx(min(zs))
     plain = (0.2 - abs(a.mean() - 1.0)) / (a.std(ddof=1) / np.sqrt(5))
     assert found.verdict.z < 0.7 * plain
+
+
+def test_an_equality_allows_a_share_of_the_right_side(rng):
+    """5 % off, of some hundred: within a tenth, beyond a hundredth."""
+    common = 100.0 + rng.standard_normal(RUNS)
+    values = {("A", "rmse"): 1.05 * common, ("B", "rmse"): common}
+    for tolerance, word in ((0.1, "holds"), (0.01, "fails")):
+        claim = claimed("mean(rmse)", relation="~", right="B", tolerance=tolerance)
+        assert judge(claim, measured(values)).verdict.word == word
+
+
+def test_a_higher_score_with_more_lost_runs_is_no_better(rng):
+    """As a smaller error is: of a score, more is better."""
+    values = {}
+    for label, level, lost in (("A", 3.0, 20), ("B", 2.0, 0)):
+        values[label, "lost"] = codes(lost)
+        scores = level + 0.1 * rng.standard_normal(RUNS)
+        values[label, "log_score"] = np.where(codes(lost) > 0, np.nan, scores)
+    for relation, losing in ((">", True), ("<", False)):
+        found = judge(claimed("mean(log_score)", relation=relation, right="B"), measured(values))
+        assert ("A loses 20 runs, B 0" in found.note) == losing
+        assert found.verdict.word == ("inconclusive" if losing else "fails")
+
+
+@pytest.mark.parametrize(
+    ("printed", "note"), [(10.0, "at least "), (50.0, ""), (90.0, "at most "), (None, "")]
+)
+def test_a_printed_size_outside_the_interval_is_noted(printed, note, rng):
+    """A's error is half of B's, a gain of 50 %, within a percent or so."""
+    common = rng.standard_normal(RUNS)
+    values = {("A", "rmse"): 1.0 + 0.01 * common, ("B", "rmse"): 2.0 + 0.03 * common}
+    found = judge(claimed("mean(rmse)", right="B", printed=printed), measured(values))
+    assert found.verdict.word == "holds"
+    said = [part for part in found.note.split("; ") if "printed" in part]
+    if note:
+        (text,) = said
+        assert text.startswith(note)
+        assert text.endswith(f"% (95 %), printed {printed:g}")
+        assert float(text.split()[2]) == pytest.approx(50.0, abs=2.0)
+    else:
+        assert said == []

@@ -1,7 +1,9 @@
 """Published numbers and claims get the verdict they deserve."""
 
 import csv
+from dataclasses import replace
 from math import isnan, nan
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +19,14 @@ from trackbench.report.paired import pairs_of
 from trackbench.report.results import Results
 from trackbench.report.verdicts.claims import evidence_at, judge
 from trackbench.report.verdicts.files import bars, summary_lines, verdict_tables
-from trackbench.report.verdicts.numbers import Compared, Reproduced, Verdicts, compare
+from trackbench.report.verdicts.numbers import (
+    Compared,
+    Reproduced,
+    Verdicts,
+    _readings,
+    compare,
+    rank_agreement,
+)
 from trackbench.statistics.comparison import Sample
 from trackbench.statistics.estimates import MISSING, RunEstimate
 from trackbench.statistics.rules import Verdict, claim_verdict, number_verdict
@@ -399,3 +408,36 @@ def test_words_on_a_bias_are_counted_by_themselves() -> None:
         "1 published number: 1 agrees",
         "2 published words on a bias, by a margin chosen here: 2 agree",
     ]
+
+
+def _ranked(*values):
+    """Rows of one column, of filters of these published and measured values."""
+    rows = []
+    for i, (printed, value) in enumerate(values):
+        published = replace(number(printed), filter=f"F{i}")
+        measured = RunEstimate(value, 0.1, None, 100)
+        rows.append(Compared(published, f"F{i}", measured, Verdict("agrees", 0.0), ""))
+    return list(rank_agreement(rows))
+
+
+def test_three_filters_have_an_order_and_two_have_none():
+    assert _ranked((1.0, 1.0), (2.0, 2.0)) == []
+    (found,) = _ranked((1.0, 1.0), (2.0, 3.0), (3.0, 2.0))
+    assert (found.filters, found.tau) == (3, pytest.approx(1.0 / 3.0))
+    # One whose number is missing does not count.
+    assert _ranked((1.0, 1.0), (2.0, 2.0), (3.0, np.nan)) == []
+
+
+@pytest.mark.parametrize("lost", [0, 3])
+def test_an_exact_number_stands_for_the_runs_unless_some_are_lost(lost):
+    term = RunEstimate(1.5, 0.01, None, 100, lost)
+    evidence = SimpleNamespace(
+        term=lambda m: term,
+        exact=lambda m: 1.0,
+        results=SimpleNamespace(deterministic=[], batches=4),
+    )
+    published = replace(number(1.0, digits=1), label="A", expression=measure("mean(rmse)"))
+    (row,) = _readings(published, evidence)
+    assert row.measured.value == (1.5 if lost else 1.0)
+    assert ("exact, without runs" in row.note) == (not lost)
+    assert row.verdict.word == ("differs" if lost else "agrees")

@@ -181,11 +181,26 @@ def test_angles_clockwise_from_north(tmp_path: Path) -> None:
     # Without the key truth and measurements are mirror images, and a note says so.
     (note,) = load(config(tmp_path, target, RADAR)).points[0].scenario.cautions
     assert note.startswith("the truth is beyond nearly every measurement of the sensor (median: ")
-    assert "it agrees with them if it is mirrored at the diagonal x = y: for angles " in note
-    assert note.endswith("clockwise from north say `clockwise: [azimuth]`")
+    assert note.endswith("if its azimuth counts from north clockwise: say `clockwise: [azimuth]`")
     for bad, what in (("range", "'range' is no angle that is measured here"), ("course", "always")):
         with pytest.raises(UserError, match=what):
             load(config(tmp_path, target | {"clockwise": [bad]}, RADAR))
+
+
+def test_bearings_of_a_station_elsewhere(tmp_path: Path) -> None:
+    write(tmp_path)
+    at = (-900.0, 400.0)
+    bearing = np.arctan2(PLACE[1] - at[1], PLACE[0] - at[0]) + 3.5e-3 * NOISE[1]
+    (tmp_path / "m.csv").write_text(table("time,azimuth", TIMES, 0.5 * np.pi - bearing))
+    sensor = {"kind": "bearing", "at": [*at], "sigma_mrad": 3.5}
+    start = {"kind": "given", "mean": [4e3, -20, 7e3, 10], "sigma": [100, 10, 100, 10]}
+    target = {"measurements": "m.csv", "truth": "xy.csv"}
+    (note,) = load(config(tmp_path, target, sensor, start=start)).points[0].scenario.cautions
+    assert note.endswith("if its azimuth counts from north clockwise: say `clockwise: [azimuth]`")
+    target["clockwise"] = ["azimuth"]
+    scenario = load(config(tmp_path, target, sensor, start=start)).points[0].scenario
+    assert scenario.cautions == ()
+    np.testing.assert_allclose(scenario.target._recording.measurements[0, :, 0], bearing, rtol=1e-9)
 
 
 def test_a_truth_that_contradicts_the_measurements_is_noted(tmp_path: Path) -> None:
@@ -197,8 +212,11 @@ def test_a_truth_that_contradicts_the_measurements_is_noted(tmp_path: Path) -> N
         target = {"measurements": "m.csv", "truth": "t.csv"}
         notes.append(load(config(tmp_path, target, POSITION)).points[0].scenario.cautions)
     assert notes[0] == ()
-    assert "if it is mirrored at the diagonal x = y: are x and y exchanged" in notes[1][0]
-    assert "if it is turned by 270 deg: are x and y exchanged" in notes[2][0]
+    assert (
+        "they agree if the truth is mirrored at the diagonal x = y: are x and y exchanged"
+        in notes[1][0]
+    )
+    assert "they agree if the truth is turned by 270 deg: are x and y exchanged" in notes[2][0]
     assert notes[3][0].endswith("): check the origin, the units, the clock and the sensor's sigma")
 
 

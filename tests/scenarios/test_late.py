@@ -496,6 +496,10 @@ def test_a_delay_is_its_longest_or_more_once_in_a_thousand(mean: float) -> None:
 def test_delays_of_a_range_or_a_list_have_a_largest() -> None:
     assert UniformDelay(least=2, most=5).longest == 5
     assert SharesDelay(shares=(0.5, 0.2, 0.3)).longest == 2
+    # Shares that sum to a little less than one leave no room beyond the last number.
+    rounded = SharesDelay(shares=(0.5, 0.5 - 5e-10))
+    u = np.array([0.0, 0.4999, 0.5, 0.9999, 1.0 - 2.0**-53])
+    assert rounded.steps(u).tolist() == [0.0, 0.0, 1.0, 1.0, 1.0]
 
 
 def test_what_would_arrive_after_the_end_never_arrives(tmp_path: Path) -> None:

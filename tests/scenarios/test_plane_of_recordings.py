@@ -220,6 +220,13 @@ def test_longitudes_from_0_to_360(tmp_path: Path) -> None:
     assert load(path).points[0].scenario.cautions == ()
 
 
+def test_a_longitude_of_181_among_those_to_360_is_a_place(tmp_path: Path) -> None:
+    rows = [(0, 10, 180.9), (1, 10, 181), (2, 10, 181.1)]
+    (tmp_path / "m.csv").write_text(table("time,latitude,longitude", *zip(*rows, strict=True)))
+    path = config(tmp_path, {"measurements": "m.csv"})
+    np.testing.assert_allclose(np.diff(measured(path)[0]), 10964.0, atol=3.0)
+
+
 def test_hemispheres(tmp_path: Path) -> None:
     rows = [(t, 50.98 - p, q - 2.05) for t, p, q in PATH]  # across the equator and Greenwich
     (tmp_path / "m.csv").write_text(table("time,latitude,longitude", *zip(*rows, strict=True)))

@@ -6,7 +6,12 @@ from scipy import stats
 
 from trackbench.statistics import over_runs as st
 from trackbench.statistics.comparison import Comparison, as_family
-from trackbench.statistics.estimates import RunEstimate
+from trackbench.statistics.estimates import (
+    RunEstimate,
+    Share,
+    collapsed_in_words,
+    linear_combination,
+)
 from trackbench.statistics.intervals import (
     Events,
     anees_band,
@@ -196,3 +201,23 @@ def test_a_family_counts_the_differences_that_are_tested():
     assert np.isnan(family["c"].p)
     of_more = as_family({"d": Comparison(many, many, many, -4.0)}, tests=10)["d"]
     assert (of_more.p, of_more.tests) == (pytest.approx(10.0 * p["d"]), 10)
+
+
+@pytest.mark.parametrize("runs", [7, 100, 1000])
+def test_events_of_a_share_are_whole_numbers(runs):
+    """29 / 100 times 100 is 28.999999999999996."""
+    for events in range(runs + 1):
+        assert Share(events / runs, 0.1, None, runs).events == events
+
+
+def test_a_combination_of_other_runs_has_the_losses_of_the_first():
+    a, b = RunEstimate(3.0, 0.3, None, 40, lost=2), RunEstimate(1.0, 0.4, None, 30, lost=5)
+    found = linear_combination(1.0, a, b, 1.0, -2.0)
+    assert (found.runs, found.lost) == (30, 2)
+    assert found.stderr == pytest.approx(np.hypot(0.3, 0.8))
+
+
+def test_a_collapse_is_counted_among_several_runs():
+    assert collapsed_in_words(np.array([1e5, 1.0, np.nan, 9e3])) == "collapsed in 1 of 3 runs"
+    assert collapsed_in_words(np.array([1e5, np.nan])) == ""
+    assert collapsed_in_words(np.array([1.0, 2.0])) == ""

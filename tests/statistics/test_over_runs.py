@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+import scipy.fft
+import scipy.signal
 import scipy.stats
 
 from trackbench.core.arrays import Array
@@ -42,12 +44,13 @@ def test_the_error_is_that_of_the_long_run() -> None:
 
 
 def test_what_can_be_said_without_spread_or_steps() -> None:
-    assert series_mean(np.zeros(100))[:3] == (0.0, 0.0, 0.0)
-    assert series_mean(np.full(100, -2.0))[:3] == (-2.0, 0.0, -np.inf)
+    for value, z in ((0.0, 0.0), (-2.0, -np.inf)):
+        found = series_mean(np.full(100, value))
+        assert (found.value, found.stderr, found.z) == (value, 0.0, z)
     assert np.isnan(series_mean(np.arange(49.0)).z)
     x = np.random.default_rng(203).standard_normal(200)
     gaps = np.insert(x, [3, 50, 200], np.nan)
-    assert series_mean(gaps) == series_mean(x)
+    assert series_mean(gaps)[:2] == series_mean(x)[:2]
 
 
 def test_a_refused_autocorrelation_is_never_printed_as_the_limit(rng: np.random.Generator) -> None:
@@ -62,24 +65,63 @@ def test_a_refused_autocorrelation_is_never_printed_as_the_limit(rng: np.random.
     assert min(printed) == 0.971
 
 
-@pytest.mark.parametrize(("kind", "T"), [("0.8", 60), ("-0.5", 200)])
+@pytest.mark.parametrize(("kind", "T"), [("0.8", 60), ("white", 200)])
 def test_the_mean_of_a_series_by_a_scalar_program(kind: str, T: int) -> None:
-    """Andrews & Monahan 1992 with r less its bias (Kendall 1954), then Lazarus et al. 2018."""
-    x = 0.5 + simulated(kind, T, np.random.default_rng(204))
-    d = x - x.mean()
-    r = sum(d[k] * d[k - 1] for k in range(1, T)) / sum(d * d)
-    r += (1 + 3 * r) / T
-    u = [d[k] - r * d[k - 1] for k in range(1, T)]
-    freedom, n, weights = max(4, int(0.2 * T ** (2 / 3))), T - 1, []
-    for j in range(1, freedom + 1):
-        weights.append(sum(u[k] * np.cos(np.pi * j * (k + 0.5) / n) for k in range(n)))
-    stderr = np.sqrt(2 / n * np.mean(np.square(weights)) / T) / (1 - r)
+    """Covariances of every model in full, projected on the cosines; Bayes' rule by plain numbers."""
+    x = 0.4 + simulated(kind, T, np.random.default_rng(204))
+    q, lags = min(T // 2, 64), np.abs(np.subtract.outer(np.arange(T), np.arange(T)))
+    basis = scipy.fft.dct(np.eye(T), axis=0, norm="ortho")
+    weights = (basis @ x)[1 : q + 1]
+    models = [(0.4, np.ones(q + 1))]
+    coefficients = [0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99, *([0.995, 0.998] if T >= 200 else [])]
+    for r in coefficients:
+        of_r = np.diag(basis @ (r**lags) @ basis.T)[: q + 1]
+        for share in (0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0):
+            models.append((0.6 / (8 * len(coefficients)), 1.0 - share + share * of_r))
+    likelihoods, tails = [], []
+    for prior, v in models:
+        Q = (weights**2 / v[1:]).sum()
+        likelihoods.append(np.log(prior) - 0.5 * np.log(v[1:]).sum() - 0.5 * q * np.log(Q))
+        tails.append(scipy.stats.t.sf(x.mean() * np.sqrt(q * T / (v[0] * Q)), q))
+    posterior = np.exp(np.array(likelihoods) - max(likelihoods))
+    expected = scipy.stats.norm.isf(posterior @ tails / posterior.sum())
     found = series_mean(x)
-    assert found[:2] == pytest.approx((x.mean(), stderr), rel=1e-9)
-    assert found.freedom == freedom
-    assert found.z == pytest.approx(
-        scipy.stats.norm.isf(scipy.stats.t.sf(x.mean() / stderr, freedom)), rel=0.01
-    )
+    assert found.value == pytest.approx(x.mean())
+    assert found.z == pytest.approx(expected, rel=0.002)
+    # The interval has every mean that the test accepts.
+    for level in (0.6827, 0.95):
+        at_end = x - x.mean() + found.half_width(level)
+        assert series_mean(at_end).z == pytest.approx(
+            scipy.stats.norm.isf((1 - level) / 2), rel=1e-5
+        )
+    assert found.stderr == pytest.approx(found.half_width(0.682689492), rel=1e-6)
+
+
+@pytest.mark.parametrize(("share", "r"), [(0.2, 0.99), (0.05, 0.99), (0.1, 0.995)])
+@pytest.mark.parametrize("T", [500, 2000])
+def test_white_noise_above_a_slow_part_keeps_the_level(share: float, r: float, T: int) -> None:
+    """A fifth to a third were called different at 1 %: the lag of one step shows the white part."""
+    rng, repeats = np.random.default_rng([205, T]), 150
+    # At most 7 % at 500 steps, 3 % at 2000, and three standard errors.
+    most = 0.07 if T == 500 else 0.03
+    rejected, beyond_three = 0, 0
+    for _ in range(repeats):
+        slow = scipy.signal.lfilter([1.0], [1.0, -r], rng.standard_normal(T + 2000))[-T:]
+        slow *= np.sqrt(share * (1.0 - r * r))
+        z = series_mean(slow + np.sqrt(1.0 - share) * rng.standard_normal(T)).z
+        rejected += abs(z) > 2.576
+        beyond_three += abs(z) > 3.0
+    assert rejected / repeats < most + 3.0 * np.sqrt(most / repeats)
+    assert beyond_three / repeats < 0.02 + 3.0 * np.sqrt(0.02 / repeats)
+
+
+@pytest.mark.parametrize(("T", "least"), [(500, 0.4), (1000, 0.65), (2000, 0.8)])
+def test_a_difference_of_five_standard_errors_is_found(T: int, least: float) -> None:
+    rng, repeats = np.random.default_rng([206, T]), 100
+    found = 0
+    for _ in range(repeats):
+        found += series_mean(5.0 / np.sqrt(T) + rng.standard_normal(T)).z > 2.576
+    assert found / repeats > least - 3.0 * np.sqrt(0.25 / repeats)
 
 
 X = np.array([1.0, 2.0, 4.0, 7.0, 11.0])

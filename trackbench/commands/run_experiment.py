@@ -33,6 +33,7 @@ from trackbench.config.experiment import Experiment
 from trackbench.config.python_tables import without_folders
 from trackbench.config.requested_metrics import takes_times
 from trackbench.config.tuned_entries import held_out, training_cautions
+from trackbench.core.random_streams import RunStreams
 from trackbench.errors import Mark, Problem, UserError, WriteError, counted, in_line
 from trackbench.evaluation.timing import REPEATS, Measured, measure
 from trackbench.execution.cache import BlockStore, block_key, cache_folder, times_folder
@@ -41,6 +42,7 @@ from trackbench.execution.plan import Key, Plan, cautions
 from trackbench.execution.queue import progress_bar
 from trackbench.execution.runner import Outcome, execute, next_batch, stop_reason
 from trackbench.field_types import require_regular_file
+from trackbench.filters.external import PRINT_ALL_DIGITS, External
 from trackbench.plugins.errors import guarded
 from trackbench.report import DRAWER
 from trackbench.report.html.report_page import write_report
@@ -159,7 +161,8 @@ def _reported(job: Job, outcome: Outcome, options: Options, sweep: bool) -> Repo
             write_report(results, comparison)
     write_manifest(job.folder, facts, [*data, *derived])
     failed = list(_failed(job.experiment, outcome, losses))
-    return Report(results, failed, list(_notes(job.experiment, losses)), comparison)
+    notes = [*_notes(job.experiment, losses), *_digit_notes(job.experiment, outcome)]
+    return Report(results, failed, notes, comparison)
 
 
 def _what_happened(outcome: Outcome) -> Iterator[str]:
@@ -182,6 +185,27 @@ def _notes(experiment: Experiment, losses: dict[Key, Losses]) -> Iterator[str]:
     for key, loss in losses.items():
         if loss.lost and not loss.is_total:
             yield f"{experiment.title_of(key)}: {loss}"
+    bound = experiment.settings.bound
+    if bound:
+        cautions_of_bound = (point.scenario.bound_caution for point in experiment.points)
+        for caution in dict.fromkeys(filter(None, cautions_of_bound)):
+            yield f"{bound}: {caution}"
+
+
+def _digit_notes(experiment: Experiment, outcome: Outcome) -> Iterator[str]:
+    """Yield a note for each program whose answers have few digits, by a run of the first point."""
+    point = experiment.points[0]
+    failed = {label for _, label in outcome.failures}
+    for label, tracker in point.filters.items():
+        if not isinstance(tracker, External) or label in failed:
+            continue
+        scenario = point.assumed_scenario(label)
+        data = scenario.simulate(RunStreams(experiment.settings.seed, range(1)), 1)
+        prior = scenario.assumed_prior(1) or data.prior
+        first = int(scenario.steps[1])
+        digits = tracker.few_digits(scenario.model, prior, data.measurements, first)
+        if digits:
+            yield f"{label}: answers have {digits}: {PRINT_ALL_DIGITS}"
 
 
 def _failed(experiment: Experiment, outcome: Outcome, losses: dict[Key, Losses]) -> Iterator[str]:

@@ -15,7 +15,7 @@ from pydantic_core import PydanticCustomError
 from trackbench.config.includes import deep_merge
 from trackbench.config.mistakes import REPORTED, mistakes_of, shown, unknown
 from trackbench.extension_points import Part, key_of
-from trackbench.field_types import IS_FILE, IS_WORD, annotations_of
+from trackbench.field_types import IS_FILE, IS_VARIABLE, IS_WORD, annotations_of
 from trackbench.filters.base import Filter
 from trackbench.plugins.checks import check_sensors
 from trackbench.plugins.errors import PluginError, plugin_code
@@ -66,11 +66,11 @@ def hints_of(cls: type) -> dict[str, object]:
 
 @_cached
 def file_keys(cls: type) -> frozenset[str]:
-    """Name the keys whose values are paths of data files, or words that may be."""
+    """Name the keys whose values are paths of data files, words that may be, or variables."""
 
     def is_file(hint: object) -> bool:
         marks = chain.from_iterable(map(annotations_of, (hint, *get_args(hint))))
-        return any(mark in (IS_FILE, IS_WORD) for mark in marks)
+        return any(mark in (IS_FILE, IS_WORD, IS_VARIABLE) for mark in marks)
 
     return frozenset(name for name, hint in hints_of(cls).items() if is_file(hint))
 
@@ -145,9 +145,11 @@ def _component(group: Group, data: object, source: Source, keys: Keys) -> Part |
     # Step 2: complete the keys by the preset, and build.
     values = _with_preset(cls, data, source, keys)
     _make_paths_absolute(cls, source, keys, values)
-    if issubclass(cls, Filter) and cls.runs_program and not _is_allowed(source, values):
-        source.add_problem((*keys, "command"), "a program is run only with --allow-plugins")
-        return None
+    if issubclass(cls, Filter) and cls.runs_program:
+        if not _is_allowed(source, values):
+            source.add_problem((*keys, "command"), "a program is run only with --allow-plugins")
+            return None
+        _add_declared(source, values)
     also = ["preset"] if cls.presets else []
     if keys[:-1] == ("filters",):  # keys of every filter's entry: see `read_assumed`
         values = {key: value for key, value in values.items() if key not in ENTRY_KEYS}
@@ -162,6 +164,22 @@ def _component(group: Group, data: object, source: Source, keys: Keys) -> Part |
                 source.add_key_problem((*keys, key), what)
                 return None
     return build(cls, source, keys, values, also)
+
+
+def _add_declared(source: Source, values: dict[str, object]) -> None:
+    """Add the files and variables that the config declares for all of its programs."""
+    for key in ("files", "environment"):
+        declared = source.data.get(key)
+        own = values.get(key, [])
+        if not isinstance(declared, list) or not isinstance(own, list):
+            continue  # said by the validation of the whole
+        words = [word for word in declared if isinstance(word, str)]
+        if key == "files":
+            mark = source.mark((key,))
+            folder = Path(mark.file).parent if mark.line else Path()
+            words = [str((folder / word).absolute()) for word in words]
+        if words:
+            values[key] = [*own, *(word for word in words if word not in own)]
 
 
 def _is_allowed(source: Source, values: Mapping[str, object]) -> bool:
@@ -222,12 +240,21 @@ def _make_paths_absolute(cls: type, source: Source, keys: Keys, values: dict[str
     for key in file_keys(cls) & values.keys():
         mark, paths = source.mark((*keys, key)), values[key]
         folder = Path(mark.file).parent if mark.line else Path()
-        words = IS_WORD in chain.from_iterable(map(annotations_of, get_args(hints_of(cls)[key])))
+        marks = {*chain.from_iterable(map(annotations_of, get_args(hints_of(cls)[key])))}
+        if IS_VARIABLE in marks:
+            continue
+        words = IS_WORD in marks
 
         def absolute(path: object, folder: Path = folder, words: bool = words) -> object:
-            if not isinstance(path, str) or (words and not os.path.isfile(folder / path)):
+            if not isinstance(path, str):
                 return path
-            return str((folder / path).absolute())
+            if not words or os.path.isfile(folder / path):
+                return str((folder / path).absolute())
+            # A word as --table=file.csv
+            name, equals, value = path.partition("=")
+            if value and os.path.isfile(folder / value):
+                return f"{name}{equals}{(folder / value).absolute()}"
+            return path
 
         values[key] = [*map(absolute, paths)] if isinstance(paths, list) else absolute(paths)
 

@@ -22,12 +22,12 @@ from trackbench.evaluation.metric_expression import Measure, exact_label
 from trackbench.evaluation.summary import is_exact
 from trackbench.extension_points import field_values, is_foreign, walk_parts
 from trackbench.field_types import InvalidKeyError
-from trackbench.filters.base import AnyFilter
+from trackbench.filters.base import AnyFilter, Filter
 from trackbench.models.base import has_density, position_velocity_names
 from trackbench.models.sensors.base import ScaledNoise, SensorBase
 from trackbench.plugins.checks import call_hook, filter_conflicts
 from trackbench.plugins.errors import PluginError, plugin_code
-from trackbench.registry import Group
+from trackbench.registry import Group, kinds
 from trackbench.scenarios.base import Scenario
 from trackbench.yaml_source import Keys, Source, dotted
 
@@ -217,10 +217,18 @@ def check_idle_settings(source: Source, settings: Settings, points: list[Point])
         source.add_key_problem(("min_runs",), "has no effect without `until`; leave it out")
     if settings.tuning != Settings.tuning and "tune" not in source.data:
         source.add_key_problem(("tuning",), "has no effect without `tune`; leave it out")
+    has_program = any(map(_is_program, settings.filters.values()))
     for key in ("files", "environment"):
-        if getattr(settings, key) and not settings.plugins:
-            what = "is what the plugins read, and there are no `plugins`; leave it out"
+        if getattr(settings, key) and not (settings.plugins or has_program):
+            what = "is what plugins and programs read, and there are no `plugins`; leave it out"
             source.add_key_problem((key,), what)
+
+
+def _is_program(entry: object) -> bool:
+    """Test whether a filter's entry names a kind that runs a program."""
+    kind = entry.get("kind") if isinstance(entry, dict) else None
+    cls = kinds("filters").get(kind) if isinstance(kind, str) else None
+    return cls is not None and issubclass(cls, Filter) and cls.runs_program
 
 
 def check_problem(source: Source, settings: Settings) -> None:
@@ -286,6 +294,9 @@ def _leaves(value: object, where: Keys) -> Iterator[tuple[Keys, object]]:
 def add_label_problem(source: Source, settings: Settings, where: Keys, label: str) -> None:
     """Add the problem of a label that no filter has."""
     hint = unknown(label, list(settings.filters))
+    parts = [part.strip() for part in label.split(",")]
+    if len(parts) > 1 and all(part in settings.filters for part in parts):
+        hint = "write several as a list, [A, B], or as several options: --only A --only B"
     source.add_problem(where, f"{label!r} is not a filter here; {hint}")
 
 

@@ -38,7 +38,11 @@ def resolved(experiment: Experiment, folder: Path) -> PlainData:
     out = {key: x for key, x in asdict(experiment.settings).items() if x or key not in optional}
 
     def relative(path: str) -> str:
-        return path_from(path, folder) if os.path.isabs(path) else path
+        if os.path.isabs(path):
+            return path_from(path, folder)
+        # A word as --table=/home/me/file.csv
+        name, equals, value = path.partition("=")
+        return f"{name}{equals}{path_from(value, folder)}" if os.path.isabs(value) else path
 
     def written(part: Part, keys: Keys) -> object:
         full = as_config(part, relative)
@@ -46,8 +50,12 @@ def resolved(experiment: Experiment, folder: Path) -> PlainData:
 
     # Step 1: files and scenario.
     out["plugins"] = [relative(plugin.path) for plugin in experiment.plugins]
-    if experiment.settings.files:
+    if experiment.plugins and experiment.settings.files:
         out["files"] = [relative(name) for name, _ in experiment.plugins[0].files]
+    elif not experiment.plugins:
+        # The entries of programs have what is declared for all of them.
+        out.pop("files", None)
+        out.pop("environment", None)
     # A results folder holds copies of the files under these names, so that it stands alone.
     out["published"] = [f"published/{name}" for name in experiment.published.files]
     out["scenario"] = written(first.scenario, ("scenario",))
@@ -155,7 +163,16 @@ def as_config(part: Part | Assume, shown: Callable[[str], str] = str) -> PlainDa
     return _without_unset(part, out)
 
 
-_LATER = ("faults", "robust", "delay", "late", "format", "density", "settled_error")
+_LATER = (
+    "faults",
+    "robust",
+    "delay",
+    "late",
+    "format",
+    "density",
+    "settled_error",
+    "environment",
+)
 """Keys that older results folders lack: left out if unset, so that their configs stay as they are."""
 
 

@@ -126,9 +126,10 @@ class Settings:
     plugins: list[str] = field(default_factory=list)
     """Python files with your filters or scenarios; loaded with --allow-plugins only"""
     files: list[str] = field(default_factory=list)
-    """data files and folders that the plugins read, such as weights; cached blocks depend on them"""
+    """data files and folders that plugins and programs read, such as weights; cached blocks depend on
+    them"""
     environment: list[str] = field(default_factory=list)
-    """environment variables that the plugins read; cached blocks depend on their values"""
+    """environment variables that plugins and programs read; cached blocks depend on their values"""
 
 
 def labels_to_run(

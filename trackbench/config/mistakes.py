@@ -41,7 +41,9 @@ _LIMITS = {
 def unknown(word: str, known: list[str]) -> str:
     """Suggest ``did you mean ...?``, or list the first 40 known words."""
     near = nearest(word, known)
-    listed = ", ".join(known[:40]) + (f", {len(known) - 40} more" if len(known) > 40 else "")
+    # A word with a comma, as a label may have, is quoted.
+    words = [repr(k) if "," in k else k for k in known[:40]]
+    listed = ", ".join(words) + (f", {len(known) - 40} more" if len(known) > 40 else "")
     return f"did you mean {near}?" if near else f"known: {listed}"
 
 
@@ -217,6 +219,8 @@ def _written_otherwise(name: str, value: object) -> str:
         return f"; write {written.replace(',', '')}"
     if re.fullmatch(r"[-+]?[0-9]+,[0-9]+", written):
         return f"; write {written.replace(',', '.')} with a point"
+    if name != "int" and re.fullmatch(r"[0-9]+(\.[0-9]+)?\s*%", written):
+        return f"; write the share, {float(written.rstrip('% ')) / 100.0:g}"
     if re.fullmatch(r"[-+]?[0-9]+(\.[0-9]+)?\s*(?![xe])[a-zA-Z%°µ][a-zA-Z0-9%/°²^]*", written):
         return "; write the number alone, in the unit of the key"
     return ""

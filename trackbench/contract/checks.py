@@ -34,6 +34,7 @@ from trackbench.evaluation.validate_output import check_estimate, check_names, c
 from trackbench.extension_points import field_values
 from trackbench.filters.base import AnyFilter, declares_diagnostics, has_likelihood
 from trackbench.filters.ekf import EKF
+from trackbench.filters.external import PRINT_ALL_DIGITS, External
 from trackbench.scenarios.base import Scenario
 
 Check: TypeAlias = Callable[[AnyFilter, Scenario], None]
@@ -104,6 +105,11 @@ def _check_shapes(tracker: AnyFilter, scenario: Scenario) -> None:
             raise ContractError(f"diagnostic_names is {names}, {gives}")
         if i and has_likelihood(tracker):
             checked_numbers("series", {"log_likelihood": tracker.log_likelihood(state)}, runs)
+    digits = ""
+    if isinstance(tracker, External):
+        digits = tracker.few_digits(scenario.model, data.prior, data.measurements, first)
+    if digits:
+        raise ContractError(f"answers have {digits}: {PRINT_ALL_DIGITS}")
     if single:
         raise ContractError("the estimates have the digits of float32: compute in float64")
 
@@ -172,6 +178,11 @@ def _check_independence(tracker: AnyFilter, scenario: Scenario) -> None:
 
 def _check_covariance(tracker: AnyFilter, scenario: Scenario) -> None:
     P = run_filter(tracker, scenario, simulate(scenario, 20)).cov
+    known = np.isfinite(P)
+    if (known != np.swapaxes(known, 0, 1)).any():
+        raise ContractError(
+            "not symmetric: an entry is NaN or infinite, and its mirror image is not"
+        )
     # Correlations, so that units do not matter; a component that is known or collapsed has none.
     sd = np.sqrt(np.abs(linalg.diagonal(P)))
     sd = np.maximum(sd, 1e-6 * np.nanmax(sd, axis=(1, 2), keepdims=True))

@@ -20,6 +20,7 @@ from trackbench.core.distributions import Gaussian
 from trackbench.core.linalg import distance
 from trackbench.filters.base import AnyFilter
 from trackbench.filters.ekf import EKF
+from trackbench.filters.external import PRINT_ALL_DIGITS, External, few_digits
 from trackbench.filters.particle_filters import PF
 from trackbench.filters.ukf import UKF
 from trackbench.models.base import LocatingSensor, has_density
@@ -128,6 +129,10 @@ def misfit(tracker: AnyFilter, scenario: Scenario, runs: int, seed: int = 1) -> 
     if not texts:
         return ""
     # Step 4: the likely cause.
+    if isinstance(tracker, External):
+        numbers = np.concatenate([tested.mean[:, 1:].ravel(), tested.cov[:, :, 1:].ravel()])
+        if digits := few_digits(numbers):
+            return f"{', '.join(texts)}; answers have {digits}: {PRINT_ALL_DIGITS}"
     if "squared_distance" in sizes:
         error, of_reference = (np.sqrt(one["squared_error"].mean()) for one in (of, bands[0]))
         sizes["error"] = error - of_reference

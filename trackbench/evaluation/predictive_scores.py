@@ -12,7 +12,8 @@ Series (T + 1, M) beside those of `metrics`, for whoever asks for them:
 
 Any filter can be asked for a prediction: it is a step without a measurement, and the measurement's
 moments are those that its estimate gives by cubature (Bar-Shalom, Li & Kirubarajan 2001, section 5.4,
-judge innovations). Whoever is asked goes on from where it was, with the noise that it would have drawn.
+judge innovations). A filter that answers a mean alone has prediction errors, and no ``anis``.
+Whoever is asked goes on from where it was, with the noise that it would have drawn.
 """
 
 from collections.abc import Iterator, Sequence
@@ -197,9 +198,12 @@ class PredictionScorer:
     def _of_predictions(self) -> dict[str, Array]:
         """Return the series (T, M) of the innovations, all steps at once."""
         nu, S = self._predicted.joined(self._all.shape[2])
-        # Step 1: whiten, e = L^-1 nu with S = L L'; missing and refused components have no e.
+        # Step 1: whiten, e = L^-1 nu with S = L L'; missing and refused components have no e, nor do
+        # those of a prediction without a covariance.
         refused = np.stack(self._refused, axis=1) & ~np.isnan(nu)
         missing = np.isnan(nu) | refused
+        for i in range(len(nu)):
+            missing[i] |= np.isnan(S[i, i])
         number = (~missing).sum(axis=0)
         if (refused.any(axis=0) & (number > 0)).any():
             # The measurements of other sensors are used: theirs is the covariance without the refused.
@@ -254,7 +258,7 @@ class _Innovations:
         cov = np.broadcast_to(predicted.cov, (n, n, *z.shape[1:])).reshape(n, n, -1)
         together = Gaussian(predicted.mean.reshape(n, -1), cov)
         z = z.reshape(len(z), -1)
-        self._computed.append(predicted_innovation(model, together, z, steps[-1]))
+        self._computed.append(_innovation(model, together, z, steps[-1]))
 
     def joined(self, runs: int) -> tuple[Array, Array]:
         """Return the innovations (n_z, T, M) of all steps and their covariances (n_z, n_z, T, M)."""
@@ -270,6 +274,19 @@ class _Innovations:
             means = np.stack([estimate.mean for estimate in estimates], axis=1)
             covs = side_by_side([estimate.cov for estimate in estimates])
             self.add_steps(Gaussian(means, covs), np.stack(z, axis=1), steps)
+
+
+def _innovation(model: Model, predicted: Gaussian, z: Array, k: int) -> Innovation:
+    """Compare z (n_z, B) with a prediction; one that is a mean alone has an innovation and no S.
+
+    The measurement is then predicted by the sensor at the mean, ``h(F x)``.
+    """
+    alone = np.isnan(predicted.cov).any(axis=(0, 1)) & ~np.isnan(predicted.mean).any(axis=0)
+    if not alone.any():
+        return predicted_innovation(model, predicted, z, k)
+    known = Gaussian(predicted.mean, np.where(alone, 0.0, predicted.cov))
+    innovation = predicted_innovation(model, known, z, k)
+    return innovation._replace(S=np.where(alone, np.nan, innovation.S))
 
 
 def _copy(estimate: Gaussian) -> Gaussian:

@@ -2,10 +2,12 @@
 
 import os
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from math import ceil
+from pathlib import Path
 from typing import TypeAlias
 
 from trackbench.config.experiment import Experiment, Point, Settings
@@ -174,9 +176,39 @@ if sys.platform == "win32":
 
 else:
 
+    @cache
     def memory() -> int:
-        """Return the bytes of memory that the machine has."""
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+        """Return the bytes of memory that the machine has, or the container if it may use less."""
+        of_machine = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+        return min(
+            [of_machine, *container_limits(Path("/proc/self/cgroup"), Path("/sys/fs/cgroup"))]
+        )
+
+
+def container_limits(groups: Path, root: Path) -> Iterator[int]:
+    """Yield the limits of memory, in bytes, of this process's control groups and of those around them.
+
+    ``groups`` lists them as ``0::/docker/1a`` (version 2) or ``4:memory:/docker/1a`` (version 1), and
+    ``root`` has their files. A container often has the file of its own group at the root.
+    """
+    try:
+        lines = groups.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError):
+        return
+    for line in lines:
+        _, controllers, path = (*line.split(":", 2), "", "")[:3]
+        if controllers == "":
+            home, name = root, "memory.max"
+        elif "memory" in controllers.split(","):
+            home, name = root / "memory", "memory.limit_in_bytes"
+        else:
+            continue
+        group = home / path.lstrip("/")
+        for folder in (group, *group.parents):
+            if not folder.is_relative_to(home):
+                break
+            with suppress(OSError, ValueError):  # no file, or `max`: no limit
+                yield int((folder / name).read_text())
 
 
 def check_memory(experiment: Experiment, save_tracks: bool = False) -> None:

@@ -40,10 +40,11 @@ class CMKF(GaussianFilter):
         return super().conflicts(scenario) | ({} if self.robust is None else {"robust": what})
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
-        """Report ``start`` as idle if there are no two scans to convert."""
+        """Report also ``start`` as idle if there are no two scans to convert."""
+        idle = super().idle_keys(scenario)
         if issubclass(scenario.prior_type, Convertible):
-            return {}
-        return {"start": "as this scenario does not start from two scans of a radar"}
+            return idle
+        return idle | {"start": "as this scenario does not start from two scans of a radar"}
 
     def initialize(self, model: Model, prior: Distribution) -> Gaussian:
         """Difference two converted scans; without scans start from the prior's moments."""

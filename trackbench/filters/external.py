@@ -14,6 +14,7 @@ can be filtered on from any step: a program that is elsewhere begins the run aga
 
 import hashlib
 import json
+import os
 import shutil
 import threading
 from collections import OrderedDict
@@ -24,17 +25,19 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 from annotated_types import Interval
-from numpy.random import Generator
+from numpy.random import SFC64, Generator
 
 from trackbench.core.angles import wrap_angle
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.random_streams import run_seeds
+from trackbench.errors import counted
 from trackbench.extension_points import field_values
 from trackbench.field_types import (
     DataFile,
     InvalidKeyError,
     ProgramWord,
+    VariableName,
     freeze_mappings,
     require_regular_file,
 )
@@ -47,6 +50,11 @@ from trackbench.models.sensors.base import SensorBase, StackedSensor
 from trackbench.registry import register
 
 _ASYMMETRY = 1e-7  # largest difference of two correlations that should be equal
+_LEAST_NUMBERS = 10  # from which digits are counted
+_MOST_DIGITS = 9  # of numbers that are printed short: those of float32 have 9
+_MOST_DECIMALS = 8
+_NEARLY_WHOLE = 1e-6
+_PROBED_STEPS = 30
 _SHORT = 100  # steps that a program repeats, in place of another program
 _POOLS = 4  # filters whose programs stay ready in a thread
 
@@ -111,7 +119,10 @@ class External(Filter[ProgramState]):
     """seconds that an answer may take"""
 
     files: tuple[DataFile, ...] = ()
-    """further files on which the estimates depend, such as the program's source"""
+    """further files and folders on which the estimates depend, such as the program's source"""
+
+    environment: tuple[VariableName, ...] = ()
+    """environment variables that the program reads; cached blocks depend on their values"""
 
     copies: Annotated[int, Interval(ge=1, le=1000)] = 8
     """programs that a worker may run side by side, each for one run at a time"""
@@ -129,15 +140,18 @@ class External(Filter[ProgramState]):
             raise InvalidKeyError(what, "command", 0)
         for i, file in enumerate(self.files):
             try:
-                require_regular_file(file)
+                _files_below(file)
             except OSError as error:
                 raise InvalidKeyError(f"{file}: {error.strerror}", "files", i) from None
         # What was read makes the numbers: the program may be built anew before it runs.
         object.__setattr__(self, "_content", self.digests())
 
     def digests(self) -> tuple[tuple[str, str], ...]:
-        """Digest the words of the command and the files as they are now."""
-        return tuple((word, _digest(word)) for word in (*self.command, *self.files))
+        """Digest the words of the command, the files and the variables as they are now."""
+        words = [(word, _digest(word)) for word in self.command]
+        files = [(file, _digest_below(file)) for file in self.files]
+        variables = [(name, _digest_of_variable(name)) for name in self.environment]
+        return (*words, *files, *variables)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, External) and self._identity == other._identity
@@ -153,6 +167,19 @@ class External(Filter[ProgramState]):
     def contents(self) -> dict[str, str]:
         """Digests of the command's words and the files, as they were when the config was read."""
         return dict(self.__dict__["_content"])
+
+    def few_digits(self, model: Model, prior: Distribution, z: Array, k: int) -> str:
+        """Describe answers to z (n_z, T, M) from step k on if they have few digits.
+
+        An empty text stands for answers with all digits, and for a program that fails.
+        """
+        try:
+            state = self.init(model, prior, Generator(SFC64(1)))
+            steps = self.all_steps(model, state, z[:, :_PROBED_STEPS], k)
+        except WrongReturnError:
+            return ""
+        estimate = steps.estimate
+        return few_digits(np.concatenate([estimate.mean.ravel(), estimate.cov.ravel()]))
 
     def cautions(self, scenario: Scene) -> list[str]:
         """Note how far its numbers are reproducible."""
@@ -233,13 +260,46 @@ class External(Filter[ProgramState]):
 
 
 def _digest(word: str) -> str:
-    """Digest a file, a program that is found on the PATH, or a word that is neither."""
+    """Digest a word: a file, a program that is found on the PATH, ``--key=file``, or a text."""
     path = Path(shutil.which(word) or word)
+    value = Path(word.partition("=")[2])
     try:
-        content = path.read_bytes() if path.is_file() else word.encode()
+        if path.is_file():
+            content = path.read_bytes()
+        elif "=" in word and value.is_file():
+            content = word.encode() + b"\0" + value.read_bytes()
+        else:
+            content = word.encode()
     except OSError as error:
         raise InvalidKeyError(f"{word}: {error.strerror}") from None
     return hashlib.sha256(content).hexdigest()
+
+
+def _files_below(path: str) -> list[Path]:
+    """List a file, or all files in a folder; raises OSError for one that cannot be read."""
+    if not os.path.isdir(path):
+        return [require_regular_file(path)]
+    return sorted(file for file in Path(path).rglob("*") if file.is_file())
+
+
+def _digest_below(path: str) -> str:
+    """Digest a file's content, or the names and contents of all files in a folder."""
+    try:
+        if not os.path.isdir(path):
+            return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+        total = hashlib.sha256()
+        for file in _files_below(path):
+            content = hashlib.sha256(file.read_bytes()).hexdigest()
+            total.update(f"{file.relative_to(path).as_posix()}\0{content}\0".encode())
+    except OSError as error:
+        raise InvalidKeyError(f"{path}: {error.strerror}", "files") from None
+    return total.hexdigest()
+
+
+def _digest_of_variable(name: str) -> str:
+    """Digest the value of an environment variable, which may be secret."""
+    value = os.environ.get(name)
+    return "unset" if value is None else hashlib.sha256(value.encode()).hexdigest()
 
 
 def _step_lines(model: Model, before: _Line, z: Array, k: int) -> Iterator[_Line]:
@@ -277,14 +337,58 @@ def _numbers(answers: Sequence[str], n: int) -> Array:
         i, word = next(_words(answers))
         raise ProgramError(f"the program answers {word[:60]!r}, which is no number", i) from None
     if size > n:
-        P = numbers[:, n:].reshape(-1, n, n)
+        _check_symmetric(numbers[:, n:].reshape(-1, n, n))
+    return numbers
+
+
+def _check_symmetric(P: Array) -> None:
+    """Raise ProgramError unless covariances (T, n, n) are symmetric, up to rounding.
+
+    A NaN or an infinity has its like across the diagonal.
+    """
+    across = P.swapaxes(1, 2)
+    with np.errstate(invalid="ignore"):
         sd = np.sqrt(np.abs(np.diagonal(P, axis1=1, axis2=2)))
         limit = _ASYMMETRY * sd[:, :, None] * sd[:, None]
-        asymmetric = (np.abs(P - P.swapaxes(1, 2)) > limit).any(axis=(1, 2))
-        if asymmetric.any():
-            what = "the program answers a covariance that is not symmetric"
-            raise ProgramError(what, int(asymmetric.argmax()))
-    return numbers
+        # Without finite variances a difference counts relative to the two numbers.
+        of_two = _ASYMMETRY * np.maximum(np.abs(P), np.abs(across))
+        limit = np.where(np.isfinite(limit), limit, of_two)
+        differs = np.abs(P - across) > limit
+    is_number = np.isfinite(P) & np.isfinite(across)
+    is_alike = (np.isnan(P) & np.isnan(across)) | (across == P)
+    wrong = np.where(is_number, differs, ~is_alike)
+    if wrong.any():
+        i, row, column = (int(k) for k in np.argwhere(wrong)[0])
+        numbers = f"{P[i, row, column]:.6g} and {P[i, column, row]:.6g}"
+        where = f"row {row + 1}, column {column + 1} and its mirror image"
+        what = f"the program answers a covariance that is not symmetric: {where} are {numbers}"
+        raise ProgramError(what, i)
+
+
+def few_digits(numbers: Array) -> str:
+    """Describe numbers that are all printed with few digits; an empty text if they are not.
+
+    A number of 17 digits is a short one by chance with a probability below 1e-5.
+    """
+    x = numbers[np.isfinite(numbers) & (numbers != 0.0)]
+    if len(x) < _LEAST_NUMBERS:
+        return ""
+    exponent = np.floor(np.log10(np.abs(x)))
+    for digits in range(1, _MOST_DIGITS + 1):
+        # 123456.0 of 6 digits: the number without its decimal point and its power of ten.
+        whole = x / 10.0 ** (exponent - digits + 1)
+        if (np.abs(whole - np.rint(whole)) < _NEARLY_WHOLE).all():
+            return f"at most {counted(digits, 'digit')}"
+    for decimals in range(1, _MOST_DECIMALS + 1):
+        whole = x * 10.0**decimals
+        is_small = np.abs(whole) < 10.0**_MOST_DIGITS
+        is_whole = np.abs(whole - np.rint(whole)) < _NEARLY_WHOLE
+        if is_small.sum() >= _LEAST_NUMBERS and is_whole[is_small].all():
+            return f"at most {counted(decimals, 'decimal')}"
+    return ""
+
+
+PRINT_ALL_DIGITS = "print 17 digits, as by `%.17g`, or in C++ `std::cout.precision(17)`"
 
 
 def _compare(again: Array, state: ProgramState, run: int) -> None:
@@ -300,7 +404,10 @@ def _compare(again: Array, state: ProgramState, run: int) -> None:
 
 def _stamps(tracker: External) -> list[tuple[int, ...]]:
     """Note times and sizes of the files of a program, to notice a change while it runs."""
-    paths = (Path(shutil.which(word) or word) for word in (*tracker.command, *tracker.files))
+    paths = [Path(shutil.which(word) or word) for word in tracker.command]
+    paths += [Path(word.partition("=")[2]) for word in tracker.command if "=" in word]
+    for file in tracker.files:
+        paths += [Path(file), *_files_below(file)]
     stats = [path.stat() for path in paths if path.is_file()]
     return [(stat.st_ino, stat.st_size, stat.st_mtime_ns) for stat in stats]
 

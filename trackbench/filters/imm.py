@@ -26,7 +26,7 @@ from trackbench.field_types import InvalidKeyError, Registered
 from trackbench.filters.base import FixedLag, SmoothingFilter
 from trackbench.filters.ekf import EKF
 from trackbench.filters.jump_markov import JumpMarkov, shared_components
-from trackbench.filters.kf import GaussianFilter, number_of_refused, of_refusals, refused_components
+from trackbench.filters.kf import GaussianFilter, of_refusals
 from trackbench.models.base import Model, Scene, angle_rows, extra_std
 from trackbench.models.priors import augment_gaussian
 from trackbench.registry import register
@@ -87,7 +87,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
     spread about the mixed mean is left out by zero-mean, as the EKF/UKF Toolbox does"""
     filter: Annotated[GaussianFilter, Registered("filters")] = _EKF
     """filter of each model: ekf, ukf, {kind: cmkf, conversion: mucm}; for a linear model ekf is the
-    Kalman filter. Its `gate` refuses a sensor's measurement that is outside the gates of all models"""
+    Kalman filter. Its `gate` refuses a measurement that is outside the gates of all models"""
     smooth: bool | FixedLag = False
     """estimate each step from all measurements of the run, or from so many later ones: {lag: 5}"""
     contract_exemptions: ClassVar[dict[str, str]] = {"kalman": "has motions of its own"}
@@ -125,6 +125,10 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         shared = set(first).intersection(*others)
         of_all = {f"filter.{key}": why for key, why in first.items() if key in shared}
         return super().idle_keys(scenario) | of_all
+
+    def cautions(self, scenario: Scene) -> list[str]:
+        """Return the notes on the models' filter."""
+        return self.filter.cautions(scenario)
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> ModelBank:
         """Start every model from the prior."""
@@ -166,7 +170,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         if self.filter.gate is not None:
             # Leave out what every model's gate refuses; without any other measurement predict only.
             by_model = [
-                refused_components(self.filter.gate, model.sensor, z, innovation, nis_of_model)
+                self.filter.refused_components(model.sensor, z, innovation, nis_of_model)
                 for innovation, nis_of_model in zip(innovations, nis, strict=True)
             ]
             refused = np.logical_and.reduce(by_model)
@@ -201,7 +205,8 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         if self.filter.robust is not None:
             mean = total(predicted * np.stack(sensor_weights), axis=0)
             bank = bank._replace(measurement_weight=mean)
-        return bank._replace(refused=refused, gated=number_of_refused(model.sensor, refused))
+        gated = self.filter.number_of_refused(model.sensor, refused)
+        return bank._replace(refused=refused, gated=gated)
 
     def refused(self, state: ModelBank) -> Mask | None:
         """Return the components (n_z, M) that the gates of all models refused."""

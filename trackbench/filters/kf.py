@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cache
-from typing import Annotated, ClassVar, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal, NamedTuple, cast
 
 import numpy as np
 from annotated_types import Ge, Interval
@@ -34,6 +34,7 @@ from trackbench.models.gaussian_steps import (
 )
 from trackbench.models.motions.kinematic import Linear
 from trackbench.models.priors import Convertible
+from trackbench.models.sensors.base import ScaledNoise, Sensors, sensors_of
 from trackbench.models.sensors.position import LinearSensor
 from trackbench.registry import register
 
@@ -67,8 +68,10 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
     """Base of the filters with one Gaussian: each defines `update`, which an IMM calls as well."""
 
     gate: OpenShare | None = None
-    """refuse a measurement whose NIS is beyond this quantile of its chi-square law, such as 0.999; each
-    sensor's measurement has a NIS and a gate of its own"""
+    """refuse a measurement whose NIS is beyond this quantile of its chi-square law, such as 0.999"""
+
+    gate_by: Literal["measurement", "sensor"] = "measurement"
+    """one gate for the measurement of all sensors at a step, or one for each sensor's measurement"""
 
     robust: AnyRobust | None = None
     """weights of the sensors, less for an outlier: {kind: huber, k: 1.5}, {kind: student-t, df: 4}"""
@@ -154,7 +157,7 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
             innovation = innovation._replace(predicted=None)  # all states stay in memory
         if self.gate is None:
             return Tracked(posterior, nis, innovation, weight=weight)
-        refused = refused_components(self.gate, model.sensor, z, innovation, nis)
+        refused = self.refused_components(model.sensor, z, innovation, nis)
         # Update again with the refused measurements as missing: without any other, predict only.
         if refused.any():
             used = np.where(refused, np.nan, z)
@@ -166,13 +169,55 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
             nis=nis,
             innovation=innovation,
             refused=refused,
-            gated=number_of_refused(model.sensor, refused),
+            gated=self.number_of_refused(model.sensor, refused),
             weight=weight,
         )
 
     def refused(self, state: Tracked) -> Mask | None:
         """Return the components (n_z, M) that the gates refused."""
         return state.refused
+
+    def refused_components(
+        self, sensor: Sensor, z: Array, innovation: Innovation, nis: Array
+    ) -> Mask:
+        """Return the components of z (n_z, M) beyond their gates, by the innovation and its NIS (M,).
+
+        The gate of one sensor judges the NIS of its own innovation, ``nu_s' S_ss^-1 nu_s``. The limit
+        depends on the number of measured components.
+        """
+        assert self.gate is not None
+        nu, S, limits = innovation.nu, innovation.S, gate_limits(self.gate, len(z))
+        measured, sensors = ~np.isnan(nu), blocks(sensor)
+        if self.gate_by == "measurement" or len(sensors) == 1:
+            beyond = nis > limits[measured.sum(axis=0)]
+            return np.asarray(beyond & ~np.isnan(z))
+        refused = np.zeros(z.shape, dtype=np.bool_)
+        for rows in sensors:
+            nis_of_sensor = Innovation(nu[rows], S[rows, rows]).nis
+            refused[rows] = nis_of_sensor > limits[measured[rows].sum(axis=0)]
+        return refused & ~np.isnan(z)
+
+    def number_of_refused(self, sensor: Sensor, refused: Mask) -> Array:
+        """Count the measurements (M,) whose components (n_z, M) are refused, as `gate_by` takes them."""
+        if self.gate_by == "measurement":
+            return np.asarray(refused.any(axis=0), dtype=float)
+        count = np.zeros(refused.shape[1])
+        for rows in blocks(sensor):
+            count += refused[rows].any(axis=0)
+        return count
+
+    def idle_keys(self, scenario: Scene) -> dict[str, str]:
+        """Report ``gate_by`` as idle without a gate, and with one sensor."""
+        if self.gate is None:
+            return {"gate_by": "without `gate`"}
+        return {} if len(blocks(scenario.model.sensor)) > 1 else {"gate_by": "with one sensor"}
+
+    def cautions(self, scenario: Scene) -> list[str]:
+        """Note that one gate judges the measurements of several sensors at a step together."""
+        if self.gate is None or self.gate_by == "sensor" or not _measure_together(scenario):
+            return []
+        what = "one gate judges all sensors of a step, so that a bad one costs the others"
+        return [f"{what}; `gate_by: sensor` gives each sensor a gate of its own"]
 
     def prepared(self, state: Gaussian) -> Gaussian:
         """Prepare a posterior for the next prediction: N(m, a^2 P), with its factor if needed."""
@@ -218,6 +263,17 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
         return {"nis": state.nis} | of_refusals(self, state.nis, state.gated, state.weight)
 
 
+def _measure_together(scenario: Scene) -> bool:
+    """Test whether two of the scenario's sensors measure at one step, by their periods."""
+    sensor = scenario.model.sensor
+    while isinstance(sensor, ScaledNoise):
+        sensor = sensor.sensor
+    due = np.zeros(len(scenario.steps) - 1)
+    for one in sensors_of(cast(Sensors, sensor)):
+        due += (scenario.steps[1:] - one.offset) % one.period == 0
+    return bool((due > 1).any())
+
+
 def _redundant_component(scenario: Scene) -> str | None:
     """Name a measured component that follows from others in a linear model with constant noise."""
     motion, sensor = scenario.model
@@ -246,31 +302,6 @@ def of_refusals(
     if tracker.robust is not None:
         out["measurement_weight"] = nis if weight is None else weight
     return out
-
-
-def refused_components(
-    gate: float, sensor: Sensor, z: Array, innovation: Innovation, nis: Array
-) -> Mask:
-    """Return the components of z (n_z, M) beyond their gates, by the innovation and the NIS of all.
-
-    Each sensor's measurement has the gate of the NIS of its own innovation, ``nu_s' S_ss^-1 nu_s``, and
-    the limit depends on the number of measured components.
-    """
-    nu, S, sensors = innovation.nu, innovation.S, blocks(sensor)
-    measured, limits = ~np.isnan(nu), gate_limits(gate, len(z))
-    beyond = np.zeros(z.shape, dtype=np.bool_)
-    for rows in sensors:
-        nis_of_sensor = nis if len(sensors) == 1 else Innovation(nu[rows], S[rows, rows]).nis
-        beyond[rows] = nis_of_sensor > limits[measured[rows].sum(axis=0)]
-    return beyond & ~np.isnan(z)
-
-
-def number_of_refused(sensor: Sensor, refused: Mask) -> Array:
-    """Count the sensors (M,) whose measurements are refused, by components (n_z, M)."""
-    count = np.zeros(refused.shape[1])
-    for rows in blocks(sensor):
-        count += refused[rows].any(axis=0)
-    return count
 
 
 @cache
@@ -313,8 +344,8 @@ class NonlinearFilter(GaussianFilter):
         return out
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
-        """Report ``noise_mean`` as idle if the process noise is normal."""
-        return idle_noise_mean(scenario)
+        """Report also ``noise_mean`` as idle if the process noise is normal."""
+        return super().idle_keys(scenario) | idle_noise_mean(scenario)
 
     def initialize(self, model: Model, prior: Distribution) -> Gaussian:
         """Start from the prior's moments, or from those of two-point differencing."""

@@ -20,6 +20,8 @@ from typing import IO, cast
 PROTOCOL = 1
 _CHUNK = 1 << 16
 _LONGEST = 1 << 20  # bytes of an answer
+_KEPT_ERRORS = 1 << 16  # bytes, the last ones that a program writes on stderr
+_LONGEST_REASON = 500  # characters of a reason that a program gives
 _END_S = 2.0
 """Seconds that programs may take to end after the line ``end``."""
 _GUARD = ("sh", "-c", 'read line; kill -9 "-$1"', "guard")
@@ -66,10 +68,12 @@ class Program:
         os.set_blocking(self._stdin.fileno(), False)
         os.set_blocking(self._stdout.fileno(), False)
         _running.add(self)
-        word, _, text = self.exchange([hello])[0].partition(" ")
+        # A line may end as on Windows.
+        word, _, text = self.exchange([hello])[0].removesuffix("\r").partition(" ")
         if word == "error":
             self.kill()
-            raise ProgramError(f"the program refuses this problem: {text or 'without a reason'}")
+            reason = _cut(text, _LONGEST_REASON) if text.strip() else "without a reason"
+            raise ProgramError(f"the program refuses this problem: {reason}")
         if word != "ready" or text:
             raise self._broken(f"answers {_shown(f'{word} {text}')} at its start, not `ready`", 0)
         self._start_s = self._clock()
@@ -173,8 +177,9 @@ class Program:
         self._stdin.close()
         self._stdout.close()
         if not self._errors.closed:
-            self._errors.seek(0)
-            text = self._errors.read().decode(errors="replace")
+            size = self._errors.seek(0, os.SEEK_END)
+            self._errors.seek(max(0, size - _KEPT_ERRORS))
+            text = self._errors.read(_KEPT_ERRORS).decode(errors="replace")
             self._error_lines = [line for line in text.splitlines() if line.strip()]
             self._errors.close()
 
@@ -208,5 +213,10 @@ Finalize(None, end_all, exitpriority=0)  # at the end of this process, a worker'
 
 
 def _shown(text: str) -> str:
+    return repr(_cut(text, 80))
+
+
+def _cut(text: str, most: int) -> str:
+    """Write a text in one line of at most so many characters."""
     text = " ".join(text.split())
-    return repr(text if len(text) <= 80 else f"{text[:77]}...")
+    return text if len(text) <= most else f"{text[: most - 3]}..."

@@ -157,9 +157,9 @@ def extra_std(motion: SampledMotion) -> tuple[float, ...]:
 def angle_rows(motion: SampledMotion) -> tuple[int, ...]:
     """Return the rows of the state that are angles, rad: whole turns are no difference.
 
-    A motion that has angles has an attribute of this name.
+    A motion that has angles has an attribute `rows_of_angles`.
     """
-    return getattr(motion, "angle_rows", ())
+    return getattr(motion, "rows_of_angles", ())
 
 
 def append_noise(x: Array, std: tuple[float, ...], rng: Streams) -> Array:

@@ -74,15 +74,15 @@ class PointFacts:
     def accepted_nis(self, label: str) -> AcceptedNis | None:
         """Return the law of the NIS of what a filter's gate accepts; None without a gate."""
         keys = self.filters.get(label, {})
-        inner = keys.get("filter")
-        gate = inner.get("gate") if isinstance(inner, dict) else keys.get("gate")
+        keys = keys["filter"] if isinstance(keys.get("filter"), dict) else keys
+        gate = keys.get("gate")
         if not isinstance(gate, float) or not 0.0 < gate < 1.0 or not self.measured:
             return None
         sizes = [len(self.measured)]
         if isinstance(self.scenario.get("sensor"), list):
             # Components of several sensors begin with the sensor's number.
             sizes = [*Counter(name.partition(".")[0] for name in self.measured).values()]
-        return AcceptedNis(gate, tuple(sizes))
+        return AcceptedNis(gate, tuple(sizes), each=keys.get("gate_by") == "sensor")
 
     def component(self, c: int) -> tuple[str, str]:
         """Name component c of the truth, and its unit; empty where none is known."""

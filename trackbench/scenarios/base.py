@@ -146,6 +146,11 @@ class Scenario(Scene):
         return ()
 
     @property
+    def bound_caution(self) -> str:
+        """Reason to doubt `bounds`; empty if there is none."""
+        return ""
+
+    @property
     def why_no_bound(self) -> str | None:
         """Reason why `bounds` is invalid; None if it is valid."""
         return "" if type(self).bounds is Scenario.bounds else None

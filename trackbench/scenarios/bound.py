@@ -24,6 +24,8 @@ from trackbench.scenarios.starts.base import Start
 
 BATCHES, _PATHS, _SCORED = 10, 1000, 100
 """Independent batches, paths of each, and paths along which a covariance becomes errors."""
+_FEW, _MOST_OF_FEW = 10, 0.1
+"""Paths that may not carry more than this share of the mean information."""
 Squares = Callable[[Array, Array], dict[str, Array]]
 """Mean squared errors (K,) by quantity, of covariances (n, n, K) at states (n, K)."""
 
@@ -33,6 +35,8 @@ class Bound(NamedTuple):
 
     whole: dict[str, Array]
     without_batch: tuple[dict[str, Array], ...] = ()
+    caution: str = ""
+    """reason why the mean information may be wrong"""
 
 
 class Course(NamedTuple):
@@ -96,6 +100,7 @@ def over_paths(course: Course, first: Callable[[int, Streams], Array]) -> Bound 
     if not Q.any() and (start == start[:, :1]).all():
         return None
     scored = [start[:, :_SCORED]]
+    largest = _LargestShare()
 
     def gained() -> Iterator[Array]:
         """Yield the mean information (n, n, 1 + BATCHES) of each step: of all batches, without each."""
@@ -105,6 +110,7 @@ def over_paths(course: Course, first: Callable[[int, Streams], Array]) -> Bound 
             scored.append(x[:n, :_SCORED])
             information = with_trailing(course.sensor.information(x[:n], k), 1, leading=2)
             of_path = np.broadcast_to(information, (n, n, BATCHES * _PATHS))
+            largest.add(of_path, k)
             batches = mean(of_path.reshape(n, n, BATCHES, _PATHS))
             whole = total(batches)[..., None]
             yield np.concatenate([whole / BATCHES, (whole - batches) / (BATCHES - 1)], axis=-1)
@@ -113,7 +119,38 @@ def over_paths(course: Course, first: Callable[[int, Streams], Array]) -> Bound 
     P = posterior_cramer_rao(initial, F[:n, :n], Q[:n, :n], gained())
     paths = np.stack(scored, axis=1)
     bounds = [_mean_squares(course.squares, P[:, :, i], paths) for i in range(1 + BATCHES)]
-    return Bound(_roots(bounds[0]), tuple(map(_roots, bounds[1:])))
+    return Bound(_roots(bounds[0]), tuple(map(_roots, bounds[1:])), largest.caution)
+
+
+class _LargestShare:
+    """Largest share of a step's mean information that comes from a few paths.
+
+    Where the information has no mean, as that of a bearing at r = 0 in the plane, E[1 / r^2], the mean
+    over more paths grows without end, and a few paths carry a large share of it.
+    """
+
+    def __init__(self) -> None:
+        self._share, self._step = 0.0, 0
+
+    def add(self, information: Array, k: int) -> None:
+        """Add the information (n, n, N) of N paths at step k."""
+        for row in linalg.diagonal(information):
+            whole = float(total(row))
+            if whole > 0.0:
+                share = float(total(np.partition(row, -_FEW)[-_FEW:])) / whole
+                if share > self._share:
+                    self._share, self._step = share, k
+
+    @property
+    def caution(self) -> str:
+        """Reason to doubt the mean; empty if there is none."""
+        if self._share < _MOST_OF_FEW:
+            return ""
+        return (
+            f"{_FEW} of {BATCHES * _PATHS} simulated paths carry {self._share:.0%} of the information "
+            f"of step {self._step}: its mean may not exist, as where a target may pass over a sensor, "
+            "and the bound changes with the number of paths"
+        )
 
 
 def _mean_squares(squares: Squares, P: Array, paths: Array) -> dict[str, Array]:
@@ -129,8 +166,10 @@ def _roots(squares: dict[str, Array]) -> dict[str, Array]:
     return {name: np.sqrt(square) for name, square in squares.items()}
 
 
-def why_no_bound_of(sensor: Sensors, start: Start) -> str | None:
+def why_no_bound_of(sensor: Sensors, start: Start, n_x: int) -> str | None:
     """Explain why sensors or start have no bound; None if they have one.
+
+    ``n_x`` is the number of components of the state.
 
     The bound of measurements on time is one of late measurements, too.
     """
@@ -139,6 +178,11 @@ def why_no_bound_of(sensor: Sensors, start: Start) -> str | None:
         return "the bound is of normal errors without a bias"
     if any(s.has_noise_of_state for s in sensors):
         return "the covariance of the noise depends on the state"
+    state = np.ones((n_x, 1))
+    with np.errstate(all="ignore"):
+        covariances = [s.measurement(state, 1).cov for s in sensors]
+    if any(R.ndim == 2 and linalg.is_singular(R) for R in covariances):
+        return "a component of the measurement has no noise (R is singular)"
     if start.prior_type(sensor) is PointMass:
         return "the first state is known"
     if type(start).bound is Start.bound:

@@ -341,7 +341,9 @@ class Tracking(Scenario):
             return "the bound is of a sensor without faults"
         if not has_bound(self._motion):
             return "the target's motion is not x' = F x + b with constant F and Q"
-        return why_no_bound_of(self.true_sensor, self._start) or self.target.why_no_bound
+        n_x = len(self.components)
+        why = why_no_bound_of(self.true_sensor, self._start, n_x)
+        return why or self.target.why_no_bound
 
     @cached_property
     def _bound(self) -> Bound:
@@ -366,6 +368,11 @@ class Tracking(Scenario):
         """Return the posterior Cramer-Rao bound on every RMSE (K,)."""
         return self._bound.whole
 
+    @property
+    def bound_caution(self) -> str:
+        """Reason to doubt `bounds`: a few simulated paths carry much of the information."""
+        return self._bound.caution
+
     def bounds_without_batch(self) -> tuple[dict[str, Array], ...]:
         """Return `bounds` by all batches of simulated paths but one; nothing without simulation."""
         return self._bound.without_batch
@@ -388,8 +395,8 @@ class Tracking(Scenario):
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """Notes on changes to the target's data."""
-        return self.target.notices
+        """Notes on changes to the target's data, and on its unexpected keys."""
+        return (*self.target.notices, *self.target.cautions(self._timeline))
 
     def run_metrics(self, values: Mapping[str, Array]) -> dict[str, Array]:
         """Return ``diverged`` (M,), see `score.diverged`; then the target's own numbers per run."""

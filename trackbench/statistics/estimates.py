@@ -254,9 +254,9 @@ class OfSteps(RunEstimate):
         return series_mean(self.influences + (self.value - target)).z
 
     def interval(self, level: float = 0.95, other: float = 0.0) -> tuple[float, float]:
-        """Return the confidence interval of the steps' mean, by Student's t."""
+        """Return the confidence interval of the steps' mean."""
         assert self.influences is not None
-        width = quantile(level, series_mean(self.influences).freedom) * self.stderr
+        width = series_mean(self.influences).half_width(level)
         return self.value - width, self.value + width
 
 
@@ -320,7 +320,10 @@ def ratio_interval(a: RunEstimate, b: RunEstimate, level: float = 0.95) -> tuple
 def _less_multiple(a: RunEstimate, b: RunEstimate, r: float) -> RunEstimate:
     """Return ``a - r b``, paired by runs or steps."""
     if isinstance(a, OfSteps) and isinstance(b, OfSteps):
-        return a.minus(b, r)
+        assert a.influences is not None
+        assert b.influences is not None
+        # Its test needs no standard error, which would have to be searched.
+        return OfSteps(a.value - r * b.value, np.nan, a.influences - r * b.influences, 1)
     return linear_combination(a.value - r * b.value, a, b, 1.0, -r)
 
 

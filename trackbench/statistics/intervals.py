@@ -268,33 +268,47 @@ class AcceptedNis:
 
     A gate at the quantile q of the chi-square law F_n cuts its tail off. The rest has the mean
     ``n F_{n+2}(q) / F_n(q)`` and the mean square ``n (n + 2) F_{n+4}(q) / F_n(q)`` (Johnson, Kotz &
-    Balakrishnan 1994, chapter 18). Several sensors have a gate each. If they measure at one time, their
-    innovations depend on each other, and the mean is between that of the sensors' laws and 1.
+    Balakrishnan 1994, chapter 18). Of several sensors any may measure at a step. One gate then has the
+    law of one to all of them. With a gate each, sensors that measure together have innovations that
+    depend on each other, and the mean is between that of the sensors' laws and 1.
     """
 
     gate: float
     """probability of a good measurement within the gate"""
     sizes: tuple[int, ...]
     """number of components of each sensor's measurement"""
+    each: bool = False
+    """each sensor has a gate of its own"""
 
     @property
     def mean(self) -> tuple[float, float]:
         """Least and largest mean of a consistent filter: equal for one sensor."""
-        least = min(self._moments(n)[0] for n in self.sizes)
-        return least, least if len(self.sizes) == 1 else 1.0
+        means = [self._moments(n)[0] for n in self._numbers]
+        return min(means), 1.0 if self._may_be_whole else max(means)
 
     def band(self, components: float, level: float = 0.95) -> tuple[float, float]:
         """Return the band of a mean over so many components, as `anees_band` without a gate."""
-        lowest = []
-        for n in self.sizes:
+        lows, highs = [], []
+        for n in self._numbers:
             # A chi-square over its degrees of freedom, times a factor, with the mean's two moments.
             mean, variance = self._moments(n)
             freedom = 2.0 * mean * mean * components / (n * variance)
             low, high = anees_band(1, freedom, level)
-            lowest.append(mean * low)
-            if len(self.sizes) == 1:
-                return mean * low, mean * high
-        return min(lowest), anees_band(1, components, level)[1]
+            lows.append(mean * low)
+            highs.append(mean * high)
+        if self._may_be_whole:
+            highs.append(anees_band(1, components, level)[1])
+        return min(lows), max(highs)
+
+    @property
+    def _numbers(self) -> set[int]:
+        """Numbers of components that one gate may judge: of the smallest to all sensors."""
+        return {*self.sizes} if self.each else {*self.sizes, sum(self.sizes)}
+
+    @property
+    def _may_be_whole(self) -> bool:
+        """True if the mean may be 1, of sensors with a gate each that measure together."""
+        return self.each and len(self.sizes) > 1
 
     def _moments(self, n: int) -> tuple[float, float]:
         """Return mean and variance of an accepted measurement's NIS over its n components."""
@@ -317,6 +331,13 @@ def normal_of_t(t: float, freedom: float) -> float:
     # z = (8 f + 1) / (8 f + 3) sqrt(f log(1 + t^2 / f))
     z = np.sqrt(freedom * log(1.0 + t * t / freedom)) * (8.0 * freedom + 1.0)
     return float(np.copysign(z / (8.0 * freedom + 3.0), t))
+
+
+@np.errstate(all="ignore")
+def normals_of_t(t: Array, freedom: float) -> Array:
+    """Return `normal_of_t` of values (n,) that are not negative."""
+    z = np.sqrt(freedom * log(1.0 + t * t / freedom)) * (8.0 * freedom + 1.0)
+    return np.asarray(z / (8.0 * freedom + 3.0))
 
 
 @np.errstate(all="ignore")

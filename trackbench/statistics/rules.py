@@ -106,6 +106,12 @@ def adjusted(zs: Sequence[float], tests: int = 0) -> Array:
     return holm(np.array([two_sided(z) for z in zs], dtype=float), tests)
 
 
+def signs(zs: Sequence[float]) -> list[int]:
+    """Return the signs of significant differences of a family, 0 of any other, by Holm at `LEVEL`."""
+    pairs = zip(zs, adjusted(zs), strict=True)
+    return [int(copysign(1.0, z)) if p < LEVEL else 0 for z, p in pairs]
+
+
 def beyond(zs: Sequence[float], sigmas: float) -> tuple[Array, list[int]]:
     """Return p-values (n,) of "larger" by Holm, and the signs of what lies beyond the normal tail.
 

@@ -2,39 +2,104 @@
 
 Two filters on one recording are compared by the differences of a number step by step (Diebold and
 Mariano 1995, J. Business Econ. Stat. 13, 253). Neighboring differences are alike, so that their spread
-over the square root of their number is too small an error. Here the long-run variance is the mean of
-the first ``nu`` squared cosine weights of the differences, which are nearly independent and equally
-large (Lazarus, Lewis, Stock and Watson 2018, J. Business Econ. Stat. 36, 541), after an autoregression
-of first order (Andrews and Monahan 1992, Econometrica 60, 953); the mean over its error then has
-Student's t with nu degrees of freedom. ``docs/statistics.md`` has the levels that simulations gave.
+over the square root of their number is too small an error. The differences may also have a slow part,
+which the autocorrelation of neighbors does not show, below white noise.
+
+The mean and the lowest cosine weights of the differences are nearly independent, and their variances
+are the spectrum at low frequencies (Mueller and Watson 2008, Econometrica 76, 979). The spectrum at
+frequency zero, which is the variance of the mean, is extrapolated from them by a set of models: white
+noise plus an autoregression of first order, with many coefficients and shares of the variance. Each
+model gives the mean a Student's t distribution. They are weighed by the likelihood of the cosine
+weights, so that the tail probability of the mean counts every slow part that the differences could
+have without showing it. ``docs/statistics.md`` has the levels and the power that simulations gave.
 """
 
 from functools import lru_cache
-from math import ceil, pi, sqrt
+from math import ceil, copysign, inf, isfinite, log, pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.core.elementary import cos_sin
+from trackbench.core.elementary import cos_sin, exp
+from trackbench.core.elementary import log as elementwise_log
 from trackbench.core.sums import dot, total
-from trackbench.statistics.intervals import normal_of_t
+from trackbench.statistics.intervals import deviations, normals_of_t
 
 LEAST_STEPS = 50
 """Steps from which on the test was simulated to hold its level."""
 MOST_CORRELATED = 0.97
-"""Autocorrelation from which on no series was simulated to hold the level, however long."""
+"""Autocorrelation of neighbors from which on no series was simulated to hold the level."""
+_MOST_COSINES = 64
+_COEFFICIENTS = (0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 0.998)
+"""Of the autoregressions; a series of more than 10 000 steps has slower ones, too."""
+_LONGEST_TIME = 2.5
+"""Correlation time of an autoregression, 1 / (1 - r), over the length of the series, at most."""
+_LONG_TIME = 0.1
+"""The same of the slower ones of a long series."""
+_SHARES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0)
+"""Of the variance that is the autoregression's."""
+_WHITE = 0.4
+"""Prior probability of white noise; the other models are equally probable."""
 
 
 class SeriesMean(NamedTuple):
-    """Mean of a series, its standard error, the z with Student's tail probability, and its freedom."""
+    """Mean of a series, the z with its tail probability, and the distribution of its error."""
 
     value: float
-    stderr: float
     z: float
-    freedom: float = np.nan
+    distribution: "ErrorDistribution | None" = None
     why: str = ""
     """it has no standard error"""
+
+    @property
+    def stderr(self) -> float:
+        """Half the width of the interval with the probability of one standard deviation."""
+        if self.distribution is not None:
+            return self.distribution.half_width(1.0)
+        return np.nan if self.why else 0.0
+
+    def half_width(self, level: float) -> float:
+        """Return half the width of the confidence interval."""
+        if self.distribution is not None:
+            return self.distribution.half_width(deviations(level))
+        return np.nan if self.why else 0.0
+
+
+class ErrorDistribution(NamedTuple):
+    """Mixture of Student's t distributions with the same degrees of freedom."""
+
+    log_weights: Array
+    """of the models (m,)"""
+    scales: Array
+    """of the mean's t distribution by each model (m,)"""
+    freedom: int
+
+    def z(self, error: float) -> float:
+        """Return the normal deviate with the tail probability of an error of the mean."""
+        from scipy.special import log_ndtr, ndtri_exp
+
+        # P(error) = sum of the weights times the tail probability of t by each model
+        zs = normals_of_t(abs(error) / self.scales, self.freedom)
+        logs = self.log_weights + log_ndtr(-zs)
+        most = float(logs.max())
+        if not isfinite(most):
+            return copysign(inf, error)
+        tail = most + log(float(total(exp(logs - most))))
+        return float(copysign(ndtri_exp(min(tail, log(0.5))), error)) if error else 0.0
+
+    def half_width(self, z: float) -> float:
+        """Return the error that has this normal deviate, by bisection."""
+        low, high = 0.0, float(self.scales.max())
+        while self.z(high) < z:
+            low, high = high, 2.0 * high
+        while high - low > 1e-8 * high:
+            middle = 0.5 * (low + high)
+            if self.z(middle) < z:
+                low = middle
+            else:
+                high = middle
+        return high
 
 
 def series_mean(series: Array) -> SeriesMean:
@@ -46,33 +111,106 @@ def series_mean(series: Array) -> SeriesMean:
     T = len(x)
     if T < LEAST_STEPS:
         why = f"{T} judged steps, and {LEAST_STEPS} are needed"
-        return SeriesMean(float(total(x) / max(T, 1)), np.nan, np.nan, why=why)
+        return SeriesMean(float(total(x) / max(T, 1)), np.nan, why=why)
     mean = float(total(x)) / T
     d = x - mean
     if not d.any():
-        return SeriesMean(mean, 0.0, 0.0 if mean == 0.0 else float(np.copysign(np.inf, mean)))
-    # Step 1: autoregression d_k = r d_{k-1} + u_k; r is too small by (1 + 3 r) / T.
+        return SeriesMean(mean, 0.0 if mean == 0.0 else copysign(inf, mean))
+    if why := _refused_autocorrelation(d):
+        return SeriesMean(mean, np.nan, why=why)
+    # Step 1: cosine weights Y_j = sqrt(2 / T) sum_k cos(pi j (k + 1/2) / T) d_k, j = 1 ... q.
+    q = min(T // 2, _MOST_COSINES)
+    weights = sqrt(2.0 / T) * dot(_cosines(q, T), d)
+    # Step 2: by a model with variances v_j up to a factor, Q = sum Y_j^2 / v_j, and the mean over
+    # sqrt(v_0 Q / (q T)) has Student's t distribution of q degrees of freedom (unknown factor).
+    models = _models(q, T)
+    quadratic = dot(1.0 / models.of_cosines, weights * weights)
+    if not (quadratic > 0.0).all():
+        return SeriesMean(mean, copysign(inf, mean) if mean else 0.0)
+    scales = np.sqrt(models.of_mean * quadratic / (q * T))
+    # Step 3: likelihood of the cosine weights, prod v_j^(-1/2) Q^(-q/2), times the prior.
+    logs = models.log_prior - 0.5 * models.log_determinant - 0.5 * q * elementwise_log(quadratic)
+    logs -= logs.max()
+    logs -= log(float(total(exp(logs))))
+    distribution = ErrorDistribution(log_weights=logs, scales=scales, freedom=q)
+    return SeriesMean(mean, distribution.z(mean), distribution)
+
+
+def _refused_autocorrelation(d: Array) -> str:
+    """Explain why the autocorrelation of centered values (T,) is too high; empty if it is not."""
+    # r = sum d_k d_{k-1} / sum d_k^2 is too small by (1 + 3 r) / T.
+    T = len(d)
     r = float(dot(d[1:], d[:-1])) / float(total(d * d))
-    r = max(r + (1.0 + 3.0 * r) / T, -MOST_CORRELATED)
+    r += (1.0 + 3.0 * r) / T
     # Two standard errors of r: a short series of nearly a random walk shows a smaller r by chance.
     most = min(r + 2.0 * sqrt(max(1.0 - r * r, 0.0) / T), 1.0)
-    if most >= MOST_CORRELATED:
-        most = ceil(1000.0 * most) / 1000.0  # never rounded to the limit
-        why = f"autocorrelation of the steps up to {most:g}, and less than {MOST_CORRELATED:g} is needed"
-        return SeriesMean(mean, np.nan, np.nan, why=why)
-    u = d[1:] - r * d[:-1]
-    # Step 2: long-run variance of u by cosines, and of d by 1 / (1 - r)^2.
-    nu = max(4, int(0.2 * T ** (2.0 / 3.0)))
-    n = len(u)
-    weights = sqrt(2.0 / n) * dot(_cosines(nu, n), u)
-    variance = float(total(weights * weights)) / nu / (1.0 - r) ** 2
-    # Step 3: t = mean / sqrt(variance / T) has Student's distribution of nu degrees of freedom.
-    stderr = sqrt(variance / T)
-    return SeriesMean(mean, stderr, normal_of_t(mean / stderr, nu), nu)
+    if most < MOST_CORRELATED:
+        return ""
+    most = ceil(1000.0 * most) / 1000.0  # never rounded to the limit
+    return (
+        f"autocorrelation of the steps up to {most:g}, and less than {MOST_CORRELATED:g} is needed"
+    )
+
+
+class _Models(NamedTuple):
+    """Variances of the mean and of the cosine weights by each of m models, and their prior."""
+
+    of_mean: Array
+    """times the number of steps (m,)"""
+    of_cosines: Array
+    """(m, q)"""
+    log_determinant: Array
+    """sum of the logarithms of the latter (m,)"""
+    log_prior: Array
+
+
+@lru_cache(maxsize=4)
+def _models(q: int, T: int) -> _Models:
+    """Return the models of series of T steps: white noise, and mixtures with autoregressions."""
+    coefficients = [r for r in _COEFFICIENTS if 1.0 / (1.0 - r) <= _LONGEST_TIME * T + 0.5]
+    while 2.0 / (1.0 - coefficients[-1]) <= _LONG_TIME * T:
+        coefficients.append(1.0 - 0.5 * (1.0 - coefficients[-1]))
+    variances = [np.ones(q + 1)]
+    for coefficient in coefficients:
+        of_autoregression = _variances(coefficient, T)[: q + 1]
+        variances += [1.0 - share + share * of_autoregression for share in _SHARES]
+    every = np.stack(variances)
+    prior = np.full(len(every), (1.0 - _WHITE) / (len(every) - 1.0))
+    prior[0] = _WHITE
+    of_cosines = np.ascontiguousarray(every[:, 1:])
+    return _Models(
+        of_mean=every[:, 0],
+        of_cosines=of_cosines,
+        log_determinant=total(elementwise_log(of_cosines)),
+        log_prior=elementwise_log(prior),
+    )
+
+
+def _variances(r: float, T: int) -> Array:
+    """Return the variances (T,) of the T cosine weights of an autoregression of unit variance.
+
+    The inverse of its covariance over 1 - r^2 is tridiagonal. The cosines diagonalize it but for the two
+    corners, l_j = 1 + r^2 - 2 r cos(pi j / T), and the corners add r (1 - r) each: a change of rank
+    two, one for the even and one for the odd cosines, whose inverse is Sherman and Morrison's.
+    """
+    j = np.arange(T)
+    cosine = cos_sin(pi * j / T)[0]
+    eigenvalues = 1.0 + r * r - 2.0 * r * cosine
+    # Squares of the first element of each cosine vector: 2 / T cos^2(pi j / (2 T)); 1 / T of the mean.
+    first = np.square(cos_sin(0.5 * pi * j / T)[0]) * (2.0 / T)
+    first[0] = 1.0 / T
+    variances = np.empty(T)
+    for parity in (0, 1):
+        part = slice(parity, None, 2)
+        inverse = 1.0 / eigenvalues[part]
+        corner = 2.0 * first[part] * inverse
+        denominator = 1.0 / (r * (1.0 - r)) + float(total(corner))
+        variances[part] = (1.0 - r * r) * (inverse - corner * inverse / denominator)
+    return variances
 
 
 @lru_cache(maxsize=2)
-def _cosines(nu: int, n: int) -> Array:
-    """Return ``cos(pi j (k + 1/2) / n)`` (nu, n), which all series of a recording's steps share."""
+def _cosines(q: int, n: int) -> Array:
+    """Return ``cos(pi j (k + 1/2) / n)`` (q, n), which all series of a recording's steps share."""
     middles = np.arange(n) + 0.5
-    return np.stack([cos_sin(pi * (j * middles) / n)[0] for j in range(1, nu + 1)])
+    return np.stack([cos_sin(pi * (j * middles) / n)[0] for j in range(1, q + 1)])

@@ -62,7 +62,7 @@ class Irregular:
         return extra_std(self._one)
 
     @property
-    def angle_rows(self) -> tuple[int, ...]:
+    def rows_of_angles(self) -> tuple[int, ...]:
         """Rows of the state that are angles, as `base.angle_rows`."""
         return self.named_angles or angle_rows(self._one)
 
@@ -97,7 +97,7 @@ def with_angle_names(motion: SampledMotion, names: Collection[str]) -> SampledMo
     if isinstance(motion, Irregular):
         return replace(motion, named_angles=rows)
     if isinstance(motion, Linear | SteppedMotion):
-        return replace(motion, angle_rows=rows)
+        return replace(motion, rows_of_angles=rows)
     return motion
 
 

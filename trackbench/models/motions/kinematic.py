@@ -32,7 +32,7 @@ class Linear:
     Q: Array
     components: tuple[str, ...]
     extra_std: tuple[float, ...] = ()
-    angle_rows: tuple[int, ...] = ()
+    rows_of_angles: tuple[int, ...] = ()
 
     def transition(self, x: Array, k: int) -> Gaussian:
         """Return N(F x, Q)."""

@@ -107,8 +107,8 @@ class EquationMotion(AngledMotion):
         f, jacobian, Q = self._compiled(T)
         step, angles = self._step(T, f, jacobian), self.angle_rows(self.components)
         if Q.constant is not None:
-            return AdditiveNoise(self.components, T, step, Q.constant, angle_rows=angles)
-        return StateNoise(self.components, T, step, Q, angle_rows=angles)
+            return AdditiveNoise(self.components, T, step, Q.constant, rows_of_angles=angles)
+        return StateNoise(self.components, T, step, Q, rows_of_angles=angles)
 
     @abstractmethod
     def _step(self, T: float, f: ArrayProgram, jacobian: ArrayProgram) -> "Step":
@@ -217,7 +217,7 @@ class SteppedMotion:
     components: tuple[str, ...]
     T: float
     step: Step
-    angle_rows: tuple[int, ...] = field(default=(), kw_only=True)
+    rows_of_angles: tuple[int, ...] = field(default=(), kw_only=True)
 
     def jacobian(self, x: Array, k: int) -> Array:
         """Return df/dx (n, n[, *batch])."""
@@ -294,7 +294,7 @@ class NonlinearMotion(AngledMotion):
     def sampled(self, T: float, axes: int = 1) -> AdditiveNoise:
         """Return the motion over T seconds."""
         step, Q = FunctionStep(self, T), fixed(self.Q(T))
-        return AdditiveNoise(self.components, T, step, Q, angle_rows=step.angles)
+        return AdditiveNoise(self.components, T, step, Q, rows_of_angles=step.angles)
 
 
 class FunctionStep(Step):
@@ -338,7 +338,7 @@ class MapMotion(EquationMotion):
         F = jacobian.constant
         if F is not None and Q.constant is not None and f.is_zero_at_zero():
             angles = self.angle_rows(self.components)
-            return Linear(T, F, Q.constant, self.components, angle_rows=angles)
+            return Linear(T, F, Q.constant, self.components, rows_of_angles=angles)
         return super().sampled(T, axes)
 
     def _step(self, T: float, f: ArrayProgram, jacobian: ArrayProgram) -> Step:

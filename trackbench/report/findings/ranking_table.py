@@ -14,7 +14,7 @@ from trackbench.core.arrays import Array
 from trackbench.errors import counted
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.report.findings import phrases
-from trackbench.report.findings.phrases import head_of, named, statistic_words
+from trackbench.report.findings.phrases import head_of, metric_words, named, statistic_words
 from trackbench.report.findings.ranking import Candidate, Ranking, best_settings, rankings
 from trackbench.report.results import Results
 from trackbench.report.table import Text, TextTable, rounded
@@ -166,7 +166,7 @@ def _unranked(
     failed = {row["filter"] for row in results.failed}
     for label in results.filters:
         if label not in ranked:
-            why = "failed" if label in failed else "has no such error"
+            why = "failed" if label in failed else f"has no {metric_words(metric)}"
             yield [Text(label), Text("–", nan), Text(why), *[Text("–")] * 3]
 
 
@@ -245,8 +245,7 @@ def consistency(results: Results, candidates: Sequence[Candidate]) -> dict[Candi
     means = {c: _mean_if_consistent(results, c) for c in candidates}
     zs = [_z_of_mean(values, means[c]) for c, values in every.items()]
     words = {}
-    for (c, values), z, p in zip(every.items(), zs, rules.adjusted(zs), strict=True):
-        sign = int(np.sign(z)) if p < rules.LEVEL else 0
+    for (c, values), sign in zip(every.items(), rules.signs(zs), strict=True):
         words[c] = _word_on(values, sign, means[c])
     return words
 

@@ -531,11 +531,11 @@ def _check_distances(
     too_far = np.flatnonzero(away > MOST_DISTANCE)
     if len(too_far) and gathered.refuses_far_rows:
         row = int(known[too_far[0]])
-        of = (
-            "`origin`"
-            if is_given
-            else f"the first position ({gathered.first_position}), the origin"
-        )
+        of = "the first position of its run, the origin"
+        if is_given:
+            of = "`origin`"
+        elif frame.origin == gathered.origin:
+            of = f"the first position ({gathered.first_position}), the origin"
         more = f", as are {len(too_far) - 1} more" if len(too_far) > 1 else ""
         what = f"latitude and longitude: {_kilometers(away[too_far[0]])} from {of}{more}; {limit}"
         way = "correct or empty the cells, or give an `origin: [latitude, longitude]` in the middle"

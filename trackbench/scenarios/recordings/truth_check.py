@@ -13,6 +13,7 @@ _MOST_BEYOND = 0.8
 """share of the measurements that may be that far from the truth, as outliers are"""
 _AGREES = 0.2
 """of the median distance that remains if a mirror image or a turn explains it"""
+_AZIMUTHS = ("azimuth", "bearing")
 _FEWEST = 10
 _MOST_STEPS = 200
 _WAYS = {
@@ -25,6 +26,13 @@ _WAYS = {
     "turned by 270 deg": ((0, 1), (-1, 0)),
 }
 """Changes of the truth's x and y: the symmetries of a square."""
+_ANGLES = {
+    "from north clockwise": (-1.0, 0.5 * np.pi),
+    "from x clockwise": (-1.0, 0.0),
+    "from north to west": (1.0, 0.5 * np.pi),
+    "from the opposite direction": (1.0, np.pi),
+}
+"""Other ways to count an azimuth: the sign of the measured angle, and what is added to it."""
 
 
 def contradictions(
@@ -32,7 +40,7 @@ def contradictions(
 ) -> list[str]:
     """Describe sensors whose measurements (n_z, K, M) are beyond the truth (n_x, K, M) at these steps.
 
-    A truth that agrees with them after a reflection or a quarter turn is said to be mirrored or turned.
+    The text names the reflection or quarter turn with which they agree, or another way to count angles.
     """
     axes = _axes_of(components)
     if axes is None:
@@ -52,26 +60,33 @@ def contradictions(
             suspects.append((number, part, float(np.median(sizes))))
     if not suspects:
         return []
-    # Step 3: the reflection or turn of the truth with which they agree, if there is one.
-    changed = {
-        way: _distances(sensor, _changed(truth, axes, matrix), measurements, steps, chosen)
-        for way, matrix in _WAYS.items()
-    }
+    # Step 3: the other way to count angles, or the reflection or turn, with which they agree.
     for number, part, size in suspects:
-        rest = {way: _median(distances[part]) for way, distances in changed.items()}
+        rows = range(len(sensor.components))[part]
+        angles = [row for row in rows if sensor.components[row].rpartition(".")[2] in _AZIMUTHS]
+        rest = {}
+        if angles:
+            for way, (sign, more) in _ANGLES.items():
+                counted = measurements.copy()
+                counted[angles] = sign * measurements[angles] + more
+                rest[way] = _median(_distances(sensor, truth, counted, steps, chosen)[part])
+        else:
+            for way, matrix in _WAYS.items():
+                changed = _changed(truth, axes, matrix)
+                rest[way] = _median(_distances(sensor, changed, measurements, steps, chosen)[part])
         way = min(rest, key=lambda name: rest[name])
         name = f"sensor {number + 1}" if len(sensors) > 1 else "the sensor"
-        angles = [c for c in sensors[number].components if c in ("azimuth", "bearing", "heading")]
         what = f"the truth is beyond nearly every measurement of {name}"
         what += f" (median: {size:.0f} standard deviations)"
-        if rest[way] < _AGREES * size:
-            hint = "are x and y exchanged, or an axis reversed?"
-            if angles:
-                hint = f"for angles clockwise from north say `clockwise: [{angles[0]}]`"
-            found.append(f"{what}; it agrees with them if it is {way}: {hint}")
+        if rest[way] > _AGREES * size:
+            found.append(f"{what}: check the origin, the units, the clock and the sensor's sigma")
+        elif angles:
+            angle = sensor.components[angles[0]].rpartition(".")[2]
+            hint = f": say `clockwise: [{angle}]`" if way == next(iter(_ANGLES)) else ""
+            found.append(f"{what}; they agree if its {angle} counts {way}{hint}")
         else:
-            hint = "check the origin, the units, the clock and the sensor's sigma"
-            found.append(f"{what}: {hint}")
+            hint = "are x and y exchanged, or an axis reversed?"
+            found.append(f"{what}; they agree if the truth is {way}: {hint}")
     return found
 
 

@@ -14,9 +14,11 @@ from trackbench.field_types import MOST_STEPS, Finite, InvalidKeyError
 from trackbench.metrics import in_window
 from trackbench.models.base import Motion, SampledMotion, position_velocity_names
 from trackbench.models.motions.irregular import Irregular
+from trackbench.models.motions.turn import CoordinatedTurn
 from trackbench.models.sensors.base import Sensors
 from trackbench.scenarios.starts.base import Start
 
+_HALF_TURN = 180.0  # deg
 STRAY = 10.0
 """Error beyond which a track has strayed, in standard deviations of a measured position."""
 
@@ -90,6 +92,18 @@ class Launch:
         return np.array([self.x, self.vx, self.y, self.vy, *z])
 
 
+def turn_caution(what: str, rate_deg_s: float, times: Array) -> str:
+    """Write the note on a turn by more than half a turn between two steps; empty without one."""
+    longest = float(np.diff(times).max(initial=0.0))
+    angle = abs(rate_deg_s) * longest
+    if angle <= _HALF_TURN:
+        return ""
+    return (
+        f"{what} turns by {angle:g} deg between two steps, {longest:g} s apart: "
+        "a turn rate is in degrees per second"
+    )
+
+
 class Target(Part):
     """A frozen dataclass that flies, the same path in every run or another, and is measured."""
 
@@ -102,6 +116,14 @@ class Target(Part):
     def known_angles(self) -> tuple[str, ...]:
         """Names of components that are angles, as far as the target's own keys say so."""
         return () if self.own_motion is None else self.own_motion.known_angles
+
+    def cautions(self, timeline: Timeline) -> list[str]:
+        """Return notes on legal but unexpected keys."""
+        motion, times = self.own_motion, timeline.times
+        if isinstance(motion, CoordinatedTurn):
+            what = turn_caution("the motion", motion.turn_rate_deg_s, times)
+            return [what] if what else []
+        return []
 
     def with_angles(self, angles: tuple[str, ...]) -> "Target":
         """Return the target whose truth has these angles; only a recorded one depends on them."""

@@ -23,6 +23,7 @@ from trackbench.scenarios.targets.base import (
     Target,
     Timeline,
     measured_along,
+    turn_caution,
 )
 
 
@@ -158,6 +159,20 @@ class Legs(Flown):
             if n and leg.start < self.legs[n - 1].end:
                 what = f"leg {n + 1} starts at {leg.start:g} s, before leg {n} ends"
                 raise InvalidKeyError(what, *_LEGS_KEY, n, "start")
+
+    def cautions(self, timeline: Timeline) -> list[str]:
+        """Note turns by more than half a turn between two steps, and turns of a target that stands."""
+        notes = []
+        for n, leg in enumerate(self.legs, 1):
+            if not leg.turn_rate_deg_s:
+                continue
+            if what := turn_caution(f"leg {n}", leg.turn_rate_deg_s, timeline.times):
+                notes.append(what)
+            velocity = self.states(np.array([leg.start]))[1:4:2, 0]
+            if not velocity.any():
+                what = f"leg {n} turns a target that stands still, which changes nothing"
+                notes.append(f"{what}: give the launch a speed")
+        return notes
 
     def states(self, times: Array) -> Array:
         """Compute exact states (n, K): each leg adds its acceleration's two integrals.
