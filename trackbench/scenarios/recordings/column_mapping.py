@@ -74,7 +74,8 @@ def blank_codes(quantity: str, values: Array, of_ais: bool, scale: float) -> Cou
         if raw_unit:
             code = float(np.rint(code * UNITS[usual_unit] / UNITS[raw_unit]))
         coded = values == code
-        if quantity == "longitude" and (values[~coded] * scale > np.pi).any():
+        half_turn = 180.0 * UNITS["deg"] / UNITS[raw_unit or "deg"]
+        if quantity == "longitude" and (values[~coded] > half_turn).any():
             continue  # longitudes from 0 to 360 have a 181 of their own
         if coded.any():
             counts[f"{quantity} {code:.9g}"] = int(coded.sum())
