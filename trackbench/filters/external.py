@@ -477,6 +477,11 @@ class _Pool:
             copy.program.kill()
         self._copies = {}
 
+    @property
+    def has_ended(self) -> bool:
+        """True if a program was ended from elsewhere, as all of a process are."""
+        return not all(copy.program.is_running for copy in self._copies.values())
+
     def end(self) -> None:
         """End all programs."""
         end_programs(copy.program for copy in self._copies.values())
@@ -488,7 +493,7 @@ _pools: OrderedDict[tuple[int, External, str], _Pool] = OrderedDict()
 def _pool(tracker: External, hello: str) -> _Pool:
     """Look up the programs of a filter in this thread; end those that were used longest ago."""
     key = threading.get_ident(), tracker, hello
-    if key in _pools and _pools[key].stamps != _stamps(tracker):
+    if key in _pools and (_pools[key].has_ended or _pools[key].stamps != _stamps(tracker)):
         _pools.pop(key).end()  # the program may have been built again
     if key not in _pools:
         mine = [other for other in _pools if other[0] == key[0]]

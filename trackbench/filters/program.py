@@ -153,6 +153,11 @@ class Program:
         """CPU seconds that the program has spent since it was ready."""
         return max(0.0, self._clock() - self._start_s)
 
+    @property
+    def is_running(self) -> bool:
+        """True until the program is ended or killed from here."""
+        return self in _running
+
     def ask_to_end(self) -> None:
         """Send ``end``, and close the program's input."""
         self._clock()
