@@ -155,7 +155,7 @@ class Program:
 
     @property
     def is_running(self) -> bool:
-        """Whether it was neither ended nor killed from here."""
+        """True until the program is ended or killed from here."""
         return self in _running
 
     def ask_to_end(self) -> None:
