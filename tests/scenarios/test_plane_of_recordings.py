@@ -189,7 +189,7 @@ def test_distances_from_the_origin(tmp_path: Path) -> None:
     # 14 deg along the parallel of 51 N: 979 km on a sphere; 1 - cos(979 / 6378) = 1.2 %.
     assert note.startswith("positions lie up to 981 km from the origin, where the tangent plane")
     assert "shortens distances by 1.2 %" in note
-    rows[3] = (30.0, 0.0, 0.0)
+    rows[3] = (30.0, 0.0, 0.1)
     (tmp_path / "m.csv").write_text(table("time,latitude,longitude", *zip(*rows, strict=True)))
     line = refused(path)
     assert "m.csv:5:1: scenario: latitude and longitude: 56" in line
