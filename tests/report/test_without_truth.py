@@ -126,9 +126,9 @@ def test_one_scored_step_has_no_autocorrelation(folder: Path) -> None:
     assert "| KF | 0.004160 | – |" in text
 
 
-def test_a_value_no_page_can_hold_is_no_warning(folder: Path) -> None:
+def test_a_run_with_an_infinite_prediction_error_is_lost(folder: Path) -> None:
     text = recorded(folder, "large", ["1,0,1,1", "1,1,1e200,1", "1,2,3,1"])
-    assert "| KF | infinite |" in text
+    assert "| KF | all runs lost |" in text
 
 
 def unequal(rows: dict[int, int]) -> list[str]:
@@ -233,7 +233,7 @@ def test_one_recording_is_decided_by_its_steps(tmp_path: Path) -> None:
         "  sensor: {kind: function, h: {z: x}, R: 4}\n"
         "  start: {kind: given, mean: [0], cov: [[4]]}\n"
         "filters:\n  Good: {kind: kf}\n  Same: {kind: ekf}\n"
-        "  Bad: {kind: kf, assume: {motion: {kind: ar1, q: 0.01}}}\n"
+        "  Bad: {kind: kf, assume: {sensor: {kind: function, h: {z: x}, R: 0.04}}}\n"
     )
     report = api.run(tmp_path / "one.yaml", out=tmp_path / "out", quiet=True, formats=())
     rows = ranked(report.results)

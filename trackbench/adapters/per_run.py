@@ -21,6 +21,7 @@ from trackbench.models.base import (
     DifferentiableSensor,
     Model,
     Scene,
+    WithJacobian,
     central_differences,
     jacobian_at,
 )
@@ -65,7 +66,7 @@ class RunFunctions:
         ``P`` (n, n) is the state's covariance, from which the steps of differences follow.
         """
         motion = self._run.model.motion
-        if hasattr(motion, "jacobian"):
+        if isinstance(motion, WithJacobian):
             at = Gaussian(_as_column(x), _covariance_of_column(x, P))
             J = jacobian_at(cast(DifferentiableMotion, motion), at, self._run.k)
         else:
@@ -87,7 +88,7 @@ class RunFunctions:
     def H(self, x: Array, P: Array | None = None) -> Array:
         """Return the Jacobian (n_z, n) of h at x; by central differences if the sensor has none."""
         sensor = self._run.model.sensor
-        if hasattr(sensor, "jacobian"):
+        if isinstance(sensor, WithJacobian):
             at = Gaussian(_as_column(x), _covariance_of_column(x, P))
             J = jacobian_at(cast(DifferentiableSensor, sensor), at, self._run.k)
         else:

@@ -44,6 +44,9 @@ _REACHED = 1e-3  # rad
 _SOUND = 6.0  # standard deviations: largest error of a reference filter in a run that counts
 _LEAST_SCALE = 1.0 / 3.0  # standard deviations from the reference, of filters that nearly equal it
 _BEYOND = 3.0  # times the largest deviation of a run in which no angle is near a cut
+_FOLLOWS = (
+    100.0  # times an honest deviation: of a filter that is far off at any angle nothing is said
+)
 _LEAST_RUNS = 3  # runs beyond it that are a fault
 _LEAST_SHARE = 0.05
 _CHANCE = 1e-3  # probability of such runs by chance, of a filter that draws
@@ -319,6 +322,12 @@ class _Comparison(NamedTuple):
         return np.array([name.startswith(_FAR_FROM_CUTS) for name in self.group])
 
     @property
+    def follows(self) -> bool:
+        """True if the filter follows the target where the angle is far from its cuts."""
+        medians = [float(np.median(self.ratio[self.of_group(name)])) for name in self.elsewhere]
+        return min(medians) < _FOLLOWS
+
+    @property
     def limit(self) -> float:
         """Limit of the ratio: the largest one of the best group without a cut, times a margin."""
         largest = [float(self.ratio[self.of_group(name)].max()) for name in self.elsewhere]
@@ -328,12 +337,14 @@ class _Comparison(NamedTuple):
 def mistaken_angle(tracker: AnyFilter, problem: ModelDraws) -> str | None:
     """Describe the angle at whose cut a filter goes wrong; an empty text if there is none.
 
-    None if no angle passes its cut, or if no reference filter runs.
+    None if no angle passes its cut, if no reference filter runs, or if the filter does not follow the
+    target elsewhere either, as one that was written for positions.
     """
-    compared_any, doubtful = False, ""
+    compared_any = False
+    doubtful = ""
     for angle in angles_of(problem):
         compared = _compare(tracker, problem, angle)
-        if compared is None:
+        if compared is None or not compared.follows:
             continue
         compared_any = True
         cut = _cut_of_fault(compared)

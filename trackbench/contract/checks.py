@@ -309,7 +309,10 @@ def _check_angles(tracker: AnyFilter, scenario: Scenario) -> None:
         raise LeftOutError(f"needs {needed[0]}, which a turned problem has not")
     what = mistaken_angle(_of_many_particles(tracker), problem)
     if what is None:
-        raise LeftOutError("no angle passes its cut, or no reference filter runs")
+        why = (
+            "no angle passes its cut, no reference filter runs, or the filter is far off everywhere"
+        )
+        raise LeftOutError(f"{why}; `--on CONFIG` names an experiment that it is written for")
     if what:
         raise ContractError(what)
 

@@ -244,6 +244,14 @@ class DifferentiableSensor(Sensor, Protocol):
         """Return d E[z_k] / d x_k at x (n_x, *batch); (n_z, n_x[, *batch])."""
 
 
+@runtime_checkable
+class WithJacobian(Protocol):
+    """A motion or sensor that has a Jacobian."""
+
+    def jacobian(self, x: Array, k: int) -> Array:
+        """Return the derivatives of the mean (m, n_x[, *batch]) at x (n_x, *batch)."""
+
+
 class TwiceDifferentiable(Protocol):
     """A motion or sensor with second derivatives in closed form."""
 
