@@ -1,11 +1,11 @@
 """Write the files of a run into a results folder, each whole or not at all: CSV, tracks, config."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from trackbench.atomic_files import (
     shortened,
     within,
     write_bytes,
+    write_csv,
     write_text,
 )
 from trackbench.config.dump import as_yaml, data_files, resolved
@@ -46,7 +47,15 @@ from trackbench.evaluation.summary import (
 from trackbench.evaluation.timing import Measured
 from trackbench.execution.plan import Key
 from trackbench.execution.runner import Outcome
-from trackbench.results.folder_contents import COLUMNS, DIGITS, TIMING, remove_outputs
+from trackbench.models.sensors.base import Sensors, rows_of
+from trackbench.results.folder_contents import (
+    ARRIVAL_COLUMNS,
+    ARRIVALS,
+    COLUMNS,
+    DIGITS,
+    TIMING,
+    remove_outputs,
+)
 from trackbench.results.point_facts import POINTS_FILE, points_text
 from trackbench.results.run_facts import facts_of_run
 from trackbench.results.tracks import FigureTracks, TrackFile
@@ -136,8 +145,46 @@ def write_results(
         csv_files.add_numbers_without_runs()
     for name, track_file in track_files.items():
         track_file.write(folder / name)
+    if any(point.scenario.longest_delay for point in experiment.points):
+        columns = [*experiment.settings.grid, *ARRIVAL_COLUMNS]
+        write_csv(folder / ARRIVALS, columns, _arrival_rows(experiment, outcome))
     cpu_s = round(float(total(np.array([*spent.values()]))), 3)
     return losses, facts_of_run(experiment, outcome) | {"cpu_s": cpu_s}
+
+
+_ARRIVAL_RUNS = 20
+"""Runs whose arrivals are written, at most."""
+_ARRIVAL_ROWS = 20_000
+"""Arrivals that are written at most, unless the first run alone has more: git keeps the file."""
+
+
+def _arrival_rows(experiment: Experiment, outcome: Outcome) -> Iterator[Row]:
+    """Yield a row for each measurement of the first runs, with the step at which it arrives.
+
+    Steps have the numbers of per_step.csv. The last cell is empty if the run ends before the arrival.
+    """
+    delayed = [i for i, point in enumerate(experiment.points) if point.scenario.longest_delay]
+    for i in delayed:
+        point = experiment.points[i]
+        good = [key for key in outcome.plan.tasks if key[0] == i and key not in outcome.failures]
+        if not good:
+            continue
+        steps = point.scenario.steps[1:].tolist()
+        sensors = rows_of(cast(Sensors, point.scenario.true_sensor))
+        rows_of_a_run = len(steps) * len(sensors) * len(delayed)
+        runs = min(max(_ARRIVAL_ROWS // rows_of_a_run, 1), _ARRIVAL_RUNS)
+        # All filters of a point get the same data: those of the first one's blocks.
+        for task in outcome.plan.tasks[good[0]]:
+            if task.first_run >= runs or task.data.arrival is None:
+                break
+            for m in range(min(task.runs_used, runs - task.first_run)):
+                head = [*point.values.values(), task.first_run + m]
+                for n, rows in enumerate(sensors):
+                    is_measured = ~np.isnan(task.data.measurements[rows, :, m]).all(axis=0)
+                    arrivals = task.data.arrival[n, :, m].tolist()
+                    for j in np.flatnonzero(is_measured).tolist():
+                        arrived = steps[arrivals[j]] if arrivals[j] < len(steps) else ""
+                        yield [*head, n + 1, steps[j], arrived]
 
 
 class CsvFiles:
