@@ -552,9 +552,9 @@ QUIET: dict[str, Any] = {"engine": "serial", "quiet": True, "formats": ()}
 
 
 def test_the_file_of_arrivals_has_the_law_and_what_filters_got(tmp_path: Path) -> None:
-    """Counts of 1 to 12 steps by chi-square; each row is a draw of the filters, and each late one counts."""
+    """Chi-square of 1 to 12 steps; each row is a draw of the filters, which count each late one."""
     late = {"kind": "position", "sigma": 10, "delay": {"kind": "uniform", "least": 1, "most": 12}}
-    keys = {"runs": 30, "filters": {"Drop": {"kind": "kf", "late": "drop"}}}
+    keys: dict[str, Any] = {"runs": 30, "filters": {"Drop": {"kind": "kf", "late": "drop"}}}
     point = experiment(tmp_path, PLANAR | {"last": 200, "sensor": [SLOW, late]}, **keys).points[0]
     folder = api.run(tmp_path / "late.yaml", out=tmp_path / "o", **QUIET).folder
     rows = pd.read_csv(folder / "arrivals.csv")
@@ -566,7 +566,7 @@ def test_the_file_of_arrivals_has_the_law_and_what_filters_got(tmp_path: Path) -
     assert [*sorted(counts.index)] == [*range(1, 13)]
     assert chisquare(counts).pvalue > 1e-6
     # Rows are the draws, and only those of measurements that there are.
-    data = point.scenario.simulate(RunStreams(keys.get("seed", 0), range(30)), 30)
+    data = point.scenario.simulate(RunStreams(0, range(30)), 30)
     assert data.arrival is not None
     first = int(point.scenario.steps[1])
     for (run, sensor), of in rows.groupby(["run", "sensor"]):
@@ -589,7 +589,8 @@ def test_arrivals_are_equal_after_a_resumed_run_and_of_shards(tmp_path: Path) ->
     text = (once / "arrivals.csv").read_text()
     assert text.startswith("scenario.sensor.delay,run,sensor,step,arrived\n2,0,1,")
     # These runs have no tables, which `no_report` leaves out; nothing else is missing.
-    assert {line.partition(":")[2] for line in verify(once, 5) + verify(once, 8)} == {" is not there"}
+    lines = verify(once, 5) + verify(once, 8)
+    assert {line.partition(": ")[2] for line in lines} == {"is not there"}
     assert api.report(once)
     # More runs of kept blocks, then all of them by two shards.
     more = api.run(config, out=once, **QUIET).folder

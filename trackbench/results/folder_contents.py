@@ -75,6 +75,8 @@ _OF_RESULTS = (
 """Facts in the manifest; ``run/machine.json`` has all others."""
 DIGITS = {"per_run.csv": 7, "per_step.csv": 6, "summary.csv": 7}
 """Significant digits of values and standard errors, far more than the errors justify."""
+EXACT_DIGITS = 15
+"""Significant digits in per_run.csv if a paper prints seven or more and nothing is random."""
 
 
 class Damage(NamedTuple):

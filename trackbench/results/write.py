@@ -53,6 +53,7 @@ from trackbench.results.folder_contents import (
     ARRIVALS,
     COLUMNS,
     DIGITS,
+    EXACT_DIGITS,
     TIMING,
     remove_outputs,
 )
@@ -202,7 +203,8 @@ class CsvFiles:
         """Add the rows of one filter at one grid point."""
         point, label = key
         scenario = self._experiment.points[point].scenario
-        self._add_runs(self._head(point, label), result.per_run)
+        digits = _digits_of_runs(self._experiment, key)
+        self._add_runs(self._head(point, label), result.per_run, digits)
         self._add_steps(point, label, step_columns(result, sizes(scenario)))
         # Only metrics that are written need a summary.
         stored = stored_metrics(self._experiment.settings, "summary.csv")
@@ -235,12 +237,12 @@ class CsvFiles:
                 self._add_summary(i, label, [r._replace(stderr=np.nan, runs=0) for r in summary])
                 self._add_steps(i, label, map(_without_runs, steps))
 
-    def _add_runs(self, head: str, per_run: dict[str, Array]) -> None:
+    def _add_runs(self, head: str, per_run: dict[str, Array], digits: int) -> None:
         """Add rows of per_run.csv, a metric at a time: for their number `csv` is too slow."""
         stored = stored_metrics(self._experiment.settings, "per_run.csv")
         for metric, values in per_run.items():
             if is_stored(stored, measured(metric).base):
-                texts, name = _texts(values, "per_run.csv"), cells([metric])
+                texts, name = _texts(values, digits), cells([metric])
                 lines = [f"{head},{run},{name},{x}\n" for run, x in enumerate(texts)]
                 self._writers["per_run.csv"].write("".join(lines))
 
@@ -249,14 +251,15 @@ class CsvFiles:
         file, head = "per_step.csv", self._head(point, label)
         scenario = self._experiment.points[point].scenario
         stored = stored_metrics(self._experiment.settings, file)
-        times = zip(scenario.steps.tolist(), _texts(scenario.times, file), strict=True)
+        digits = DIGITS[file]
+        times = zip(scenario.steps.tolist(), _texts(scenario.times, digits), strict=True)
         heads = np.array([f"{head},{step},{time}" for step, time in times], dtype=object)
         for of_series in columns:
             lines: list[list[str]] = []
-            at, runs = heads[of_series.positions].tolist(), _texts(of_series.runs, file)
+            at, runs = heads[of_series.positions].tolist(), _texts(of_series.runs, digits)
             for metric, estimates in of_series.metrics.items():
                 if is_stored(stored, measured(metric).base):
-                    name, value, stderr = cells([metric]), *(_texts(x, file) for x in estimates)
+                    name, value, stderr = cells([metric]), *(_texts(x, digits) for x in estimates)
                     rows = zip(at, value, stderr, runs, strict=True)
                     lines.append([f"{a},{name},{x},{s},{n}\n" for a, x, s, n in rows])
             self._writers[file].write("".join(chain.from_iterable(zip(*lines, strict=True))))
@@ -278,14 +281,27 @@ class CsvFiles:
         return cells(self._cells(point, label))
 
 
-def _texts(values: Array | Index, file: str) -> list[str]:
-    """Write numbers as the file has them."""
+def _digits_of_runs(experiment: Experiment, key: Key) -> int:
+    """Return the significant digits of a filter's values per run.
+
+    Printed numbers of as many digits are compared digit by digit if nothing is random.
+    """
+    point, label = experiment.points[key[0]], key[1]
+    is_random = point.scenario.recorded_runs is None or not point.filters[label].deterministic
+    of_filter = [number for number in experiment.published.numbers if label in number.labels]
+    longest = max((number.significant_digits for number in of_filter), default=0)
+    usual = DIGITS["per_run.csv"]
+    return usual if is_random or longest < usual else EXACT_DIGITS
+
+
+def _texts(values: Array | Index, digits: int) -> list[str]:
+    """Write numbers with so many significant digits."""
     bits = np.ascontiguousarray(values).view(f"u{values.itemsize}")
     if len(values) > 1 and (bits == bits[0]).all():
-        return _texts(values[:1], file) * len(values)
+        return _texts(values[:1], digits) * len(values)
     if values.dtype.kind != "f":
         return [str(x) for x in values.tolist()]
-    return shortened(values.tolist(), DIGITS[file])
+    return shortened(values.tolist(), digits)
 
 
 def _without_runs(columns: StepColumns) -> StepColumns:
