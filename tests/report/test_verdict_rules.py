@@ -120,8 +120,29 @@ def test_the_rounding_of_the_printed_number_turns_no_verdict():
 def test_a_deterministic_number_is_equal_if_it_rounds_to_the_printed_one(value, expected):
     """0.12500001: per_run.csv has seven digits."""
     measured = RunEstimate(value, nan, None, 1)
-    found = _verdict(number(0.12, digits=2), measured, "KF", SimpleNamespace(deterministic=["KF"]))
+    results = SimpleNamespace(deterministic=["KF"], digits_of=lambda label: 7)
+    found = _verdict(number(0.12, digits=2), measured, "KF", results)
     assert found.word == expected
+
+
+@pytest.mark.parametrize(("value", "stored", "expected"), [
+    (0.42538246605265, 15, "equal"), (0.42538246615265, 15, "differs"),
+    (0.4253825, 7, "agrees"), (0.4253826, 7, "differs"),
+])  # fmt: skip
+def test_equal_are_all_printed_digits(value, stored, expected):
+    """A folder of seven digits cannot show ten."""
+    measured = RunEstimate(value, nan, None, 1)
+    results = SimpleNamespace(deterministic=["KF"], digits_of=lambda label: stored)
+    found = _verdict(number(0.4253824661, digits=10), measured, "KF", results)
+    assert found.word == expected
+
+
+@pytest.mark.parametrize(("value", "digits", "expected"), [
+    (0.4253824661, 10, 10), (-632.537695048, 9, 12), (0.0952439213, 10, 9), (0.12, 2, 2), (0.0, 2, 2),
+    (1000.0, 0, 4), (999.9, 1, 4), (0.0, 0, 0), ("biased", 0, 0),
+])  # fmt: skip
+def test_significant_digits_of_a_printed_number(value, digits, expected):
+    assert number(value, digits=digits).significant_digits == expected
 
 
 @pytest.mark.parametrize(("kept", "gone", "expected"), [

@@ -2,15 +2,19 @@
 
 import sys
 from dataclasses import replace
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 import yaml
+from scipy.stats import chisquare
 
 from tests.conftest import make_filter
 from tests.papers import maneuver
+from tests.report.forging import edit
 from trackbench import api
 from trackbench.adapters import PerRun
 from trackbench.adapters.per_run import loop_over_runs
@@ -31,10 +35,12 @@ from trackbench.filters.kf import KF
 from trackbench.models.delays import GeometricDelay, SharesDelay, UniformDelay
 from trackbench.models.sensors.base import Assume
 from trackbench.models.sensors.position import ScalarSensor
+from trackbench.results.folder_contents import read_manifest
 from trackbench.scaffold import write_config_for
 from trackbench.scenarios.base import Simulation
 from trackbench.scenarios.delays import arrivals
 from trackbench.scenarios.faults import Bias
+from trackbench.verify import verify
 
 pytestmark = pytest.mark.usefixtures("no_report")
 
@@ -540,6 +546,78 @@ def test_results_rerun_from_their_config_and_count(tmp_path: Path) -> None:
     api.run(tmp_path / "a" / "config.yaml", out=tmp_path / "b", **options)
     for name in ("summary.csv", "per_run.csv", "points.json", "config.yaml"):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+QUIET: dict[str, Any] = {"engine": "serial", "quiet": True, "formats": ()}
+
+
+def test_the_file_of_arrivals_has_the_law_and_what_filters_got(tmp_path: Path) -> None:
+    """Chi-square of 1 to 12 steps; each row is a draw of the filters, which count each late one."""
+    late = {"kind": "position", "sigma": 10, "delay": {"kind": "uniform", "least": 1, "most": 12}}
+    keys: dict[str, Any] = {"runs": 30, "filters": {"Drop": {"kind": "kf", "late": "drop"}}}
+    point = experiment(tmp_path, PLANAR | {"last": 200, "sensor": [SLOW, late]}, **keys).points[0]
+    folder = api.run(tmp_path / "late.yaml", out=tmp_path / "o", **QUIET).folder
+    rows = pd.read_csv(folder / "arrivals.csv")
+    assert [*rows] == ["run", "sensor", "step", "arrived"]
+    assert [*rows["run"].unique()] == [*range(20)]
+    # The last 12 steps are left out, because late measurements of these may never arrive.
+    delayed = rows[(rows["sensor"] == 2) & (rows["step"] <= 200 - 12)]
+    counts = (delayed["arrived"] - delayed["step"]).value_counts()
+    assert [*sorted(counts.index)] == [*range(1, 13)]
+    assert chisquare(counts).pvalue > 1e-6
+    # Rows are the draws, and only those of measurements that there are.
+    data = point.scenario.simulate(RunStreams(0, range(30)), 30)
+    assert data.arrival is not None
+    first = int(point.scenario.steps[1])
+    for (run, sensor), of in rows.groupby(["run", "sensor"]):
+        z, arrival = data.measurements[2 * (sensor - 1), :, run], data.arrival[sensor - 1, :, run]
+        places = np.flatnonzero(~np.isnan(z))
+        np.testing.assert_array_equal(of["step"] - first, places)
+        expected = np.where(arrival[places] < len(z), arrival[places] + first, np.nan)
+        np.testing.assert_array_equal(of["arrived"], expected)
+    # A filter counts them, too.
+    per_run = pd.read_csv(folder / "per_run.csv").query("metric == 'arrived_late'")
+    number = rows[rows["arrived"] > rows["step"]].groupby("run").size()
+    np.testing.assert_array_equal(per_run["value"][:20], number)
+
+
+def test_arrivals_are_equal_after_a_resumed_run_and_of_shards(tmp_path: Path) -> None:
+    keys = {"block": 3, "grid": {"scenario.sensor.delay": [0, 2, {"kind": "uniform", "most": 3}]}}
+    experiment(tmp_path, SCALAR, **keys)
+    config = tmp_path / "late.yaml"
+    once = api.run(config, out=tmp_path / "a", **QUIET, runs=8).folder
+    text = (once / "arrivals.csv").read_text()
+    assert text.startswith("scenario.sensor.delay,run,sensor,step,arrived\n2,0,1,")
+    # These runs have no tables, which `no_report` leaves out; nothing else is missing.
+    lines = verify(once, 5) + verify(once, 8)
+    assert {line.partition(": ")[2] for line in lines} == {"is not there"}
+    assert api.report(once)
+    # More runs of kept blocks, then all of them by two shards.
+    more = api.run(config, out=once, **QUIET).folder
+    rows = [pd.read_csv(StringIO(t)) for t in (text, (more / "arrivals.csv").read_text())]
+    pd.testing.assert_frame_equal(rows[0], rows[1].query("run < 8").reset_index(drop=True))
+    for shard in ("1/2", "2/2"):
+        list(api.run_all([config], out=tmp_path / "b", fresh=True, shard=shard, **QUIET))
+    sharded = api.run(config, out=tmp_path / "b", **QUIET).folder
+    assert (sharded / "arrivals.csv").read_bytes() == (more / "arrivals.csv").read_bytes()
+    assert "arrivals.csv" in read_manifest(sharded)["files"]
+    # An edited row is found, by some runs or by all.
+    edit(sharded, "arrivals.csv", "\n2,0,1,1,3\n", "\n2,0,1,1,4\n")
+    line = "arrivals.csv: 1 rows differ when they are computed again; the first is '2,0,1,1,4', it"
+    for runs in (5, RUNS):
+        assert [found for found in verify(sharded, runs) if found.startswith(line)]
+    # Without delays there is no such file, and an older one is removed.
+    on_time = ["grid={}", "scenario.sensor.delay=0", "filters={KF: {kind: kf}}"]
+    api.run(config, out=sharded, set=on_time, **QUIET)
+    assert not (sharded / "arrivals.csv").exists()
+
+
+def test_arrivals_of_long_runs_are_of_fewer_runs(tmp_path: Path) -> None:
+    filters = {"Drop": {"kind": "kf", "late": "drop"}}
+    for last, runs in ((40, 6), (4000, 5), (25_000, 1)):
+        experiment(tmp_path, SCALAR | {"last": last}, filters=filters, runs=6, per_step=[])
+        folder = api.run(tmp_path / "late.yaml", out=tmp_path / "o", **QUIET).folder
+        assert pd.read_csv(folder / "arrivals.csv")["run"].nunique() == runs
 
 
 def test_a_twin_without_the_fault_has_the_same_delays(tmp_path: Path) -> None:

@@ -4,6 +4,8 @@ from collections.abc import Container, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import chain
+from math import isfinite
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -20,7 +22,14 @@ from trackbench.errors import UserError, counted
 from trackbench.evaluation.metric_expression import exact_label
 from trackbench.plugins.errors import message_of
 from trackbench.registry import Group, kinds
-from trackbench.results.folder_contents import COLUMNS, DATA_FILES, TIMING, read_manifest
+from trackbench.results.folder_contents import (
+    COLUMNS,
+    DATA_FILES,
+    DIGITS,
+    EXACT_DIGITS,
+    TIMING,
+    read_manifest,
+)
 from trackbench.results.frames import Columns, PointRuns, Runs, read_frame, read_runs
 from trackbench.results.point_facts import (
     POINTS_FILE,
@@ -154,6 +163,18 @@ class ResultsFolder:
     def deterministic(self) -> list[str]:
         """Labels of the filters whose numbers hold no randomness: no draws, recorded data."""
         return self.manifest.get("deterministic", [])
+
+    def digits_of(self, label: str) -> int:
+        """Return the significant digits that per_run.csv has of a filter's values.
+
+        An older version stored fewer: then no value has more digits than usual.
+        """
+        usual = DIGITS["per_run.csv"]
+        columns = chain.from_iterable(of_point.items() for of_point in self._runs.values())
+        of_label = [runs.tolist() for (name, _), runs in columns if name == label]
+        values = chain.from_iterable(of_label)
+        has_more = any(isfinite(x) and float(f"{x:.{usual}g}") != x for x in values)
+        return EXACT_DIGITS if has_more else usual
 
     @property
     def loops_over_runs(self) -> list[str]:

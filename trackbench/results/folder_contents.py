@@ -31,7 +31,9 @@ MANIFEST, MACHINE = "manifest.json", "run/machine.json"
 TIMING, TIME_VERDICTS = "run/timing.csv", "run/time_verdicts.csv"
 DATA_FILES = ("per_run.csv", "per_step.csv", "shown.npz")
 """Large files, of which git keeps the digests."""
-RUN_FILES = (*DATA_FILES, "summary.csv", "points.json", TIMING)
+ARRIVALS = "arrivals.csv"
+"""Steps at which measurements arrive, of a scenario with delays."""
+RUN_FILES = (*DATA_FILES, "summary.csv", "points.json", ARRIVALS, TIMING)
 """Files that a run writes. Tables, figures and verdicts are made from them and from the config."""
 DERIVED_FILES = (
     *("tracks.npz", "paired.csv", "comparison.csv", "comparison.md", "claims.csv"),
@@ -50,6 +52,8 @@ COLUMNS = {
     ],
 }
 """Headings of the CSV files of a run, after those of the grid."""
+ARRIVAL_COLUMNS = ["run", "sensor", "step", "arrived"]
+"""Headings of `ARRIVALS`, after those of the grid."""
 TABLE_FORMS, FIGURE_FORMS = ("csv", "md", "tex"), ("png", "svg", "pdf")
 DEFAULT = "results"
 """Name of the table and of the figure of a config that asks for none."""
@@ -71,6 +75,8 @@ _OF_RESULTS = (
 """Facts in the manifest; ``run/machine.json`` has all others."""
 DIGITS = {"per_run.csv": 7, "per_step.csv": 6, "summary.csv": 7}
 """Significant digits of values and standard errors, far more than the errors justify."""
+EXACT_DIGITS = 15
+"""Significant digits in per_run.csv if a paper prints seven or more and nothing is random."""
 
 
 class Damage(NamedTuple):

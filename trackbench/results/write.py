@@ -1,11 +1,11 @@
 """Write the files of a run into a results folder, each whole or not at all: CSV, tracks, config."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from trackbench.atomic_files import (
     shortened,
     within,
     write_bytes,
+    write_csv,
     write_text,
 )
 from trackbench.config.dump import as_yaml, data_files, resolved
@@ -46,7 +47,16 @@ from trackbench.evaluation.summary import (
 from trackbench.evaluation.timing import Measured
 from trackbench.execution.plan import Key
 from trackbench.execution.runner import Outcome
-from trackbench.results.folder_contents import COLUMNS, DIGITS, TIMING, remove_outputs
+from trackbench.models.sensors.base import Sensors, rows_of
+from trackbench.results.folder_contents import (
+    ARRIVAL_COLUMNS,
+    ARRIVALS,
+    COLUMNS,
+    DIGITS,
+    EXACT_DIGITS,
+    TIMING,
+    remove_outputs,
+)
 from trackbench.results.point_facts import POINTS_FILE, points_text
 from trackbench.results.run_facts import facts_of_run
 from trackbench.results.tracks import FigureTracks, TrackFile
@@ -136,8 +146,46 @@ def write_results(
         csv_files.add_numbers_without_runs()
     for name, track_file in track_files.items():
         track_file.write(folder / name)
+    if any(point.scenario.longest_delay for point in experiment.points):
+        columns = [*experiment.settings.grid, *ARRIVAL_COLUMNS]
+        write_csv(folder / ARRIVALS, columns, _arrival_rows(experiment, outcome))
     cpu_s = round(float(total(np.array([*spent.values()]))), 3)
     return losses, facts_of_run(experiment, outcome) | {"cpu_s": cpu_s}
+
+
+_ARRIVAL_RUNS = 20
+"""Runs whose arrivals are written, at most."""
+_ARRIVAL_ROWS = 20_000
+"""Arrivals that are written at most, unless the first run alone has more: git keeps the file."""
+
+
+def _arrival_rows(experiment: Experiment, outcome: Outcome) -> Iterator[Row]:
+    """Yield a row for each measurement of the first runs, with the step at which it arrives.
+
+    Steps have the numbers of per_step.csv. The last cell is empty if the run ends before the arrival.
+    """
+    delayed = [i for i, point in enumerate(experiment.points) if point.scenario.longest_delay]
+    for i in delayed:
+        point = experiment.points[i]
+        good = [key for key in outcome.plan.tasks if key[0] == i and key not in outcome.failures]
+        if not good:
+            continue
+        steps = point.scenario.steps[1:].tolist()
+        sensors = rows_of(cast(Sensors, point.scenario.true_sensor))
+        rows_of_a_run = len(steps) * len(sensors) * len(delayed)
+        runs = min(max(_ARRIVAL_ROWS // rows_of_a_run, 1), _ARRIVAL_RUNS)
+        # All filters of a point get the same data: those of the first one's blocks.
+        for task in outcome.plan.tasks[good[0]]:
+            if task.first_run >= runs or task.data.arrival is None:
+                break
+            for m in range(min(task.runs_used, runs - task.first_run)):
+                head = [*point.values.values(), task.first_run + m]
+                for n, rows in enumerate(sensors):
+                    is_measured = ~np.isnan(task.data.measurements[rows, :, m]).all(axis=0)
+                    arrivals = task.data.arrival[n, :, m].tolist()
+                    for j in np.flatnonzero(is_measured).tolist():
+                        arrived = steps[arrivals[j]] if arrivals[j] < len(steps) else ""
+                        yield [*head, n + 1, steps[j], arrived]
 
 
 class CsvFiles:
@@ -155,7 +203,8 @@ class CsvFiles:
         """Add the rows of one filter at one grid point."""
         point, label = key
         scenario = self._experiment.points[point].scenario
-        self._add_runs(self._head(point, label), result.per_run)
+        digits = _digits_of_runs(self._experiment, key)
+        self._add_runs(self._head(point, label), result.per_run, digits)
         self._add_steps(point, label, step_columns(result, sizes(scenario)))
         # Only metrics that are written need a summary.
         stored = stored_metrics(self._experiment.settings, "summary.csv")
@@ -188,12 +237,12 @@ class CsvFiles:
                 self._add_summary(i, label, [r._replace(stderr=np.nan, runs=0) for r in summary])
                 self._add_steps(i, label, map(_without_runs, steps))
 
-    def _add_runs(self, head: str, per_run: dict[str, Array]) -> None:
+    def _add_runs(self, head: str, per_run: dict[str, Array], digits: int) -> None:
         """Add rows of per_run.csv, a metric at a time: for their number `csv` is too slow."""
         stored = stored_metrics(self._experiment.settings, "per_run.csv")
         for metric, values in per_run.items():
             if is_stored(stored, measured(metric).base):
-                texts, name = _texts(values, "per_run.csv"), cells([metric])
+                texts, name = _texts(values, digits), cells([metric])
                 lines = [f"{head},{run},{name},{x}\n" for run, x in enumerate(texts)]
                 self._writers["per_run.csv"].write("".join(lines))
 
@@ -202,14 +251,15 @@ class CsvFiles:
         file, head = "per_step.csv", self._head(point, label)
         scenario = self._experiment.points[point].scenario
         stored = stored_metrics(self._experiment.settings, file)
-        times = zip(scenario.steps.tolist(), _texts(scenario.times, file), strict=True)
+        digits = DIGITS[file]
+        times = zip(scenario.steps.tolist(), _texts(scenario.times, digits), strict=True)
         heads = np.array([f"{head},{step},{time}" for step, time in times], dtype=object)
         for of_series in columns:
             lines: list[list[str]] = []
-            at, runs = heads[of_series.positions].tolist(), _texts(of_series.runs, file)
+            at, runs = heads[of_series.positions].tolist(), _texts(of_series.runs, digits)
             for metric, estimates in of_series.metrics.items():
                 if is_stored(stored, measured(metric).base):
-                    name, value, stderr = cells([metric]), *(_texts(x, file) for x in estimates)
+                    name, value, stderr = cells([metric]), *(_texts(x, digits) for x in estimates)
                     rows = zip(at, value, stderr, runs, strict=True)
                     lines.append([f"{a},{name},{x},{s},{n}\n" for a, x, s, n in rows])
             self._writers[file].write("".join(chain.from_iterable(zip(*lines, strict=True))))
@@ -231,14 +281,27 @@ class CsvFiles:
         return cells(self._cells(point, label))
 
 
-def _texts(values: Array | Index, file: str) -> list[str]:
-    """Write numbers as the file has them."""
+def _digits_of_runs(experiment: Experiment, key: Key) -> int:
+    """Return the significant digits of a filter's values per run.
+
+    Printed numbers of as many digits are compared digit by digit if nothing is random.
+    """
+    point, label = experiment.points[key[0]], key[1]
+    is_random = point.scenario.recorded_runs is None or not point.filters[label].deterministic
+    of_filter = [number for number in experiment.published.numbers if label in number.labels]
+    longest = max((number.significant_digits for number in of_filter), default=0)
+    usual = DIGITS["per_run.csv"]
+    return usual if is_random or longest < usual else EXACT_DIGITS
+
+
+def _texts(values: Array | Index, digits: int) -> list[str]:
+    """Write numbers with so many significant digits."""
     bits = np.ascontiguousarray(values).view(f"u{values.itemsize}")
     if len(values) > 1 and (bits == bits[0]).all():
-        return _texts(values[:1], file) * len(values)
+        return _texts(values[:1], digits) * len(values)
     if values.dtype.kind != "f":
         return [str(x) for x in values.tolist()]
-    return shortened(values.tolist(), DIGITS[file])
+    return shortened(values.tolist(), digits)
 
 
 def _without_runs(columns: StepColumns) -> StepColumns:

@@ -12,7 +12,7 @@ docs/statistics.md has error rates and power of both.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from math import copysign, inf, isfinite, isnan, log, nan, sqrt
+from math import copysign, floor, inf, isfinite, isnan, log, log10, nan, sqrt
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -59,7 +59,7 @@ HOW_FILTERS_DIFFER = (
     f"at least {FEWEST_RUNS} runs"
 )
 MEANINGS = {
-    "equal": "the printed digits, by a filter without random numbers on recorded data",
+    "equal": "all printed digits, by a filter without random numbers on recorded data",
     "agrees": "the 95 % interval of the difference lies within 10 % of the printed number, or within "
     "its digits; a word on a bias is confirmed",
     "compatible": "no significant difference, but its interval is wider than 10 %",
@@ -219,6 +219,14 @@ class Printed:
     """how far from zero a value may be and still count as unbiased"""
     chosen: str = ""
     """what the paper leaves out and was chosen so that this number comes out: it decides nothing"""
+
+    @property
+    def significant_digits(self) -> int:
+        """Number of digits from the first that is not zero to the last that is printed; 0 of a word."""
+        if isinstance(self.value, str):
+            return 0
+        before = floor(log10(abs(self.value))) + 1 if self.value else 0
+        return max(before + self.digits, 0)
 
 
 def number_verdict(

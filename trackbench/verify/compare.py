@@ -1,5 +1,6 @@
 """Compare the files of a stored results folder with recomputed ones, byte for byte."""
 
+import csv
 import filecmp
 from collections.abc import Iterator
 from itertools import zip_longest
@@ -15,7 +16,12 @@ from trackbench.report.results import Results
 from trackbench.report.sweep import write_sweep
 from trackbench.report.verdicts.files import FILES, write_comparison, write_paired
 from trackbench.report.verdicts.numbers import compare
-from trackbench.results.folder_contents import DATA_FILES, TIME_VERDICTS, check_digests
+from trackbench.results.folder_contents import (
+    ARRIVALS,
+    DATA_FILES,
+    TIME_VERDICTS,
+    check_digests,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -45,6 +51,32 @@ def compare_first_runs(stored: Results, computed: Results) -> Iterator[str]:
     for name in _TRACKS:
         if (computed.folder / name).is_file() and (stored.folder / name).is_file():
             yield from compare_arrays(name, stored, computed)
+    yield from compare_arrivals(stored, computed)
+
+
+def compare_arrivals(stored: Results, computed: Results) -> Iterator[str]:
+    """Yield a line if the arrivals of the recomputed runs differ; older folders have no such file."""
+    if not (stored.folder / ARRIVALS).is_file():
+        return
+    if not (computed.folder / ARRIVALS).is_file():
+        yield f"{ARRIVALS}: no measurement has a delay when it is computed again"
+        return
+    runs = computed.config["runs"]
+    rows = _rows_of_runs(stored.folder / ARRIVALS, runs)
+    again = _rows_of_runs(computed.folder / ARRIVALS, runs)
+    pairs = [pair for pair in zip_longest(rows, again) if pair[0] != pair[1]]
+    if pairs:
+        row, expected = (",".join(cells or ["nothing"]) for cells in pairs[0])
+        what = f"{len(pairs)} rows differ when they are computed again"
+        yield f"{ARRIVALS}: {what}; the first is {row!r}, it should be {expected!r}"
+
+
+def _rows_of_runs(path: Path, runs: int) -> list[list[str]]:
+    """Return the heading of a file of arrivals and its rows of the first runs."""
+    with path.open(encoding="utf-8", newline="") as file:
+        heading, *rows = csv.reader(file)
+    column = heading.index("run")
+    return [heading, *(row for row in rows if int(row[column]) < runs)]
 
 
 def _values_of_runs(results: Results, runs: int) -> "pd.DataFrame":
@@ -58,7 +90,7 @@ def _values_of_runs(results: Results, runs: int) -> "pd.DataFrame":
 def compare_all_runs(stored: Results, computed: Results) -> Iterator[str]:
     """Yield differences of all recomputed runs from the stored files, or from their digests."""
     digests = stored.manifest["files"]
-    for name in (*DATA_FILES, "summary.csv", "tracks.npz"):
+    for name in (*DATA_FILES, "summary.csv", ARRIVALS, "tracks.npz"):
         paths = stored.folder / name, computed.folder / name
         if paths[0].is_file():
             if not paths[1].is_file() or not filecmp.cmp(*paths, shallow=False):
@@ -72,8 +104,11 @@ def _explain(name: str, stored: Results, computed: Results) -> Iterator[str]:
     if name in _TRACKS:
         yield from compare_arrays(name, stored, computed)
         return
-    frames = [getattr(results, name.removesuffix(".csv")) for results in (stored, computed)]
-    lines = [*compare_frames(name, *frames)]
+    if name == ARRIVALS:
+        lines = [*compare_arrivals(stored, computed)]
+    else:
+        frames = [getattr(results, name.removesuffix(".csv")) for results in (stored, computed)]
+        lines = [*compare_frames(name, *frames)]
     yield from lines or [f"{name}: has other bytes when it is computed again, of equal numbers"]
 
 

@@ -283,7 +283,8 @@ def _measured(row: Compared) -> str:
     if not isfinite(value):
         return "infinite"
     if row.verdict.word == "equal":
-        return f"{value:.{DIGITS['per_run.csv']}g}"
+        digits = max(DIGITS["per_run.csv"], row.published.significant_digits)
+        return f"{value:.{digits}g}"
     return rounded(value, stderr, 4) if stderr else f"{value:.6g}"
 
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
 from itertools import chain
-from math import inf, isfinite, isnan, nan
+from math import floor, inf, isfinite, isnan, log10, nan
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,10 +27,11 @@ from trackbench.report.verdicts.claims import (
 )
 from trackbench.report.verdicts.cpu_times import without_times
 from trackbench.report.verdicts.searches import searched_numbers
-from trackbench.results.folder_contents import DIGITS
 from trackbench.statistics import rules
 from trackbench.statistics.estimates import MISSING, RunEstimate
 from trackbench.statistics.rules import NEAR, NUMBER_WORDS, UNDECIDED, Verdict
+
+FEWER_STORED = "has all digits that are stored, but more are printed: run the experiment again"
 
 
 class Compared(NamedTuple):
@@ -181,6 +182,7 @@ def _readings(number: PublishedNumber, evidence: Evaluator | None) -> Iterator[C
             "differs by less than 10 %" if _is_near(number, measured, verdict) else "",
             NOT_MEASURED if isnan(measured.value) and not measured.lost else "",
             measured.losses,
+            FEWER_STORED if verdict.word == "agrees" and isnan(verdict.z) else "",
             "" if exact is None else "exact, without runs",
             f"chosen for this number: {number.chosen}" if number.chosen else "",
         ]
@@ -198,10 +200,20 @@ def _is_near(number: PublishedNumber, measured: RunEstimate, verdict: Verdict) -
 def _verdict(
     number: PublishedNumber, measured: RunEstimate, label: str, results: Results
 ) -> Verdict:
-    """Judge a number; a filter without random numbers on recorded data has the digits, or not."""
+    """Judge a number; a filter without random numbers on recorded data has the digits, or not.
+
+    It `agrees` if it has all digits that are stored, and more are printed.
+    """
     value = measured.value
     if label in results.deterministic and not isinstance(number.value, str) and isfinite(value):
-        stored = 0.5 * abs(value) * 10.0 ** (1 - DIGITS["per_run.csv"])
-        is_equal = abs(rules.difference(number, value)) <= stored
-        return Verdict("equal" if is_equal else "differs", nan)
+        digits = results.digits_of(label)
+        rounding = number.factor * _half_unit(value / number.factor, digits)
+        if abs(rules.difference(number, value)) > rounding:
+            return Verdict("differs", nan)
+        return Verdict("equal" if number.significant_digits <= digits else "agrees", nan)
     return rules.number_verdict(number, measured, measured.parts(results.batches))
+
+
+def _half_unit(value: float, digits: int) -> float:
+    """Return half a unit of the last one of so many significant digits; 0 for 0."""
+    return 0.5 * 10.0 ** (floor(log10(abs(value))) + 1 - digits) if value else 0.0
