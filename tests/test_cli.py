@@ -1,5 +1,6 @@
 """The built command line, end to end, as a user would."""
 
+import csv
 import json
 import re
 from pathlib import Path
@@ -120,8 +121,54 @@ def test_dry_run_expects_the_time_of_stored_runs(tmp_path: Path) -> None:
     assert expected("--set", "filters.PF.N=3000") == unknown
     cpu_s = json.loads((tmp_path / "o" / "run" / "machine.json").read_text())["cpu_s"]
     seconds = cpu_s / 9 * (90_000 - 9)
-    value, unit = re.fullmatch(r"about (\S+) (h|min|s)", expected("--runs", "90000")).groups()
-    assert float(value) * {"h": 3600, "min": 60, "s": 1}[unit] == pytest.approx(seconds, rel=0.06)
+    bound, found = seconds_in(expected("--runs", "90000"))
+    assert not bound
+    assert found == pytest.approx(seconds, rel=0.06)
+
+
+def seconds_in(text: str) -> tuple[bool, float]:
+    """Whether an expected time is a bound, and its seconds."""
+    at_most, value, unit = re.fullmatch(
+        r"(at most )?about (\S+) (h|min|s) of filtering", text
+    ).groups()
+    return bool(at_most), float(value) * {"h": 3600, "min": 60, "s": 1}[unit]
+
+
+def test_dry_run_scales_the_time_of_a_stored_run_by_blocks(tmp_path: Path) -> None:
+    """One run takes the time of its whole block; a narrow block's time per run is a bound."""
+    (tmp_path / "s.yaml").write_text(
+        f"name: s\nruns: 1\n{PLANE}filters: {{PF: {{kind: pf, N: 400}}, KF: {{kind: ekf}}}}\n"
+    )
+    words = ("--engine", "serial", "--out", "o", "--format", "svg")
+
+    def expected(*more: str) -> tuple[bool, float, int]:
+        done = trackbench("run", "s.yaml", *words, *more, "--dry-run", cwd=tmp_path)
+        line, _, text = done.stdout.rstrip().partition("; ")
+        return *seconds_in(text), int(re.search(r"(\d+) blocks", line)[1])
+
+    def timing() -> dict[str, tuple[int, float]]:
+        with (tmp_path / "o" / "run" / "timing.csv").open() as file:
+            return {r["filter"]: (int(r["runs"]), float(r["cpu_s"])) for r in csv.DictReader(file)}
+
+    assert trackbench("run", "s.yaml", *words, cwd=tmp_path).returncode == 0
+    of_block = timing()
+    runs = 2_000_000
+    is_bound, seconds, blocks = expected("--runs", str(runs))
+    counts = {label: -(-runs // width) for label, (width, _) in of_block.items()}
+    assert blocks == sum(counts.values())
+    assert counts["PF"] > counts["KF"]
+    right = sum((counts[label] - 1) * cpu_s for label, (_, cpu_s) in of_block.items())
+    assert not is_bound
+    assert seconds == pytest.approx(right, rel=0.06)
+    # Blocks of as many runs as there are, 2 here, are narrower than those of more runs.
+    narrow = ("--runs", "2", "--set", "block=fit", "--fresh")
+    assert trackbench("run", "s.yaml", *words, *narrow, cwd=tmp_path).returncode == 0
+    of_run = {label: cpu_s / computed for label, (computed, cpu_s) in timing().items()}
+    is_bound, seconds, _ = expected("--runs", str(runs), "--fresh")
+    assert is_bound
+    widths = {label: width for label, (width, _) in of_block.items()}
+    right = sum(counts[label] * widths[label] * of_run[label] for label in counts)
+    assert seconds == pytest.approx(right, rel=0.06)
 
 
 def test_list_and_describe() -> None:

@@ -1,6 +1,7 @@
 """Printed numbers of many digits, compared digit by digit."""
 
 import csv
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import pytest
 from tests.conftest import EXPERIMENTS
 from tests.report.forging import reseal
 from trackbench import api
+from trackbench.report.compare_folders import compare_folders
 from trackbench.report.open import open_results
 from trackbench.report.verdicts.numbers import FEWER_STORED, compare
 
@@ -19,7 +21,7 @@ pytestmark = pytest.mark.usefixtures("no_report")
 @pytest.mark.parametrize("name", ["car-track", "nile", "nile-diffuse", "nile-models", "pendulum"])
 def test_equal_numbers_round_to_all_printed_digits(tmp_path: Path, name: str) -> None:
     """As an independent reading of per_run.csv says; a folder of seven digits does not show them."""
-    folder = api.run(EXPERIMENTS / f"{name}.yaml", out=tmp_path, **QUIET).folder
+    folder = api.run(EXPERIMENTS / f"{name}.yaml", out=tmp_path / "old", **QUIET).folder
     verdicts = compare(open_results(folder)).rows
     assert {row.verdict.word for row in verdicts} == {"equal"}
     with (folder / "per_run.csv").open() as file:
@@ -29,7 +31,8 @@ def test_equal_numbers_round_to_all_printed_digits(tmp_path: Path, name: str) ->
         found = [float(x) for *_, label, _, m, x in values if (label, m) == (row.label, metric)]
         rounded = {f"{printed.factor * x:.{printed.digits}f}" for x in found}
         assert f"{printed.value:.{printed.digits}f}" in rounded
-    # The same folder as an older version wrote it.
+    # The same folder as an older version wrote it, which is no other folder.
+    shutil.copytree(folder, tmp_path / "new")
     path = folder / "per_run.csv"
     lines = [line.rpartition(",") for line in path.read_text().splitlines()]
     old = [f"{head},{float(x):.7g}" for head, _, x in lines[1:]]
@@ -39,3 +42,6 @@ def test_equal_numbers_round_to_all_printed_digits(tmp_path: Path, name: str) ->
         is_long = row.published.significant_digits > 7
         assert row.verdict.word == ("agrees" if is_long else "equal")
         assert (FEWER_STORED in row.note) == is_long
+    rows, _ = compare_folders(open_results(folder), open_results(tmp_path / "new"))
+    deterministic = open_results(folder).deterministic
+    assert {row.verdict for row in rows if row.filter in deterministic} == {"equal"}

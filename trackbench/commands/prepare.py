@@ -1,13 +1,15 @@
 """Options of a command, and its configs as jobs, validated before anything runs."""
 
+import csv
 import json
 import os
 import stat
 import sys
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from itertools import chain
+from math import ceil
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -21,13 +23,14 @@ from trackbench.config.shipped_experiments import folder as shipped_folder
 from trackbench.config.shipped_experiments import listed, located
 from trackbench.config.tuned_entries import Chosen
 from trackbench.errors import Mark, Problem, UserError, reason
+from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.precision_check import checkpoints
 from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.engines import Engine, cpu_count, engine
-from trackbench.execution.plan import Plan, announced, check_memory, make_plan
+from trackbench.execution.plan import Key, Plan, announced, check_memory, make_plan
 from trackbench.execution.runner import first_batch
 from trackbench.report.sweep import as_sweep
-from trackbench.results.folder_contents import DERIVED_FILES, RUN_FILES, read_manifest
+from trackbench.results.folder_contents import DERIVED_FILES, RUN_FILES, TIMING, read_manifest
 from trackbench.tuning.search import Record
 from trackbench.tuning.tuner import tune
 from trackbench.yaml_source import Assembled, Config, read
@@ -195,32 +198,83 @@ def _job(config: Config, options: Options, alone: bool) -> Job:
 
 
 def expected_time(job: Job, options: Options) -> str:
-    """Estimate the time of the missing blocks from stored results of the same scenario and filters."""
+    """Estimate the time of the missing blocks from stored results of the same scenario and filters.
+
+    It is that of the filters. Simulation, errors, tables and figures take more.
+    """
     store, workers = BlockStore(cache_folder()), min(most_workers(options), len(job.plan.unique))
     missing = [t for t in job.plan.unique if options.fresh or not store.has_file(t)]
     if not missing:
         return "every block is in the cache"
-    cpu_s = _cpu_s_of_run(job, options)
-    if cpu_s is None:
+    cost = _cost_in_folder(job, missing) or _cost_of_shipped(job, options, missing)
+    if cost is None:
         return "time unknown: no results of the same scenario and filters are stored"
-    missing_runs = sum(task.runs_used for task in missing)
-    share = missing_runs / sum(task.runs_used for task in job.plan.unique)
-    seconds = cpu_s * job.most * share / workers
+    # The plan has the first batch of runs, which `until` may continue up to the most.
+    seconds = cost.cpu_s * job.most / job.experiment.settings.runs / workers
     size, unit = next(((s, u) for s, u in _LONG if seconds >= 2 * s), (1, "s"))
-    return f"about {max(seconds / size, 1):.2g} {unit}"
+    return f"{'at most ' * cost.is_bound}about {_two_digits(max(seconds / size, 1))} {unit} of filtering"
 
 
 _LONG = ((3600, "h"), (60, "min"))
+_SIMILAR = 1.2
+"""Ratio of two filters' shares of work below which one share stands for both."""
 
 
-def _cpu_s_of_run(job: Job, options: Options) -> float | None:
-    """Find the CPU seconds of a run in the results folder, or of the shipped experiment."""
-    wanted = resolved(job.experiment, job.folder)
+def _two_digits(number: float) -> str:
+    """Round to two digits, and write a larger number without an exponent."""
+    return f"{float(f'{number:.2g}'):g}"
+
+
+class _Cost(NamedTuple):
+    """CPU seconds of blocks."""
+
+    cpu_s: float
+    is_bound: bool
+    """whether the blocks may take less, such as those that are wider than the stored ones"""
+
+
+def _cost_in_folder(job: Job, missing: Sequence[BlockTask]) -> _Cost | None:
+    """Scale the times of each filter's blocks in the results folder to the missing blocks.
+
+    A block is computed whole: one run that is stored may have taken the time of 500.
+    """
+    wanted, grid = resolved(job.experiment, job.folder), job.experiment.settings.grid
     with suppress(OSError, UserError, ValueError, LookupError, TypeError):
-        facts = read_manifest(job.folder)
+        read_manifest(job.folder)
         stored = read(job.folder / "config.yaml").data
-        if all(as_yaml({k: stored.get(k)}) == as_yaml({k: wanted.get(k)}) for k in _SAME):
-            return float(facts["cpu_s"]) / int(facts["runs"])
+        if any(as_yaml({k: stored.get(k)}) != as_yaml({k: wanted.get(k)}) for k in _SAME):
+            return None
+        with (job.folder / TIMING).open(encoding="utf-8", newline="") as file:
+            rows = list(csv.DictReader(file))
+        times = {(*(row[path] for path in grid), row["filter"]): row for row in rows}
+        cpu_s, is_bound = 0.0, False
+        for (i, label), task in _passes(job.plan, missing):
+            values = map(str, job.experiment.points[i].values.values())
+            # A filter that failed has no time, and will fail again.
+            row = times.get((*values, label))
+            if row is not None:
+                computed_runs = int(row["runs"])
+                cpu_s += float(row["cpu_s"]) / computed_runs * task.width
+                is_bound = is_bound or computed_runs < task.width
+        return _Cost(cpu_s, is_bound) if times else None
+    return None
+
+
+def _passes(plan: Plan, missing: Sequence[BlockTask]) -> Iterator[tuple[Key, BlockTask]]:
+    """Yield the missing tasks of each filter; tasks that share the filter's estimates count once."""
+    wanted, passes = set(missing), set[BlockTask]()
+    for key, tasks in plan.tasks.items():
+        for task in tasks:
+            if task in wanted and task.filtering_key not in passes:
+                passes.add(task.filtering_key)
+                yield key, task
+
+
+def _cost_of_shipped(job: Job, options: Options, missing: Sequence[BlockTask]) -> _Cost | None:
+    """Scale the time of the shipped experiment, of all filters together, to the missing blocks.
+
+    The filter that has most to do scales it, so that others may need less.
+    """
     is_changed = options.grid or options.only or any(w != FIT for w in options.set)
     if isinstance(job.config, Mapping | Assembled) or is_changed:
         return None
@@ -228,7 +282,13 @@ def _cpu_s_of_run(job: Job, options: Options) -> float | None:
         path = located(Path(job.config), lambda line: None)
         for shipped in listed() if path.parent.samefile(shipped_folder()) else []:
             if shipped.name == path.stem and shipped.cpu_s is not None:
-                return shipped.cpu_s / int(read(path).data.get("runs", 1))
+                shipped_runs = int(read(path).data.get("runs", 1))
+                wanted, ratios = set(missing), list[float]()
+                for tasks in job.plan.tasks.values():
+                    shipped_blocks = ceil(shipped_runs / tasks[0].width)
+                    ratios.append(len(wanted.intersection(tasks)) / shipped_blocks)
+                is_bound = max(ratios) > _SIMILAR * min(ratios)
+                return _Cost(shipped.cpu_s * max(ratios), is_bound)
     return None
 
 

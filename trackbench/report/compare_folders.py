@@ -8,7 +8,7 @@ another seed or scenario, the numbers of both folders are independent, and their
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from functools import partial
 from math import copysign, inf, isfinite, nan
 from pathlib import Path
@@ -27,6 +27,7 @@ from trackbench.report.paired import compared_statistic, primary_metrics
 from trackbench.report.plotting import style
 from trackbench.report.results import Results
 from trackbench.report.table import Text, TextTable, rounded
+from trackbench.results.folder_contents import DIGITS
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import rules
 from trackbench.statistics.comparison import (
@@ -101,10 +102,14 @@ def compare_folders(a: Results, b: Results) -> tuple[list[Row], str]:
     why, rows = _why_unpaired(a, b, points), list[Row]()
     stored = all((results.folder / "per_run.csv").is_file() for results in (a, b))
     exact = set(a.deterministic) & set(b.deterministic)
+    # A folder of an older version has fewer digits of filters without random numbers.
+    rounded_labels = {x for x in exact if stored and a.digits_of(x) != b.digits_of(x)}
     for point in points:
         columns = [*a.runs(point).values(), *b.runs(point).values()] if not why else []
         runs = min(map(len, columns), default=None)
-        first, second = (_numbers(results, point, stored, runs, statistics) for results in (a, b))
+        first, second = (
+            _numbers(results, point, stored, runs, statistics, rounded_labels) for results in (a, b)
+        )
         for (label, metric), sample in first.items():
             if other := second.get((label, metric)):
                 rows += rows_of((point, label, metric), sample, other, not why, label in exact)
@@ -164,6 +169,7 @@ def _numbers(
     stored: bool,
     most: int | None,
     statistics: Callable[[str], str],
+    rounded_labels: Collection[str],
 ) -> dict[tuple[str, str], Sample | RunEstimate]:
     """Return the metrics of each filter, ``anees`` in place of ``nees``, by filter and name.
 
@@ -172,6 +178,8 @@ def _numbers(
     """
     numbers, sizes = dict[tuple[str, str], Sample | RunEstimate](), results.facts(point).sizes
     for (label, metric), x in results.runs(point).items() if stored else ():
+        if label in rounded_labels:
+            x = np.array([float(f"{value:.{DIGITS['per_run.csv']}g}") for value in x])
         values = ((x != 0.0) * 1.0 if metric == "lost" else x)[:most]
         columns = {row: values / n for row, n in per_component(measured(metric), sizes)}
         for name, column in (columns or {metric: values}).items():
