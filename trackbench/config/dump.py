@@ -172,14 +172,24 @@ _LATER = (
     "density",
     "settled_error",
     "environment",
+    "clockwise",
+    "thousands",
 )
 """Keys that older results folders lack: left out if unset, so that their configs stay as they are."""
+_LATER_WITH_DEFAULT = ("gate_by",)
+"""Such keys whose default is a word: left out at the default."""
 
 
 def _without_unset(part: Any, keys: PlainData) -> PlainData:
-    """Leave out keys that older results folders lack and whose default is nothing."""
+    """Leave out keys that older results folders lack, if they are unset."""
     defaults = {key_of(key.name): key.default for key in fields(part)}
-    return {key: x for key, x in keys.items() if x or key not in _LATER or defaults[key]}
+    kept = {}
+    for key, value in keys.items():
+        is_unset = key in _LATER and not value and not defaults[key]
+        is_default = key in _LATER_WITH_DEFAULT and value == defaults[key]
+        if not (is_unset or is_default):
+            kept[key] = value
+    return kept
 
 
 def _plain(value: object, shown: Callable[[str], str]) -> object:

@@ -292,7 +292,9 @@ def ratio_interval(a: RunEstimate, b: RunEstimate, level: float = 0.95) -> tuple
 
     It has every ratio r for which the test of ``a - r b = 0`` does not reject (Fieller 1954, J. R.
     Statist. Soc. B 16, 175). So it excludes 1 exactly if the difference of a and b is significant at
-    that level. Its upper end is infinite if b may be zero; NaN without an error.
+    that level. Its upper end is infinite if b may be zero; NaN without an error. Of one recording it is
+    that of the logarithm of the ratio, since the few independent pieces of a recording do not show that
+    a mean of positive numbers is positive.
 
     Parameters
     ----------
@@ -304,6 +306,8 @@ def ratio_interval(a: RunEstimate, b: RunEstimate, level: float = 0.95) -> tuple
     ratio = float(np.divide(a.value, b.value))
     if not 0.0 < ratio < np.inf or not b.value > 0.0:
         return np.nan, np.nan
+    if isinstance(a, OfSteps) and isinstance(b, OfSteps):
+        return _ratio_interval_of_steps(a, b, level)
     limit = inference.deviations(level)
 
     def excludes(r: float) -> bool:
@@ -317,13 +321,19 @@ def ratio_interval(a: RunEstimate, b: RunEstimate, level: float = 0.95) -> tuple
     return low, high if high < _FARTHEST_RATIO * ratio else np.inf
 
 
+def _ratio_interval_of_steps(a: OfSteps, b: OfSteps, level: float) -> tuple[float, float]:
+    """Return the interval of ``a / b`` of one recording, by the logarithm of the ratio."""
+    assert a.influences is not None
+    assert b.influences is not None
+    # log(a / b) changes by (a_t - a) / a - (b_t - b) / b per step, to first order.
+    log_ratio = float(np.log(a.value / b.value))
+    steps = a.influences / a.value - b.influences / b.value
+    low, high = OfSteps.of(log_ratio, steps + log_ratio).interval(level)
+    return float(np.exp(low)), float(np.exp(high))
+
+
 def _less_multiple(a: RunEstimate, b: RunEstimate, r: float) -> RunEstimate:
-    """Return ``a - r b``, paired by runs or steps."""
-    if isinstance(a, OfSteps) and isinstance(b, OfSteps):
-        assert a.influences is not None
-        assert b.influences is not None
-        # Its test needs no standard error, which would have to be searched.
-        return OfSteps(a.value - r * b.value, np.nan, a.influences - r * b.influences, 1)
+    """Return ``a - r b``, paired by runs."""
     return linear_combination(a.value - r * b.value, a, b, 1.0, -r)
 
 

@@ -184,8 +184,10 @@ def _ratio(standing: Ranking, c: Candidate, matters: float) -> str:
     is_score, wide = standing.metric.family[0].is_score, high - low
     texts = [f"{x:.2g}" if is_score else phrases.multiple(x, wide) for x in (value, low, high)]
     text = texts[0] + " x" * (not is_score)
-    if isfinite(wide):
+    if isfinite(wide) and (is_score or low > 0.0):
         interval_text = f" ({texts[1]} to {texts[2]})"
+    elif isfinite(wide):
+        interval_text = f" (at most {texts[2]})"
     elif isfinite(low):
         interval_text = f" (more than {phrases.rounded(low, 2)})"
     else:
