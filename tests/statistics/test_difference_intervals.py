@@ -7,7 +7,7 @@ import pytest
 from scipy.special import ndtr
 
 from trackbench.statistics.comparison import Sample, compare
-from trackbench.statistics.estimates import RunEstimate, ratio_interval
+from trackbench.statistics.estimates import OfSteps, RunEstimate, ratio_interval
 from trackbench.statistics.intervals import (
     Events,
     Sides,
@@ -156,3 +156,22 @@ def test_the_interval_of_a_ratio_without_an_error_or_of_zero():
     # A multiple in every run has no spread.
     b = np.random.default_rng(1).random(40) + 1.0
     assert compare(Sample(3.0 * b), Sample(b)).ratio_interval == pytest.approx((3.0, 3.0), rel=1e-4)
+
+
+def test_a_ratio_of_one_recording_has_the_interval_of_its_logarithm() -> None:
+    """Errors are positive, so no interval reaches 0; it covers, and that of b / a is the inverse."""
+    rng = np.random.default_rng(31)
+    T, trials, covered = 300, 200, 0
+    for _ in range(trials):
+        # White squares with means of 9 and 1, which share a part.
+        shared = rng.standard_normal(T)
+        a = 9.0 * np.square(0.6 * shared + 0.8 * rng.standard_normal(T))
+        b = np.square(0.6 * shared + 0.8 * rng.standard_normal(T))
+        first = OfSteps.of(float(a.mean()), a)
+        second = OfSteps.of(float(b.mean()), b)
+        low, high = ratio_interval(first, second)
+        assert 0.0 < low < first.value / second.value < high
+        assert ratio_interval(second, first) == pytest.approx((1.0 / high, 1.0 / low), rel=1e-9)
+        covered += low <= 9.0 <= high
+    # At least the level, since the test of a recording is cautious; 3 standard errors of 200 trials.
+    assert covered / trials > 0.95 - 3.0 * sqrt(0.95 * 0.05 / trials)
