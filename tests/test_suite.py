@@ -31,6 +31,7 @@ from trackbench.report.suite.scores import (
     resampled_ratios,
     typical_ratios,
 )
+from trackbench.report.suite.tables import fails
 
 SUITE = """\
 name: small
@@ -123,7 +124,7 @@ def test_a_plain_filter_of_the_models_functions_is_the_shipped_one(small: SuiteR
     assert likeness.label == "EKF"
     assert list(likeness.differences) == ["ungm", "turn", "body"]
     assert max(likeness.differences.values()) < 1e-9
-    assert any("It is the EKF: on all 3 problems" in line for line in small.sentences())
+    assert any("It is the EKF: the errors" in line for line in small.sentences())
 
 
 def test_a_filter_that_does_not_fit_has_the_reason_of_check(small: SuiteReport) -> None:
@@ -162,7 +163,7 @@ def test_mistakes_have_file_and_line(tmp_path: Path) -> None:
     for name, line, what in (
         ("a", 8, "'ufk' is not a kind of filter"),
         ("b", 15, "did you mean falling-body"),
-        ("c", 13, "'PG' is no filter"),
+        ("c", 13, "'PG' is neither a filter"),
         ("d", 14, "clas"),
     ):
         done = trackbench("suite", f"{name}.yaml", cwd=tmp_path)
@@ -172,10 +173,12 @@ def test_mistakes_have_file_and_line(tmp_path: Path) -> None:
     done = trackbench("suite", "standrad", cwd=tmp_path)
     assert done.returncode == 2
     assert "did you mean standard" in done.stderr
-    done = trackbench("suite", "standard", "--problem", "umgm", "--only", "KEF", cwd=tmp_path)
+    done = trackbench("suite", "standard", "--problem", "umgm", cwd=tmp_path)
     assert done.returncode == 2
     assert "did you mean ungm" in done.stderr
-    assert "did you mean EKF" in done.stderr
+    done = trackbench("suite", "standard", "--only", "EKV", "--problem", "ungm", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "--only EKV: is no filter of this suite; did you mean EKF" in done.stderr
     assert [path.name for path in tmp_path.iterdir() if path.is_dir()] == []
 
 
@@ -230,10 +233,10 @@ def test_blocks_are_computed_once(tmp_path: Path) -> None:
     assert "reused" not in first.stderr
     whole = trackbench(*words, cwd=tmp_path)
     assert "reused 2 of 2 blocks" in whole.stderr
-    scores = (tmp_path / "results" / "small" / "scores.csv").read_bytes()
+    scores = (tmp_path / "results" / "small-part" / "scores.csv").read_bytes()
     again = trackbench(*words, cwd=tmp_path)
     assert again.stderr.count("reused") == 3
-    assert (tmp_path / "results" / "small" / "scores.csv").read_bytes() == scores
+    assert (tmp_path / "results" / "small-part" / "scores.csv").read_bytes() == scores
 
 
 def score(problem: str, problem_class: str, label: str, ratio: float, **keys: object) -> Score:
@@ -287,6 +290,7 @@ def test_a_leader_that_depends_on_a_class_is_said() -> None:
     assert leader is not None
     assert leader.label == "B"
     assert leader.without == {"z": "A"}
+    assert leader.share_first == 1.0
     assert not leader.is_robust
     robust = by_hand({"A": (1.0, 1.0, 1.0), "B": (1.2, 1.2, 1.3)}, ("x", "y", "z"))
     leader = leader_of(robust, resampled_ratios(robust))
@@ -305,11 +309,17 @@ def test_a_leader_that_depends_on_the_runs_is_said() -> None:
     leader = leader_of(noisy, resampled_ratios(noisy))
     assert leader is not None
     assert leader.rivals == ("B",)
+    assert leader.share_first < 0.95
+    assert not leader.is_robust
 
 
 def test_losing_runs_counts_as_the_worst_ratio() -> None:
     assert score("p", "x", "A", 1.2, word="loses more runs").limited_ratio == WORST
     assert score("p", "x", "A", 1.2, reason="fits not").limited_ratio == WORST
+    assert score("p", "x", "A", 1.2, reason="fits not").is_left_out
+    failed = score("p", "x", "A", float("nan"), reason="lost all runs", failed=True)
+    assert fails(failed)
+    assert not failed.is_left_out
     assert score("p", "x", "A", 1.2).limited_ratio == 1.2
     assert score("p", "x", "A", float("nan")).limited_ratio == WORST
 
@@ -332,6 +342,30 @@ def test_the_shipped_suite_fits_its_problems() -> None:
     for problem in suite.problems:
         for label, why in problem.left_out.items():
             assert why, (problem.name, label)
+
+
+def test_a_part_of_a_suite(tmp_path: Path) -> None:
+    """Filters of the roster may fit no chosen problem; a label may be one of the user's files."""
+    (tmp_path / "s.yaml").write_text(SUITE)
+    (tmp_path / "my.py").write_text(EKF)
+    (body,) = load_suite(tmp_path / "s.yaml", chosen_problems=["body"]).problems
+    assert [*body.left_out] == ["UPF"]
+    alone = load_suite(tmp_path / "s.yaml", only=["my-ekf"], filter_files=[tmp_path / "my.py"])
+    assert [{*p.experiment.points[0].filters} for p in alone.problems] == [
+        {"my-ekf", "PF"}, {"my-ekf"}, {"my-ekf"}
+    ]  # fmt: skip
+    # UPF fits two of the three problems, and the third is left out.
+    part = load_suite(tmp_path / "s.yaml", only=["UPF"])
+    assert [problem.name for problem in part.problems] == ["ungm", "turn"]
+    with pytest.raises(UserError, match=r"UPF fits no problem: .*singular"):
+        load_suite(tmp_path / "s.yaml", only=["UPF"], chosen_problems=["body"])
+
+
+def test_scores_that_rank_nothing_are_mistakes(tmp_path: Path) -> None:
+    for score in ("median(rmse)", "rms(rmse[turns])", "anees"):
+        (tmp_path / "s.yaml").write_text(SUITE.replace("score: rms(rmse),", f"score: '{score}',"))
+        with pytest.raises(UserError, match=r"s\.yaml:13:.*filters are not ranked by"):
+            load_suite(tmp_path / "s.yaml")
 
 
 def test_a_filter_that_fits_no_problem_is_a_mistake(tmp_path: Path) -> None:

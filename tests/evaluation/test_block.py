@@ -7,7 +7,7 @@ from tests.conftest import make_filter
 from tests.linear_problem import LINEAR
 from tests.papers import maneuver, merwe
 from trackbench.core.random_streams import RunStreams
-from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.error_series import (
     LOST_BECAUSE,
     NO_TRUTH,
@@ -19,10 +19,15 @@ from trackbench.evaluation.error_series import (
     series,
 )
 from trackbench.evaluation.run_block import _stayed_finite, run_block
+from trackbench.models.motions.kinematic import ConstantVelocity
 from trackbench.models.motions.nonlinear import MapMotion
+from trackbench.models.sensors.base import Assume
 from trackbench.models.sensors.function import FunctionSensor
+from trackbench.models.sensors.position import PositionSensor
+from trackbench.scenarios.starts.from_scans import OneScan
 from trackbench.scenarios.starts.without_scans import GaussianStart
 from trackbench.scenarios.targets.driven import Driven
+from trackbench.scenarios.targets.legs import RandomLegs
 from trackbench.scenarios.tracking import Tracking
 from trackbench.statistics.over_runs import median
 
@@ -156,3 +161,21 @@ def test_an_infinite_error_is_a_lost_run() -> None:
         got = per_run_metrics(LINEAR, squares, sums, np.ones(3, dtype=bool))
         np.testing.assert_array_equal(got["lost"], [NOT_LOST, NOT_FINITE, NOT_LOST])
         assert np.isfinite(got["rmse_position"][[0, 2]]).all()
+
+
+def test_a_target_that_is_gone_loses_no_run() -> None:
+    """After the last leg of `random-legs` there is no truth, and that is no fault of the scenario."""
+    target = RandomLegs(
+        area=600.0, speed=(30.0, 90.0), legs=(2, 3), leg_steps=(3, 4), sigma_along=2.0, across=15.0
+    )
+    scenario = Tracking(
+        target=target,
+        sensor=PositionSensor(sigma=10.0),
+        start=OneScan(sigma_velocity=50.0),
+        assume=Assume(motion=ConstantVelocity(q=40.0)),
+        last=20,
+    )
+    task = BlockTask(scenario, make_filter("kf"), 1, 0, 30, 30)
+    found = run_block(task)
+    assert np.isnan(simulate(scenario, 1, 0, 30).truth).any()
+    assert (found.per_run["lost"] == NOT_LOST).all()

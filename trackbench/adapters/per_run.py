@@ -33,7 +33,8 @@ class RunFunctions:
     """The model that the scenario lets a filter assume, as functions of one run's state.
 
     ``x`` is a state (n,) in the scenario's order, and every function is about the step ``k`` that the
-    filter makes: x_k = f(x_{k-1}) + N(0, Q), z_k = h(x_k) + N(0, R).
+    filter makes: x_k = f(x_{k-1}) + N(0, Q), z_k = h(x_k) + N(0, R). So f, F and Q take the state of the
+    step before, h, H and R that of this step. They can be called from `step` on.
 
     Examples
     --------
@@ -71,7 +72,9 @@ class RunFunctions:
             J = jacobian_at(cast(DifferentiableMotion, motion), at, self._run.k)
         else:
             J = central_differences(
-                lambda states: motion.transition(states, self._run.k).mean, _as_column(x)
+                lambda states: motion.transition(states, self._run.k).mean,
+                _as_column(x),
+                spread=_deviations(P),
             )
         return _covariance_of_run(J)
 
@@ -86,7 +89,10 @@ class RunFunctions:
         )
 
     def H(self, x: Array, P: Array | None = None) -> Array:
-        """Return the Jacobian (n_z, n) of h at x; by central differences if the sensor has none."""
+        """Return the Jacobian (n_z, n) of h at x; by central differences if the sensor has none.
+
+        ``P`` (n, n) is the state's covariance, from which the steps of differences follow.
+        """
         sensor = self._run.model.sensor
         if isinstance(sensor, WithJacobian):
             at = Gaussian(_as_column(x), _covariance_of_column(x, P))
@@ -96,6 +102,7 @@ class RunFunctions:
                 lambda states: sensor.measurement(states, self._run.k).mean,
                 _as_column(x),
                 sensor.innovation,
+                spread=_deviations(P),
             )
         return _covariance_of_run(J)
 
@@ -114,6 +121,11 @@ def _covariance_of_column(x: Array, P: Array | None) -> Array:
     if P is None:
         return np.zeros((len(x), len(x), 1))
     return np.asarray(P, dtype=float)[..., None]
+
+
+def _deviations(P: Array | None) -> Array | None:
+    """Return the standard deviations (n, 1) of the only run of a block; None if they are not known."""
+    return None if P is None else np.sqrt(np.diagonal(np.asarray(P, dtype=float)))[:, None]
 
 
 def _covariance_of_run(matrix: Array) -> Array:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from trackbench.atomic_files import ensure_folder
 from trackbench.commands import with_known_keywords
-from trackbench.commands.prepare import OPTION_NAMES, Options, say
+from trackbench.commands.prepare import FIT, OPTION_NAMES, Options, say
 from trackbench.commands.run_experiment import preview, run_each
 from trackbench.commands.stored_results import Report
 from trackbench.config.suite import Suite, load_suite
@@ -74,10 +74,11 @@ def prepare_suite(file: Path, options: Options, problems: Sequence[str] = ()) ->
     """Read and validate a suite with the options' overrides."""
     for name in _UNUSED:
         if getattr(options, name):
-            raise UserError(Problem(Mark(name), "", "a suite has no such option"))
+            what = "`trackbench suite` has no such option; use `trackbench run`"
+            raise UserError(Problem(Mark(f"--{name}"), "", what))
     return load_suite(
         file,
-        overrides=[text for text in options.set if text != "block=fit"],
+        overrides=[text for text in options.set if text != FIT],  # --quick sets it in each problem
         only=options.only,
         chosen_problems=problems,
         runs=options.runs,
@@ -93,6 +94,8 @@ def suite_folder(suite: Suite, options: Options) -> Path:
     if options.out is not None:
         return Path(options.out)
     parts = [suite.settings.name]
+    if options.only or suite.is_part:
+        parts.append("part")  # the scores of the whole suite stay
     if options.quick:
         parts.append("quick")
     if options.filters:
@@ -151,7 +154,13 @@ def run_suite(
     if options.shard:
         return None
     groups = [
-        SuiteScores(group=name, title=group.title, scores=scores[name], runs=runs[name])
+        SuiteScores(
+            group=name,
+            title=group.title,
+            scores=scores[name],
+            runs=runs[name],
+            is_tuned=bool(group.tune),
+        )
         for name, group in suite.settings.groups.items()
         if scores[name]
     ]

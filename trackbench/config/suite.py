@@ -19,6 +19,7 @@ from trackbench.config.plugin_checks import add_filters
 from trackbench.config.shipped_experiments import located, suite_file
 from trackbench.config.tuning import tuned_label
 from trackbench.errors import Mark, Problem, UserError
+from trackbench.evaluation.metric_expression import measured
 from trackbench.field_types import Count, Natural
 from trackbench.yaml_source import Assembled, MarkedMapping, Source, dotted, marked, put, read
 
@@ -115,6 +116,8 @@ class Suite:
     """labels of the user's own filters"""
     file: str
     """path as the user gave it"""
+    is_part: bool = False
+    """True if problems are left out by the user"""
 
 
 def load_suite(
@@ -157,10 +160,12 @@ def load_suite(
     settings = build(SuiteSettings, source, ())
     source.check()
     assert settings is not None
-    _check_chosen(settings, only, chosen_problems)
+    _check_chosen(settings, chosen_problems)
+    _check_scores(source, settings)
     fitted: list[FittedProblem] = []
     problems: list[Problem | str] = []
     added: dict[str, Mark] = {}
+    reasons: dict[str, str] = {}
     for group_name, group in settings.groups.items():
         for name in group.problems:
             if chosen_problems and name not in chosen_problems:
@@ -170,29 +175,52 @@ def load_suite(
                     source, path.parent, settings, group_name, name, filter_files, quick, runs
                 )
                 added |= draft.added
-                fitted.append(_fitted(draft, group_name, name, group, only, allow_plugins))
+                problem, left_out = _fitted(draft, group_name, name, group, only, allow_plugins)
+                reasons |= left_out
+                if problem is not None:
+                    fitted.append(problem)
             except UserError as error:
                 problems += error.problems
-    problems += _filters_without_problem(source, settings, fitted, added)
+    problems += _unknown_labels(settings, only, added)
+    if not problems:
+        problems += _filters_without_problem(
+            source, settings, fitted, added, is_whole=not (only or chosen_problems)
+        )
+    if not problems and not fitted:
+        why = [f"{label} fits no problem: {reason}" for label, reason in reasons.items()]
+        problems += why or [f"{file}: no problem has these filters; leave out --only or --problem"]
     if problems:
         raise UserError(*dict.fromkeys(problems))
     return Suite(
         settings=settings,
-        problems=[problem for problem in fitted if problem.experiment.points[0].filters],
+        problems=fitted,
         added=tuple(added),
         file=str(file),
+        is_part=bool(chosen_problems),
     )
 
 
-def _check_chosen(
-    settings: SuiteSettings, only: Sequence[str], chosen_problems: Sequence[str]
-) -> None:
-    """Reject names of filters and problems that the suite lacks."""
-    labels: dict[str, None] = {}
+def _check_chosen(settings: SuiteSettings, chosen_problems: Sequence[str]) -> None:
+    """Reject names of problems that the suite lacks."""
     names: dict[str, None] = {}
     for group in settings.groups.values():
-        labels |= dict.fromkeys(group.filters)
         names |= dict.fromkeys(group.problems)
+    problems = []
+    for name in chosen_problems:
+        if name not in names:
+            what = f"is no problem of this suite; {unknown(name, list(names))}"
+            problems.append(Problem(Mark(f"--problem {name}"), "", what))
+    if problems:
+        raise UserError(*problems)
+
+
+def _unknown_labels(
+    settings: SuiteSettings, only: Sequence[str], added: Mapping[str, Mark]
+) -> list[Problem]:
+    """Return a mistake for each label to run that neither the suite nor the user's files have."""
+    labels: dict[str, None] = dict.fromkeys(added)
+    for group in settings.groups.values():
+        labels |= dict.fromkeys(group.filters)
         for problem in group.problems.values():
             labels |= dict.fromkeys(problem.filters)
     problems = []
@@ -200,12 +228,26 @@ def _check_chosen(
         if label not in labels:
             what = f"is no filter of this suite; {unknown(label, list(labels))}"
             problems.append(Problem(Mark(f"--only {label}"), "", what))
-    for name in chosen_problems:
-        if name not in names:
-            what = f"is no problem of this suite; {unknown(name, list(names))}"
-            problems.append(Problem(Mark(f"--problem {name}"), "", what))
-    if problems:
-        raise UserError(*problems)
+    return problems
+
+
+def _check_scores(source: Source, settings: SuiteSettings) -> None:
+    """Reject scores that filters cannot be ranked by."""
+    for group_name, group in settings.groups.items():
+        for name, problem in group.problems.items():
+            if problem.score is None:
+                continue
+            keys = ("groups", group_name, "problems", name, "score")
+            try:
+                score = measured(problem.score)
+            except ValueError as error:
+                source.add_problem(keys, str(error))
+                continue
+            is_whole = not (score.window or score.steps or score.relation)
+            if score.statistic not in ("mean", "rms") or not is_whole:
+                what = "write mean(METRIC) or rms(METRIC) over the whole run, as rms(rmse_position)"
+                source.add_problem(keys, f"filters are not ranked by {problem.score}: {what}")
+    source.check()
 
 
 @dataclass(frozen=True)
@@ -280,7 +322,8 @@ def _draft(
     if reference is not None and reference != original.get("bound"):
         known = original.get("filters") or {}
         if reference not in known:
-            what = f"{reference!r} is no filter of {file}, nor its bound"
+            labels = ", ".join(map(str, known))
+            what = f"{reference!r} is neither a filter of {file.name} ({labels}) nor its bound"
             raise UserError(Problem(suite.mark((*keys, "reference")), dotted(keys), what))
         if reference in filters:
             what = f"{reference!r} is already a filter of the roster"
@@ -340,8 +383,12 @@ def _fitted(
     group: SuiteGroup,
     only: Sequence[str],
     allow_plugins: bool,
-) -> FittedProblem:
-    """Leave out the filters that the scenario does not fit; raises UserError for other mistakes."""
+) -> tuple[FittedProblem | None, dict[str, str]]:
+    """Leave out the filters that the scenario does not fit.
+
+    Returns the problem, None if no filter is left, and the reasons by label. Raises UserError for
+    other mistakes.
+    """
     source = draft.config.source
     reference = source.data.get("reference")
     if only:
@@ -349,7 +396,7 @@ def _fitted(
             if label not in (*only, reference, *draft.added):
                 _remove_filter(source, label)
     left_out: dict[str, str] = {}
-    while True:
+    while source.data["filters"].keys() - {reference}:
         try:
             experiment = configurations.load(draft.config, allow_plugins=allow_plugins)
             break
@@ -360,10 +407,10 @@ def _fitted(
             left_out |= reasons
             for label in reasons:
                 _remove_filter(source, label)
-        if not source.data["filters"].keys() - {reference}:
-            raise UserError(*(f"{name}: {label}: {why}" for label, why in left_out.items()))
+    else:
+        return None, left_out
     problem = group.problems[name]
-    return FittedProblem(
+    fitted = FittedProblem(
         name=name,
         group=group_name,
         settings=problem,
@@ -373,6 +420,7 @@ def _fitted(
         tuned=tuple(source.data.get("tune") or ()),
         citation=draft.citation,
     )
+    return fitted, left_out
 
 
 def _misfits(source: Source, error: UserError) -> dict[str, str]:
@@ -391,17 +439,18 @@ def _misfits(source: Source, error: UserError) -> dict[str, str]:
 
 def _label_of(source: Source, path: str) -> str | None:
     """Return the label of the filter whose entry this path is, or lies in."""
-    labels = [
-        label
-        for label in source.data["filters"]
-        if f"{path}.".startswith(f"filters.{label}.") or path == f"filters.{label}, smoothed"
-    ]
+    labels = [*source.data["filters"]]
+    labels += [f"{label}, smoothed" for label in source.data.get("smoothed", ())]
+    labels = [label for label in labels if f"{path}.".startswith(f"filters.{label}.")]
     return max(labels, key=len, default=None)
 
 
 def _remove_filter(source: Source, label: str) -> None:
-    """Remove a filter, its smoother and its tuned keys."""
+    """Remove a filter, its smoother and its tuned keys; or a smoother alone."""
     data = source.data
+    if label not in data["filters"]:
+        data["smoothed"].remove(label.removesuffix(", smoothed"))
+        return
     del data["filters"][label]
     if label in data.get("smoothed", ()):
         data["smoothed"].remove(label)
@@ -417,10 +466,14 @@ def _filters_without_problem(
     settings: SuiteSettings,
     fitted: Sequence[FittedProblem],
     added: Mapping[str, Mark],
+    is_whole: bool,
 ) -> list[Problem]:
-    """Return a mistake for each filter that fits no problem of its group."""
+    """Return a mistake for each filter that fits no problem of its group.
+
+    A part of the suite (``is_whole`` is false) may be one that some filters of the roster do not fit.
+    """
     problems = []
-    for group_name, group in settings.groups.items():
+    for group_name, group in settings.groups.items() if is_whole else ():
         mine = [problem for problem in fitted if problem.group == group_name]
         if not mine:
             continue

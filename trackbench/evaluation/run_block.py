@@ -176,8 +176,12 @@ def _reduce(task: BlockTask, data: Simulation, output: FilterOutput) -> dict[int
     # Step 2: over the whole block, then trimmed: numpy adds up a single column in another order.
     finite = _stayed_finite(output.mean)
     finite_truth: Mask | None = None
-    if task.scenario.recorded_runs is None:  # an unknown truth of a recording is NaN
-        finite_truth = np.asarray(np.isfinite(data.truth).all(axis=(0, 1)))
+    if task.scenario.recorded_runs is None:
+        # An unknown truth of a recording is NaN, as that of a target that is gone.
+        bad_truth = np.isinf(data.truth)
+        if task.scenario.exists_always:
+            bad_truth |= np.isnan(data.truth)
+        finite_truth = ~np.asarray(bad_truth.any(axis=(0, 1)))
     per_run = per_run_metrics(task.scenario, values, sums, finite, finite_truth, weights)
     lost = (per_run["lost"] != NOT_LOST).any()
     known = {task.width: {} if lost else sums.over_runs()}

@@ -110,6 +110,11 @@ class Scenario(Scene):
         return None
 
     @property
+    def exists_always(self) -> bool:
+        """True if the truth is a number at every step; else NaN stands for a target that is gone."""
+        return False
+
+    @property
     def training(self) -> "Scenario | None":
         """Scenario for tuning: the first part of recorded data; None: the scenario itself."""
         return None

@@ -394,6 +394,11 @@ class Tracking(Scenario):
         return self.target.recorded_runs
 
     @property
+    def exists_always(self) -> bool:
+        """True if a motion drives the target, whose state then is a number at every step."""
+        return self.target.own_motion is not None
+
+    @property
     def cautions(self) -> tuple[str, ...]:
         """Notes on changes to the target's data, and on its unexpected keys."""
         return (*self.target.notices, *self.target.cautions(self._timeline))

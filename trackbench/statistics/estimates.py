@@ -38,13 +38,18 @@ COLLAPSED_NOTE = (
 )
 
 
+def collapsed_runs(anees: Array) -> int:
+    """Count the collapsed runs by each run's ANEES or ANIS (M,)."""
+    return int(np.sum(anees[~np.isnan(anees)] > _COLLAPSED_ANEES))
+
+
 def collapsed_in_words(anees: Array) -> str:
     """Return ``collapsed in 3 of 40 runs`` from each run's ANEES or ANIS (M,).
 
     Empty if no run collapsed, or if there is one run only, whose number says as much.
     """
     runs = anees[~np.isnan(anees)]
-    collapsed = int(np.sum(runs > _COLLAPSED_ANEES))
+    collapsed = collapsed_runs(runs)
     return f"collapsed in {collapsed} of {len(runs)} runs" if collapsed and len(runs) > 1 else ""
 
 

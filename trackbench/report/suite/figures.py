@@ -113,7 +113,7 @@ def draw_matrix(group: SuiteScores) -> Figure:
     for i, label in enumerate(labels):
         for j, problem in enumerate(problems):
             score = cells.get((label, problem))
-            if score is not None and score.is_run:
+            if score is not None and not score.is_left_out:
                 colors[i, j] = log10(score.limited_ratio)
     height = 1.9 + _CELL_IN * len(labels)
     figure, ax = style.subplots(height_in=height)
@@ -144,7 +144,7 @@ def _write_cell(ax: Axes, row: int, column: int, score: Score | None, color: flo
         return
     ink = "white" if color > 0.45 * log10(WORST) else "black"
     text = ""
-    if score.word == LOSES_MORE or score.collapsed:
+    if score.failed or score.word == LOSES_MORE or score.collapsed:
         text = "×"
     elif score.ratio_to_best.value < WORST:
         digits = 2 if score.ratio_to_best.value < 1.095 else 1
@@ -172,8 +172,8 @@ def matrix_caption(group: SuiteScores) -> str:
     """Return how to read the matrix."""
     return (
         f"{group.title}: error of each filter over that of the best filter of the problem. ×: loses "
-        "more runs than another filter, or some runs collapse. ·: overconfident. Gray: cannot be run "
-        "on this problem; scores.csv has the reason. Filters are sorted by their typical ratio."
+        "all runs or significantly more than another filter, or some runs collapse. ·: overconfident. "
+        "Gray: cannot be run on this problem; scores.csv has the reason. Filters are sorted by their typical ratio."
     )
 
 
@@ -220,7 +220,7 @@ def profile_caption(group: SuiteScores) -> str:
     return (
         f"{group.title}: share of problems on which a filter's error is at most so many times that of "
         "the best filter. Higher is better. Bands: 95 % over resampled runs. A problem on which a "
-        "filter cannot be run, or loses more runs, counts as missed."
+        "filter cannot be run, or loses significantly more runs, counts as not within any factor."
     )
 
 
@@ -270,5 +270,6 @@ def cost_caption(group: SuiteScores) -> str:
     """Return how to read error over cost."""
     return (
         f"{group.title}: error and CPU time of each filter over all problems. Lower and further left "
-        f"is better. A ratio counts as {WORST:g} at most, also where a filter loses runs or cannot run."
+        f"is better. A ratio counts as {WORST:g} at most, also of a filter that fails or cannot be run. "
+        "A filter for one run loops over the runs in Python."
     )

@@ -1,9 +1,11 @@
 """Scores of a suite: one record for each problem and filter, and what follows over all problems.
 
-The error of a filter is divided by that of the best filter of the same problem. Over problems the
-ratios are summarized by their geometric mean, each ratio limited to `WORST`: a filter that loses runs,
-or cannot be run, counts as `WORST`. The logarithm of this number is one minus the area under the
-filter's performance profile [1]_ between 1 and `WORST`, so that figure and number agree.
+The error of a filter is divided by that of the best filter of the same problem, over the runs that
+neither loses. Over problems the ratios are summarized by their geometric mean, each ratio limited to
+`WORST`. A filter that loses significantly more runs than another, or cannot be run, counts as `WORST`.
+The logarithm of this mean, to the base `WORST`, is one minus the area under the filter's performance
+profile [1]_ between 1 and `WORST` on a logarithmic axis, so that figure and number agree. Below the
+limit the order of the filters does not depend on which filter is the best.
 
 .. [1] E. D. Dolan, J. J. More: Benchmarking optimization software with performance profiles,
    Mathematical Programming 91, 2002.
@@ -30,7 +32,7 @@ from trackbench.report.findings.ranking_table import consistency, cpu_seconds
 from trackbench.report.paired import compared_statistic
 from trackbench.report.results import Results
 from trackbench.statistics.comparison import Comparison, compare
-from trackbench.statistics.estimates import RunEstimate, collapsed_in_words
+from trackbench.statistics.estimates import RunEstimate, collapsed_runs
 
 WORST = 10.0
 """Ratio to the best from which on a filter counts as useless for the problem."""
@@ -85,11 +87,18 @@ class Score:
     """CPU seconds of a run"""
     reason: str = ""
     """why the filter has no error here"""
+    failed: bool = False
+    """True if it was run and has no error: it raised, or lost all runs"""
 
     @property
-    def is_run(self) -> bool:
-        """True if the filter was run on the problem."""
+    def has_error(self) -> bool:
+        """True if the filter has an error on the problem."""
         return not self.reason
+
+    @property
+    def is_left_out(self) -> bool:
+        """True if the scenario does not fit the filter."""
+        return bool(self.reason) and not self.failed
 
     @property
     def limited_ratio(self) -> float:
@@ -120,6 +129,8 @@ class SuiteScores:
     scores: list[Score]
     runs: Mapping[str, ProblemRuns]
     """errors of each run, by problem"""
+    is_tuned: bool = False
+    """True if the filters of the roster are tuned on each problem"""
 
     def of_role(self, role: str) -> list[Score]:
         """Return the scores of filters, or of smoothers."""
@@ -221,6 +232,7 @@ def score_problem(problem: FittedProblem, results: Results) -> tuple[list[Score]
             reasons[replaced.get(label, label)] = failed.get(label, "has no such error")
     for label, why in reasons.items():
         role = SMOOTHER if label in smoothers else FILTER
+        is_left_out = label in problem.left_out
         scores.append(
             Score(
                 group=problem.group,
@@ -229,6 +241,7 @@ def score_problem(problem: FittedProblem, results: Results) -> tuple[list[Score]
                 label=label,
                 role=role,
                 reason=why,
+                failed=not is_left_out,
             )
         )
     values = {
@@ -252,7 +265,6 @@ def _score_candidate(
     runs = results.runs(candidate.point)
     anees = runs.get((candidate.label, "nees"), np.full(0, nan))
     size = results.facts(candidate.point).sizes.get("", 1)
-    collapsed = collapsed_in_words(anees / size)
     reason = ""
     if not isfinite(overall.value):
         reason = "lost all runs" if candidate.losses == len(candidate.lost) else "infinite error"
@@ -269,10 +281,11 @@ def _score_candidate(
         word=_word(ranking, candidate),
         runs=len(candidate.lost),
         lost=candidate.losses,
-        collapsed=int(collapsed.split()[2]) if collapsed else 0,
+        collapsed=collapsed_runs(anees / size),
         consistency=consistency_word,
         cpu_s=cpu_seconds(results, candidate),
         reason=reason,
+        failed=bool(reason),
     )
 
 
@@ -397,15 +410,22 @@ class Leader:
 
     label: str
     typical_ratio: float
+    low: float
+    """95 % interval of the typical ratio over resampled runs"""
+    high: float
+    share_first: float
+    """share of the resamplings of the runs in which it is first"""
     rivals: tuple[str, ...]
-    """filters that are first in more than 5 % of the resamplings of the runs, too"""
+    """filters that are first in the other resamplings, at most three"""
     without: dict[str, str]
     """filter that is first when a class is left out, by class, where it is another one"""
+    classes: int
+    """number of classes of problems"""
 
     @property
     def is_robust(self) -> bool:
-        """True if the same filter is first with other runs, and without any one class of problems."""
-        return not self.without and not self.rivals
+        """True if it is first in 95 % of the resamplings, and without any one of several classes."""
+        return self.share_first >= 0.95 and not self.without and self.classes > 1
 
 
 def leader_of(group: SuiteScores, resampled: Array) -> Leader | None:
@@ -418,24 +438,33 @@ def leader_of(group: SuiteScores, resampled: Array) -> Leader | None:
     typical = typical_ratios(group)
     if not typical:
         return None
+    labels = [*typical]
     first = min(typical, key=lambda label: typical[label])
     # With other runs: how often each filter is first.
-    winners = np.log(resampled).mean(axis=2).argmin(axis=1)
-    labels = [*typical]
-    rivals = []
-    for i, label in enumerate(labels):
-        if label != first and float(np.mean(winners == i)) > 0.05:
-            rivals.append(label)
+    logs = np.log(resampled).mean(axis=2)
+    low, high = np.exp(np.quantile(logs[:, labels.index(first)], [0.025, 0.975]))
+    is_first = logs <= logs.min(axis=1, keepdims=True)
+    shares = dict(zip(labels, is_first.mean(axis=0).tolist(), strict=True))
+    others = sorted((label for label in labels if label != first), key=lambda label: -shares[label])
+    rivals = tuple(label for label in others[:3] if shares[label] > 0.0)
     # Without each class of problems.
+    classes = list(dict.fromkeys(group.classes.values()))
     without = {}
-    for name in dict.fromkeys(group.classes.values()):
-        others = typical_ratios(group, without_class=name)
-        if not others:
-            continue
-        other = min(others, key=lambda label: others[label])
-        if other != first:
-            without[name] = other
-    return Leader(label=first, typical_ratio=typical[first], rivals=tuple(rivals), without=without)
+    for name in classes if len(classes) > 1 else ():
+        rest = typical_ratios(group, without_class=name)
+        best = min(rest, key=lambda label: rest[label])
+        if rest[best] < rest[first]:
+            without[name] = best
+    return Leader(
+        label=first,
+        typical_ratio=typical[first],
+        low=float(low),
+        high=float(high),
+        share_first=shares[first],
+        rivals=rivals,
+        without=without,
+        classes=len(classes),
+    )
 
 
 def profile(ratios: Array, factors: Array) -> Array:
@@ -465,7 +494,7 @@ def resampled_ratios(group: SuiteScores, seed: int = 0) -> Array:
     resampled = np.empty((RESAMPLINGS, len(labels), len(problems)))
     for b in range(RESAMPLINGS):
         for j, name in enumerate(problems):
-            drawn = _resampled_ratios(group.runs[name], labels, ratios[:, j], rng)
+            drawn = _resample_problem(group.runs[name], labels, ratios[:, j], rng)
             resampled[b, :, j] = np.minimum(drawn, WORST)
     return resampled
 
@@ -476,7 +505,7 @@ def profile_bands(resampled: Array, factors: Array) -> tuple[Array, Array]:
     return np.quantile(shares, 0.025, axis=0), np.quantile(shares, 0.975, axis=0)
 
 
-def _resampled_ratios(
+def _resample_problem(
     runs: ProblemRuns, labels: Sequence[str], ratios: Array, rng: np.random.Generator
 ) -> Array:
     """Return the ratios to the best (labels,) over runs drawn with replacement."""
@@ -507,7 +536,6 @@ def _rms(values: Array) -> float:
 _STATISTICS: dict[str, Callable[[Array], float]] = {
     "mean": lambda values: float(np.mean(values)),
     "rms": _rms,
-    "median": lambda values: float(np.median(values)),
 }
 
 
@@ -522,6 +550,8 @@ class Likeness:
     label: str
     differences: dict[str, float]
     """largest relative difference of a run's error, by problem that both were run on"""
+    also: tuple[str, ...] = ()
+    """further filters whose errors are the same on all these problems"""
 
     @property
     def same(self) -> list[str]:
@@ -553,11 +583,19 @@ def nearest_filter(group: SuiteScores, label: str) -> Likeness | None:
                 differences[problem] = _largest_difference(mine, theirs)
         if differences:
             likenesses.append(Likeness(label=other, differences=differences))
-    return min(
-        likenesses,
-        key=lambda likeness: (-len(likeness.same), likeness.typical_difference),
-        default=None,
+    if not likenesses:
+        return None
+    nearest = min(
+        likenesses, key=lambda likeness: (-len(likeness.same), likeness.typical_difference)
     )
+    also = [
+        likeness.label
+        for likeness in likenesses
+        if likeness is not nearest
+        and not likeness.others
+        and len(likeness.same) == len(nearest.same)
+    ]
+    return replace(nearest, also=tuple(also))
 
 
 def _largest_difference(mine: Array, theirs: Array) -> float:

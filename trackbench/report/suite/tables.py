@@ -12,6 +12,7 @@ from trackbench.report.suite.scores import (
     LOSES_MORE,
     SMOOTHER,
     UNTESTED,
+    WORST,
     Likeness,
     Score,
     SuiteScores,
@@ -25,6 +26,8 @@ from trackbench.statistics.estimates import COLLAPSED_NOTE
 
 NEAR = 1.1
 """Factor within which a filter is near the best."""
+_FEW_RUNS = 20
+"""Runs below which a sentence is called preliminary."""
 
 
 def roster_table(group: SuiteScores) -> TextTable:
@@ -37,11 +40,12 @@ def roster_table(group: SuiteScores) -> TextTable:
     table = TextTable(f"{group.title}: {number} problems", heads)
     for label in ordered_labels(group):
         mine = [score for score in group.of_role(FILTER) if score.label == label]
-        run = [score for score in mine if score.is_run]
+        run = [score for score in mine if score.has_error]
+        left_out = sum(score.is_left_out for score in mine)
         near = sum(score.limited_ratio <= NEAR for score in run)
         within = sum(score.limited_ratio <= 2.0 for score in run)
         first = sum(is_best(score) for score in run)
-        failing = sum(fails(score) for score in run)
+        failing = sum(fails(score) for score in mine)
         overconfident = sum(score.consistency == "overconfident" for score in run)
         cost = costs.get(label)
         table.rows.append(
@@ -53,7 +57,7 @@ def roster_table(group: SuiteScores) -> TextTable:
                 Text(str(first), first),
                 Text(str(failing), failing),
                 Text(str(overconfident), overconfident),
-                Text(str(number - len(run)), number - len(run)),
+                Text(str(left_out), left_out),
                 Text("–" if cost is None else f"{cost:.3g} x", cost),
             ]
         )
@@ -69,12 +73,12 @@ def roster_table(group: SuiteScores) -> TextTable:
 
 def is_best(score: Score) -> bool:
     """Test whether a filter has the smallest error of its problem, alone or with an equal one."""
-    return score.is_run and score.limited_ratio <= 1.0 + 1e-9
+    return score.has_error and score.limited_ratio <= 1.0 + 1e-9
 
 
 def fails(score: Score) -> bool:
-    """Test whether a filter loses more runs than another, or some of its runs collapse."""
-    return score.word == LOSES_MORE or score.collapsed > 0
+    """Test whether a filter has no error, loses significantly more runs, or has collapsed runs."""
+    return score.failed or score.word == LOSES_MORE or score.collapsed > 0
 
 
 def smoother_table(group: SuiteScores) -> TextTable | None:
@@ -88,7 +92,7 @@ def smoother_table(group: SuiteScores) -> TextTable | None:
     )
     for score in smoothers:
         own = filters.get((score.problem, score.label.removesuffix(", smoothed")))
-        if not score.is_run or own is None or not own.is_run:
+        if not score.has_error or own is None or not own.has_error:
             continue
         ratio = score.error / own.error
         table.rows.append(
@@ -121,7 +125,7 @@ def filter_table(groups: Sequence[SuiteScores], label: str) -> TextTable:
 def _score_row(score: Score) -> list[Text]:
     """Write the cells of one score."""
     ratio = score.ratio_to_best
-    if score.is_run:
+    if score.has_error:
         number = rounded(score.error, score.stderr, 4)
         beside = ratio_in_words(score)
     else:
@@ -157,24 +161,30 @@ def ratio_in_words(score: Score) -> str:
 def filter_sentences(group: SuiteScores, label: str) -> list[str]:
     """Say of one filter where it ran, where it is first or fails, and which filter it resembles."""
     mine = [score for score in group.of_role(FILTER) if score.label == label]
-    run = [score for score in mine if score.is_run]
+    run = [score for score in mine if not score.is_left_out]
     lines = [f"{group.title}: {label} ran on {len(run)} of {len(mine)} problems."]
     if not run:
         return lines
     if len(group.labels(FILTER)) > 1:
         typical = typical_ratios(group)[label]
         lines.append(
-            f"Its typical error is {typical:.2f} times that of the best filter of each problem."
+            f"Its typical ratio to the best filter is {typical:.2f}; a failure, or a problem that it "
+            f"cannot run on, counts as {WORST:g}."
         )
         first = [score.problem for score in run if is_best(score)]
         if first:
             lines.append(f"It has the smallest error on {_listed(first)}.")
     failing = [score.problem for score in run if fails(score)]
     if failing:
-        lines.append(f"It loses runs or collapses on {_listed(failing)}.")
+        lines.append(
+            f"It fails on {_listed(failing)}: it loses all runs or significantly more than another "
+            "filter, or some runs collapse."
+        )
     overconfident = [score.problem for score in run if score.consistency == "overconfident"]
     if overconfident:
         lines.append(f"It is overconfident on {_listed(overconfident)}.")
+    if group.is_tuned and len(group.labels(FILTER)) > 1:
+        lines.append("The filters of the roster are tuned on each problem, and yours is not.")
     likeness = nearest_filter(group, label)
     if likeness is not None:
         lines.append(_likeness_sentence(likeness))
@@ -185,9 +195,10 @@ def _likeness_sentence(likeness: Likeness) -> str:
     """Say which filter of the roster a filter is, or is nearest to."""
     number = len(likeness.differences)
     if not likeness.others:
+        also = f", which equals {_listed(likeness.also)} there" if likeness.also else ""
         return (
-            f"It is the {likeness.label}: on all {number} problems that both ran on, the errors of "
-            "every run agree to 1e-6."
+            f"It is the {likeness.label}{also}: the errors of every run agree to 1e-6 on all problems "
+            f"that both ran on ({number})."
         )
     largest = max(likeness.differences.values())
     apart = f"by up to {100.0 * largest:.2g} %" if isfinite(largest) else "in which runs are lost"
@@ -218,18 +229,29 @@ def leader_sentence(group: SuiteScores) -> str:
     if leader is None:
         return ""
     number = len({score.problem for score in group.of_role(FILTER)})
+    runs = max(score.runs for score in group.scores)
+    few = f" Preliminary: {runs} runs." if runs < _FEW_RUNS else ""
+    ratio = (
+        f"smallest typical ratio, {leader.typical_ratio:.2f} ({leader.low:.2f} to {leader.high:.2f} "
+        "over resampled runs)"
+    )
     if leader.is_robust:
         return (
-            f"{group.title}: over the {number} problems {leader.label} comes first. Its typical error "
-            f"is {leader.typical_ratio:.2f} times that of the best filter of each problem. It stays "
-            "first over resampled runs, and without any one class of problems."
+            f"{group.title}: over these {number} problems {leader.label} comes first with the {ratio}. "
+            f"It is first in {100.0 * leader.share_first:.0f} % of the resampled runs, and without any "
+            f"one of the {leader.classes} classes of problems. Other problems may decide otherwise.{few}"
         )
     reasons = []
-    if leader.rivals:
-        reasons.append(f"with other runs {_listed(leader.rivals)} may be first, too")
+    if leader.share_first < 0.95:
+        reasons.append(
+            f"with other runs {_listed(leader.rivals)} may be first "
+            f"({leader.label} is in {100.0 * leader.share_first:.0f} %)"
+        )
     for name, label in leader.without.items():
         reasons.append(f"without the class {name} it is {label}")
+    if leader.classes < 2:
+        reasons.append("all problems are of one class")
     return (
-        f"{group.title}: no filter is the best over the {number} problems. {leader.label} has the "
-        f"smallest typical ratio, {leader.typical_ratio:.2f}; {'; '.join(reasons)}."
+        f"{group.title}: no filter is the best over these {number} problems. {leader.label} has the "
+        f"{ratio}; {'; '.join(reasons)}.{few}"
     )
