@@ -173,7 +173,8 @@ def matrix_caption(group: SuiteScores) -> str:
     return (
         f"{group.title}: error of each filter over that of the best filter of the problem. ×: loses "
         "all runs or significantly more than another filter, or some runs collapse. ·: overconfident. "
-        "Gray: cannot be run on this problem; scores.csv has the reason. Filters are sorted by their typical ratio."
+        "Gray: cannot be run on this problem; scores.csv has the reason. Filters are sorted by their "
+        "typical ratio."
     )
 
 
