@@ -10,6 +10,7 @@ from trackbench.report.suite.scores import (
     BEST,
     FILTER,
     LOSES_MORE,
+    SAME,
     SMOOTHER,
     UNTESTED,
     WORST,
@@ -63,10 +64,10 @@ def roster_table(group: SuiteScores) -> TextTable:
         )
     table.notes = [
         "Typical ratio: geometric mean over the problems of the error over that of the problem's best "
-        "filter; a ratio counts as 10 at most, and as 10 where the filter cannot be run or loses more "
-        "runs than another.",
-        "Fails: loses more runs than another filter, or some of its runs collapse. CPU time: median of "
-        "its ratio to the fastest filter.",
+        "filter. A ratio counts as 10 at most, and a filter that cannot be run, or loses significantly "
+        "more runs than another, as 10.",
+        "Best: the smallest error, significant or not. Fails: loses all runs or significantly more than "
+        "another filter, or some runs collapse. CPU time: median of its ratio to the fastest filter.",
     ]
     return table
 
@@ -146,11 +147,15 @@ def ratio_in_words(score: Score) -> str:
     ratio = score.ratio_to_best
     if score.word == BEST:
         return "best"
-    if ratio.low == ratio.high == 1.0:
+    if is_best(score) and ratio.high - ratio.low < SAME:
         return "equal to the best"
     width = ratio.high - ratio.low
     text = f"{phrases.multiple(ratio.value, width)} x"
-    if isfinite(width):
+    # Beside "no significant difference" no interval of the pair alone may show one.
+    contradicts = score.word == ALIKE and not ratio.low <= 1.0 <= ratio.high
+    if isfinite(width) and ratio.low <= 0.0:
+        text += f" (at most {phrases.multiple(ratio.high, width)})"
+    elif isfinite(width) and not contradicts:
         low = phrases.multiple(ratio.low, width)
         high = phrases.multiple(ratio.high, width)
         text += f" ({low} to {high})"
