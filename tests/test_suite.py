@@ -213,7 +213,14 @@ def test_an_interrupted_suite_writes_no_scores(tmp_path: Path) -> None:
         SUITE.replace("runs: 6", "runs: 60").replace("N: 50", "N: 2000")
     )
     words = [sys.executable, "-m", "trackbench", "suite", "s.yaml", "--engine", "serial"]
-    with subprocess.Popen(words, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
+    # Signals of their own: a job in the background of a shell ignores SIGINT.
+    with subprocess.Popen(
+        words,
+        cwd=tmp_path,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    ) as process:
         assert process.stderr is not None
         for line in process.stderr:
             if line.startswith("body: "):  # the last problem is announced, and blocks begin
