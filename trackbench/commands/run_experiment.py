@@ -73,12 +73,16 @@ def run_each(configs: Sequence[Config], options: Options, sweep: bool = False) -
     jobs = jobs_of(configs, options)
     workers = min(most_workers(options), sum(len(job.plan.unique) for job in jobs))
     open_engine = engine(options.engine, workers, options.scheduler)
+    said: set[str] = set()
     for job in jobs:
         say(job.line, options)
         read = chain.from_iterable(plugin.notes for plugin in job.experiment.plugins)
         of_points = cautions(job.experiment.points)
         for caution in [*of_points, *training_cautions(job.experiment), *read]:
-            say(f"note: {without_folders(caution)}", options)
+            line = f"note: {without_folders(caution)}"
+            if line not in said:  # several problems of a suite may have the same
+                said.add(line)
+                say(line, options)
 
     if options.shard:
         run_shard(jobs, options, open_engine, workers)

@@ -25,6 +25,8 @@ from trackbench.yaml_source import Assembled, MarkedMapping, Source, dotted, mar
 
 QUICK_RUNS = 4
 """Runs of each problem with `--quick`."""
+_QUICK_TUNING = {"evaluations": 6, "runs": 10}
+"""Trials and training runs of each filter with `--quick`."""
 _COPIED = ("title", "paper", "seed", "scenario", "hold_out")
 """Keys of a problem's experiment that the suite uses."""
 
@@ -340,7 +342,8 @@ def _draft(
     tune = {**group.tune, **problem.tune}
     if tune:
         put(data, "tune", marked(tune, mark), mark)
-        put(data, "tuning", marked({**group.tuning}, mark), mark)
+        tuning = {**group.tuning, **_QUICK_TUNING} if quick else {**group.tuning}
+        put(data, "tuning", marked(tuning, mark), mark)
     assembled = Source(data, mark)
     assembled.programs = set()
     added = add_filters(assembled, filter_files)
