@@ -28,7 +28,6 @@ from trackbench.report.suite.scores import (
     nearest_filter,
     profile,
     ratio_matrix,
-    resampled_ratios,
     typical_ratios,
 )
 from trackbench.report.suite.tables import fails
@@ -293,14 +292,14 @@ def test_typical_ratios_and_profiles_by_hand() -> None:
 
 def test_a_leader_that_depends_on_a_class_is_said() -> None:
     group = by_hand({"A": (1.0, 1.0, 3.0), "B": (1.2, 1.2, 1.0)}, ("x", "y", "z"))
-    leader = leader_of(group, resampled_ratios(group))
+    leader = leader_of(group)
     assert leader is not None
     assert leader.label == "B"
     assert leader.without == {"z": "A"}
     assert leader.share_first == 1.0
     assert not leader.is_robust
     robust = by_hand({"A": (1.0, 1.0, 1.0), "B": (1.2, 1.2, 1.3)}, ("x", "y", "z"))
-    leader = leader_of(robust, resampled_ratios(robust))
+    leader = leader_of(robust)
     assert leader is not None
     assert (leader.label, leader.is_robust) == ("A", True)
 
@@ -313,7 +312,7 @@ def test_a_leader_that_depends_on_the_runs_is_said() -> None:
         group="g", title="G", scores=group.scores,
         runs={"p0": ProblemRuns(statistic="mean", values=values)},
     )  # fmt: skip
-    leader = leader_of(noisy, resampled_ratios(noisy))
+    leader = leader_of(noisy)
     assert leader is not None
     assert leader.rivals == ("B",)
     assert leader.share_first < 0.95

@@ -1,6 +1,6 @@
 """``PerRun``: base class of a filter for one run, and the filter of all runs made from it."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from copy import deepcopy
 from dataclasses import MISSING, Field, dataclass, fields, make_dataclass
 from dataclasses import field as dataclass_field
@@ -17,8 +17,6 @@ from trackbench.core.random_streams import NoiseGenerator
 from trackbench.extension_points import field_values
 from trackbench.filters.base import Filter, WrongReturnError
 from trackbench.models.base import (
-    DifferentiableMotion,
-    DifferentiableSensor,
     Model,
     Scene,
     WithJacobian,
@@ -59,7 +57,7 @@ class RunFunctions:
     def Q(self, x: Array) -> Array:
         """Return the covariance (n, n) of the process noise of this step, given x one step before."""
         moved = self._run.model.motion.transition(_as_column(x), self._run.k)
-        return _covariance_of_run(moved.cov)
+        return _matrix_of_run(moved.cov)
 
     def F(self, x: Array, P: Array | None = None) -> Array:
         """Return the Jacobian (n, n) of f at x; by central differences if the motion has none.
@@ -67,16 +65,11 @@ class RunFunctions:
         ``P`` (n, n) is the state's covariance, from which the steps of differences follow.
         """
         motion = self._run.model.motion
-        if isinstance(motion, WithJacobian):
-            at = Gaussian(_as_column(x), _covariance_of_column(x, P))
-            J = jacobian_at(cast(DifferentiableMotion, motion), at, self._run.k)
-        else:
-            J = central_differences(
-                lambda states: motion.transition(states, self._run.k).mean,
-                _as_column(x),
-                spread=_deviations(P),
-            )
-        return _covariance_of_run(J)
+
+        def mean(states: Array) -> Array:
+            return motion.transition(states, self._run.k).mean
+
+        return self._jacobian(motion, mean, np.subtract, x, P)
 
     def h(self, x: Array) -> Array:
         """Return the mean (n_z,) of the measurement of x at this step."""
@@ -84,9 +77,7 @@ class RunFunctions:
 
     def R(self, x: Array) -> Array:
         """Return the covariance (n_z, n_z) of the measurement noise at x."""
-        return _covariance_of_run(
-            self._run.model.sensor.measurement(_as_column(x), self._run.k).cov
-        )
+        return _matrix_of_run(self._run.model.sensor.measurement(_as_column(x), self._run.k).cov)
 
     def H(self, x: Array, P: Array | None = None) -> Array:
         """Return the Jacobian (n_z, n) of h at x; by central differences if the sensor has none.
@@ -94,17 +85,29 @@ class RunFunctions:
         ``P`` (n, n) is the state's covariance, from which the steps of differences follow.
         """
         sensor = self._run.model.sensor
-        if isinstance(sensor, WithJacobian):
-            at = Gaussian(_as_column(x), _covariance_of_column(x, P))
-            J = jacobian_at(cast(DifferentiableSensor, sensor), at, self._run.k)
+
+        def mean(states: Array) -> Array:
+            return sensor.measurement(states, self._run.k).mean
+
+        return self._jacobian(sensor, mean, sensor.innovation, x, P)
+
+    def _jacobian(
+        self,
+        part: object,
+        mean: Callable[[Array], Array],
+        difference: Callable[[Array, Array], Array],
+        x: Array,
+        P: Array | None,
+    ) -> Array:
+        """Return the Jacobian of a motion or sensor, or the central differences of its mean."""
+        column = _as_column(x)
+        if isinstance(part, WithJacobian):
+            cov = np.zeros((len(x), len(x))) if P is None else np.asarray(P, dtype=float)
+            at = Gaussian(column, cov[..., None])
+            J = jacobian_at(part, at, self._run.k)
         else:
-            J = central_differences(
-                lambda states: sensor.measurement(states, self._run.k).mean,
-                _as_column(x),
-                sensor.innovation,
-                spread=_deviations(P),
-            )
-        return _covariance_of_run(J)
+            J = central_differences(mean, column, difference, spread=_deviations(P))
+        return _matrix_of_run(J)
 
     def innovation(self, z: Array, z_pred: Array) -> Array:
         """Return z - z_pred (n_z,), angles wrapped to (-pi, pi]; NaN where a component is missing."""
@@ -116,19 +119,12 @@ def _as_column(x: Array) -> Array:
     return np.asarray(x, dtype=float)[:, None].copy()
 
 
-def _covariance_of_column(x: Array, P: Array | None) -> Array:
-    """Return the covariance (n, n, 1) of the only run of a block; zero if it is not known."""
-    if P is None:
-        return np.zeros((len(x), len(x), 1))
-    return np.asarray(P, dtype=float)[..., None]
-
-
 def _deviations(P: Array | None) -> Array | None:
     """Return the standard deviations (n, 1) of the only run of a block; None if they are not known."""
     return None if P is None else np.sqrt(np.diagonal(np.asarray(P, dtype=float)))[:, None]
 
 
-def _covariance_of_run(matrix: Array) -> Array:
+def _matrix_of_run(matrix: Array) -> Array:
     """Return the matrix (m, n) of the only run of a block (m, n[, 1])."""
     return np.array(with_trailing(matrix, 1, leading=2)[..., 0])
 

@@ -143,7 +143,9 @@ def new(
         raise typer.BadParameter(f"a {what} is not made from data", param_hint="--from")
     if sets and data is None:
         raise typer.BadParameter("is of --from", param_hint="--set")
-    unknown, unused, quantities = list[str](), list[str](), list[str]()
+    unknown = list[str]()
+    unused = list[str]()
+    quantities = list[str]()
     if data is not None and what == "experiment":
         name = name or re.sub("[^A-Za-z0-9]+", "-", data.stem).strip("-")
         paths, unknown, unused, quantities = write_config_for(data, name, Path(), sets or ())

@@ -238,7 +238,8 @@ def _cost_in_folder(job: Job, missing: Sequence[BlockTask]) -> _Cost | None:
 
     A block is computed whole: one run that is stored may have taken the time of 500.
     """
-    wanted, grid = resolved(job.experiment, job.folder), job.experiment.settings.grid
+    wanted = resolved(job.experiment, job.folder)
+    grid = job.experiment.settings.grid
     with suppress(OSError, UserError, ValueError, LookupError, TypeError):
         read_manifest(job.folder)
         stored = read(job.folder / "config.yaml").data
@@ -247,7 +248,8 @@ def _cost_in_folder(job: Job, missing: Sequence[BlockTask]) -> _Cost | None:
         with (job.folder / TIMING).open(encoding="utf-8", newline="") as file:
             rows = list(csv.DictReader(file))
         times = {(*(row[path] for path in grid), row["filter"]): row for row in rows}
-        cpu_s, is_bound = 0.0, False
+        cpu_s = 0.0
+        is_bound = False
         for (i, label), task in _passes(job.plan, missing):
             values = map(str, job.experiment.points[i].values.values())
             # A filter that failed has no time, and will fail again.
@@ -262,7 +264,8 @@ def _cost_in_folder(job: Job, missing: Sequence[BlockTask]) -> _Cost | None:
 
 def _passes(plan: Plan, missing: Sequence[BlockTask]) -> Iterator[tuple[Key, BlockTask]]:
     """Yield the missing tasks of each filter; tasks that share the filter's estimates count once."""
-    wanted, passes = set(missing), set[BlockTask]()
+    wanted = set(missing)
+    passes = set[BlockTask]()
     for key, tasks in plan.tasks.items():
         for task in tasks:
             if task in wanted and task.filtering_key not in passes:
@@ -283,7 +286,8 @@ def _cost_of_shipped(job: Job, options: Options, missing: Sequence[BlockTask]) -
         for shipped in listed() if path.parent.samefile(shipped_folder()) else []:
             if shipped.name == path.stem and shipped.cpu_s is not None:
                 shipped_runs = int(read(path).data.get("runs", 1))
-                wanted, ratios = set(missing), list[float]()
+                wanted = set(missing)
+                ratios = list[float]()
                 for tasks in job.plan.tasks.values():
                     shipped_blocks = ceil(shipped_runs / tasks[0].width)
                     ratios.append(len(wanted.intersection(tasks)) / shipped_blocks)

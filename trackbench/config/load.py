@@ -101,7 +101,8 @@ def load(
     that of those may; ``quick``: few runs; ``tables``: data from Python, by key of the target.
     """
     if isinstance(config, Assembled):
-        source, home = copy.deepcopy(config.source), Path()
+        source = copy.deepcopy(config.source)
+        home = Path()
         chosen = (*chosen, *config.allowed)
     elif isinstance(config, Mapping):
         source, home = from_mapping(config), Path()

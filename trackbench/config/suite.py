@@ -21,7 +21,16 @@ from trackbench.config.tuning import tuned_label
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.evaluation.metric_expression import measured
 from trackbench.field_types import Count, Natural
-from trackbench.yaml_source import Assembled, MarkedMapping, Source, dotted, marked, put, read
+from trackbench.yaml_source import (
+    Assembled,
+    Keys,
+    MarkedMapping,
+    Source,
+    dotted,
+    marked,
+    put,
+    read,
+)
 
 QUICK_RUNS = 4
 """Runs of each problem with `--quick`."""
@@ -104,8 +113,6 @@ class FittedProblem:
     """filters that the scenario does not fit, with the reasons"""
     tuned: tuple[str, ...]
     """filters of the roster that are shown by their tuned copies"""
-    citation: str
-    """name and version of the standard problem whose scenario it is; empty for another scenario"""
 
 
 @dataclass(frozen=True)
@@ -162,28 +169,37 @@ def load_suite(
     settings = build(SuiteSettings, source, ())
     source.check()
     assert settings is not None
-    _check_chosen(settings, chosen_problems)
+    names = [name for group in settings.groups.values() for name in group.problems]
+    if unknown_problems := _unknown_words("--problem", "problem", chosen_problems, names):
+        raise UserError(*unknown_problems)
     _check_scores(source, settings)
     fitted: list[FittedProblem] = []
     problems: list[Problem | str] = []
     added: dict[str, Mark] = {}
     reasons: dict[str, str] = {}
+    assembler = _Assembler(
+        suite=source,
+        home=path.parent,
+        settings=settings,
+        filter_files=tuple(filter_files),
+        quick=quick,
+        runs=runs,
+    )
     for group_name, group in settings.groups.items():
         for name in group.problems:
             if chosen_problems and name not in chosen_problems:
                 continue
             try:
-                draft = _draft(
-                    source, path.parent, settings, group_name, name, filter_files, quick, runs
-                )
-                added |= draft.added
-                problem, left_out = _fitted(draft, group_name, name, group, only, allow_plugins)
+                assembled = assembler.assemble(group_name, name)
+                added |= assembled.added
+                problem, left_out = _fit_roster(assembled, only, allow_plugins)
                 reasons |= left_out
                 if problem is not None:
                     fitted.append(problem)
             except UserError as error:
                 problems += error.problems
-    problems += _unknown_labels(settings, only, added)
+    labels = [*added, *_labels_of(settings)]
+    problems += _unknown_words("--only", "filter", only, labels)
     if not problems:
         problems += _filters_without_problem(
             source, settings, fitted, added, is_whole=not (only or chosen_problems)
@@ -202,35 +218,26 @@ def load_suite(
     )
 
 
-def _check_chosen(settings: SuiteSettings, chosen_problems: Sequence[str]) -> None:
-    """Reject names of problems that the suite lacks."""
-    names: dict[str, None] = {}
-    for group in settings.groups.values():
-        names |= dict.fromkeys(group.problems)
-    problems = []
-    for name in chosen_problems:
-        if name not in names:
-            what = f"is no problem of this suite; {unknown(name, list(names))}"
-            problems.append(Problem(Mark(f"--problem {name}"), "", what))
-    if problems:
-        raise UserError(*problems)
-
-
-def _unknown_labels(
-    settings: SuiteSettings, only: Sequence[str], added: Mapping[str, Mark]
+def _unknown_words(
+    option: str, noun: str, words: Sequence[str], known: Sequence[str]
 ) -> list[Problem]:
-    """Return a mistake for each label to run that neither the suite nor the user's files have."""
-    labels: dict[str, None] = dict.fromkeys(added)
-    for group in settings.groups.values():
-        labels |= dict.fromkeys(group.filters)
-        for problem in group.problems.values():
-            labels |= dict.fromkeys(problem.filters)
+    """Return a mistake for each word of an option that the suite lacks."""
     problems = []
-    for label in only:
-        if label not in labels:
-            what = f"is no filter of this suite; {unknown(label, list(labels))}"
-            problems.append(Problem(Mark(f"--only {label}"), "", what))
+    for word in words:
+        if word not in known:
+            what = f"is no {noun} of this suite; {unknown(word, list(dict.fromkeys(known)))}"
+            problems.append(Problem(Mark(f"{option} {word}"), "", what))
     return problems
+
+
+def _labels_of(settings: SuiteSettings) -> list[str]:
+    """List the labels of all rosters, and of filters that only one problem has."""
+    labels: list[str] = []
+    for group in settings.groups.values():
+        labels += group.filters
+        for problem in group.problems.values():
+            labels += problem.filters
+    return labels
 
 
 def _check_scores(source: Source, settings: SuiteSettings) -> None:
@@ -253,156 +260,178 @@ def _check_scores(source: Source, settings: SuiteSettings) -> None:
 
 
 @dataclass(frozen=True)
-class _Draft:
-    """Experiment of a problem with the whole roster, before it is fitted."""
+class _AssembledProblem:
+    """Experiment of a problem with the whole roster, before the roster is fitted."""
 
+    name: str
+    group: str
+    settings: SuiteProblem
     config: Assembled
     added: dict[str, Mark]
     """labels of the user's filters"""
-    citation: str
 
 
-def _draft(
-    suite: Source,
-    home: Path,
-    settings: SuiteSettings,
-    group_name: str,
-    name: str,
-    filter_files: Sequence[Path],
-    quick: bool,
-    runs: int | None,
-) -> _Draft:
-    """Put the experiment of a problem together."""
-    group = settings.groups[group_name]
-    problem = group.problems[name]
-    keys = ("groups", group_name, "problems", name)
-    # Step 1: the experiment whose scenario is used, with its parts and the changes.
-    file = _experiment_file(suite, home, problem, name, (*keys, "use"))
-    source = read(file)
-    unread = inline_parts(source, file.parent)
-    if unread:
-        raise UserError(*(line for lines in unread.values() for line in lines))
-    standard = source.data.get("problem")
-    for path_text, value in problem.set.items():
-        mark = suite.mark((*keys, "set", path_text))
-        target = split_path(source, path_text)
-        override(source, target, value, mark)
-        if target[0] == "scenario":
-            standard = None
-    citation = ""
-    if isinstance(standard, Mapping):
-        citation = f"{source.data.get('name')} v{standard.get('version')}"
-    # Step 2: what of it the suite uses, under the problem's name.
-    original = source.data
-    data = MarkedMapping()
-    mark = suite.mark(keys)
-    put(data, "name", name, mark)
-    for key in _COPIED:
-        if key in original:
-            put(data, key, original[key], source.mark((key,)))
-    if problem.title:
-        put(data, "title", problem.title, mark)
-    if settings.seed is not None:
-        put(data, "seed", settings.seed, suite.mark(("seed",)))
-    put(data, "runs", problem.runs if problem.runs and runs is None else settings.runs, mark)
-    if quick:
-        put(data, "runs", runs or QUICK_RUNS, Mark("--quick"))
-        put(data, "block", "fit", Mark("--quick"))
-    put(data, "per_step", [], mark)
-    if problem.score is not None:
-        columns = {"Error": problem.score, "ANEES": "anees"}
-        table = {"errors": {"kind": "metrics", "title": "Error", "columns": columns}}
-        put(data, "tables", marked(table, suite.mark((*keys, "score"))), mark)
-    for key in ("plugins", "files"):
-        paths = original.get(key)
-        if isinstance(paths, list):
-            absolute = [str((file.parent / str(path)).absolute()) for path in paths]
-            put(data, key, marked(absolute, mark), source.mark((key,)))
-    # Step 3: the roster, the problem's own filters, and the user's.
-    filters = _roster(suite, home, group_name, name)
-    reference = problem.reference
-    if reference is not None and reference != original.get("bound"):
-        known = original.get("filters") or {}
+@dataclass(frozen=True, kw_only=True)
+class _Assembler:
+    """Put the experiments of a suite's problems together."""
+
+    suite: Source
+    home: Path
+    """folder of the suite's file"""
+    settings: SuiteSettings
+    filter_files: tuple[Path, ...]
+    quick: bool
+    runs: int | None
+    """number of runs that the user asks for"""
+
+    def assemble(self, group_name: str, name: str) -> _AssembledProblem:
+        """Put a problem's experiment together: a scenario, and the roster in place of the filters."""
+        keys = ("groups", group_name, "problems", name)
+        group = self.settings.groups[group_name]
+        problem = group.problems[name]
+        file = self._experiment_file(problem, name, (*keys, "use"))
+        experiment = read(file)
+        _include_parts(experiment, file.parent)
+        for path_text, value in problem.set.items():
+            mark = self.suite.mark((*keys, "set", path_text))
+            override(experiment, split_path(experiment, path_text), value, mark)
+        mark = self.suite.mark(keys)
+        data = self._scenario_and_runs(experiment, file, problem, name, keys)
+        self._put_roster(data, experiment, file, group_name, name, keys)
+        self._put_tuning(data, group, problem, mark)
+        source = Source(data, mark)
+        added = add_filters(source, self.filter_files)
+        config = Assembled(source=source, allowed=self.filter_files)
+        return _AssembledProblem(
+            name=name, group=group_name, settings=problem, config=config, added=added
+        )
+
+    def _experiment_file(self, problem: SuiteProblem, name: str, keys: Keys) -> Path:
+        """Find the experiment file of a problem: beside the suite, or shipped."""
+        word = problem.use or name
+        if word.endswith((".yaml", ".yml")):
+            return self.home / word
+        try:
+            return located(Path(word), lambda line: None)
+        except UserError as error:
+            what = "; ".join(p.what if isinstance(p, Problem) else str(p) for p in error.problems)
+            mark = self.suite.mark(keys)
+            raise UserError(Problem(mark, dotted(keys), f"{word!r} {what}")) from None
+
+    def _scenario_and_runs(
+        self, experiment: Source, file: Path, problem: SuiteProblem, name: str, keys: Keys
+    ) -> MarkedMapping:
+        """Return what a suite uses of an experiment, under the problem's name, and the suite's runs."""
+        mark = self.suite.mark(keys)
+        data = MarkedMapping()
+        put(data, "name", name, mark)
+        for key in _COPIED:
+            if key in experiment.data:
+                put(data, key, experiment.data[key], experiment.mark((key,)))
+        if problem.title:
+            put(data, "title", problem.title, mark)
+        if self.settings.seed is not None:
+            put(data, "seed", self.settings.seed, self.suite.mark(("seed",)))
+        if self.quick:
+            put(data, "runs", self.runs or QUICK_RUNS, Mark("--quick"))
+            put(data, "block", "fit", Mark("--quick"))
+        elif problem.runs and self.runs is None:
+            put(data, "runs", problem.runs, mark)
+        else:
+            put(data, "runs", self.settings.runs, mark)
+        put(data, "per_step", [], mark)
+        if problem.score is not None:
+            columns = {"Error": problem.score, "ANEES": "anees"}
+            table = {"errors": {"kind": "metrics", "title": "Error", "columns": columns}}
+            put(data, "tables", marked(table, self.suite.mark((*keys, "score"))), mark)
+        for key in ("plugins", "files"):
+            paths = experiment.data.get(key)
+            if isinstance(paths, list):
+                absolute = [str((file.parent / str(path)).absolute()) for path in paths]
+                put(data, key, marked(absolute, mark), experiment.mark((key,)))
+        return data
+
+    def _put_roster(
+        self,
+        data: MarkedMapping,
+        experiment: Source,
+        file: Path,
+        group_name: str,
+        name: str,
+        keys: Keys,
+    ) -> None:
+        """Put the roster, the problem's own filters and its reference into an experiment."""
+        # Step 1: the roster with the problem's own filters, whose files are included.
+        group = self.suite.data["groups"][group_name]
+        changes = group["problems"][name].get("filters") or {}
+        filters = deep_merge(copy.deepcopy(group["filters"]), copy.deepcopy(changes), by_kind=True)
+        part = Source(MarkedMapping({"filters": filters}), self.suite.start)
+        _include_parts(part, self.home)
+        mark = self.suite.mark(keys)
+        put(data, "filters", filters, mark)
+        smoothed = self.settings.groups[group_name].smoothed
+        if smoothed:
+            put(data, "smoothed", [*smoothed], mark)
+        # Step 2: the reference, a filter of the experiment or its bound.
+        reference = self.settings.groups[group_name].problems[name].reference
+        if reference is None:
+            return
+        mark = self.suite.mark((*keys, "reference"))
+        if reference == experiment.data.get("bound"):
+            put(data, "bound", reference, mark)
+            return
+        known = experiment.data.get("filters") or {}
         if reference not in known:
             labels = ", ".join(map(str, known))
             what = f"{reference!r} is neither a filter of {file.name} ({labels}) nor its bound"
-            raise UserError(Problem(suite.mark((*keys, "reference")), dotted(keys), what))
+            raise UserError(Problem(mark, dotted(keys), what))
         if reference in filters:
             what = f"{reference!r} is already a filter of the roster"
-            raise UserError(Problem(suite.mark((*keys, "reference")), dotted(keys), what))
-        put(
-            filters, reference, copy.deepcopy(known[reference]), source.mark(("filters", reference))
-        )
-        put(data, "reference", reference, suite.mark((*keys, "reference")))
-    elif reference is not None:
-        put(data, "bound", reference, suite.mark((*keys, "reference")))
-    put(data, "filters", filters, mark)
-    if group.smoothed:
-        put(data, "smoothed", [*group.smoothed], mark)
-    tune = {**group.tune, **problem.tune}
-    if tune:
+            raise UserError(Problem(mark, dotted(keys), what))
+        entry = copy.deepcopy(known[reference])
+        put(filters, reference, entry, experiment.mark(("filters", reference)))
+        put(data, "reference", reference, mark)
+
+    def _put_tuning(
+        self, data: MarkedMapping, group: SuiteGroup, problem: SuiteProblem, mark: Mark
+    ) -> None:
+        """Put the keys that are tuned, and the number of trials, into an experiment."""
+        tune = {**group.tune, **problem.tune}
+        if not tune:
+            return
+        tuning = {**group.tuning}
+        if self.quick:
+            tuning |= _QUICK_TUNING
         put(data, "tune", marked(tune, mark), mark)
-        tuning = {**group.tuning, **_QUICK_TUNING} if quick else {**group.tuning}
         put(data, "tuning", marked(tuning, mark), mark)
-    assembled = Source(data, mark)
-    assembled.programs = set()
-    added = add_filters(assembled, filter_files)
-    config = Assembled(source=assembled, allowed=tuple(filter_files))
-    return _Draft(config=config, added=added, citation=citation)
 
 
-def _experiment_file(
-    suite: Source, home: Path, problem: SuiteProblem, name: str, keys: tuple[str, ...]
-) -> Path:
-    """Find the experiment file of a problem: beside the suite, or shipped."""
-    word = problem.use or name
-    if word.endswith((".yaml", ".yml")):
-        return home / word
-    try:
-        return located(Path(word), lambda line: None)
-    except UserError as error:
-        what = "; ".join(p.what if isinstance(p, Problem) else str(p) for p in error.problems)
-        raise UserError(Problem(suite.mark(keys), dotted(keys), f"{word!r} {what}")) from None
+def _include_parts(source: Source, folder: Path) -> None:
+    """Include the files that a config names; raises UserError for those that cannot be read."""
+    unread = inline_parts(source, folder)
+    problems = [problem for mistakes in unread.values() for problem in mistakes]
+    if problems:
+        raise UserError(*problems)
 
 
-def _roster(suite: Source, home: Path, group_name: str, name: str) -> MarkedMapping:
-    """Return the filters of a problem with their files included."""
-    group = suite.data["groups"][group_name]
-    own = group["problems"][name].get("filters") or {}
-    merged = deep_merge(copy.deepcopy(group["filters"]), copy.deepcopy(own), by_kind=True)
-    part = Source(MarkedMapping({"filters": merged}), suite.start)
-    unread = inline_parts(part, home)
-    if unread:
-        raise UserError(*(line for lines in unread.values() for line in lines))
-    filters = part.data["filters"]
-    assert isinstance(filters, MarkedMapping)
-    return filters
-
-
-def _fitted(
-    draft: _Draft,
-    group_name: str,
-    name: str,
-    group: SuiteGroup,
-    only: Sequence[str],
-    allow_plugins: bool,
+def _fit_roster(
+    assembled: _AssembledProblem, only: Sequence[str], allow_plugins: bool
 ) -> tuple[FittedProblem | None, dict[str, str]]:
     """Leave out the filters that the scenario does not fit.
 
     Returns the problem, None if no filter is left, and the reasons by label. Raises UserError for
     other mistakes.
     """
-    source = draft.config.source
+    source = assembled.config.source
     reference = source.data.get("reference")
     if only:
         for label in list(source.data["filters"]):
-            if label not in (*only, reference, *draft.added):
+            if label not in (*only, reference, *assembled.added):
                 _remove_filter(source, label)
     left_out: dict[str, str] = {}
     while source.data["filters"].keys() - {reference}:
         try:
-            experiment = configurations.load(draft.config, allow_plugins=allow_plugins)
-            break
+            experiment = configurations.load(assembled.config, allow_plugins=allow_plugins)
         except UserError as error:
             reasons = _misfits(source, error)
             if not reasons:
@@ -410,20 +439,18 @@ def _fitted(
             left_out |= reasons
             for label in reasons:
                 _remove_filter(source, label)
-    else:
-        return None, left_out
-    problem = group.problems[name]
-    fitted = FittedProblem(
-        name=name,
-        group=group_name,
-        settings=problem,
-        config=draft.config,
-        experiment=experiment,
-        left_out=left_out,
-        tuned=tuple(source.data.get("tune") or ()),
-        citation=draft.citation,
-    )
-    return fitted, left_out
+            continue
+        fitted = FittedProblem(
+            name=assembled.name,
+            group=assembled.group,
+            settings=assembled.settings,
+            config=assembled.config,
+            experiment=experiment,
+            left_out=left_out,
+            tuned=tuple(source.data.get("tune") or ()),
+        )
+        return fitted, left_out
+    return None, left_out
 
 
 def _misfits(source: Source, error: UserError) -> dict[str, str]:

@@ -78,7 +78,8 @@ def turn(problem: ModelDraws, angle: Angle, values: Array, ahead: Array, seed: i
     """
     runs = len(values)
     # Step 1: the priors of the problem, one after the other if fewer are recorded.
-    model, known = problem.model, simulate(problem, runs, seed=seed)
+    model = problem.model
+    known = simulate(problem, runs, seed=seed)
     column = np.arange(runs) % known.prior.mean.shape[1]
     prior = per_run_moments(Gaussian(known.prior.mean, known.prior.cov))
     mean, cov = prior.mean[:, column], prior.cov[..., column]
@@ -102,7 +103,9 @@ class _Turning:
     """Turn prior means (n, M) about the sensor, whose other components keep their values."""
 
     def __init__(self, problem: ModelDraws, angle: Angle, ahead: Array) -> None:
-        self.model, self.angle, self.ahead = problem.model, angle, ahead
+        self.model = problem.model
+        self.angle = angle
+        self.ahead = ahead
         self.steps = problem.steps
         components = self.model.motion.components
         pairs = [(f"{kind}x", f"{kind}y") for kind in ("p", "v", "a")]
@@ -186,7 +189,8 @@ class _Turning:
 
     def measured_jacobian(self, x: Array) -> Array:
         """Return the derivatives (n_z, n, M) of a measurement of the states themselves."""
-        k, sensor = int(self.steps[1]), self.model.sensor
+        k = int(self.steps[1])
+        sensor = self.model.sensor
         out = []
         for i in range(len(x)):
             h = 1e-5 * np.maximum(np.abs(x[i]), 1.0)
@@ -363,7 +367,8 @@ def mistaken_angle(tracker: AnyFilter, problem: ModelDraws) -> str | None:
 def _compare(tracker: AnyFilter, problem: ModelDraws, angle: Angle) -> _Comparison | None:
     """Filter runs at the cuts of an angle, and elsewhere; None if the angle passes no cut."""
     # Step 1: runs of each group, whose angle has its value after different numbers of steps.
-    values, group = list[float](), list[str]()
+    values = list[float]()
+    group = list[str]()
     for name, (value, number) in _RUNS_BY_CUT.items():
         values += [value] * number
         group += [name] * number

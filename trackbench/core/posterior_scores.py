@@ -191,7 +191,8 @@ class ParticlePosterior(Posterior):
             if rank is None:
                 L, whiten = linalg.cholesky(P), linalg.solve_lower
             else:
-                L, whiten = _root_without_rounding(P, x), _whiten
+                L = _root_without_rounding(P, x)
+                whiten = _whiten
                 of_x = np.where(rank == 0, np.nan, of_x)  # all particles are where x is
             e = whiten(L[..., None], x_i - m[..., None])
             d = whiten(L, error)[..., None]

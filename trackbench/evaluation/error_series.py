@@ -25,7 +25,10 @@ from trackbench.metrics import in_window, is_reserved, joined, metrics_of
 from trackbench.scenarios.base import Scenario
 
 _OF_TRUTH = re.compile(r"squared(?!_(?:predicted|held)_)")
-NOT_LOST, NOT_FINITE, TOO_FAR, NO_TRUTH = 0.0, 1.0, 2.0, 3.0
+NOT_LOST = 0.0
+NOT_FINITE = 1.0
+TOO_FAR = 2.0
+NO_TRUTH = 3.0
 LOST_BECAUSE = {
     NOT_FINITE: "the estimate left the numbers",
     TOO_FAR: "the error passed the limit",
@@ -160,7 +163,8 @@ def sensor_rejections(
     ``refused`` (n_z, T, M) are the refused components, ``sensors`` the rows of each sensor. Returned
     are also the numbers (T + 1, M) of the measurements that the shares are of.
     """
-    shares, numbers = {}, {}
+    shares = {}
+    numbers = {}
     given = np.stack([~np.isnan(z[rows]).all(axis=0) for rows in sensors])
     bad = np.stack([((z != twin) & ~np.isnan(z))[rows].any(axis=0) for rows in sensors])
     rejected = np.stack([refused[rows].any(axis=0) for rows in sensors])

@@ -154,7 +154,8 @@ def _reduce(task: BlockTask, data: Simulation, output: FilterOutput) -> dict[int
     """Return the block's metrics by the number of runs that they are reduced over."""
     check_names(task.filter.summed_diagnostics)
     exact = None if task.reference is None else _reference_of(task)
-    predictive, weights = dict(output.diagnostics), dict[str, Array]()
+    predictive = dict(output.diagnostics)
+    weights = dict[str, Array]()
     if exact is not None and "likelihood_ratio" in task.predictive_metrics:
         predictive |= likelihood_ratio(predictive, exact.diagnostics)
     twin_task, twin_mean = task.twin_task, None

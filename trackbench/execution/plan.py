@@ -198,9 +198,11 @@ def container_limits(groups: Path, root: Path) -> Iterator[int]:
     for line in lines:
         _, controllers, path = (*line.split(":", 2), "", "")[:3]
         if controllers == "":
-            home, name = root, "memory.max"
+            home = root
+            name = "memory.max"
         elif "memory" in controllers.split(","):
-            home, name = root / "memory", "memory.limit_in_bytes"
+            home = root / "memory"
+            name = "memory.limit_in_bytes"
         else:
             continue
         group = home / path.lstrip("/")

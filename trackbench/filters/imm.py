@@ -154,7 +154,8 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
                 pad(s, like, common_components(of, names[j]), self.mixing == "unbiased")
                 for s, of in zip(state.states, names, strict=True)
             ]
-            spreadless, angles = self._without_spread(names, j), angle_rows(models[j].motion)
+            spreadless = self._without_spread(names, j)
+            angles = angle_rows(models[j].motion)
             mixed = combine(filled, mixing[:, j], spreadless, angles)
             mixed_states.append(self.filter.prepared(mixed))
         # Step 3: filter with every model.
@@ -166,7 +167,8 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         # Step 4: weights mu_j ~ c_j N(nu_j; 0, S_j).
         judged = [innovation.nis_and_scale() for innovation in innovations]
         nis, mantissa, exponent = map(np.array, zip(*judged, strict=True))
-        refused, innovations_used = np.zeros(z.shape, dtype=np.bool_), innovations
+        refused = np.zeros(z.shape, dtype=np.bool_)
+        innovations_used = innovations
         if self.filter.gate is not None:
             # Leave out what every model's gate refuses; without any other measurement predict only.
             by_model = [

@@ -186,7 +186,9 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
         depends on the number of measured components.
         """
         assert self.gate is not None
-        nu, S, limits = innovation.nu, innovation.S, gate_limits(self.gate, len(z))
+        nu = innovation.nu
+        S = innovation.S
+        limits = gate_limits(self.gate, len(z))
         measured, sensors = ~np.isnan(nu), blocks(sensor)
         if self.gate_by == "measurement" or len(sensors) == 1:
             beyond = nis > limits[measured.sum(axis=0)]

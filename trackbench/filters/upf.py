@@ -70,7 +70,8 @@ class _ResamplingFilter(KalmanProposalFilter):
         weighted = bring_together(Particles(proposals.x, w), angles)
         # Step 3: resample, each particle with its covariance.
         index = ancestors(w, rng, self.resampling)
-        x, P = select(weighted.x, index), select(kalman.cov, index)
+        x = select(weighted.x, index)
+        P = select(kalman.cov, index)
         # Step 4: move the particles by their parents' proposals: no Kalman step is taken again.
         if self.moves:
             parents = select(origin, index)

@@ -93,9 +93,7 @@ def central_differences(
 _AT: ContextVar[Gaussian | None] = ContextVar("state at which derivatives are taken", default=None)
 
 
-def jacobian_at(
-    part: "DifferentiableMotion | DifferentiableSensor", at: Gaussian, k: int, order: int = 1
-) -> Array:
+def jacobian_at(part: "WithJacobian", at: Gaussian, k: int, order: int = 1) -> Array:
     """Return the first or second derivatives at a mean (n, *batch), to step k.
 
     Differences have steps relative to the standard deviations, so that they do not depend on the units.

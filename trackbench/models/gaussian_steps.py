@@ -312,7 +312,8 @@ def relative_measurements(model: Model, x: Array, z: Array, k: int) -> Array:
     parts = min(int(np.ceil(farthest / _QUARTER_TURN)), _MOST_PARTS)
     if parts <= 1:
         return model.sensor.innovation(z, z[:, :1])
-    before, out = np.broadcast_to(z[:, :1], z.shape), np.zeros_like(z)
+    before = np.broadcast_to(z[:, :1], z.shape)
+    out = np.zeros_like(z)
     for part in range(1, parts + 1):
         between = x[:, :1] + (part / parts) * (x - x[:, :1])
         reached = z if part == parts else model.sensor.measurement(between, k).mean

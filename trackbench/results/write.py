@@ -242,7 +242,8 @@ class CsvFiles:
         stored = stored_metrics(self._experiment.settings, "per_run.csv")
         for metric, values in per_run.items():
             if is_stored(stored, measured(metric).base):
-                texts, name = _texts(values, digits), cells([metric])
+                texts = _texts(values, digits)
+                name = cells([metric])
                 lines = [f"{head},{run},{name},{x}\n" for run, x in enumerate(texts)]
                 self._writers["per_run.csv"].write("".join(lines))
 
@@ -256,7 +257,8 @@ class CsvFiles:
         heads = np.array([f"{head},{step},{time}" for step, time in times], dtype=object)
         for of_series in columns:
             lines: list[list[str]] = []
-            at, runs = heads[of_series.positions].tolist(), _texts(of_series.runs, digits)
+            at = heads[of_series.positions].tolist()
+            runs = _texts(of_series.runs, digits)
             for metric, estimates in of_series.metrics.items():
                 if is_stored(stored, measured(metric).base):
                     name, value, stderr = cells([metric]), *(_texts(x, digits) for x in estimates)
@@ -286,7 +288,8 @@ def _digits_of_runs(experiment: Experiment, key: Key) -> int:
 
     Printed numbers of as many digits are compared digit by digit if nothing is random.
     """
-    point, label = experiment.points[key[0]], key[1]
+    point = experiment.points[key[0]]
+    label = key[1]
     is_random = point.scenario.recorded_runs is None or not point.filters[label].deterministic
     of_filter = [number for number in experiment.published.numbers if label in number.labels]
     longest = max((number.significant_digits for number in of_filter), default=0)

@@ -24,7 +24,8 @@ from trackbench.scenarios.starts.base import Start
 
 BATCHES, _PATHS, _SCORED = 10, 1000, 100
 """Independent batches, paths of each, and paths along which a covariance becomes errors."""
-_FEW, _MOST_OF_FEW = 10, 0.1
+_FEW = 10
+_MOST_OF_FEW = 0.1
 """Paths that may not carry more than this share of the mean information."""
 Squares = Callable[[Array, Array], dict[str, Array]]
 """Mean squared errors (K,) by quantity, of covariances (n, n, K) at states (n, K)."""
@@ -130,7 +131,8 @@ class _LargestShare:
     """
 
     def __init__(self) -> None:
-        self._share, self._step = 0.0, 0
+        self._share = 0.0
+        self._step = 0
 
     def add(self, information: Array, k: int) -> None:
         """Add the information (n, n, N) of N paths at step k."""
@@ -139,7 +141,8 @@ class _LargestShare:
             if whole > 0.0:
                 share = float(total(np.partition(row, -_FEW)[-_FEW:])) / whole
                 if share > self._share:
-                    self._share, self._step = share, k
+                    self._share = share
+                    self._step = k
 
     @property
     def caution(self) -> str:

@@ -120,7 +120,8 @@ class FaultContext(NamedTuple):
         self, faults: Sequence[Fault], truth: Array, z: Array, scans: Array, rng: Streams
     ) -> Array:
         """Add the faults to measurements (n_z, T, M) in order of time; ``scans`` precede them."""
-        z, numbers = z.copy(), self._stream_numbers(faults)
+        z = z.copy()
+        numbers = self._stream_numbers(faults)
         for fault in self._in_order(faults):
             rows, inside = self.rows(fault), self.measured(fault)
             earlier = np.concatenate([scans, z[:, : int(np.argmax(inside))]], axis=1)[rows]
@@ -167,11 +168,13 @@ class FaultContext(NamedTuple):
 
     def corrected(self, faults: Sequence[Fault], z: Array) -> Array:
         """Correct measurements (n_z, T, M) for a filter that knows of the faults."""
-        z, ordered = z.copy(), self._in_order(faults)
+        z = z.copy()
+        ordered = self._in_order(faults)
         for i, fault in enumerate(ordered):
             part = self.rows(fault), self.measured(fault)
             stretch = self._stretch(fault, z)
-            corrected, factor = fault.corrected(stretch), self._factor(ordered[i + 1 :])[part]
+            corrected = fault.corrected(stretch)
+            factor = self._factor(ordered[i + 1 :])[part]
             if (factor != 1.0).any():
                 # Later faults have multiplied the error, too.
                 corrected = z[part] - factor[..., None] * (z[part] - corrected)

@@ -105,7 +105,8 @@ class EquationMotion(AngledMotion):
     def sampled(self, T: float, axes: int = 1) -> SampledMotion:
         """Return the motion over T seconds."""
         f, jacobian, Q = self._compiled(T)
-        step, angles = self._step(T, f, jacobian), self.angle_rows(self.components)
+        step = self._step(T, f, jacobian)
+        angles = self.angle_rows(self.components)
         if Q.constant is not None:
             return AdditiveNoise(self.components, T, step, Q.constant, rows_of_angles=angles)
         return StateNoise(self.components, T, step, Q, rows_of_angles=angles)
@@ -293,7 +294,8 @@ class NonlinearMotion(AngledMotion):
     @lru_cache(maxsize=64)  # noqa: B019 (a motion is a few numbers)
     def sampled(self, T: float, axes: int = 1) -> AdditiveNoise:
         """Return the motion over T seconds."""
-        step, Q = FunctionStep(self, T), fixed(self.Q(T))
+        step = FunctionStep(self, T)
+        Q = fixed(self.Q(T))
         return AdditiveNoise(self.components, T, step, Q, rows_of_angles=step.angles)
 
 

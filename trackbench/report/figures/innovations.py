@@ -63,7 +63,8 @@ class Nis(OverTime):
                     bands[accepted] = max(band, (k, number), key=lambda b: len(b[0]))
             for accepted, (k, number) in bands.items():
                 if accepted is None:
-                    limits, name = [anees_band(1, round(n)) for n in number], "95 % band"
+                    limits = [anees_band(1, round(n)) for n in number]
+                    name = "95 % band"
                 else:
                     limits = [accepted.band(round(n)) for n in number]
                     name = f"95 % band, gate {accepted.gate:g}"

@@ -208,7 +208,8 @@ def _beside(metric: Measure, comparison: Comparison) -> tuple[float, float, floa
         comparison = comparison.swapped
         value, limits = comparison.difference.value, comparison.difference.interval()
     else:
-        value, limits = comparison.ratio.value, comparison.ratio_interval
+        value = comparison.ratio.value
+        limits = comparison.ratio_interval
     return (value, *limits) if comparison.is_tested else (value, nan, nan)
 
 

@@ -17,10 +17,11 @@ from trackbench.report.suite.scores import (
     WORST,
     Score,
     SuiteScores,
+    ordered_labels,
     profile,
     profile_bands,
     ratio_matrix,
-    resampled_ratios,
+    relative_costs,
     typical_ratios,
 )
 
@@ -69,12 +70,6 @@ def draw_figures(
                     write_bytes(target, contents[form])
             drawn.append(SuiteFigure(name=name, caption=caption, svg=contents["svg"]))
     return drawn
-
-
-def ordered_labels(group: SuiteScores) -> list[str]:
-    """Return the filters by their typical ratio, the best first."""
-    typical = typical_ratios(group)
-    return sorted(typical, key=lambda label: typical[label])
 
 
 def ordered_problems(group: SuiteScores) -> list[str]:
@@ -183,7 +178,7 @@ def draw_profile(group: SuiteScores) -> Figure:
     labels, _, ratios = ratio_matrix(group)
     factors = np.logspace(0.0, log10(0.999 * WORST), 200)
     shares = profile(ratios, factors)
-    low, high = profile_bands(resampled_ratios(group), factors)
+    low, high = profile_bands(group, factors)
     order = [labels.index(label) for label in ordered_labels(group)]
     figure, ax = style.subplots(height_in=3.4)
     for place, i in reversed([*enumerate(order)]):
@@ -206,14 +201,10 @@ def draw_profile(group: SuiteScores) -> Figure:
     ax.set_xlabel("factor to the error of the best filter")
     ax.set_ylabel("share of problems within the factor")
     handles, names = ax.get_legend_handles_labels()
-    ranked = sorted(zip(names, handles, strict=True), key=lambda pair: _rank(group, pair[0]))
+    rank = {labels[i]: place for place, i in enumerate(order)}
+    ranked = sorted(zip(names, handles, strict=True), key=lambda pair: rank.get(pair[0], len(rank)))
     ax.legend([handle for _, handle in ranked], [name for name, _ in ranked], loc="lower right")
     return figure
-
-
-def _rank(group: SuiteScores, label: str) -> int:
-    labels = ordered_labels(group)
-    return labels.index(label) if label in labels else len(labels)
 
 
 def profile_caption(group: SuiteScores) -> str:
@@ -250,21 +241,6 @@ def draw_cost(group: SuiteScores) -> Figure:
     ax.set_xlabel("CPU time / that of the fastest filter, median over the problems")
     ax.set_ylabel("error / that of the best filter,\ngeometric mean over the problems")
     return figure
-
-
-def relative_costs(group: SuiteScores) -> dict[str, float]:
-    """Return the median over the problems of each filter's CPU time over that of the fastest filter."""
-    ratios: dict[str, list[float]] = {}
-    for problem in group.problems:
-        times = {
-            score.label: score.cpu_s
-            for score in group.of_role(FILTER)
-            if score.problem == problem and isfinite(score.cpu_s) and score.cpu_s > 0.0
-        }
-        fastest = min(times.values(), default=nan)
-        for label, seconds in times.items():
-            ratios.setdefault(label, []).append(seconds / fastest)
-    return {label: float(np.median(values)) for label, values in ratios.items()}
 
 
 def cost_caption(group: SuiteScores) -> str:

@@ -13,6 +13,7 @@ limit the order of the filters does not depend on which filter is the best.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from math import inf, isfinite, nan
 from pathlib import Path
 
@@ -36,7 +37,10 @@ from trackbench.statistics.estimates import RunEstimate, collapsed_runs
 
 WORST = 10.0
 """Ratio to the best from which on a filter counts as useless for the problem."""
-FILTER, SMOOTHER, REFERENCE, BOUND = "filter", "smoother", "reference", "bound"
+FILTER = "filter"
+SMOOTHER = "smoother"
+REFERENCE = "reference"
+BOUND = "bound"
 RESAMPLINGS = 200
 """Resamplings of the runs for the bands of performance profiles."""
 
@@ -108,8 +112,11 @@ class Score:
         return max(self.ratio_to_best.value, 1.0)
 
 
-BEST, ALIKE, WORSE = "best", "no significant difference", "worse"
-LOSES_MORE, UNTESTED = "loses more runs", "untested"
+BEST = "best"
+ALIKE = "no significant difference"
+WORSE = "worse"
+LOSES_MORE = "loses more runs"
+UNTESTED = "untested"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,6 +138,11 @@ class SuiteScores:
     """errors of each run, by problem"""
     is_tuned: bool = False
     """True if the filters of the roster are tuned on each problem"""
+
+    @cached_property
+    def resampled(self) -> Array:
+        """Ratios of the filters over resampled runs; see `resampled_ratios`."""
+        return resampled_ratios(self)
 
     def of_role(self, role: str) -> list[Score]:
         """Return the scores of filters, or of smoothers."""
@@ -195,12 +207,8 @@ def score_problem(problem: FittedProblem, results: Results) -> tuple[list[Score]
         candidate = candidates[reference]
         error = candidate.overall
         scores.append(
-            Score(
-                group=problem.group,
-                problem=problem.name,
-                problem_class=problem.settings.class_,
-                label=reference,
-                role=REFERENCE,
+            replace(
+                _blank_score(problem, reference, REFERENCE),
                 metric=f"{statistic}({metric})",
                 error=error.value,
                 stderr=error.stderr,
@@ -213,12 +221,8 @@ def score_problem(problem: FittedProblem, results: Results) -> tuple[list[Score]
     bound = _bound(results, metric)
     if bound is not None:
         scores.append(
-            Score(
-                group=problem.group,
-                problem=problem.name,
-                problem_class=problem.settings.class_,
-                label=str(results.config["bound"]),
-                role=BOUND,
+            replace(
+                _blank_score(problem, str(results.config["bound"]), BOUND),
                 metric=f"rms({metric})",
                 error=bound.value,
                 stderr=bound.stderr,
@@ -234,12 +238,8 @@ def score_problem(problem: FittedProblem, results: Results) -> tuple[list[Score]
         role = SMOOTHER if label in smoothers else FILTER
         is_left_out = label in problem.left_out
         scores.append(
-            Score(
-                group=problem.group,
-                problem=problem.name,
-                problem_class=problem.settings.class_,
-                label=label,
-                role=role,
+            replace(
+                _blank_score(problem, label, role),
                 reason=why,
                 failed=not is_left_out,
             )
@@ -250,6 +250,17 @@ def score_problem(problem: FittedProblem, results: Results) -> tuple[list[Score]
         if label != reference and label not in smoothers and label not in hidden
     }
     return scores, ProblemRuns(statistic=statistic, values=values)
+
+
+def _blank_score(problem: FittedProblem, label: str, role: str) -> Score:
+    """Return the score of a filter on a problem, without any number yet."""
+    return Score(
+        group=problem.group,
+        problem=problem.name,
+        problem_class=problem.settings.class_,
+        label=label,
+        role=role,
+    )
 
 
 def _score_candidate(
@@ -268,12 +279,8 @@ def _score_candidate(
     reason = ""
     if not isfinite(overall.value):
         reason = "lost all runs" if candidate.losses == len(candidate.lost) else "infinite error"
-    return Score(
-        group=problem.group,
-        problem=problem.name,
-        problem_class=problem.settings.class_,
-        label=candidate.label,
-        role=role,
+    return replace(
+        _blank_score(problem, candidate.label, role),
         metric=f"{candidate.sample.statistic}({ranking.metric.metric})",
         error=overall.value,
         stderr=overall.stderr,
@@ -404,6 +411,27 @@ def typical_ratios(group: SuiteScores, without_class: str = "") -> dict[str, flo
     return dict(zip(labels, means.tolist(), strict=True))
 
 
+def ordered_labels(group: SuiteScores) -> list[str]:
+    """Return the filters by their typical ratio, the best first."""
+    typical = typical_ratios(group)
+    return sorted(typical, key=lambda label: typical[label])
+
+
+def relative_costs(group: SuiteScores) -> dict[str, float]:
+    """Return the median over the problems of each filter's CPU time over that of the fastest filter."""
+    ratios: dict[str, list[float]] = {}
+    for problem in group.problems:
+        times = {
+            score.label: score.cpu_s
+            for score in group.of_role(FILTER)
+            if score.problem == problem and isfinite(score.cpu_s) and score.cpu_s > 0.0
+        }
+        fastest = min(times.values(), default=nan)
+        for label, seconds in times.items():
+            ratios.setdefault(label, []).append(seconds / fastest)
+    return {label: float(np.median(values)) for label, values in ratios.items()}
+
+
 @dataclass(frozen=True, kw_only=True)
 class Leader:
     """Filter that is first over the problems, and whether that depends on the runs or on a class."""
@@ -428,20 +456,15 @@ class Leader:
         return self.share_first >= 0.95 and not self.without and self.classes > 1
 
 
-def leader_of(group: SuiteScores, resampled: Array) -> Leader | None:
-    """Find the filter with the smallest typical ratio, and try it with other runs and other classes.
-
-    Parameters
-    ----------
-    resampled : ratios of `resampled_ratios`
-    """
+def leader_of(group: SuiteScores) -> Leader | None:
+    """Find the filter with the smallest typical ratio, and try it with other runs and other classes."""
     typical = typical_ratios(group)
     if not typical:
         return None
     labels = [*typical]
     first = min(typical, key=lambda label: typical[label])
     # With other runs: how often each filter is first.
-    logs = np.log(resampled).mean(axis=2)
+    logs = np.log(group.resampled).mean(axis=2)
     low, high = np.exp(np.quantile(logs[:, labels.index(first)], [0.025, 0.975]))
     is_first = logs <= logs.min(axis=1, keepdims=True)
     shares = dict(zip(labels, is_first.mean(axis=0).tolist(), strict=True))
@@ -499,9 +522,9 @@ def resampled_ratios(group: SuiteScores, seed: int = 0) -> Array:
     return resampled
 
 
-def profile_bands(resampled: Array, factors: Array) -> tuple[Array, Array]:
-    """Return 95 % bands (labels, F) of the performance profiles, from `resampled_ratios`."""
-    shares = np.array([profile(ratios, factors) for ratios in resampled])
+def profile_bands(group: SuiteScores, factors: Array) -> tuple[Array, Array]:
+    """Return 95 % bands (labels, F) of the performance profiles, over resampled runs."""
+    shares = np.array([profile(ratios, factors) for ratios in group.resampled])
     return np.quantile(shares, 0.025, axis=0), np.quantile(shares, 0.975, axis=0)
 
 

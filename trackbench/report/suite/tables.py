@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from math import isfinite
 
 from trackbench.report.findings import phrases
-from trackbench.report.suite.figures import ordered_labels, relative_costs
 from trackbench.report.suite.scores import (
     ALIKE,
     BEST,
@@ -19,7 +18,8 @@ from trackbench.report.suite.scores import (
     SuiteScores,
     leader_of,
     nearest_filter,
-    resampled_ratios,
+    ordered_labels,
+    relative_costs,
     typical_ratios,
 )
 from trackbench.report.table import Text, TextTable, rounded
@@ -230,7 +230,7 @@ def leader_sentence(group: SuiteScores) -> str:
     """Say which filter is first over the problems, and on what that depends."""
     if len(group.labels(FILTER)) < 2:
         return ""
-    leader = leader_of(group, resampled_ratios(group))
+    leader = leader_of(group)
     if leader is None:
         return ""
     number = len({score.problem for score in group.of_role(FILTER)})

@@ -719,7 +719,8 @@ class Columns:
         column, is_named = self._hemispheres[quantity]
         coordinate = self.column(quantity)
         assert coordinate is not None
-        values, codes = table.columns[coordinate], table.columns[column]
+        values = table.columns[coordinate]
+        codes = table.columns[column]
         words = [word.lower() for word in table.words[column]]
         unknown = [i for i, word in enumerate(words) if word and word not in positive + negative]
         is_negative = np.isin(codes, [i for i, word in enumerate(words) if word in negative])

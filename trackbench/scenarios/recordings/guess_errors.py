@@ -24,7 +24,8 @@ _ONE_SIGMA = 0.683  # of a normal law's values are within its standard deviation
 def levels_of(rows: Rows, kind: str, in_degrees: bool) -> tuple[tuple[float, ...], float]:
     """Estimate deviations of the quantities and the usual speed, of whole rows in order."""
     # Measured velocities stand below the quantities of the sensor.
-    time, values = rows.time, [*rows.values[: len(SENSORS[kind])]]
+    time = rows.time
+    values = [*rows.values[: len(SENSORS[kind])]]
     if "azimuth" in SENSORS[kind]:
         values[-1] = np.unwrap(values[-1] * UNITS["deg"] if in_degrees else values[-1])
     sigmas = tuple(_scatter(time, value) for value in values)

@@ -205,7 +205,8 @@ def _measured(path: str, naming: Naming, why: dict[str, str], sensors: list[Sens
     # Errors and speeds are those of the mirror image, too, whatever the unit of angles.
     # A row far from the others in any of the runs is reported when its run is read.
     gathered = Gathered(replace(naming, clockwise=()), refuses_far_rows=False)
-    units, columns = naming.units, naming.columns
+    units = naming.units
+    columns = naming.columns
     by_name = [sensor.name for sensor in sensors] if columns.get("sensor") else []
     wanted = [sensor.quantities for sensor in sensors]
     velocity = _VELOCITY if wanted == [_PLACE] and not by_name and _has_velocity(columns) else ()
@@ -304,7 +305,8 @@ def _text_format(path: str, given: TextFormat, why: dict[str, str]) -> TextForma
         why["format"] = "guess: no line names the columns"
     elif not given.skip and (skip := _lines_of_words(rows)):
         what = "is a line of units" if skip == 1 else f"are {skip} lines of words"
-        keys["skip"], why["format"] = skip, f"guess: below the names {what}"
+        keys["skip"] = skip
+        why["format"] = f"guess: below the names {what}"
     chosen = {field.name for field in fields(given) if getattr(given, field.name)}
     return replace(given, **{key: value for key, value in keys.items() if key not in chosen})
 
@@ -522,8 +524,13 @@ class _Reading:
         missing: tuple[float, ...],
         why: dict[str, str],
     ) -> None:
-        self._path, self._sample, self._clock, self._why = path, sample, clock, why
-        self._columns, self._units, self._missing = columns, units, missing
+        self._path = path
+        self._sample = sample
+        self._clock = clock
+        self._why = why
+        self._columns = columns
+        self._units = units
+        self._missing = missing
 
     def choose_units(self, sensor: SensorGuess, names: list[str], has_velocity: bool) -> DateForm:
         """Add the likeliest units to those that are known; return the form of dates.
@@ -553,7 +560,8 @@ class _Reading:
     def _numbers(self, sensor: SensorGuess, names: list[str]) -> Numbers:
         """Collect what the rows of one target and sensor show."""
         # Step 1: choose the rows of the sensor, and those of the longest run.
-        sample, columns = self._sample, self._columns
+        sample = self._sample
+        columns = self._columns
         rows = np.ones(len(sample), dtype=np.bool_)
         if sensor.name and columns.get("sensor"):
             rows &= np.array([cell == sensor.name for cell in sample.cells(columns["sensor"])])
@@ -570,7 +578,8 @@ class _Reading:
             place = self._of("range") * np.stack([np.cos(azimuth), np.sin(azimuth)])
             named = ["range"]
         elif sensor.kind == "bearing":
-            place, named = np.empty((0, len(rows))), []
+            place = np.empty((0, len(rows)))
+            named = []
         elif sensor.kind == "range":
             named = list(sensor.quantities)
             place = np.stack([self._of(name) for name in named])
@@ -620,7 +629,8 @@ class _Reading:
 
     def _times(self) -> tuple[Array, bool]:
         """Read the times of the sample, in seconds if they are dates; add further parts of a stamp."""
-        columns, sample = self._columns, self._sample
+        columns = self._columns
+        sample = self._sample
         if "time" not in columns:
             return sample.numbers(columns["step"]), True
         cells = sample.cells(columns["time"])
@@ -638,7 +648,8 @@ class _Reading:
 
     def _with_stamp_parts(self, time: Array) -> Array:
         """Add the week or the part of a second that a further column has, and name the column."""
-        columns, units = self._columns, self._units
+        columns = self._columns
+        units = self._units
         clock = columns["time"]
         rest = rest_of_stamp(self._sample.names, clock, columns)
         unit = units.get("time")
@@ -655,7 +666,8 @@ class _Reading:
             if unit is not None and is_known and is_week and largest * UNITS[unit] <= _WEEK:
                 columns["week"] = column
                 if unit != "s":
-                    units["time"], self._why["time"] = unit, "guess: a week has 604800 s"
+                    units["time"] = unit
+                    self._why["time"] = "guess: a week has 604800 s"
                 return time + weeks * _WEEK / UNITS[unit]
         if "subsecond" in rest:
             column, part_unit = rest["subsecond"]
@@ -691,7 +703,9 @@ class _Reading:
 
     def _write(self, chosen: Candidate, numbers: Numbers, known: dict[str, str]) -> None:
         """Add the chosen units to the columns that have none yet."""
-        columns, units, why = self._columns, self._units, self._why
+        columns = self._columns
+        units = self._units
+        why = self._why
         reason = f"guess: {self._reason(chosen)}"
         if (
             "time" in columns
@@ -699,7 +713,8 @@ class _Reading:
             and chosen.time in UNITS
             and chosen.time != "s"
         ):
-            units["time"], why["time"] = chosen.time, reason
+            units["time"] = chosen.time
+            why["time"] = reason
         if chosen.as_angle and not numbers.is_angle:
             columns["longitude"], columns["latitude"] = columns.pop("x"), columns.pop("y")
             why["x"] = "x and y are a longitude and a latitude"
@@ -708,15 +723,18 @@ class _Reading:
         elif numbers.is_angle:
             for name in GEODETIC[:2]:
                 if name not in units and chosen.place != "deg":
-                    units[name], why[name] = chosen.place, reason
+                    units[name] = chosen.place
+                    why[name] = reason
         elif chosen.place != "m":
             for name in ("x", "y", "range"):
                 if name in columns and name not in units:
-                    units[name], why[name] = chosen.place, reason
+                    units[name] = chosen.place
+                    why[name] = reason
         names = _VELOCITY if numbers.velocity is not None else ("speed",)
         for name in names:
             if name in columns and name not in units and chosen.speed and chosen.agrees:
-                units[name], why[name] = chosen.speed, "guess: agrees with the positions"
+                units[name] = chosen.speed
+                why[name] = "guess: agrees with the positions"
         if "course" in columns and "course" not in units and chosen.course not in ("", "deg"):
             units["course"] = chosen.course
             why["course"] = "guess: the direction of the positions"
@@ -730,12 +748,14 @@ class _Reading:
 
     def _questions(self, candidates: list[Candidate], numbers: Numbers) -> list[Place]:
         """Write one line for each candidate, with the options that choose it."""
-        columns, first = self._columns, candidates[0]
+        columns = self._columns
+        first = candidates[0]
         out = []
         differ_in_time = any(one.time != first.time for one in candidates)
         differ_in_place = any(one.place != first.place for one in candidates)
         for one in candidates:
-            options, of = [], []
+            options = []
+            of = []
             if differ_in_time:
                 clock = one.time or self._clock.form
                 key = "time_format" if clock not in UNITS else "units.time"

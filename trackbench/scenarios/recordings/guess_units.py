@@ -293,7 +293,8 @@ class _Moves:
         finite = np.isfinite(time) & np.isfinite(meters).all(axis=0) if len(meters) else None
         rows = np.flatnonzero(finite) if finite is not None else np.array([], dtype=np.intp)
         rows = rows[np.argsort(time[rows], kind="stable")]
-        time, meters = time[rows], meters[:, rows]
+        time = time[rows]
+        meters = meters[:, rows]
         nothing = np.array([], dtype=np.intp)
         if len(rows) < 3:
             return cls(nothing, nothing, np.array([]), meters[:, :0], np.nan)
@@ -407,7 +408,8 @@ def _course(
         return given.get("course", ""), False
     largest = float(np.nanmax(np.abs(numbers.course), initial=0.0))
     units = [given["course"]] if "course" in given else COURSE_UNITS
-    best, cosine = "", -1.0
+    best = ""
+    cosine = -1.0
     for unit in units:
         course = numbers.course * UNITS[unit]
         # 511 deg is a code of AIS.
@@ -416,7 +418,8 @@ def _course(
         along = numbers.speed * np.stack([np.sin(course), np.cos(course)])
         found = _cosine(along, moves)
         if found > cosine + 0.01:
-            best, cosine = unit, found
+            best = unit
+            cosine = found
     return best, cosine >= _SAME_WAY
 
 

@@ -91,7 +91,9 @@ def split_by(codes: Index, time: Array, values: Array) -> Split:
     """Compare the parts of the rows (R,) of one run, with values (n, R), by their codes (R,)."""
     whole = np.flatnonzero(np.isfinite(values).all(axis=0))[:_MOST_ROWS]
     order = whole[np.argsort(time[whole], kind="stable")]
-    time, values, codes = time[order], values[:, order], codes[order]
+    time = time[order]
+    values = values[:, order]
+    codes = codes[order]
     found, counts = np.unique(codes, return_counts=True)
     largest = found[np.argsort(-counts, kind="stable")][:_MOST_PARTS]
     parts = [np.flatnonzero(codes == code) for code in largest.tolist()]
@@ -127,7 +129,8 @@ def split_by(codes: Index, time: Array, values: Array) -> Split:
 def is_regular(codes: Index, time: Array) -> bool:
     """Test whether parts alternate, each at equal intervals, as sensors do and quality does not."""
     order = np.argsort(time, kind="stable")
-    codes, time = codes[order], time[order]
+    codes = codes[order]
+    time = time[order]
     counts = np.unique(codes, return_counts=True)[1]
     changes = int((np.diff(codes) != 0).sum())
     fewest_changes = 1.2 * (len(codes) - counts.max())
@@ -165,7 +168,8 @@ def _distances_from(time: Array, values: Array, part: Index, other: Index) -> Ar
     at = time[part]
     after = np.searchsorted(at, time[other], side="left")
     inside = (after > 0) & (after < len(at))
-    rows, after = other[inside], after[inside]
+    rows = other[inside]
+    after = after[inside]
     before = after - 1
     usual = max(float(np.median(np.diff(at))), float(np.median(np.diff(time[other]))))
     share, wide = _shares(time[rows], at[before], at[after])
@@ -183,7 +187,8 @@ def _shares(time: Array, before: Array, after: Array) -> tuple[Array, Array]:
 
 def _jumps(time: Array, values: Array, codes: Index) -> bool:
     """Test whether the values jump at most changes of the part, within a few usual intervals."""
-    steps, intervals = np.abs(np.diff(values, axis=1)), np.diff(time)
+    steps = np.abs(np.diff(values, axis=1))
+    intervals = np.diff(time)
     changes: Mask = np.diff(codes) != 0
     usual = np.median(steps[:, ~changes], axis=1) if (~changes).any() else np.zeros(len(values))
     short = intervals <= 5.0 * np.median(intervals)
@@ -193,7 +198,8 @@ def _jumps(time: Array, values: Array, codes: Index) -> bool:
 
 def as_positions(values: Mapping[str, Array]) -> Array:
     """Arrange quantities (R,) by name as rows (n, R) that do not wrap: angles as points of a circle."""
-    rows, radius = [], next((v for name, v in values.items() if name.endswith("range")), None)
+    rows = []
+    radius = next((v for name, v in values.items() if name.endswith("range")), None)
     for name, value in values.items():
         plain = name.rpartition(".")[2]
         if plain in ("azimuth", "bearing", "heading", "course", "angle"):

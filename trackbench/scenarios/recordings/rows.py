@@ -355,11 +355,14 @@ def _rows_of_file(
         rows_by_sensor = [np.flatnonzero(mask[is_read]) for mask in sensor_masks]
     if not is_read.all():
         table = table.at(np.flatnonzero(is_read))
-        runs, time, received = runs[is_read], time[is_read], received[is_read]
+        runs = runs[is_read]
+        time = time[is_read]
+        received = received[is_read]
     columns.note_outliers(table)
     gathered.notices += columns.far
     # Step 5: compute the quantities, in SI.
-    places, frames = None, list[Frame]()
+    places = None
+    frames = list[Frame]()
     if columns.is_geodetic:
         places, frames = _frames_of_runs(gathered, columns, table, runs)
     quantities = columns.quantities(table, places, frames, runs)
@@ -383,7 +386,9 @@ class MixedRowsError(DataError):
 
     def __init__(self, place: Place, column: str, role: str, split: Split) -> None:
         super().__init__(place)
-        self.column, self.role, self.split = column, role, split
+        self.column = column
+        self.role = role
+        self.split = split
 
 
 def _possible_labels(columns: Columns, of_time: Collection[str]) -> list[str]:
@@ -418,7 +423,8 @@ def _check_label(
     any other column must show it.
     """
     runs, time = clock
-    codes, words = table.columns[label][of_sensor], table.words[label]
+    codes = table.columns[label][of_sensor]
+    words = table.words[label]
     if not len(runs):
         return
     empty = words.index("") if "" in words else -1
@@ -429,7 +435,8 @@ def _check_label(
     is_repeated = len(found) >= 2 and len(rows) >= 2 * len(found) and (counts > 1).sum() > 1
     if not (is_repeated and len(values)):
         return
-    role, split = role_of(label), split_by(codes[rows], time[rows], values)
+    role = role_of(label)
+    split = split_by(codes[rows], time[rows], values)
     is_mixed = split == "apart" or (split == "errors" and is_regular(codes[rows], time[rows]))
     if role:
         is_mixed = split != "one"

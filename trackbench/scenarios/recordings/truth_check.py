@@ -49,7 +49,8 @@ def contradictions(
     known = np.flatnonzero(np.isfinite(truth[axes[0][0]]).any(axis=-1))
     chosen = known[np.linspace(0, len(known) - 1, min(len(known), _MOST_STEPS)).astype(int)]
     found = []
-    parts, sensors = rows_of(sensor), sensors_of(sensor)
+    parts = rows_of(sensor)
+    sensors = sensors_of(sensor)
     as_it_is = _distances(sensor, truth, measurements, steps, chosen)
     # Step 2: sensors of which nearly every measurement is many standard deviations from the truth.
     suspects = []

@@ -119,7 +119,8 @@ class Target(Part):
 
     def cautions(self, timeline: Timeline) -> list[str]:
         """Return notes on legal but unexpected keys."""
-        motion, times = self.own_motion, timeline.times
+        motion = self.own_motion
+        times = timeline.times
         if isinstance(motion, CoordinatedTurn):
             what = turn_caution("the motion", motion.turn_rate_deg_s, times)
             return [what] if what else []

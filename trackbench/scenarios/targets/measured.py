@@ -226,7 +226,8 @@ class Measured(FromFiles, Naming, Target):
             first[parts[place]] = start.scans
         truth = None if self.truth is None else self._truth(gathered, clock)
         if truth is not None:
-            later, steps = truth[:, 1:], clock.steps[1:]
+            later = truth[:, 1:]
+            steps = clock.steps[1:]
             gathered.notices += contradictions(sensor, self.components, later, measurements, steps)
         gathered.check_origin(origin, *path)
         gathered.note_distances()
