@@ -49,6 +49,16 @@ groups:
       turn: {class: mild, use: turning-aircraft, score: rms(rmse_position), set: {scenario.last: 20}}
       body: {class: singular, use: falling-body, score: rms(rmse_altitude), set: {scenario.last: 20}}
 """
+LORENZ = """\
+name: s
+runs: 3
+groups:
+  g:
+    title: G
+    filters: {EKF: {kind: ekf}, CKF: {kind: ckf}}
+    problems:
+      l: {class: c, use: lorenz63, score: rms(rmse_state), set: {scenario.last: 70}}
+"""
 EKF = '''\
 import numpy as np
 from trackbench.adapters import PerRun
@@ -380,3 +390,18 @@ def test_a_filter_that_fits_no_problem_is_a_mistake(tmp_path: Path) -> None:
     (tmp_path / "my.py").write_text(source)
     with pytest.raises(UserError, match="fits no problem"):
         load_suite(tmp_path / "s.yaml", filter_files=[tmp_path / "my.py"])
+
+
+def test_filters_are_ranked_by_the_score_that_the_suite_names(tmp_path: Path) -> None:
+    """The state's error is not the first one of this problem; ranking page and scores agree."""
+    (tmp_path / "s.yaml").write_text(LORENZ)
+    options = Options(out=tmp_path, quiet=True, engine="serial", formats=("svg",), times=False)
+    report = run_suite(tmp_path / "s.yaml", options)
+    assert report is not None
+    assert {score.metric for score in report.groups[0].scores} == {"rms(rmse_state)"}
+    with (tmp_path / "l" / "per_run.csv").open() as file:
+        rows = [row for row in csv.DictReader(file) if row["filter"] == "EKF"]
+    runs = [float(row["value"]) for row in rows if row["metric"] == "rmse_state"]
+    assert len(runs) == 3
+    rms = float(np.sqrt(np.mean(np.square(runs))))
+    assert of(report, "l", "EKF").error == pytest.approx(rms, rel=1e-6)

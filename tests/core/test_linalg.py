@@ -147,3 +147,14 @@ def test_a_triangular_factor_agrees_with_numpy(n: int, m: int, rng: np.random.Ge
         )
         assert L[..., i].tobytes() == linalg.triangular(A[..., i : i + 1])[..., 0].tobytes()
         np.testing.assert_allclose(linalg.triangular(A[..., i]), L[..., i], atol=1e-14)
+
+
+def test_traces_of_products_are_those_of_the_products() -> None:
+    A = np.random.default_rng(4).normal(size=(3, 4, 4, 5))
+    traces = linalg.traces_of_products(A)
+    assert traces.shape == (3, 3, 5)
+    for i in range(3):
+        for j in range(3):
+            # The same sums in the same order, so not a rounding error apart.
+            exact = linalg.trace(linalg.matmul(A[i], A[j]))
+            np.testing.assert_array_equal(traces[i, j], exact)

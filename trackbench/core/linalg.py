@@ -102,6 +102,16 @@ def trace(A: Array) -> Array:
     return _sum_of(list(diagonal(A)))
 
 
+def traces_of_products(A: Array) -> Array:
+    """Compute ``tr(A_i A_j)`` for every pair of matrices A (m, n, n[, *batch]); (m, m[, *batch])."""
+    rows = []
+    for A_i in A:
+        # Element d of `diagonals` is that of A_i A_j: the sum over r of (A_i)_dr (A_j)_rd.
+        diagonals = _sum_of([A_i[:, r] * A[:, r] for r in range(A.shape[2])])
+        rows.append(_sum_of([diagonals[:, d] for d in range(A.shape[1])]))
+    return np.stack(rows)
+
+
 @once
 def cholesky(P: Array) -> Array:
     """Factor ``P = L L'``, L lower; a batch member that is not positive definite becomes NaN.

@@ -6,7 +6,7 @@ find positions at the even and velocities at the odd indices that all motions of
 """
 
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextvars import ContextVar
 from functools import cache
 from itertools import product
@@ -35,6 +35,7 @@ UNSUPPORTED_KEYS = (
 """Keys of models that do not exist, with the reason."""
 _STEP = 1e-6  # of central differences, relative to a component
 _SECOND_STEP = 1e-4  # of differences of Jacobians, which may have errors of 1e-10 by differences
+_STATES_PER_CALL = 512  # of a function that takes displaced states side by side
 _OF_SPREAD = 1e-4  # least step, in standard deviations of the component
 
 
@@ -67,27 +68,53 @@ def central_differences(
     difference: Callable[[Array, Array], Array] = np.subtract,
     step: float = _STEP,
     spread: Array | None = None,
+    side_by_side: bool = False,
 ) -> Array:
     """Return the derivatives (m, n, *batch) of a function of states x (n, *batch), values (m, *batch).
 
     ``difference`` subtracts two values, for angles with a wrap. A step is relative to the size of a
     component or to its ``spread`` (n[, *batch]), by default that of the state in `jacobian_at`;
-    without a spread, to one unit.
+    without a spread, to one unit. With ``side_by_side`` the function is called for many displaced
+    states at once, (n, *batch, number), which saves calls where the batch is small.
     """
-    columns, at = [], _AT.get()
+    at = _AT.get()
     if spread is None and at is not None and at.mean.shape == x.shape:
         with np.errstate(invalid="ignore"):  # of a run that has diverged
             spread = np.sqrt(linalg.diagonal(at.cov))
     least = np.full(len(x), step) if spread is None else _OF_SPREAD * spread
+    displaced: list[Array] = []
+    widths: list[Array] = []
     for i, value in enumerate(x):
-        # df/dx_i = (f(x + h e_i) - f(x - h e_i)) / (2 h)
         h = np.maximum(step * np.abs(value), with_axes_of(value, least[i]))
         h = np.where(h > 0.0, h, step)
-        ahead, behind = x.copy(), x.copy()
+        ahead = x.copy()
         ahead[i] += h
+        behind = x.copy()
         behind[i] -= h
-        columns.append(difference(function(ahead), function(behind)) / (2.0 * h))
+        displaced += [ahead, behind]
+        widths.append(2.0 * h)
+    if side_by_side:
+        values = _values_side_by_side(function, displaced)
+    else:
+        values = [function(states) for states in displaced]
+    # df/dx_i = (f(x + h e_i) - f(x - h e_i)) / (2 h)
+    columns = [
+        difference(ahead, behind) / width
+        for ahead, behind, width in zip(values[::2], values[1::2], widths, strict=True)
+    ]
     return np.stack(columns, axis=1)
+
+
+def _values_side_by_side(
+    function: Callable[[Array], Array], displaced: Sequence[Array]
+) -> list[Array]:
+    """Evaluate a function of states (n, *batch) for several arrays of states, many in a call."""
+    number = max(1, _STATES_PER_CALL // max(1, displaced[0][0].size))
+    values: list[Array] = []
+    for first in range(0, len(displaced), number):
+        together = function(np.stack(displaced[first : first + number], axis=-1))
+        values += [together[..., i] for i in range(together.shape[-1])]
+    return values
 
 
 _AT: ContextVar[Gaussian | None] = ContextVar("state at which derivatives are taken", default=None)
@@ -109,14 +136,22 @@ def jacobian_at(part: "WithJacobian", at: Gaussian, k: int, order: int = 1) -> A
         _AT.reset(token)
 
 
-def hessian_by_differences(jacobian: Callable[[Array, int], Array], x: Array, k: int) -> Array:
-    """Return the second derivatives (m, n, n, *batch) at x by differences of a Jacobian at step k."""
+def hessian_by_differences(
+    jacobian: Callable[[Array, int], Array], x: Array, k: int, side_by_side: bool = False
+) -> Array:
+    """Return the second derivatives (m, n, n, *batch) at x by differences of a Jacobian at step k.
+
+    ``side_by_side`` as of `central_differences`.
+    """
     J = jacobian(x, k)
     if J.ndim == 2:  # constant
         return np.zeros((*J.shape, len(x)))
-    rows = central_differences(
-        lambda states: jacobian(states, k).reshape(-1, *x.shape[1:]), x, step=_SECOND_STEP
-    )
+
+    def rows_of_jacobian(states: Array) -> Array:
+        derivatives = jacobian(states, k)
+        return derivatives.reshape(-1, *states.shape[1:])
+
+    rows = central_differences(rows_of_jacobian, x, step=_SECOND_STEP, side_by_side=side_by_side)
     return rows.reshape(*J.shape[:2], *x.shape)
 
 

@@ -4,7 +4,6 @@ They serve a filter of M runs (mean (n, M)) and a proposal per particle (mean (n
 """
 
 from collections.abc import Sequence
-from itertools import product
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -83,8 +82,7 @@ def _with_curvature(
     """
     HP = [linalg.matmul(H_i, at.cov) for H_i in jacobian_at(part, at, k, order=2)]
     bias = 0.5 * np.stack([linalg.trace(A) for A in HP])
-    traces = [linalg.trace(linalg.matmul(A, B)) for A, B in product(HP, repeat=2)]
-    cov = 0.5 * np.stack(traces).reshape(len(HP), *bias.shape)
+    cov = 0.5 * linalg.traces_of_products(np.stack(HP))
     cov = linalg.symmetrize(cov)
     return Gaussian(
         linear.mean + with_axes_of(linear.mean, bias),

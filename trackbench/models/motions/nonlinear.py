@@ -15,7 +15,12 @@ from trackbench.core.angles import near
 from trackbench.core.arrays import Array, fixed, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.field_types import Finite, InvalidKeyError, freeze_mappings
-from trackbench.models.base import Motion, SampledMotion, central_differences
+from trackbench.models.base import (
+    Motion,
+    SampledMotion,
+    central_differences,
+    hessian_by_differences,
+)
 from trackbench.models.equations import ArrayProgram, Covariance, Equations, Term
 from trackbench.models.motions.kinematic import Linear
 from trackbench.registry import register
@@ -204,6 +209,10 @@ class RungeKuttaStep(Step):
             F = linalg.matmul(identity + h / 6.0 * sum_of_slopes(*slopes), F)
             x = x + h / 6.0 * sum_of_slopes(*(slope for slope, _ in stages))
         return F
+
+    def hessian(self, x: Array, k: int) -> Array:
+        """Return the second derivatives (n, n, n, *batch) of the Runge-Kutta step, by differences."""
+        return hessian_by_differences(self.jacobian, x, k, side_by_side=True)
 
 
 def sum_of_slopes(k1: Array, k2: Array, k3: Array, k4: Array) -> Array:

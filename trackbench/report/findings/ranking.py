@@ -158,9 +158,7 @@ class Ranking(NamedTuple):
 
 def rankings(results: Results, metric: str = "") -> list[Ranking]:
     """Rank the filters in each scenario of the grid, by the first table's or a given metric."""
-    known = ranking_metrics(results)
-    shown = [name for name in compared_statistics(results.config) if name in known]
-    metric = metric or next(iter([*shown, *known]), "")
+    metric = metric or leading_metric(results)
     if metric not in results.known_rankings:
         every = []
         for where in scenes(results) if metric else []:
@@ -195,6 +193,13 @@ def ranking_metrics(results: Results) -> list[str]:
     metrics = primary_metrics(list(names))
     errors = [name for name in metrics if measured(name).is_error]
     return [*errors, *(name for name in ("held_log_score", "log_score") if name in metrics)]
+
+
+def leading_metric(results: Results) -> str:
+    """Return the error that filters are ranked by: the first table's; empty if there is none."""
+    known = ranking_metrics(results)
+    shown = [name for name in compared_statistics(results.config) if name in known]
+    return next(iter([*shown, *known]), "")
 
 
 def ranking_of(

@@ -26,7 +26,7 @@ from trackbench.report.findings.ranking import (
     Candidate,
     Ranking,
     candidates_of,
-    ranking_metrics,
+    leading_metric,
     ranking_of,
 )
 from trackbench.report.findings.ranking_table import consistency, cpu_seconds
@@ -172,7 +172,7 @@ def score_problem(problem: FittedProblem, results: Results) -> tuple[list[Score]
     results : its results folder
     """
     point = results.points()[0]
-    metric = next(iter(ranking_metrics(results)), "")
+    metric = leading_metric(results)
     statistic = compared_statistic(results.config, metric) if metric else "mean"
     candidates = {c.label: c for c in candidates_of(results, [point], metric, statistic)}
     reference = results.config.get("reference")
