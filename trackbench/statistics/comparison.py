@@ -15,6 +15,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from trackbench.core.arrays import Array, Mask
+from trackbench.core.sums import total
 from trackbench.statistics import rules
 from trackbench.statistics.estimates import (
     OfSteps,
@@ -31,6 +32,7 @@ from trackbench.statistics.intervals import (
     deviations,
     normal_of_t,
     studentized_difference,
+    studentized_rows,
 )
 from trackbench.statistics.over_runs import STATISTICS, influence, mean, without_rounding
 
@@ -194,10 +196,78 @@ def as_family(comparisons: Mapping[Key, Comparison], tests: int = 0) -> dict[Key
 
 def compare_all(samples: Mapping[str, Sample]) -> Family:
     """Return the comparison of every two filters, as one family of tests."""
-    pairs = ((pair, compare(*map(samples.__getitem__, pair))) for pair in combinations(samples, 2))
-    return Family(
-        as_family({pair: comparison for pair, comparison in pairs if comparison is not None})
-    )
+    together = _compare_side_by_side(samples)
+    comparisons = {}
+    for a, b in combinations(samples, 2):
+        comparison = together.get((a, b))
+        if comparison is None:
+            comparison = compare(samples[a], samples[b])
+        if comparison is not None:
+            comparisons[a, b] = comparison
+    return Family(as_family(comparisons))
+
+
+_ROWS_AT_ONCE = 1_000_000
+"""Numbers of the arrays of `_compare_side_by_side`, which are pairs of filters times runs."""
+
+
+@np.errstate(all="ignore")
+def _compare_side_by_side(samples: Mapping[str, Sample]) -> dict[tuple[str, str], Comparison]:
+    """Return `compare` of the pairs that arrays of all pairs can have, which are the same bits.
+
+    These are pairs of filters that lost no run, of a mean, rms or median, whose difference has an error.
+    """
+    whole = [
+        label
+        for label, sample in samples.items()
+        if sample.steps is None
+        and sample.statistic != "variance"
+        and len(sample.values) > 1
+        and np.isfinite(sample.values).all()
+    ]
+    alike = {(samples[label].statistic, len(samples[label].values)) for label in whole}
+    if len(whole) < 2 or len(alike) != 1:
+        return {}
+    (statistic, runs), *_ = alike
+    pairs = [*combinations(range(len(whole)), 2)]
+    values = np.array([samples[label].values for label in whole])
+    if statistic != "mean":
+        overall = [samples[label].overall for label in whole]
+        numbers = np.array([estimate.value for estimate in overall])
+        influences = np.array([estimate.influences for estimate in overall])
+    compared = {}
+    at_once = max(1, _ROWS_AT_ONCE // runs)
+    for start in range(0, len(pairs), at_once):
+        piece = pairs[start : start + at_once]
+        first = [i for i, _ in piece]
+        second = [j for _, j in piece]
+        # Step 1: the differences (P,) with the runs' influences on them (P, M).
+        of_runs = without_rounding(values[first], values[second])
+        if statistic == "mean":
+            number = total(of_runs) / runs
+            of_runs = of_runs - number[:, None]
+            is_known = np.full(len(piece), True)
+        else:
+            # What is rounding in the second is no difference, and `compare` counts it so.
+            is_known = ~((of_runs == 0.0) & (values[first] != values[second])).any(axis=1)
+            number = numbers[first] - numbers[second]
+            of_runs = influences[first] - influences[second]
+        centered = of_runs
+        if statistic != "mean":
+            centered = of_runs - (total(of_runs) / runs)[:, None]
+        deviation = np.sqrt(total(np.square(centered)) / (runs - 1))
+        stderr = deviation / np.sqrt(runs)
+        # Step 2: their tests.
+        z = studentized_rows(number, of_runs)
+        is_known &= ~np.isnan(z)
+        for p in np.flatnonzero(is_known).tolist():
+            a = whole[first[p]]
+            b = whole[second[p]]
+            difference = RunEstimate(float(number[p]), stderr[p], of_runs[p], runs)
+            compared[a, b] = Comparison(
+                samples[a].overall, samples[b].overall, difference, float(z[p])
+            )
+    return compared
 
 
 def _difference_of(a: Sample, b: Sample) -> RunEstimate:

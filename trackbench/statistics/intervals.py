@@ -211,6 +211,33 @@ def studentized(value: float, influences: Array, other: float = 0.0) -> float:
     return normal_of_t(T, error.freedom)
 
 
+@np.errstate(all="ignore")
+def studentized_rows(values: Array, influences: Array) -> Array:
+    """Return `studentized` of several numbers (n,) from influences (n, M), none missing; the same bits.
+
+    NaN also where the influences are all zero or not finite, which `studentized` may decide.
+    """
+    M = influences.shape[1]
+    # Step 1: as `spread`, the standard error, Hall's a and the degrees of freedom.
+    stderr = np.sqrt(total(np.square(influences)) / (M * (M - 1.0)))
+    whole = np.sqrt(stderr * stderr)
+    unit = influences / (stderr * np.sqrt(M - 1.0))[:, None]
+    squares = np.square(unit)
+    share = (stderr / whole).tolist()
+    third = np.array([x**3 for x in share])
+    fourth = np.array([x**4 for x in share])
+    kurtosis = total(np.square(squares)) / M
+    a = total(squares * unit) / M / np.sqrt(M) * third
+    freedom = np.minimum(M - 1.0, 2.0 * M / np.maximum(kurtosis - 1.0, 1e-9)) / fourth
+    # Step 2: g(T) = T + a T^2 / 3 + a^2 T^3 / 27 + a / 6, and the normal z of Student's t.
+    T = values / whole
+    T = np.where(a != 0.0, T + a * (1.0 / 6.0 + T * T / 3.0 + a * T * T * T / 27.0), T)
+    z = np.sqrt(freedom * log(1.0 + T * T / freedom)) * (8.0 * freedom + 1.0)
+    z = np.copysign(z / (8.0 * freedom + 3.0), T)
+    is_known = (stderr > 0.0) & np.isfinite(freedom) & np.isfinite(T)
+    return np.where(is_known, z, np.nan)
+
+
 def two_sided(z: float) -> float:
     """Return p-value of a z that is standard normal."""
     from scipy.special import ndtr

@@ -285,6 +285,8 @@ def _losing(candidates: Sequence[Candidate]) -> list[Candidate]:
     """Find the filters that lose significantly more of the same runs than another."""
     losing = []
     for a in candidates:
+        if not a.losses:
+            continue
         others = (b.lost for b in candidates if b is not a and len(b.lost) == len(a.lost))
         if any(rules.loses_more(a.lost, lost, len(candidates)) for lost in others):
             losing.append(a)
