@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -134,6 +135,28 @@ def test_a_plain_filter_of_the_models_functions_is_the_shipped_one(small: SuiteR
     assert list(likeness.differences) == ["ungm", "turn", "body"]
     assert max(likeness.differences.values()) < 1e-9
     assert any("It is the EKF: the errors" in line for line in small.sentences())
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+def test_a_filter_in_c_is_the_shipped_one_where_it_fits(tmp_path: Path) -> None:
+    assert trackbench("new", "filter", "mine", "--language", "c", cwd=tmp_path).returncode == 0
+    subprocess.run(["cc", "-O2", "-o", "mine", "mine.c", "-lm"], cwd=tmp_path, check=True)
+    report = run_suite(
+        "standard", problems=["linear", "position", "ungm"], only=["EKF"], runs=2,
+        filters=[tmp_path / "mine"], out=tmp_path / "out",
+        quiet=True, engine="serial", formats=("svg",), times=False,
+    )  # fmt: skip
+    assert report is not None
+    assert report.failed == []
+    score = of(report, "ungm", "mine")
+    assert score.is_left_out
+    assert score.reason == "this filter needs a linear, constant model"
+    likeness = nearest_filter(report.groups[0], "mine")
+    assert likeness is not None
+    assert likeness.label == "EKF"
+    assert list(likeness.differences) == ["linear", "position"]
+    assert max(likeness.differences.values()) < 1e-9
+    assert any("It is the EKF: the errors" in line for line in report.sentences())
 
 
 def test_a_filter_that_does_not_fit_has_the_reason_of_check(small: SuiteReport) -> None:

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 from trackbench.atomic_files import ensure_folder
 from trackbench.commands import with_known_keywords
@@ -12,6 +13,7 @@ from trackbench.commands.run_experiment import preview, run_each
 from trackbench.commands.stored_results import Report
 from trackbench.config.suite import Suite, load_suite
 from trackbench.errors import Mark, Problem, UserError
+from trackbench.filters.program import REFUSAL
 from trackbench.report.html.suite_page import write_suite_page
 from trackbench.report.plotting import style
 from trackbench.report.suite.figures import draw_figures
@@ -109,7 +111,7 @@ def preview_suite(file: Path, options: Options, problems: Sequence[str] = ()) ->
     lines = preview(
         [problem.config for problem in suite.problems], _options_of_jobs(suite, options)
     )
-    return [*lines, *_left_out_lines(suite)]
+    return [*lines, *_left_out_lines(_misfits(suite))]
 
 
 @with_known_keywords(*OPTION_NAMES)
@@ -138,7 +140,7 @@ def run_suite(
     options = (options or Options()).changed(changes)
     suite = prepare_suite(Path(file), options, problems)
     folder = suite_folder(suite, options)
-    for line in _left_out_lines(suite):
+    for line in _left_out_lines(_misfits(suite)):
         say(f"note: {line}", options)
     scores: dict[str, list[Score]] = {name: [] for name in suite.settings.groups}
     runs: dict[str, dict[str, ProblemRuns]] = {name: {} for name in suite.settings.groups}
@@ -164,6 +166,9 @@ def run_suite(
         for name, group in suite.settings.groups.items()
         if scores[name]
     ]
+    refusals = _refusals(suite, groups)
+    for line in _left_out_lines(refusals):
+        say(f"note: {line}", options)
     result = SuiteReport(suite=suite, folder=folder, groups=groups, failed=failed)
     ensure_folder(folder)
     write_scores(folder, groups)
@@ -177,7 +182,7 @@ def run_suite(
         tables=result.tables(),
         smoothers=result.smoothers(),
         figures=figures,
-        left_out=[*_left_out_lines(suite)],
+        left_out=[*_left_out_lines([*_misfits(suite), *refusals])],
     )
     return result
 
@@ -200,12 +205,39 @@ def _options_of_jobs(suite: Suite, options: Options) -> Options:
     )
 
 
-def _left_out_lines(suite: Suite) -> Iterator[str]:
-    """Yield a line for each filter and reason why it is left out of problems."""
-    problems: dict[tuple[str, str], list[str]] = {}
+class _LeftOut(NamedTuple):
+    """A filter that is left out of a problem."""
+
+    label: str
+    problem: str
+    why: str
+
+
+def _misfits(suite: Suite) -> list[_LeftOut]:
+    """List the filters that the scenarios do not fit."""
+    found = []
     for problem in suite.problems:
         for label, why in problem.left_out.items():
-            problems.setdefault((label, why), []).append(problem.name)
+            found.append(_LeftOut(label, problem.name, why))
+    return found
+
+
+def _refusals(suite: Suite, groups: Sequence[SuiteScores]) -> list[_LeftOut]:
+    """List the user's programs that refused a problem when they were started."""
+    known = {(left.label, left.problem) for left in _misfits(suite)}
+    found = []
+    for group in groups:
+        for score in group.of_role(FILTER):
+            if score.is_left_out and (score.label, score.problem) not in known:
+                found.append(_LeftOut(score.label, score.problem, score.reason))
+    return found
+
+
+def _left_out_lines(misfits: Sequence[_LeftOut]) -> Iterator[str]:
+    """Yield a line for each filter and reason why it is left out of problems."""
+    problems: dict[tuple[str, str], list[str]] = {}
+    for left in misfits:
+        problems.setdefault((left.label, left.why), []).append(left.problem)
     for (label, why), names in problems.items():
         yield f"{label} is left out of {', '.join(names)}: {why}"
 
@@ -217,6 +249,7 @@ def _failures(suite: Suite, name: str, report: Report) -> list[str]:
     """
     lines = list(report.results.unmade_lines)
     for line in report.failed_filters:
-        if any(line.startswith(f"{label} ") for label in suite.added):
+        is_added = any(line.startswith(f"{label} ") for label in suite.added)
+        if is_added and REFUSAL not in line:
             lines.append(line)
     return [f"{name}: {line}" for line in lines]

@@ -22,6 +22,8 @@ _CHUNK = 1 << 16
 _LONGEST = 1 << 20  # bytes of an answer
 _KEPT_ERRORS = 1 << 16  # bytes, the last ones that a program writes on stderr
 _LONGEST_REASON = 500  # characters of a reason that a program gives
+REFUSAL = "the program refuses this problem: "
+"""Begin of the message of a program that answers `error` to its first line."""
 _END_S = 2.0
 """Seconds that programs may take to end after the line ``end``."""
 _GUARD = ("sh", "-c", 'read line; kill -9 "-$1"', "guard")
@@ -73,7 +75,7 @@ class Program:
         if word == "error":
             self.kill()
             reason = _cut(text, _LONGEST_REASON) if text.strip() else "without a reason"
-            raise ProgramError(f"the program refuses this problem: {reason}")
+            raise ProgramError(f"{REFUSAL}{reason}")
         if word != "ready" or text:
             raise self._broken(f"answers {_shown(f'{word} {text}')} at its start, not `ready`", 0)
         self._start_s = self._clock()

@@ -11,6 +11,7 @@ limit the order of the filters does not depend on which filter is the best.
    Mathematical Programming 91, 2002.
 """
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -22,6 +23,7 @@ import numpy as np
 from trackbench.atomic_files import write_csv
 from trackbench.config.suite import FittedProblem, shown_label
 from trackbench.core.arrays import Array
+from trackbench.filters.program import REFUSAL
 from trackbench.report.findings.ranking import (
     Candidate,
     Ranking,
@@ -41,6 +43,7 @@ FILTER = "filter"
 SMOOTHER = "smoother"
 REFERENCE = "reference"
 BOUND = "bound"
+_RUNS_OF_BLOCK = re.compile(r" \(runs? \d+( to \d+)?\)$")
 RESAMPLINGS = 200
 """Resamplings of the runs for the bands of performance profiles."""
 
@@ -236,11 +239,13 @@ def score_problem(problem: FittedProblem, results: Results) -> tuple[list[Score]
             reasons[replaced.get(label, label)] = failed.get(label, "has no such error")
     for label, why in reasons.items():
         role = SMOOTHER if label in smoothers else FILTER
-        is_left_out = label in problem.left_out
+        _, refused, why_refused = why.partition(REFUSAL)
+        why_refused = _RUNS_OF_BLOCK.sub("", why_refused)
+        is_left_out = label in problem.left_out or bool(refused)
         scores.append(
             replace(
                 _blank_score(problem, label, role),
-                reason=why,
+                reason=why_refused if refused else why,
                 failed=not is_left_out,
             )
         )
