@@ -176,6 +176,13 @@ Scheduler = Annotated[
     str | None, typer.Option(metavar="ADDRESS", help="of a dask cluster: tcp://host:port")
 ]
 Fresh = Annotated[bool, typer.Option("--fresh", help="compute again what is kept from before")]
+NoTimes = Annotated[
+    bool,
+    typer.Option(
+        "--no-times",
+        help="do not time the filters in turns; tables show the CPU time of the blocks",
+    ),
+]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="print what would run")]
 Quick = Annotated[bool, typer.Option("--quick", help="20 runs at most, in blocks that fit them")]
 Force = Annotated[bool, typer.Option("--force", help="let --quick replace results of more runs")]
@@ -225,6 +232,7 @@ def _shared(
     workers: Workers = None,
     scheduler: Scheduler = None,
     fresh: Fresh = False,
+    no_times: NoTimes = False,
     dry_run: DryRun = False,
     format_: Format = "png,svg",
     allow_plugins: AllowPlugins = False,
@@ -258,6 +266,8 @@ def api_options(given: dict[str, Any]) -> "Options":
     if "format_" in given:
         files = [f for f in formats(given["format_"], (MARKDOWN,)) if f != MARKDOWN]
         options["formats"] = files or ["png", "svg"]
+    if given.get("no_times"):
+        options["times"] = False
     fit = []
     if given.get("quick"):
         fit = ["block=fit"]

@@ -104,12 +104,19 @@ def trace(A: Array) -> Array:
 
 def traces_of_products(A: Array) -> Array:
     """Compute ``tr(A_i A_j)`` for every pair of matrices A (m, n, n[, *batch]); (m, m[, *batch])."""
-    rows = []
-    for A_i in A:
-        # Element d of `diagonals` is that of A_i A_j: the sum over r of (A_i)_dr (A_j)_rd.
-        diagonals = _sum_of([A_i[:, r] * A[:, r] for r in range(A.shape[2])])
-        rows.append(_sum_of([diagonals[:, d] for d in range(A.shape[1])]))
-    return np.stack(rows)
+    at_once = max(1, _PRODUCTS_AT_ONCE // max(1, A[:, 0].size))
+    pieces = []
+    for first in range(0, len(A), at_once):
+        A_i = A[first : first + at_once, None]
+        # Element d of the diagonal of A_i A_j: the sum over r of (A_i)_dr (A_j)_rd.
+        diagonals = A_i[:, :, :, 0] * A[:, 0]
+        for r in range(1, A.shape[2]):
+            diagonals += A_i[:, :, :, r] * A[:, r]
+        pieces.append(_sum_of([diagonals[:, :, d] for d in range(A.shape[1])]))
+    return np.concatenate(pieces)
+
+
+_PRODUCTS_AT_ONCE = 65_536  # numbers of the diagonals of products, which stay in the cache
 
 
 @once
@@ -240,6 +247,10 @@ def whiten(L: Array, b: Array) -> list[Array]:
     return rows
 
 
+_SMALL_BATCH = 256  # members of a batch whose factors are copied for each column
+_COPIED = 500_000  # numbers of the factors that `inverse` copies for each column
+
+
 def inverse(S: Array) -> Array:
     """Compute ``S^-1`` of a symmetric positive definite S (n, n[, *batch])."""
     if S.shape[0] == 1:
@@ -249,8 +260,13 @@ def inverse(S: Array) -> Array:
     n = S.shape[0]
     eye = np.eye(n).reshape((n, n) + (1,) * (S.ndim - 2))
     # S^-1 = L^-T L^-1; by L[:, :, None] the columns of the identity are one more batch axis.
-    L = cholesky(S)
-    L_inverse = solve_lower(L[:, :, None], np.broadcast_to(eye, S.shape))
+    L = cholesky(S)[:, :, None]
+    columns = np.broadcast_to(eye, S.shape)
+    if S[0, 0].size <= _SMALL_BATCH and n * S.size <= _COPIED:
+        # The kernel needs a factor for each column; copies take less time than rows one by one.
+        L = np.ascontiguousarray(np.broadcast_to(L, (n, *S.shape)))
+        columns = np.ascontiguousarray(columns)
+    L_inverse = solve_lower(L, columns)
     return matmul(transpose(L_inverse), L_inverse)
 
 

@@ -80,7 +80,10 @@ def _with_curvature(
     They are ``tr(H_i P) / 2`` and ``tr(H_i P H_j P) / 2`` (Bar-Shalom, Li & Kirubarajan 2001, section
     10.3.2), with the Hessian H_i of component i.
     """
-    HP = [linalg.matmul(H_i, at.cov) for H_i in jacobian_at(part, at, k, order=2)]
+    hessians = jacobian_at(part, at, k, order=2)
+    if not hessians.any():
+        return linear
+    HP = [linalg.matmul(H_i, at.cov) for H_i in hessians]
     bias = 0.5 * np.stack([linalg.trace(A) for A in HP])
     cov = 0.5 * linalg.traces_of_products(np.stack(HP))
     cov = linalg.symmetrize(cov)

@@ -203,10 +203,14 @@ class RungeKuttaStep(Step):
             for (_, at), ahead in zip(stages, (0.0, 0.5, 0.5, 1.0), strict=True):
                 t = (k - 1) * self.T + (i + ahead) * h
                 J = with_trailing(self.J(at, k, t), x.ndim - 1, leading=2)
-                inner = identity + (ahead * h) * slopes[-1] if slopes else identity
-                slopes.append(linalg.matmul(J, inner))
+                if slopes:
+                    inner = identity + (ahead * h) * slopes[-1]
+                    slopes.append(linalg.matmul(J, inner))
+                else:
+                    slopes.append(J)
             # Chain rule: F = (I + h/6 (K1 + 2 K2 + 2 K3 + K4)) F
-            F = linalg.matmul(identity + h / 6.0 * sum_of_slopes(*slopes), F)
+            of_substep = identity + h / 6.0 * sum_of_slopes(*slopes)
+            F = of_substep if i == 0 else linalg.matmul(of_substep, F)
             x = x + h / 6.0 * sum_of_slopes(*(slope for slope, _ in stages))
         return F
 
