@@ -205,14 +205,26 @@ def expected_time(job: Job, options: Options) -> str:
     store, workers = BlockStore(cache_folder()), min(most_workers(options), len(job.plan.unique))
     missing = [t for t in job.plan.unique if options.fresh or not store.has_file(t)]
     if not missing:
-        return "every block is in the cache"
+        return CACHED
     cost = _cost_in_folder(job, missing) or _cost_of_shipped(job, options, missing)
     if cost is None:
         return "time unknown: no results of the same scenario and filters are stored"
     # The plan has the first batch of runs, which `until` may continue up to the most.
     seconds = cost.cpu_s * job.most / job.experiment.settings.runs / workers
-    size, unit = next(((s, u) for s, u in _LONG if seconds >= 2 * s), (1, "s"))
-    return f"{'at most ' * cost.is_bound}about {_two_digits(max(seconds / size, 1))} {unit} of filtering"
+    bound = "at most " if cost.is_bound else ""
+    return f"{bound}about {duration(seconds)} of filtering"
+
+
+CACHED = "every block is in the cache"
+"""Time of a job whose blocks are all kept."""
+
+
+def duration(seconds: float) -> str:
+    """Write a duration with two digits in hours, minutes or seconds, at least one second."""
+    for size, unit in _LONG:
+        if seconds >= 2 * size:
+            return f"{_two_digits(seconds / size)} {unit}"
+    return f"{_two_digits(max(seconds, 1.0))} s"
 
 
 _LONG = ((3600, "h"), (60, "min"))

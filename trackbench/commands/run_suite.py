@@ -8,9 +8,20 @@ from typing import NamedTuple
 
 from trackbench.atomic_files import ensure_folder
 from trackbench.commands import with_known_keywords
-from trackbench.commands.prepare import FIT, OPTION_NAMES, Options, say
-from trackbench.commands.run_experiment import preview, run_each
+from trackbench.commands.prepare import (
+    CACHED,
+    FIT,
+    OPTION_NAMES,
+    Options,
+    duration,
+    expected_time,
+    jobs_of,
+    most_workers,
+    say,
+)
+from trackbench.commands.run_experiment import run_each
 from trackbench.commands.stored_results import Report
+from trackbench.config.shipped_experiments import suite_names, suite_times
 from trackbench.config.suite import Suite, load_suite
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.filters.program import REFUSAL
@@ -106,11 +117,29 @@ def suite_folder(suite: Suite, options: Options) -> Path:
 
 
 def preview_suite(file: Path, options: Options, problems: Sequence[str] = ()) -> list[str]:
-    """Describe each problem that `run_suite` would run in a line, with the time that it takes."""
+    """Describe each problem that `run_suite` would run in a line, with the time that it takes.
+
+    The time follows from stored results, or else from the recorded times of a shipped suite.
+    """
     suite = prepare_suite(file, options, problems)
-    lines = preview(
-        [problem.config for problem in suite.problems], _options_of_jobs(suite, options)
-    )
+    own_options = _options_of_jobs(suite, options)
+    is_shipped = file.name in suite_names() and not file.is_file()
+    recorded = suite_times(file.name) if is_shipped and not options.only else {}
+    lines = []
+    all_seconds = 0.0
+    workers = most_workers(own_options)
+    for problem, job in zip(
+        suite.problems, jobs_of([p.config for p in suite.problems], own_options), strict=True
+    ):
+        time = expected_time(job, own_options)
+        known = recorded.get(problem.name)
+        if known is not None and time != CACHED:
+            seconds = known.cpu_s * job.experiment.settings.runs / known.runs / workers
+            all_seconds += seconds
+            time = f"about {duration(seconds)} of filtering"
+        lines.append(f"{job.line}; {time}")
+    if all_seconds:
+        lines.append(f"in all about {duration(all_seconds)} on {workers} workers")
     return [*lines, *_left_out_lines(_misfits(suite))]
 
 

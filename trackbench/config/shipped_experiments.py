@@ -157,6 +157,23 @@ def suite_file(suite: Path) -> Path:
     raise UserError(Problem(Mark(word), "", what))
 
 
+class SuiteTime(NamedTuple):
+    """Recorded time of a problem of a shipped suite: seconds on one processor for so many runs."""
+
+    runs: int
+    cpu_s: float
+
+
+def suite_times(name: str) -> dict[str, SuiteTime]:
+    """Return the recorded times of a shipped suite's problems by name; empty for another suite."""
+    with (folder() / "suites" / _TIMES).open(encoding="utf-8", newline="") as file:
+        return {
+            row["problem"]: SuiteTime(int(row["runs"]), float(row["cpu_s"]))
+            for row in csv.DictReader(file)
+            if row["suite"] == name
+        }
+
+
 def with_parts(file: Path, files: frozenset[Path] = frozenset()) -> frozenset[Path]:
     """Collect a YAML file and every file that it names, directly or through another; some may not exist.
 
