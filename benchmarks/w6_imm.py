@@ -1,5 +1,6 @@
 """W6: an interacting multiple model filter of two motions on the maneuvering target's track."""
 
+from collections.abc import Callable
 from importlib import import_module
 
 import numpy as np
@@ -14,7 +15,7 @@ STAY = ((0.98, 0.02), (0.02, 0.98))
 
 
 def workloads() -> list[Workload]:
-    """Against filterpy's IMM of the same two motions."""
+    """Against filterpy's IMM of the same two motions, and loops that are compiled for them."""
     scenario = shipped("maneuver")
     motions = tuple(motion(density) for density in DENSITIES)
     tracker = make("filters", "imm", motions=motions, transition=STAY)
@@ -27,7 +28,11 @@ def workloads() -> list[Workload]:
             "trackbench": ours(scenario, tracker, RUNS, width=RUNS),
             "trackbench with metrics": ours(scenario, tracker, RUNS, whole=True, width=RUNS),
         },
-        bars=[Bar("filterpy", "trackbench", 1.0)],
+        bars=[
+            Bar("filterpy", "trackbench", 1.0),
+            Bar("JAX by hand", "trackbench", 1.0),
+            Bar("numba", "trackbench", 1.0),
+        ],
         truth=seen.truth[:, 1:],
         position=(0, 2),
     )
@@ -40,5 +45,22 @@ def workloads() -> list[Workload]:
         z = seen.measurements[..., :FEW]
         return timed(lambda: peer.imm(models, np.array(STAY), R, mean, cov, z), float(FEW * T))
 
+    def compiled(module: str) -> Callable[[], Entrant]:
+        def entrant() -> Entrant:
+            peer = import_module(module)
+            sampled = [m.sampled(scenario.T) for m in motions]
+            F = np.array([s.F for s in sampled])
+            Q = np.array([s.Q for s in sampled])
+            mean, cov, R = seen.prior.mean, seen.prior.cov, scenario.model.sensor.R
+            z = seen.measurements
+            return timed(
+                lambda: peer.imm_cv(F, Q, R, np.array(STAY), mean, cov, z), float(RUNS * T)
+            )
+
+        return entrant
+
     work.add("filterpy", filterpy)
+    work.add("JAX by hand", compiled("benchmarks.peers.jax_"))
+    work.add("numba", compiled("benchmarks.peers.numba_"))
+    work.add("C", compiled("benchmarks.peers.c_"))
     return [work]

@@ -80,3 +80,13 @@ def kalman_cv(F: Array, Q: Array, R: Array, mean: Array, cov: Array, z: Array) -
     out = np.empty((M, T, 4))
     _call("kalman_cv", F, Q, R, mean.T, cov, z.transpose(2, 1, 0), T, M, out)
     return out.transpose(2, 1, 0)
+
+
+def imm_cv(
+    F: Array, Q: Array, R: Array, transition: Array, mean: Array, cov: Array, z: Array
+) -> Array:
+    """IMM of two motions F, Q (2, 4, 4) of z (2, T, M) from N(mean, cov); estimates (4, T, M)."""
+    _, T, M = z.shape
+    out = np.empty((M, T, 4))
+    _call("imm_cv", F, Q, R, transition, mean.T, cov, z.transpose(2, 1, 0), T, M, out)
+    return out.transpose(2, 1, 0)

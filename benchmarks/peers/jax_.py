@@ -136,3 +136,46 @@ def kalman_cv(F: Array, Q: Array, R: Array, mean: Array, cov: Array, z: Array) -
     """Kalman filter of z (2, T, M) from N(mean, cov), mean (4, M); estimates (4, T, M)."""
     found = _kalman_runs(F, Q, R, mean, cov, z.swapaxes(0, 1))
     return np.asarray(found).transpose(2, 1, 0)
+
+
+def _imm(F, Q, R, transition, mean, P, z):
+    H = jnp.zeros((2, 4)).at[0, 0].set(1.0).at[1, 2].set(1.0)
+    r = len(F)
+
+    def filter_one(F, Q, mean, P, seen):
+        mean = F @ mean
+        P = F @ P @ F.T + Q
+        S = H @ P @ H.T + R
+        det = S[0, 0] * S[1, 1] - S[0, 1] * S[1, 0]
+        inverse = jnp.array([[S[1, 1], -S[0, 1]], [-S[1, 0], S[0, 0]]]) / det
+        K = P @ H.T @ inverse
+        e = seen - H @ mean
+        density = jnp.exp(-0.5 * e @ inverse @ e) / jnp.sqrt(det)
+        return mean + K @ e, P - K @ S @ K.T, density
+
+    def step(state, seen):
+        x, P, mu = state
+        joint = transition * mu[:, None]
+        c = joint.sum(0)
+        w = joint / c
+        mixed = w.T @ x
+        apart = x[:, None] - mixed[None]
+        spread = jnp.einsum("ij,ikl->jkl", w, P) + jnp.einsum("ij,ijk,ijl->jkl", w, apart, apart)
+        x, P, density = jax.vmap(filter_one, in_axes=(0, 0, 0, 0, None))(F, Q, mixed, spread, seen)
+        mu = c * density
+        mu = mu / mu.sum()
+        return (x, P, mu), mu @ x
+
+    start = (jnp.stack([mean] * r), jnp.stack([P] * r), jnp.full(r, 1.0 / r))
+    return jax.lax.scan(step, start, z)[1]
+
+
+_imm_runs = jax.jit(jax.vmap(_imm, in_axes=(None, None, None, None, 1, None, 2)))
+
+
+def imm_cv(
+    F: Array, Q: Array, R: Array, transition: Array, mean: Array, cov: Array, z: Array
+) -> Array:
+    """IMM of motions F, Q (r, 4, 4) of z (2, T, M) from N(mean, cov); estimates (4, T, M)."""
+    found = _imm_runs(F, Q, R, transition, mean, cov, z.swapaxes(0, 1))
+    return np.asarray(found).transpose(2, 1, 0)

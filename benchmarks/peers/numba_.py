@@ -159,6 +159,91 @@ def _kalman_cv(F, Q, R, mean, cov, z):
     return out
 
 
+@njit
+def _imm_filter(F, Q, R, x, P, z, y, A):
+    """Make one Kalman step of a model; return the density of z times 2 pi."""
+    for i in range(4):
+        y[i] = 0.0
+        for j in range(4):
+            y[i] += F[i, j] * x[j]
+            A[i, j] = 0.0
+            for k in range(4):
+                A[i, j] += F[i, k] * P[k, j]
+    for i in range(4):
+        for j in range(4):
+            P[i, j] = Q[i, j]
+            for k in range(4):
+                P[i, j] += A[i, k] * F[j, k]
+    a = P[0, 0] + R[0, 0]
+    b = P[0, 2] + R[0, 1]
+    d = P[2, 2] + R[1, 1]
+    det = 1.0 / (a * d - b * b)
+    u = z[0] - y[0]
+    v = z[1] - y[2]
+    for i in range(4):
+        A[0, i] = P[0, i]
+        A[1, i] = P[2, i]
+    for i in range(4):
+        first = (A[0, i] * d - A[1, i] * b) * det
+        second = (A[1, i] * a - A[0, i] * b) * det
+        x[i] = y[i] + first * u + second * v
+        for j in range(4):
+            P[i, j] -= first * A[0, j] + second * A[1, j]
+    return np.sqrt(det) * np.exp(-0.5 * (u * u * d - 2.0 * u * v * b + v * v * a) * det)
+
+
+@njit
+def _imm_cv(F, Q, R, transition, mean, cov, z):
+    M, T = z.shape[:2]
+    r = len(F)
+    out = np.empty((M, T, 4))
+    x = np.empty((r, 4))
+    P = np.empty((r, 4, 4))
+    mixed = np.empty((r, 4))
+    spread = np.empty((r, 4, 4))
+    mu = np.empty(r)
+    c = np.empty(r)
+    w = np.empty(r)
+    y = np.empty(4)
+    A = np.empty((4, 4))
+    for m in range(M):
+        for j in range(r):
+            x[j] = mean[m]
+            P[j] = cov
+            mu[j] = 1.0 / r
+        for t in range(T):
+            for j in range(r):
+                c[j] = 0.0
+                for i in range(r):
+                    w[i] = transition[i, j] * mu[i]
+                    c[j] += w[i]
+                for k in range(4):
+                    mixed[j, k] = 0.0
+                    for i in range(r):
+                        mixed[j, k] += w[i] / c[j] * x[i, k]
+                for k in range(4):
+                    for n in range(4):
+                        spread[j, k, n] = 0.0
+                        for i in range(r):
+                            apart = (x[i, k] - mixed[j, k]) * (x[i, n] - mixed[j, n])
+                            spread[j, k, n] += w[i] / c[j] * (P[i, k, n] + apart)
+            whole = 0.0
+            for j in range(r):
+                for k in range(4):
+                    x[j, k] = mixed[j, k]
+                    for n in range(4):
+                        P[j, k, n] = spread[j, k, n]
+                mu[j] = c[j] * _imm_filter(F[j], Q[j], R, x[j], P[j], z[m, t], y, A)
+                whole += mu[j]
+            for k in range(4):
+                out[m, t, k] = 0.0
+            for j in range(r):
+                mu[j] /= whole
+                for k in range(4):
+                    out[m, t, k] += mu[j] * x[j, k]
+    return out
+
+
 def _rows(z: Array) -> Array:
     return np.ascontiguousarray(z.transpose(2, 1, 0))
 
@@ -187,3 +272,12 @@ def kalman_cv(F: Array, Q: Array, R: Array, mean: Array, cov: Array, z: Array) -
     first = np.ascontiguousarray(mean.T)
     args = (np.array(F), np.array(Q), np.array(R), first, np.array(cov), _rows(z))
     return _kalman_cv(*args).transpose(2, 1, 0)
+
+
+def imm_cv(
+    F: Array, Q: Array, R: Array, transition: Array, mean: Array, cov: Array, z: Array
+) -> Array:
+    """IMM of motions F, Q (r, 4, 4) of z (2, T, M) from N(mean, cov); estimates (4, T, M)."""
+    first = np.ascontiguousarray(mean.T)
+    found = _imm_cv(F, Q, np.array(R), transition, first, np.array(cov), _rows(z))
+    return found.transpose(2, 1, 0)

@@ -205,3 +205,74 @@ void kalman_cv(const double *F, const double *Q, const double *R, const double *
         }
     }
 }
+
+enum { MODELS = 2 };
+
+/* One Kalman step of a model for a position in the plane; returns the density of z times 2 pi. */
+static double imm_filter(const double *F, const double *Q, const double *R, double *x, double P[4][4], const double *z) {
+    double y[4], A[4][4];
+    for (int i = 0; i < 4; i++) {
+        y[i] = 0.0;
+        for (int j = 0; j < 4; j++) {
+            y[i] += F[4 * i + j] * x[j];
+            A[i][j] = 0.0;
+            for (int k = 0; k < 4; k++) A[i][j] += F[4 * i + k] * P[k][j];
+        }
+    }
+    for (int i = 0; i < 4; i++) for (int j = 0; j < 4; j++) {
+        P[i][j] = Q[4 * i + j];
+        for (int k = 0; k < 4; k++) P[i][j] += A[i][k] * F[4 * j + k];
+    }
+    double a = P[0][0] + R[0], b = P[0][2] + R[1], d = P[2][2] + R[3], det = 1.0 / (a * d - b * b);
+    double u = z[0] - y[0], v = z[1] - y[2], K[4][2], row[2][4];
+    for (int i = 0; i < 4; i++) {
+        K[i][0] = (P[i][0] * d - P[i][2] * b) * det;
+        K[i][1] = (P[i][2] * a - P[i][0] * b) * det;
+        x[i] = y[i] + K[i][0] * u + K[i][1] * v;
+        row[0][i] = P[0][i];
+        row[1][i] = P[2][i];
+    }
+    for (int i = 0; i < 4; i++) for (int j = 0; j < 4; j++) P[i][j] -= K[i][0] * row[0][j] + K[i][1] * row[1][j];
+    return sqrt(det) * exp(-0.5 * (u * u * d - 2.0 * u * v * b + v * v * a) * det);
+}
+
+/* Interacting multiple models: F and Q of each, transition[i][j] from i to j. */
+void imm_cv(const double *F, const double *Q, const double *R, const double *transition, const double *mean,
+            const double *cov, const double *z, int T, int M, double *out) {
+    for (int m = 0; m < M; m++) {
+        double x[MODELS][4], P[MODELS][4][4], mixed[MODELS][4], spread[MODELS][4][4], mu[MODELS], c[MODELS];
+        for (int j = 0; j < MODELS; j++) {
+            memcpy(x[j], mean + 4 * m, sizeof x[j]);
+            memcpy(P[j], cov, sizeof P[j]);
+            mu[j] = 1.0 / MODELS;
+        }
+        for (int t = 0; t < T; t++) {
+            for (int j = 0; j < MODELS; j++) {
+                double w[MODELS];
+                c[j] = 0.0;
+                for (int i = 0; i < MODELS; i++) c[j] += w[i] = transition[MODELS * i + j] * mu[i];
+                for (int k = 0; k < 4; k++) {
+                    mixed[j][k] = 0.0;
+                    for (int i = 0; i < MODELS; i++) mixed[j][k] += w[i] / c[j] * x[i][k];
+                }
+                for (int k = 0; k < 4; k++) for (int l = 0; l < 4; l++) {
+                    spread[j][k][l] = 0.0;
+                    for (int i = 0; i < MODELS; i++)
+                        spread[j][k][l] += w[i] / c[j] * (P[i][k][l] + (x[i][k] - mixed[j][k]) * (x[i][l] - mixed[j][l]));
+                }
+            }
+            memcpy(x, mixed, sizeof x);
+            memcpy(P, spread, sizeof P);
+            double whole = 0.0, *estimate = out + 4 * (m * T + t);
+            for (int j = 0; j < MODELS; j++) {
+                mu[j] = c[j] * imm_filter(F + 16 * j, Q + 16 * j, R, x[j], P[j], z + 2 * (m * T + t));
+                whole += mu[j];
+            }
+            for (int k = 0; k < 4; k++) estimate[k] = 0.0;
+            for (int j = 0; j < MODELS; j++) {
+                mu[j] /= whole;
+                for (int k = 0; k < 4; k++) estimate[k] += mu[j] * x[j][k];
+            }
+        }
+    }
+}
