@@ -334,11 +334,12 @@ class _Assembler:
             put(data, "seed", self.settings.seed, self.suite.mark(("seed",)))
         if self.quick:
             put(data, "runs", self.runs or QUICK_RUNS, Mark("--quick"))
-            put(data, "block", "fit", Mark("--quick"))
         elif problem.runs and self.runs is None:
             put(data, "runs", problem.runs, mark)
         else:
             put(data, "runs", self.settings.runs, mark)
+        # Blocks as wide as the runs need: a suite has few runs, and no more are added later.
+        put(data, "block", "fit", mark)
         put(data, "per_step", [], mark)
         if problem.score is not None:
             columns = {"Error": problem.score, "ANEES": "anees"}
