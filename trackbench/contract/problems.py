@@ -11,7 +11,7 @@ from typing import NamedTuple, cast
 import numpy as np
 from numpy.random import SFC64, Generator
 
-from trackbench.config.checks import has
+from trackbench.config.checks import meets_requirement
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution, per_run_moments
 from trackbench.core.random_streams import RunStreams, Streams
@@ -227,7 +227,7 @@ def runs_on(tracker: AnyFilter, scenario: Scenario) -> bool:
 
 def why_not(tracker: AnyFilter, scenario: Scenario) -> str:
     """Explain why a filter cannot run on a scenario; an empty text if it can."""
-    lacking = [n for n in tracker.all_requirements if not has(scenario, n)]
+    lacking = [n for n in tracker.all_requirements if not meets_requirement(scenario, n)]
     mistakes = [] if lacking else list(filter_conflicts(tracker, scenario).values())
     return f"needs {lacking[0]}" if lacking else (mistakes or [""])[0]
 
