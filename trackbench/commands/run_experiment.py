@@ -32,7 +32,7 @@ from trackbench.commands.stored_results import Report
 from trackbench.config.experiment import Experiment
 from trackbench.config.python_tables import without_folders
 from trackbench.config.requested_metrics import takes_times
-from trackbench.config.tuned_entries import held_out, training_cautions
+from trackbench.config.tuned_entries import held_out_data, training_cautions
 from trackbench.core.random_streams import RunStreams
 from trackbench.errors import Mark, Problem, UserError, WriteError, counted, in_line
 from trackbench.evaluation.timing import REPEATS, Measured, measure
@@ -150,7 +150,7 @@ def _reported(job: Job, outcome: Outcome, options: Options, sweep: bool) -> Repo
         )
         if job.tuning:
             write_tuning(job.folder / "tuning.csv", job.tuning)
-            facts["training_holds_out"] = held_out(job.experiment)
+            facts["training_holds_out"] = held_out_data(job.experiment)
             trained_s = sum(record.cpu_s for record in job.tuning.values())
             facts["cpu_s"] = round(facts["cpu_s"] + trained_s, 3)
     write_manifest(job.folder, facts, data)
