@@ -80,9 +80,9 @@ def describe(
 
 def show(name: Name) -> None:
     """Print the config of a shipped experiment."""
-    from trackbench.config.shipped_experiments import named
+    from trackbench.config.shipped_experiments import find_shipped
 
-    typer.echo(named(name).read_text(encoding="utf-8"), nl=False)
+    typer.echo(find_shipped(name).read_text(encoding="utf-8"), nl=False)
 
 
 def copy(
@@ -90,9 +90,9 @@ def copy(
     to: Annotated[Path, typer.Option(metavar="DIR", help="folder that they go to")] = Path(),
 ) -> None:
     """Copy a shipped experiment and its parts for editing; existing files stay."""
-    from trackbench.config.shipped_experiments import copied
+    from trackbench.config.shipped_experiments import copy_experiment
 
-    for path in copied(name, to):
+    for path in copy_experiment(name, to):
         typer.echo(f"wrote {path}")
     typer.echo(f"run it: trackbench run {to / name}.yaml")
 
