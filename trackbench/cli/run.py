@@ -26,7 +26,13 @@ from trackbench.cli.options import (
     api_options,
     runs_experiments,
 )
-from trackbench.cli.output import as_reportable, echo_line, print_error, reported, resume_command
+from trackbench.cli.output import (
+    as_reportable,
+    echo_line,
+    print_error,
+    report_as_data,
+    resume_command,
+)
 
 if TYPE_CHECKING:
     from trackbench.api import Options, Report
@@ -260,7 +266,7 @@ def _print(
 ) -> None:
     """Print the ranking, what it cannot say, and a line each on verdicts and on where the rest is."""
     if json:
-        echo_line(reported(report))
+        echo_line(report_as_data(report))
     else:
         from trackbench.cli.screen import print_lines, print_tables
 
