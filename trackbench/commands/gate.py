@@ -28,6 +28,8 @@ from trackbench.statistics.rules import ALIKE, BETTER, EQUAL, UNTESTED, WORSE
 
 NEGLIGIBLE = "negligible"
 _LIMIT = re.compile(r"(\d+(?:\.\d+)?)sigma(?:,(\d+(?:\.\d+)?)%)?")
+_DEFAULT_PERCENT = "0.01"
+"""Percent of a value that matters, of a limit without one."""
 
 
 class Limit(NamedTuple):
@@ -65,7 +67,8 @@ def limit_of(text: str) -> Limit:
     if match is None:
         what = "is no limit such as 3sigma, or 3sigma,1% (both must be exceeded)"
         raise UserError(Problem(Mark(f"--worse {text}"), "", what))
-    return Limit(float(match[1]), float(match[2] or 0.01) / 100.0)
+    sigmas, percent = match.groups(default=_DEFAULT_PERCENT)
+    return Limit(sigmas=float(sigmas), share=float(percent) / 100.0)
 
 
 def gate(

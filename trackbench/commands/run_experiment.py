@@ -61,8 +61,17 @@ def run_all(
 ) -> Generator[Report]:
     """Run experiments one after the other on the same workers; yield each written report.
 
-    With several experiments, ``out`` is the folder of their folders. Raises UserError, before anything
-    runs, with the mistakes of all configs.
+    With several experiments, ``out`` is the folder of their folders.
+
+    Parameters
+    ----------
+    configs : paths, names of shipped experiments, or mappings like config files
+    options : options of every run; default: those of `Options`
+    changes : fields of Options, as in ``run_all(configs, runs=50)``
+
+    Raises
+    ------
+    UserError : bad input, before anything runs, with the mistakes of all configs
     """
     yield from run_each(configs, (options or Options()).changed(changes))
 

@@ -222,6 +222,18 @@ def compare(folder: Path | str) -> Verdicts:
 
     The current published files are used and recorded in the manifest. A read-only folder stays
     unchanged.
+
+    Parameters
+    ----------
+    folder : path of the results folder
+
+    Returns
+    -------
+    Verdicts : verdicts on published numbers and claims
+
+    Raises
+    ------
+    UserError : the folder has no readable results
     """
     if _is_read_only(folder):
         with explain_content_errors(folder):
@@ -242,11 +254,23 @@ def plot(
     allow_plugins: bool = False,
     style: Style = "screen",
 ) -> list[Path]:
-    """Draw the figures of a results folder again; return the files written.
+    """Draw the figures of a results folder again.
 
-    ``style="paper"`` writes NAME-column and NAME-page in a journal's widths, without titles. Figures of
-    plugins are drawn only if plugins are allowed. If a figure fails, the others are written first and
-    then PartialReportError is raised.
+    Parameters
+    ----------
+    folder : path of the results folder
+    formats : file formats: png, svg, pdf
+    only : names or types of the figures to draw; default: all
+    allow_plugins : also draw the figures of plugins, which runs their code
+    style : screen, or paper: NAME-column and NAME-page in a journal's widths, without titles
+
+    Returns
+    -------
+    list : the files written
+
+    Raises
+    ------
+    PartialReportError : a figure failed; the others are written
     """
     with _opened_for_rewriting(folder, allow_plugins) as (results, _):
         written = write_figures(results, formats, only, style)
@@ -258,6 +282,19 @@ def report(folder: Path | str, allow_plugins: bool = False) -> list[Path]:
     """Write report.html of a results folder, or index.html and README.md over a folder of several.
 
     For a read-only folder the report goes into the working directory, as NAME-report.html.
+
+    Parameters
+    ----------
+    folder : path of a results folder, or of a folder of several
+    allow_plugins : also draw the figures of plugins, which runs their code
+
+    Returns
+    -------
+    list : the files written
+
+    Raises
+    ------
+    PartialReportError : a figure or sentence failed; the rest of the report is written
     """
     from trackbench.report.html.index_page import write_overview
     from trackbench.report.html.report_page import write_report
