@@ -170,16 +170,18 @@ class LoopFilter(Filter[RunObjects]):
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Reject components that differ from the scenario's."""
-        one = self.one
-        why = component_mismatch(scenario.model, one.state, one.measured, one.extra_std)
+        run_class = self.one
+        why = component_mismatch(
+            scenario.model, run_class.state, run_class.measured, run_class.extra_std
+        )
         if not why:
             return {}
         return {"": why}
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> RunObjects:
         """Make an object per run, and start it from the moments of its run's prior."""
-        one = self.one
-        order = Order.of(model, one.state, one.measured, one.extra_std)
+        run_class = self.one
+        order = Order.of(model, run_class.state, run_class.measured, run_class.extra_std)
         prior_cov = np.asarray(with_trailing(prior.cov, 1, leading=2))
         # The prior's moments in the order of the filter's own components, in arrays of all runs.
         n = len(order.first_cov)
@@ -234,14 +236,14 @@ class LoopFilterWithLikelihood(LoopFilter):
         return np.array([run.log_likelihood() for run in state.objects])
 
 
-def loop_over_runs(one: "type[PerRun]") -> type[LoopFilter]:
+def loop_over_runs(run_class: "type[PerRun]") -> type[LoopFilter]:
     """Make the filter of a class of one run, with its keys, its name and its docstring."""
-    keys = [(field.name, field.type, _copy_field(field)) for field in fields(one)]
+    keys = [(field.name, field.type, _copy_field(field)) for field in fields(run_class)]
     attributes: dict[str, object] = {
-        "one": one,
+        "one": run_class,
         "contract_exemptions": {
             "purity": "keeps its state in an object per run",
-            **one.contract_exemptions,
+            **run_class.contract_exemptions,
         },
     }
     for name in (
@@ -252,13 +254,13 @@ def loop_over_runs(one: "type[PerRun]") -> type[LoopFilter]:
         "summed_diagnostics",
         "presets",
     ):
-        attributes[name] = getattr(one, name)
+        attributes[name] = getattr(run_class, name)
     # Only a class with the hook has a log score.
-    base = LoopFilterWithLikelihood if one.has_likelihood() else LoopFilter
+    base = LoopFilterWithLikelihood if run_class.has_likelihood() else LoopFilter
     filter_class = make_dataclass(
-        one.__name__, keys, bases=(base,), namespace=attributes, frozen=True, kw_only=True
+        run_class.__name__, keys, bases=(base,), namespace=attributes, frozen=True, kw_only=True
     )
-    one._loop_filter = filter_class
+    run_class._loop_filter = filter_class
     return filter_class
 
 
@@ -269,19 +271,21 @@ def _copy_field(key: Field[object]) -> object:
     return dataclass_field(default=key.default)
 
 
-def _restore(one: "type[PerRun]", keys: dict[str, object]) -> LoopFilter:
+def _restore(run_class: "type[PerRun]", keys: dict[str, object]) -> LoopFilter:
     """Make the filter of a class of one run again, from a pickle."""
-    return one._loop_filter(**keys)
+    return run_class._loop_filter(**keys)
 
 
-def _checked_moments(returned: object, n: int, one: type) -> tuple[Array, Array]:
-    """Return the mean (n,) and the covariance (n, n) that a step of the class ``one`` returned.
+def _checked_moments(returned: object, n: int, run_class: type) -> tuple[Array, Array]:
+    """Return the mean (n,) and the covariance (n, n) that a step of the class ``run_class`` returned.
 
     Raises WrongReturnError for other values.
     """
-    method = "step" if "step" in vars(one) else "update"
+    method = "step" if "step" in vars(run_class) else "update"
     if not isinstance(returned, tuple | list) or len(returned) != 2:
-        what = f"{one.__name__} gives a {type(returned).__name__}, not a mean and a covariance"
+        what = (
+            f"{run_class.__name__} gives a {type(returned).__name__}, not a mean and a covariance"
+        )
         raise WrongReturnError(method, what)
     mean = _checked_array(method, "mean", returned[0], (n,))
     cov = _checked_array(method, "covariance", returned[1], (n, n))

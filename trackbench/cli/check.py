@@ -85,6 +85,7 @@ def cache(
 
 
 def _check_config(config: Path, options: "Options", json: bool, picture: Path | None) -> None:
+    """Validate a config, print a summary, and draw its scene to the file ``picture``."""
     from trackbench import api
     from trackbench.atomic_files import atomic_write
     from trackbench.config.tuned_entries import training_cautions
@@ -122,6 +123,7 @@ def _check_config(config: Path, options: "Options", json: bool, picture: Path | 
 
 
 def _check_contract(path: Path, on: Path | None, allow_plugins: bool, json: bool) -> None:
+    """Check the filters of a file, on the config ``on`` if it is given; exit with 1 if one is bad."""
     from trackbench.contract import check_file, report
 
     findings_by_kind = check_file(path, on, allow_plugins)

@@ -35,10 +35,10 @@ def resolved(experiment: Experiment, folder: Path) -> PlainData:
     without_defaults = _components_with_varied_defaults(experiment)
     # Unless they are set, these keys are left out, as configs of older results folders lack them.
     optional = ("exact", "smoothed", "problem", "matters", "files", "environment")
-    out: PlainData = {}
+    config: PlainData = {}
     for key, value in asdict(experiment.settings).items():
         if value or key not in optional:
-            out[key] = value
+            config[key] = value
 
     def relative(path: str) -> str:
         """Write a path relative to the folder; other words stay as they are."""
@@ -50,39 +50,39 @@ def resolved(experiment: Experiment, folder: Path) -> PlainData:
             return f"{option}{equals}{path_from(value, folder)}"
         return path
 
-    def write_component(part: Part, keys: Keys) -> object:
+    def write_component(component: Part, keys: Keys) -> object:
         """Write a component, with its defaults unless these vary."""
-        full = as_config(part, relative)
+        full = as_config(component, relative)
         if keys in without_defaults:
             return _keep_set_keys(full, experiment.source.at(keys))
         return full
 
     # Step 1: files and scenario.
-    out["plugins"] = [relative(plugin.path) for plugin in experiment.plugins]
+    config["plugins"] = [relative(plugin.path) for plugin in experiment.plugins]
     if experiment.plugins and experiment.settings.files:
-        out["files"] = [relative(name) for name, _ in experiment.plugins[0].files]
+        config["files"] = [relative(name) for name, _ in experiment.plugins[0].files]
     elif not experiment.plugins:
         # The entries of programs already have the files and variables declared for all of them.
-        out.pop("files", None)
-        out.pop("environment", None)
+        config.pop("files", None)
+        config.pop("environment", None)
     # A results folder holds copies of the files under these names, so that it stands alone.
-    out["published"] = [f"published/{name}" for name in experiment.published.files]
-    out["scenario"] = write_component(first.scenario, ("scenario",))
+    config["published"] = [f"published/{name}" for name in experiment.published.files]
+    config["scenario"] = write_component(first.scenario, ("scenario",))
     # The training scenario has only the keys that differ from the scenario's.
-    changes = out["tuning"].pop("scenario")
+    changes = config["tuning"].pop("scenario")
     if changes is not None and experiment.training is not None:
         whole = as_config(experiment.training.scenario, relative)
-        out["tuning"]["scenario"] = _keep_set_keys(whole, changes)
+        config["tuning"]["scenario"] = _keep_set_keys(whole, changes)
     # Step 2: filters, tables and figures.
     all_filters = first.filters | experiment.left_out
     filters = {label: all_filters[label] for label in experiment.settings.filters}
     groups = cast("dict[str, PlainData]", {"filters": filters} | experiment.parts)
-    for group, parts in groups.items():
-        out[group] = {}
-        for name, part in parts.items():
-            out[group][name] = write_component(part, (group, name))
-    if out["key_figure"] not in out["figures"]:  # a sweep has figures of its own
-        out["key_figure"] = None
+    for group, components in groups.items():
+        config[group] = {}
+        for name, component in components.items():
+            config[group][name] = write_component(component, (group, name))
+    if config["key_figure"] not in config["figures"]:  # a sweep has figures of its own
+        config["key_figure"] = None
     # Step 3: filter models.
     for label, assume in first.assumed.items():
         assumed: object = entry_keys(assume, relative)
@@ -90,8 +90,8 @@ def resolved(experiment: Experiment, folder: Path) -> PlainData:
             entry = experiment.source.at(("filters", label))
             set_keys = {key: entry[key] for key in ENTRY_KEYS if key in entry}
             assumed = _keep_set_keys(assumed, set_keys)
-        out["filters"][label] |= assumed
-    return out
+        config["filters"][label] |= assumed
+    return config
 
 
 def entry_keys(assume: Assume, shown: Callable[[str], str] = str) -> PlainData:
@@ -188,25 +188,25 @@ class _Dumper(yaml.SafeDumper):
 _Dumper.add_representer(str, _Dumper.represent_word)
 
 
-def as_config(part: Part | Assume, shown: Callable[[str], str] = str) -> PlainData:
+def as_config(component: Part | Assume, shown: Callable[[str], str] = str) -> PlainData:
     """Write a registered dataclass as the mapping that makes it.
 
     ``shown`` writes the path of a data file.
     """
-    names_of_files = file_keys(type(part))
-    out: PlainData = {}
-    if isinstance(part, Part):
-        out["kind"] = part.kind
-    for field in fields(part):
+    names_of_files = file_keys(type(component))
+    mapping: PlainData = {}
+    if isinstance(component, Part):
+        mapping["kind"] = component.kind
+    for field in fields(component):
         if not field.init:
             continue
-        value = getattr(part, field.name)
+        value = getattr(component, field.name)
         if field.name in names_of_files and isinstance(value, str):
             value = shown(value)
         elif field.name in names_of_files and value is not None:
             value = [shown(path) for path in value]
-        out[field.name] = _as_plain_data(value, shown)
-    return _without_unset_later_keys(part, out)
+        mapping[field.name] = _as_plain_data(value, shown)
+    return _without_unset_later_keys(component, mapping)
 
 
 _LATER = (
@@ -226,9 +226,9 @@ _LATER_WITH_DEFAULT = ("gate_by",)
 """Keys of this kind whose default is a word: left out at the default."""
 
 
-def _without_unset_later_keys(part: Any, values: PlainData) -> PlainData:
+def _without_unset_later_keys(component: Any, values: PlainData) -> PlainData:
     """Leave out keys that older results folders lack, if they are unset."""
-    defaults = {key_of(field.name): field.default for field in fields(part)}
+    defaults = {key_of(field.name): field.default for field in fields(component)}
     remaining = {}
     for key, value in values.items():
         is_unset = key in _LATER and not value and not defaults[key]

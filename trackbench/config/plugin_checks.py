@@ -288,29 +288,29 @@ def _is_plain_data(value: object) -> bool:
     return is_dataclass(value) and not isinstance(value, type)
 
 
-def exhibit_conflicts(part: Exhibit, points: Sequence[Point]) -> dict[str, str]:
+def exhibit_conflicts(exhibit: Exhibit, points: Sequence[Point]) -> dict[str, str]:
     """Collect the conflicts of a table or figure; for plugins also what would stop the runner."""
-    if not is_foreign(part):
-        return part.conflicts(points)
+    if not is_foreign(exhibit):
+        return exhibit.conflicts(points)
     try:
-        with plugin_code(part):
-            conflicts: dict[str, str] = call_hook(part.conflicts, dict, points)
+        with plugin_code(exhibit):
+            conflicts: dict[str, str] = call_hook(exhibit.conflicts, dict, points)
             check_words(*conflicts, *conflicts.values())
-            if isinstance(part, DrawnExhibit):
-                _check_shown(part)
+            if isinstance(exhibit, DrawnExhibit):
+                _check_shown(exhibit)
     except PluginError as error:
         return {"": str(error)}
     return conflicts
 
 
-def _check_shown(part: DrawnExhibit) -> None:
+def _check_shown(exhibit: DrawnExhibit) -> None:
     """Raise WrongReturnError unless a figure declares properly which tracks it needs."""
-    runs = part.shown_runs
-    components = part.shown_components
+    runs = exhibit.shown_runs
+    components = exhibit.shown_components
     # These are read only so that an error in them is reported here.
-    _ = part.shown_covariances
-    _ = part.shown_measurements
-    _ = part.shown_particles
+    _ = exhibit.shown_covariances
+    _ = exhibit.shown_measurements
+    _ = exhibit.shown_particles
     if not isinstance(runs, int):
         raise WrongReturnError("shown_runs", f"shown_runs is {runs!r}, no whole number")
     if components is not None and not isinstance(components, tuple):

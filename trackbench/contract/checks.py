@@ -61,6 +61,7 @@ def alike(a: Estimates, b: Estimates) -> bool:
 
 
 def _check_shapes(tracker: AnyFilter, scenario: Scenario) -> None:
+    """Check shapes, types and digits of estimates and diagnostics, and `all_steps` against `step`."""
     runs = 5
     rng = new_rng()
     data = simulate(scenario, runs)
@@ -130,6 +131,7 @@ def _compare_with_all_steps(
 
 
 def _check_purity(tracker: AnyFilter, scenario: Scenario) -> None:
+    """Check that `init` and `step` leave their arguments unchanged, and that equal steps are equal."""
     data = simulate(scenario, 5)
     prior = deepcopy(data.prior)
     state = tracker.init(scenario.model, data.prior, new_rng())
@@ -159,6 +161,7 @@ def _equal(a: object, b: object) -> bool:
 
 
 def _check_repeats(tracker: AnyFilter, scenario: Scenario) -> None:
+    """Check that a second run gives equal estimates, and draws from `rng` alone."""
     data = simulate(scenario, 3)
     before = repr((random.getstate(), np.random.get_state(legacy=False)))
     first = run_filter(tracker, scenario, data)
@@ -174,6 +177,7 @@ def _check_repeats(tracker: AnyFilter, scenario: Scenario) -> None:
 
 
 def _check_independence(tracker: AnyFilter, scenario: Scenario) -> None:
+    """Check that no run depends on the measurements, the order or the number of other runs."""
     runs = 6
     data = simulate(scenario, runs)
     together = run_filter(tracker, scenario, data)
@@ -200,6 +204,7 @@ def _check_independence(tracker: AnyFilter, scenario: Scenario) -> None:
 
 
 def _check_covariance(tracker: AnyFilter, scenario: Scenario) -> None:
+    """Check that covariances are symmetric and positive definite."""
     P = run_filter(tracker, scenario, simulate(scenario, 20)).cov
     known = np.isfinite(P)
     if (known != np.swapaxes(known, 0, 1)).any():
@@ -224,6 +229,7 @@ def _check_covariance(tracker: AnyFilter, scenario: Scenario) -> None:
 
 
 def _check_gaps(tracker: AnyFilter, scenario: Scenario) -> None:
+    """Check that a missing measurement is predicted over, and not taken as a number."""
     data = simulate(scenario, 6)
     z = data.measurements
     is_gap = np.zeros(z.shape, dtype=bool)
@@ -259,6 +265,7 @@ def _check_gaps(tracker: AnyFilter, scenario: Scenario) -> None:
 
 
 def _check_interval(tracker: AnyFilter, scenario: Scenario) -> None:
+    """Check that the estimates depend on the interval between steps, and on unequal intervals."""
     if isinstance(scenario, ModelDraws):
         _check_unequal_intervals(tracker, scenario)
         return
@@ -316,6 +323,7 @@ def _with_many_particles(tracker: AnyFilter) -> AnyFilter:
 
 
 def _check_tracks(tracker: AnyFilter, scenario: Scenario) -> None:
+    """Check that estimates follow a fast target in the plane."""
     # A filter that names no components may be one of positions or of a radar.
     mistakes = []
     for problem in (PLANAR, PRECISE):
@@ -326,6 +334,7 @@ def _check_tracks(tracker: AnyFilter, scenario: Scenario) -> None:
 
 
 def _check_consistency(tracker: AnyFilter, scenario: Scenario) -> None:
+    """Check errors and covariance against reference filters, on draws from the filter's model."""
     if "mode" in run_filter(tracker, scenario, simulate(scenario, 2)).series:
         raise LeftOutError("has several motions: it reports the diagnostic `mode`")
     problems = [scenario]
@@ -343,6 +352,7 @@ def _check_consistency(tracker: AnyFilter, scenario: Scenario) -> None:
 
 
 def _check_angles(tracker: AnyFilter, scenario: Scenario) -> None:
+    """Check that angles are wrapped where they cross their cut."""
     if scenario is PLANAR and runs_on(tracker, RADAR):
         scenario = RADAR
     problem = scenario if isinstance(scenario, ModelDraws) else ModelDraws(base=scenario)
@@ -364,6 +374,7 @@ def _check_angles(tracker: AnyFilter, scenario: Scenario) -> None:
 
 
 def _check_against_kalman(tracker: AnyFilter, scenario: Scenario) -> None:
+    """Check that estimates on a linear model equal those of the Kalman filter."""
     problem = UNEQUAL if runs_on(tracker, UNEQUAL) else PLANAR
     # On a linear model the EKF is the Kalman filter.
     what = _difference_from_ekf(tracker, problem, _runs_for(tracker))
