@@ -176,7 +176,7 @@ class Exhibit(Labeled, Part):
         return None
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
-        """Explain why the exhibit cannot show these points.
+        """Return reasons why these points cannot be shown, by key (``""``: the exhibit as a whole).
 
         Parameters
         ----------
