@@ -11,7 +11,7 @@ from trackbench.report.table import Text, TextTable
 def _shown(table: TextTable, width: int) -> list[str]:
     console = screen.Console(highlight=False, width=width, color_system=None)
     with console.capture() as captured:
-        screen._show(table, console)
+        screen._print_table(table, console)
     return captured.get().splitlines()
 
 

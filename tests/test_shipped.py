@@ -51,7 +51,7 @@ def test_a_file_wins_over_a_name_and_a_folder_does_not(tmp_path: Path) -> None:
     done = trackbench("check", "hdepf", cwd=tmp_path)
     assert "hdepf: good, 14 filters" in done.stdout
     assert "note: using the shipped experiment hdepf" in done.stderr
-    shipped_experiments.copied("radar-turns", tmp_path)
+    shipped_experiments.copy_experiment("radar-turns", tmp_path)
     (tmp_path / "radar-turns.yaml").rename(tmp_path / "merwe2000")
     done = trackbench("check", "merwe2000", "--json", cwd=tmp_path)
     assert '"experiment": "radar-turns"' in done.stdout
@@ -104,7 +104,7 @@ def _folders(name: str) -> str:
 @pytest.mark.parametrize("name", {_folders(name): name for name in NAMES}.values())
 def test_a_copy_stands_alone(tmp_path: Path, name: str) -> None:
     """Of experiments whose files lie in the same folders, one."""
-    files = shipped_experiments.copied(name, tmp_path)
+    files = shipped_experiments.copy_experiment(name, tmp_path)
     mine, theirs = load(tmp_path / f"{name}.yaml"), experiment(name)
     assert mine.settings == theirs.settings
     # A point of recorded data holds their absolute paths.
@@ -129,7 +129,7 @@ def test_a_copy_writes_over_nothing(tmp_path: Path) -> None:
 
 def test_a_config_comes_on_stdin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     config = (EXPERIMENTS / "merwe2000.yaml").read_text()
-    shipped_experiments.copied("merwe2000", tmp_path)
+    shipped_experiments.copy_experiment("merwe2000", tmp_path)
 
     def piped(text: str, *words: str) -> subprocess.CompletedProcess[str]:
         monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=BytesIO(text.encode())))

@@ -99,7 +99,7 @@ def test_a_kalman_filter_in_c_is_kf_in_every_run(compiled: Path, scenario: Model
 
 def test_it_passes_the_contract(compiled: Path) -> None:
     tracker = external(compiled / "0", q=25.0, sigma=40.0, sigma_azimuth=0.04)
-    on_radar = ModelDraws(base=radar(at=(4000.0, 3000.0)))
+    on_radar = ModelDraws(base=radar(x=4000.0, y=3000.0))
     on_line = ModelDraws(base=planar(sigma=40.0))
     for on in (None, on_line, on_radar):
         assert [str(f) for f in check_filter(External, tracker, on=on) if f.verdict == "bad"] == []
@@ -112,7 +112,7 @@ def test_planted_faults_are_found(compiled: Path, fault: str) -> None:
     path = compiled / str([*FAULTS].index(fault) + 1)
     tracker = external(path, q=25.0, sigma=40.0, sigma_azimuth=0.04)
     of_radar = fault in ("degrees", "azimuth not wrapped")
-    problem = radar(at=(4000.0, 3000.0)) if of_radar else planar(sigma=40.0)
+    problem = radar(x=4000.0, y=3000.0) if of_radar else planar(sigma=40.0)
     findings = check_filter(External, tracker, on=ModelDraws(base=problem))
     assert FAULTS[fault] in " ".join(str(f) for f in findings if f.verdict == "bad")
 

@@ -5,7 +5,7 @@ import pytest
 
 from tests.conftest import make_filter
 from tests.papers import merwe
-from trackbench.config.checks import has
+from trackbench.config.checks import meets_requirement
 from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.run_filter import FilterOutput, run_filter
 from trackbench.registry import kinds
@@ -18,7 +18,7 @@ KINDS = [
     k
     for k, cls in kinds("filters").items()
     if k not in ("grid-2d", "external")  # of two components; of a program's own
-    and all(has(SCENARIO, need) for need in getattr(cls, "requires", ()))
+    and all(meets_requirement(SCENARIO, need) for need in getattr(cls, "requires", ()))
 ]
 
 

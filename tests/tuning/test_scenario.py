@@ -10,7 +10,7 @@ from tests.commands import trackbench as command
 from tests.conftest import EXPERIMENTS
 from trackbench.config.dump import as_yaml, resolved
 from trackbench.config.load import load
-from trackbench.config.tuned_entries import held_out
+from trackbench.config.tuned_entries import held_out_data
 from trackbench.errors import UserError
 from trackbench.evaluation.block import simulate
 from trackbench.execution.cache import BlockStore, block_key
@@ -142,7 +142,7 @@ def test_blocks_of_another_training_scenario_are_other_blocks(config: Path) -> N
     ],
 )
 def test_what_is_held_out(config: Path, changes: list[str], expected: str) -> None:
-    assert held_out(load(config, changes)) == expected
+    assert held_out_data(load(config, changes)) == expected
 
 
 def test_what_is_held_out_of_recordings(tmp_path: Path) -> None:
@@ -155,12 +155,12 @@ def test_what_is_held_out_of_recordings(tmp_path: Path) -> None:
     path.write_text(text.replace("last: 60", "last: null").replace("runs: 30", "runs: 6"))
     with pytest.raises(UserError, match=r"60 training runs beside 6"):
         load(path)
-    assert held_out(load(path, ["tuning.runs=4"])) == "recordings"
+    assert held_out_data(load(path, ["tuning.runs=4"])) == "recordings"
     shared = ["tuning.runs=4", "runs=10", "scenario.score={train: 0.5}"]
-    assert held_out(load(path, shared)) == "time"
+    assert held_out_data(load(path, shared)) == "time"
     (tmp_path / "paths.yaml").write_text("target: {measurements: y.csv}\n")
     path.write_text(path.read_text().replace("12}", "12, scenario: paths.yaml}"))
-    assert held_out(load(path, ["runs=10", "tuning.runs=4"])) == "noise and path"
+    assert held_out_data(load(path, ["runs=10", "tuning.runs=4"])) == "noise and path"
     with pytest.raises(UserError, match="5 is more than the 4 recorded runs"):
         load(path, ["runs=10", "tuning.runs=5"])
 
@@ -229,7 +229,7 @@ def test_a_scenario_among_the_filters_is_pointed_to_its_place(config: Path) -> N
 def test_the_papers_experiment_holds_its_track_out() -> None:
     """Settings for a track that is printed are found on tracks of the kind, not on it."""
     experiment: Any = load(EXPERIMENTS / "adaptive-kf-tuned.yaml")
-    assert held_out(experiment) == "noise and path"
+    assert held_out_data(experiment) == "noise and path"
     others = load(EXPERIMENTS / "adaptive-kf-tuned-paths.yaml")
     assert experiment.training.scenario == others.training.scenario  # type: ignore[union-attr]
     assert experiment.settings.tune == others.settings.tune

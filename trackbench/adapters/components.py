@@ -27,40 +27,62 @@ _NO_WEIGHT = 1e16
 def component_mismatch(
     model: Model, state: Sequence[str], measured: Sequence[str], extra_std: Mapping[str, float]
 ) -> str | None:
-    """Explain why a filter with these components cannot run on the model; None if it can."""
-    names, measurements = model.motion.components, model.sensor.components
-    lacking = [name for name in names if state and name not in state]
-    if lacking:
-        zeros = held_at_zero(model)
-        lacking = [name for name in lacking if name not in zeros]
-    unknown = [name for name in state if name not in names and name not in extra_std]
-    if measured and sorted(measured) != sorted(measurements):
-        return f"it takes {', '.join(measured)}; this scenario measures {', '.join(measurements)}"
-    if lacking:
-        return f"its state ({', '.join(state)}) has no {lacking[0]}"
-    if unknown:
-        what = f"its {unknown[0]} is not a component of this scenario ({', '.join(names)})"
-        return f"{what}; give its initial standard deviation in `extra_std`"
+    """Explain why a filter with these components cannot run on the model; None if it can.
+
+    Parameters
+    ----------
+    model
+        the model that the scenario lets the filter assume
+    state, measured
+        components of the filter's state and measurement; empty for those of the scenario
+    extra_std
+        initial standard deviations of components that only the filter has
+
+    Returns
+    -------
+    str or None
+        the reason
+    """
+    scenario_state = model.motion.components
+    scenario_measured = model.sensor.components
+    # Step 1: the measurement.
+    if measured and sorted(measured) != sorted(scenario_measured):
+        filter_names = ", ".join(measured)
+        scenario_names = ", ".join(scenario_measured)
+        return f"it takes {filter_names}; this scenario measures {scenario_names}"
+    # Step 2: components of the scenario that the filter lacks.
+    missing = [name for name in scenario_state if state and name not in state]
+    if missing:
+        zero_components = always_zero_components(model)
+        for name in missing:
+            if name not in zero_components:
+                return f"its state ({', '.join(state)}) has no {name}"
+    # Step 3: components of the filter that the scenario lacks.
+    for name in state:
+        if name not in scenario_state and name not in extra_std:
+            scenario_names = ", ".join(scenario_state)
+            what = f"its {name} is not a component of this scenario ({scenario_names})"
+            return f"{what}; give its initial standard deviation in `extra_std`"
     return None
 
 
-def held_at_zero(model: Model) -> list[str]:
+def always_zero_components(model: Model) -> list[str]:
     """Name the components that the motion leaves at zero, without noise, if they are zero.
 
     Such are the errors of a sensor in scenarios with faults. A filter need not estimate them.
     """
     motion = model.motion
-    held = []
+    zero_components = []
     with np.errstate(all="ignore"):
         for i, name in enumerate(motion.components):
             # Any state in which this component is zero.
             x = np.linspace(0.5, 1.5, len(motion.components))[:, None]
             x[i] = 0.0
-            moved = motion.transition(x, 1)
-            noise = np.asarray(with_trailing(moved.cov, 1, leading=2))[i]
-            if moved.mean[i, 0] == 0.0 and not noise.any():
-                held.append(name)
-    return held
+            next_state = motion.transition(x, 1)
+            noise = np.asarray(with_trailing(next_state.cov, 1, leading=2))[i]
+            if next_state.mean[i, 0] == 0.0 and not noise.any():
+                zero_components.append(name)
+    return zero_components
 
 
 @dataclass(frozen=True)
@@ -72,7 +94,7 @@ class Order:
     places: Index
     """their positions in the filter's state (n_shared,)"""
     size: int
-    """number of the scenario's components n_x; those that the filter lacks are known to be zero"""
+    """number of the scenario's components n_x; a component that the filter lacks is always zero"""
     first_cov: Array
     """initial covariance (n, n) of the components that only the filter has"""
     rows: Index
@@ -82,26 +104,35 @@ class Order:
     def of(
         cls, model: Model, state: Sequence[str], measured: Sequence[str], std: Mapping[str, float]
     ) -> "Order":
-        """Return the order of names without a `component_mismatch`; no names are the scenario's."""
-        names, measurements = model.motion.components, model.sensor.components
-        ours = list(state or names)
+        """Return the order of names without a `component_mismatch`; no names are the scenario's.
+
+        ``std`` has the initial standard deviations of the components that only the filter has.
+        """
+        scenario_state = model.motion.components
+        scenario_measured = model.sensor.components
+        filter_state = list(state or scenario_state)
+        filter_measured = measured or scenario_measured
         # Components that only the filter has start about zero with their own variance.
-        variances = [std.get(name, 0.0) ** 2 if name not in names else 0.0 for name in ours]
-        shared = [name for name in names if name in ours]
+        variances = []
+        for name in filter_state:
+            is_extra = name not in scenario_state
+            variances.append(std.get(name, 0.0) ** 2 if is_extra else 0.0)
+        shared = [name for name in scenario_state if name in filter_state]
         return cls(
-            shared=np.array([names.index(name) for name in shared]),
-            places=np.array([ours.index(name) for name in shared]),
-            size=len(names),
+            shared=np.array([scenario_state.index(name) for name in shared]),
+            places=np.array([filter_state.index(name) for name in shared]),
+            size=len(scenario_state),
             first_cov=np.diag(variances),
-            rows=np.array([measurements.index(name) for name in measured or measurements]),
+            rows=np.array([scenario_measured.index(name) for name in filter_measured]),
         )
 
     def to_filter(self, mean: Array, cov: Array) -> Pair:
-        """Reorder the scenario's first state for the filter, in new arrays."""
-        our_mean, our_cov = np.zeros(len(self.first_cov)), self.first_cov.copy()
-        our_mean[self.places] = mean[self.shared]
-        our_cov[np.ix_(self.places, self.places)] = cov[np.ix_(self.shared, self.shared)]
-        return our_mean, our_cov
+        """Reorder the scenario's first state, mean (n_x,) and cov (n_x, n_x), in new arrays."""
+        filter_mean = np.zeros(len(self.first_cov))
+        filter_mean[self.places] = mean[self.shared]
+        filter_cov = self.first_cov.copy()
+        filter_cov[np.ix_(self.places, self.places)] = cov[np.ix_(self.shared, self.shared)]
+        return filter_mean, filter_cov
 
     def to_scenario(self, mean: Array, cov: Array) -> Gaussian:
         """Select the scenario's components of the filter's estimates (n, M) and (n, n, M)."""
@@ -109,43 +140,48 @@ class Order:
         selected_cov = cov[np.ix_(self.places, self.places)]
         if len(self.shared) == self.size:
             return Gaussian(selected, selected_cov)
+        # Components that the filter lacks are zero.
         M = mean.shape[1]
-        whole = np.zeros((self.size, M))
-        whole[self.shared] = selected
-        whole_cov = np.zeros((self.size, self.size, M))
-        whole_cov[np.ix_(self.shared, self.shared)] = selected_cov
-        return Gaussian(whole, whole_cov)
+        scenario_mean = np.zeros((self.size, M))
+        scenario_mean[self.shared] = selected
+        scenario_cov = np.zeros((self.size, self.size, M))
+        scenario_cov[np.ix_(self.shared, self.shared)] = selected_cov
+        return Gaussian(scenario_mean, scenario_cov)
 
 
 def as_numbers(value: ArrayLike, shape: tuple[int, ...]) -> Array | None:
-    """Read real numbers of this shape; None of anything else. A vector may come as a column."""
+    """Read real numbers of this shape; None for any other value. A vector may be a column."""
     try:
         array = np.asarray(value)
     except ValueError:  # rows of different lengths
         return None
     if array.shape != shape and array.shape == (*shape, 1):
         array = array[..., 0]
-    return array if array.shape == shape and array.dtype.kind in "fiub" else None
+    if array.shape != shape or array.dtype.kind not in "fiub":
+        return None
+    return array
 
 
 def measured_part(nu: ArrayLike, S: ArrayLike, is_measured: Mask) -> Innovation:
     """Return the innovation (n, 1) of the measured components, ``is_measured`` (n_z,).
 
-    An object that was updated with these components alone has it already.
+    ``nu`` and its covariance ``S`` are of all components, or, from an object that was updated with the
+    measured ones alone, of these.
     """
-    nu, S = np.asarray(nu, dtype=float).reshape(-1, 1), np.asarray(S, dtype=float)
-    if len(nu) == is_measured.sum():
-        return Innovation(nu, S)
-    return Innovation(nu[is_measured], S[np.ix_(is_measured, is_measured)])
+    column = np.asarray(nu, dtype=float).reshape(-1, 1)
+    cov = np.asarray(S, dtype=float)
+    if len(column) == is_measured.sum():
+        return Innovation(column, cov)
+    return Innovation(column[is_measured], cov[np.ix_(is_measured, is_measured)])
 
 
 def inflate_missing(R: Array, is_measured: Mask) -> Array:
     """Give the missing components vast variances in the sensor's covariance."""
     # Without correlations, a vast variance leaves the component with a gain of nearly zero.
-    out = np.where(is_measured[:, None] & is_measured, R, 0.0)
+    inflated = np.where(is_measured[:, None] & is_measured, R, 0.0)
     missing = ~is_measured
-    out[missing, missing] = _NO_WEIGHT * np.maximum(np.diagonal(R)[missing], 1.0)
-    return out
+    inflated[missing, missing] = _NO_WEIGHT * np.maximum(np.diagonal(R)[missing], 1.0)
+    return inflated
 
 
 @contextmanager
@@ -163,42 +199,49 @@ def partial_update(
         raise ValueError(PARTIAL_UNSUPPORTED)
     # Step 1: remember the attributes of the whole measurement.
     names = ("H", "dim_z", "R") if has_rows else ("R",)
-    before: list[dict[str, Any]] = []
+    attributes: list[dict[str, Any]] = []
     for part in parts:
-        before.append({n: getattr(part, n) for n in names if hasattr(part, n)})
+        attributes.append({name: getattr(part, name) for name in names if hasattr(part, name)})
     try:
         # Step 2: leave out the rows of the missing components, or give them no weight.
-        for part, whole in zip(parts, before, strict=True):
+        for part, values in zip(parts, attributes, strict=True):
             if has_rows:
-                part.R = whole["R"][np.ix_(is_measured, is_measured)]
+                part.R = values["R"][np.ix_(is_measured, is_measured)]
                 part.dim_z = int(is_measured.sum())
             else:
-                part.R = inflate_missing(whole["R"], is_measured)
-            if "H" in whole:
-                part.H = whole["H"][is_measured]
+                part.R = inflate_missing(values["R"], is_measured)
+            if "H" in values:
+                part.H = values["H"][is_measured]
         if has_rows:
             yield z[is_measured], _keywords_of_part(keywords, is_measured)
         else:
             yield np.where(is_measured, z, 0.0), keywords
     finally:
         # Step 3: restore the attributes.
-        for part, whole in zip(parts, before, strict=True):
-            for name, value in whole.items():
+        for part, values in zip(parts, attributes, strict=True):
+            for name, value in values.items():
                 setattr(part, name, value)
 
 
 def _keywords_of_part(keywords: Functions, is_measured: Mask) -> Functions:
     """Restrict an extended filter's functions to a part of the measurement."""
 
-    def rows_of(function: Callable[..., Array]) -> Callable[..., Array]:
+    def select_rows(function: Callable[..., Array]) -> Callable[..., Array]:
         return lambda *args: np.asarray(function(*args))[is_measured]
 
-    def residual(*pair: Array) -> Array:
+    def residual(*measurements: Array) -> Array:
         # The user's function takes whole measurements: zeros stand for the missing components.
-        whole = [np.zeros((len(is_measured), *part.shape[1:])) for part in pair]
-        for part, into in zip(pair, whole, strict=True):
-            into[is_measured] = part
-        return np.asarray(keywords["residual"](*whole))[is_measured]
+        whole_measurements = []
+        for z in measurements:
+            whole = np.zeros((len(is_measured), *z.shape[1:]))
+            whole[is_measured] = z
+            whole_measurements.append(whole)
+        return np.asarray(keywords["residual"](*whole_measurements))[is_measured]
 
-    out = {n: rows_of(f) if n in ("HJacobian", "Hx") else f for n, f in keywords.items()}
-    return out | ({"residual": residual} if "residual" in keywords else {})
+    restricted = dict(keywords)
+    for name in ("HJacobian", "Hx"):
+        if name in keywords:
+            restricted[name] = select_rows(keywords[name])
+    if "residual" in keywords:
+        restricted["residual"] = residual
+    return restricted

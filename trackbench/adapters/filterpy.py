@@ -10,9 +10,6 @@ from trackbench.core.arrays import Array, Mask
 from trackbench.core.mixtures import log_mixture
 from trackbench.filters.base import WrongReturnError
 
-_BANK = "filters"
-"""Attribute of filterpy's IMM that holds its filters."""
-
 
 class FilterPy(PerRun):
     """A filterpy object per run: write ``make(dt)``, which returns it.
@@ -46,39 +43,48 @@ class FilterPy(PerRun):
     def start(self, mean: Array, cov: Array) -> None:
         """Make the object, and set its state and those of the filters in it."""
         self._object, self._keywords = self._make(self.dt)
-        self._by_dt: dict[float, Foreign] = {}
+        self._object_by_dt: dict[float, Foreign] = {}
         self._diagnostics = {"nis": np.nan}
         self._is_measured: Mask | None = None
-        for part in (*_bank_of(self._object), self._object):
+        for part in (*_imm_filters(self._object), self._object):
             if np.size(part.x) != len(mean):
                 what = f"make(dt) gives a filter of {np.size(part.x)} components, not {len(mean)}"
                 raise WrongReturnError("make", f"{what}: name them in `state`")
             # In the object's own form: a column for some, a vector for others.
-            part.x, part.P = mean.reshape(np.shape(part.x)).copy(), cov.copy()
+            part.x = mean.reshape(np.shape(part.x)).copy()
+            part.P = cov.copy()
         self._takes_dt = "dt" in inspect.signature(self._object.predict).parameters
 
     def predict(self, dt: float) -> Pair:
         """Call the object's prediction, with the motion of this interval."""
-        self._diagnostics, self._is_measured = dict.fromkeys(self._diagnostics, np.nan), None
+        self._diagnostics = dict.fromkeys(self._diagnostics, np.nan)
+        self._is_measured = None
         # The object keeps its state; once an interval was another one than the first, the motion comes
         # from an object made for the interval.
-        if dt != self.dt or self._by_dt:
-            if dt not in self._by_dt:
-                self._by_dt[dt], _ = self._make(dt)
-            _copy_motion(self._by_dt[dt], self._object)
-        self._object.predict(**({"dt": dt} if self._takes_dt else {}))
+        if dt != self.dt or self._object_by_dt:
+            if dt not in self._object_by_dt:
+                self._object_by_dt[dt], _ = self._make(dt)
+            _copy_motion(self._object_by_dt[dt], self._object)
+        if self._takes_dt:
+            self._object.predict(dt=dt)
+        else:
+            self._object.predict()
         return self._object.x, self._object.P
 
     def update(self, z: Array) -> Pair:
         """Call the object's update, with the measured components."""
-        target, self._is_measured = self._object, np.asarray(z == z)
+        target = self._object
+        # Step 1: update. The filters of an IMM are restricted to the measured components, too.
+        self._is_measured = np.asarray(z == z)
         self._predicted_weights = getattr(target, "cbar", None)
-        parts = _bank_of(target) or (target,)
+        parts = _imm_filters(target) or (target,)
         if self._is_measured.all():
-            target.update(_as_state(z, parts[0]), **self._keywords)
+            target.update(_in_form_of_state(z, parts[0]), **self._keywords)
         else:
-            with partial_update(parts, z, self._is_measured, self._keywords) as (part, keywords):
-                target.update(_as_state(part, parts[0]), **keywords)
+            restricted = partial_update(parts, z, self._is_measured, self._keywords)
+            with restricted as (z_restricted, keywords):
+                target.update(_in_form_of_state(z_restricted, parts[0]), **keywords)
+        # Step 2: diagnostics of an IMM, or of a filter with an innovation.
         if hasattr(target, "mu"):
             self._diagnostics = {"mode": 1.0 - float(target.mu[0])}
         elif hasattr(target, "SI"):
@@ -86,29 +92,35 @@ class FilterPy(PerRun):
         return target.x, target.P
 
     def _nis(self) -> float:
-        y, is_measured = np.ravel(self._object.y), self._is_measured
+        """Return the NIS of the measured components, y' S^-1 y."""
+        y = np.ravel(self._object.y)
+        is_measured = self._is_measured
         if is_measured is None or is_measured.all():
-            return float(y @ self._object.SI @ y)  # y' S^-1 y
+            return float(y @ self._object.SI @ y)
         return measured_part(y, self._object.S, is_measured).nis.item()
 
     def log_likelihood(self) -> float:
         """Return the log score from the innovations: an IMM's are summed with predicted weights."""
         is_measured = self._is_measured
-        parts = _bank_of(self._object) or (self._object,)
+        parts = _imm_filters(self._object) or (self._object,)
         if is_measured is None or not all(hasattr(p, "y") and hasattr(p, "S") for p in parts):
             return float("nan")
         # sum_i c_i N(y_i; 0, S_i), with the predicted weights c_i of an IMM's models.
-        each = [measured_part(part.y, part.S, is_measured).log_likelihood for part in parts]
-        weights = np.ones(1) if len(each) == 1 else self._predicted_weights
+        log_likelihoods = []
+        for part in parts:
+            innovation = measured_part(part.y, part.S, is_measured)
+            log_likelihoods.append(innovation.log_likelihood)
+        weights = np.ones(1) if len(parts) == 1 else self._predicted_weights
         if weights is None:
             return float("nan")
-        return log_mixture(np.asarray(weights)[:, None], np.array(each)).item()
+        return log_mixture(np.asarray(weights)[:, None], np.array(log_likelihoods)).item()
 
     def diagnostics(self) -> dict[str, float]:
         """Return the NIS, or the weight of an IMM's models."""
         return self._diagnostics
 
     def _make(self, dt: float) -> tuple[Foreign, Functions]:
+        """Call `make`; return the checked object, and further arguments of its update."""
         returned = self.make(dt)
         target, keywords = returned if isinstance(returned, tuple) else (returned, {})
         for name in ("x", "P", "predict", "update"):
@@ -118,20 +130,22 @@ class FilterPy(PerRun):
         return target, keywords
 
 
-def _as_state(z: Array, part: Foreign) -> Array:
+def _in_form_of_state(z: Array, part: Foreign) -> Array:
     """Reshape z as the object's state is, a column or a vector."""
-    return z.reshape((-1, *[1] * (np.ndim(part.x) - 1)))
+    further_axes = np.ndim(part.x) - 1
+    return z.reshape((-1, *[1] * further_axes))
 
 
-def _bank_of(target: Foreign) -> tuple[Foreign, ...]:
-    """Return the filters of an IMM."""
-    return tuple(getattr(target, _BANK, ()))
+def _imm_filters(target: Foreign) -> tuple[Foreign, ...]:
+    """Return the filters of an IMM; none of another object."""
+    return tuple(getattr(target, "filters", ()))
 
 
 def _copy_motion(source: Foreign, target: Foreign) -> None:
     """Copy the motion of a filter made for another interval, and of the filters in it."""
-    pairs = zip((source, *_bank_of(source)), (target, *_bank_of(target)), strict=True)
-    for one, other in pairs:
+    sources = (source, *_imm_filters(source))
+    targets = (target, *_imm_filters(target))
+    for source_part, target_part in zip(sources, targets, strict=True):
         for name in ("F", "Q", "B"):
-            if hasattr(one, name):
-                setattr(other, name, getattr(one, name))
+            if hasattr(source_part, name):
+                setattr(target_part, name, getattr(source_part, name))

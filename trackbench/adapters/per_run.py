@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple, cast, dataclass_transfor
 
 import numpy as np
 from numpy.random import SFC64, Generator, SeedSequence
+from numpy.typing import ArrayLike
 
 from trackbench.adapters.components import Order, Pair, as_numbers, component_mismatch
 from trackbench.core.arrays import Array, Mask, with_trailing
@@ -56,8 +57,8 @@ class RunFunctions:
 
     def Q(self, x: Array) -> Array:
         """Return the covariance (n, n) of the process noise of this step, given x one step before."""
-        moved = self._run.model.motion.transition(_as_column(x), self._run.k)
-        return _matrix_of_run(moved.cov)
+        next_state = self._run.model.motion.transition(_as_column(x), self._run.k)
+        return _matrix_of_run(next_state.cov)
 
     def F(self, x: Array, P: Array | None = None) -> Array:
         """Return the Jacobian (n, n) of f at x; by central differences if the motion has none.
@@ -77,7 +78,8 @@ class RunFunctions:
 
     def R(self, x: Array) -> Array:
         """Return the covariance (n_z, n_z) of the measurement noise at x."""
-        return _matrix_of_run(self._run.model.sensor.measurement(_as_column(x), self._run.k).cov)
+        measurement = self._run.model.sensor.measurement(_as_column(x), self._run.k)
+        return _matrix_of_run(measurement.cov)
 
     def H(self, x: Array, P: Array | None = None) -> Array:
         """Return the Jacobian (n_z, n) of h at x; by central differences if the sensor has none.
@@ -99,12 +101,16 @@ class RunFunctions:
         x: Array,
         P: Array | None,
     ) -> Array:
-        """Return the Jacobian of a motion or sensor, or the central differences of its mean."""
+        """Return the Jacobian of a motion or sensor, or the central differences of its mean.
+
+        ``mean`` computes the mean from states (n, M), ``difference`` subtracts two means.
+        """
         column = _as_column(x)
         if isinstance(part, WithJacobian):
-            cov = np.zeros((len(x), len(x))) if P is None else np.asarray(P, dtype=float)
-            at = Gaussian(column, cov[..., None])
-            J = jacobian_at(part, at, self._run.k)
+            cov = np.zeros((len(x), len(x)))
+            if P is not None:
+                cov = np.asarray(P, dtype=float)
+            J = jacobian_at(part, Gaussian(column, cov[..., None]), self._run.k)
         else:
             J = central_differences(mean, column, difference, spread=_deviations(P))
         return _matrix_of_run(J)
@@ -120,8 +126,10 @@ def _as_column(x: Array) -> Array:
 
 
 def _deviations(P: Array | None) -> Array | None:
-    """Return the standard deviations (n, 1) of the only run of a block; None if they are not known."""
-    return None if P is None else np.sqrt(np.diagonal(np.asarray(P, dtype=float)))[:, None]
+    """Return the standard deviations (n, 1) of the only run of a block; None if they are unknown."""
+    if P is None:
+        return None
+    return np.sqrt(np.diagonal(np.asarray(P, dtype=float)))[:, None]
 
 
 def _matrix_of_run(matrix: Array) -> Array:
@@ -135,7 +143,9 @@ class RunObjects(NamedTuple):
     objects: tuple["PerRun", ...]
     order: Order
     mean: Array
+    """means (n, M)"""
     cov: Array
+    """covariances (n, n, M)"""
 
 
 class LoopFilter(Filter[RunObjects]):
@@ -160,38 +170,49 @@ class LoopFilter(Filter[RunObjects]):
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Reject components that differ from the scenario's."""
-        one = self.one
-        why = component_mismatch(scenario.model, one.state, one.measured, one.extra_std)
-        return {"": why} if why else {}
+        run_class = self.one
+        why = component_mismatch(
+            scenario.model, run_class.state, run_class.measured, run_class.extra_std
+        )
+        if not why:
+            return {}
+        return {"": why}
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> RunObjects:
         """Make an object per run, and start it from the moments of its run's prior."""
+        run_class = self.one
+        order = Order.of(model, run_class.state, run_class.measured, run_class.extra_std)
+        prior_cov = np.asarray(with_trailing(prior.cov, 1, leading=2))
         # The prior's moments in the order of the filter's own components, in arrays of all runs.
-        one, runs = self.one, prior.mean.shape[1]
-        order = Order.of(model, one.state, one.measured, one.extra_std)
-        n, prior_cov = len(order.first_cov), np.asarray(with_trailing(prior.cov, 1, leading=2))
-        mean, cov = np.empty((n, runs)), np.empty((n, n, runs))
-        # An object per run, with what it may use set before it starts.
+        n = len(order.first_cov)
+        runs = prior.mean.shape[1]
+        mean = np.empty((n, runs))
+        cov = np.empty((n, n, runs))
         objects = tuple(self._make() for _ in range(runs))
         for m, run in enumerate(objects):
-            run.model, run.dt = model, step_length(model)
+            # Attributes that the object may use when it starts.
+            run.model = model
+            run.dt = step_length(model)
             run.functions = RunFunctions(run)
             run.rng = cast(Generator, _LazyGenerator(rng, m))
+            # One covariance may stand for all runs.
             cov_of_run = prior_cov[..., m % prior_cov.shape[2]]
             mean[:, m], cov[..., m] = order.to_filter(prior.mean[:, m], cov_of_run)
             run.start(mean[:, m].copy(), cov[..., m].copy())
-        return RunObjects(objects, order, mean, cov)
+        return RunObjects(objects=objects, order=order, mean=mean, cov=cov)
 
     def step(self, model: Model, state: RunObjects, z: Array, k: int, rng: Generator) -> RunObjects:
         """Call every object's step, one after the other."""
-        mean, cov, dt = np.empty_like(state.mean), np.empty_like(state.cov), step_length(model, k)
-        missing: Mask = np.asarray(np.isnan(z).all(axis=0))
+        dt = step_length(model, k)
+        mean = np.empty_like(state.mean)
+        cov = np.empty_like(state.cov)
+        is_missing: Mask = np.asarray(np.isnan(z).all(axis=0))
         # A row per run, which the object may write to.
         measurements = z[state.order.rows].T.copy()
         for m, run in enumerate(state.objects):
             run.k = k
-            returned = run.step(None if missing[m] else measurements[m], dt)
-            mean[:, m], cov[..., m] = _moments(returned, len(mean), type(run))
+            returned = run.step(None if is_missing[m] else measurements[m], dt)
+            mean[:, m], cov[..., m] = _checked_moments(returned, len(mean), type(run))
         return state._replace(mean=mean, cov=cov)
 
     def estimate(self, state: RunObjects) -> Gaussian:
@@ -204,10 +225,7 @@ class LoopFilter(Filter[RunObjects]):
         if any(row.keys() != rows[0].keys() for row in rows):
             what = "the names of the diagnostics differ between runs"
             raise WrongReturnError("diagnostics", what)
-        out = {}
-        for name in rows[0]:
-            out[name] = np.array([row[name] for row in rows])
-        return out
+        return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
 class LoopFilterWithLikelihood(LoopFilter):
@@ -218,19 +236,31 @@ class LoopFilterWithLikelihood(LoopFilter):
         return np.array([run.log_likelihood() for run in state.objects])
 
 
-def loop_over_runs(one: "type[PerRun]") -> type[LoopFilter]:
+def loop_over_runs(run_class: "type[PerRun]") -> type[LoopFilter]:
     """Make the filter of a class of one run, with its keys, its name and its docstring."""
-    keys = [(f.name, f.type, _copy_field(f)) for f in fields(one)]
-    copied = ("__doc__", "__module__", "__qualname__", "requires", "summed_diagnostics", "presets")
-    about: dict[str, object] = {name: getattr(one, name) for name in copied} | {"one": one}
-    purity = {"purity": "keeps its state in an object per run"}
-    about["contract_exemptions"] = purity | one.contract_exemptions
+    keys = [(field.name, field.type, _copy_field(field)) for field in fields(run_class)]
+    attributes: dict[str, object] = {
+        "one": run_class,
+        "contract_exemptions": {
+            "purity": "keeps its state in an object per run",
+            **run_class.contract_exemptions,
+        },
+    }
+    for name in (
+        "__doc__",
+        "__module__",
+        "__qualname__",
+        "requires",
+        "summed_diagnostics",
+        "presets",
+    ):
+        attributes[name] = getattr(run_class, name)
     # Only a class with the hook has a log score.
-    base = LoopFilterWithLikelihood if one.has_likelihood() else LoopFilter
+    base = LoopFilterWithLikelihood if run_class.has_likelihood() else LoopFilter
     filter_class = make_dataclass(
-        one.__name__, keys, bases=(base,), namespace=about, frozen=True, kw_only=True
+        run_class.__name__, keys, bases=(base,), namespace=attributes, frozen=True, kw_only=True
     )
-    one._loop_filter = filter_class
+    run_class._loop_filter = filter_class
     return filter_class
 
 
@@ -241,33 +271,46 @@ def _copy_field(key: Field[object]) -> object:
     return dataclass_field(default=key.default)
 
 
-def _restore(one: "type[PerRun]", keys: dict[str, object]) -> LoopFilter:
-    return one._loop_filter(**keys)
+def _restore(run_class: "type[PerRun]", keys: dict[str, object]) -> LoopFilter:
+    """Make the filter of a class of one run again, from a pickle."""
+    return run_class._loop_filter(**keys)
 
 
-def _moments(returned: object, n: int, one: type) -> tuple[Array, Array]:
-    """Check the mean (n,) and the covariance (n, n) that a step returned."""
-    method = "step" if "step" in vars(one) else "update"
+def _checked_moments(returned: object, n: int, run_class: type) -> tuple[Array, Array]:
+    """Return the mean (n,) and the covariance (n, n) that a step of the class ``run_class`` returned.
+
+    Raises WrongReturnError for other values.
+    """
+    method = "step" if "step" in vars(run_class) else "update"
     if not isinstance(returned, tuple | list) or len(returned) != 2:
-        what = f"{one.__name__} gives a {type(returned).__name__}, not a mean and a covariance"
+        what = (
+            f"{run_class.__name__} gives a {type(returned).__name__}, not a mean and a covariance"
+        )
         raise WrongReturnError(method, what)
-    arrays = []
-    for what, value, shape in (("mean", returned[0], (n,)), ("covariance", returned[1], (n, n))):
-        array = as_numbers(value, shape)
-        if array is None:
-            size, dtype = getattr(value, "shape", None), getattr(value, "dtype", "")
-            words = f"a {type(value).__name__}" if size is None else f"an array {size} of {dtype}"
-            text = f"the {what} of a run is {words}, not {shape} real numbers"
-            raise WrongReturnError(method, text)
-        arrays.append(array)
-    return arrays[0], arrays[1]
+    mean = _checked_array(method, "mean", returned[0], (n,))
+    cov = _checked_array(method, "covariance", returned[1], (n, n))
+    return mean, cov
+
+
+def _checked_array(method: str, name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
+    """Return a value as an array of this shape; raises WrongReturnError for other values."""
+    array = as_numbers(value, shape)
+    if array is None:
+        description = f"a {type(value).__name__}"
+        value_shape = getattr(value, "shape", None)
+        if value_shape is not None:
+            description = f"an array {value_shape} of {getattr(value, 'dtype', '')}"
+        what = f"the {name} of a run is {description}, not {shape} real numbers"
+        raise WrongReturnError(method, what)
+    return array
 
 
 class _LazyGenerator:
     """Generator of one run, created when it is first used."""
 
     def __init__(self, block: Generator, run: int) -> None:
-        self._block, self._run = block, run
+        self._block = block
+        self._run = run
 
     def __getattr__(self, name: str) -> object:
         if name.startswith("__"):  # looked up by copy and pickle
@@ -282,13 +325,12 @@ class _LazyGenerator:
 
     @cached_property
     def _generator(self) -> Generator:
-        # One word of the block's stream, so that the runner can see that the filter is random.
+        # One word of the block's stream is drawn, so that the runner notices that the filter is random.
         self._block.bit_generator.random_raw()
-        seed = self._block.bit_generator.seed_seq
-        assert isinstance(seed, SeedSequence)
-        return NoiseGenerator(
-            SFC64(SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, self._run)))
-        )
+        block_seed = self._block.bit_generator.seed_seq
+        assert isinstance(block_seed, SeedSequence)
+        run_seed = SeedSequence(block_seed.entropy, spawn_key=(*block_seed.spawn_key, self._run))
+        return NoiseGenerator(SFC64(run_seed))
 
 
 _SET_BY_THE_LOOP = ("model", "functions", "rng", "dt", "k")
@@ -338,12 +380,13 @@ class PerRun:
     def __init_subclass__(cls, *, kind: str | None = None, **others: object) -> None:
         super().__init_subclass__(**others)
         dataclass(eq=False, kw_only=True)(cls)
-        names = [field.name for field in fields(cls)]
         # Mistakes in the class that would surface late, in the middle of a run.
-        reserved = [name for name in names if name in _SET_BY_THE_LOOP or hasattr(PerRun, name)]
-        if reserved:
-            what = f"a key cannot be called {reserved[0]!r}: PerRun has an attribute of that name"
-            raise TypeError(what)
+        for field in fields(cls):
+            if field.name in _SET_BY_THE_LOOP or hasattr(PerRun, field.name):
+                what = (
+                    f"a key cannot be called {field.name!r}: PerRun has an attribute of that name"
+                )
+                raise TypeError(what)
         if kind is not None:
             if cls.step is PerRun.step and cls.predict is PerRun.predict:
                 raise TypeError(f"{cls.__name__} has no step(z, dt), and no predict(dt)")
@@ -377,24 +420,59 @@ class PerRun:
             Mean (n,) and covariance (n, n) after the update.
         """
         predicted = self.predict(dt)
-        return predicted if z is None else self.update(z)
+        if z is None:
+            return predicted
+        return self.update(z)
 
     def predict(self, dt: float) -> Pair:
-        """Predict over dt seconds; return mean (n,) and covariance (n, n)."""
+        """Predict over dt seconds.
+
+        Parameters
+        ----------
+        dt : float
+            Seconds since the step before.
+
+        Returns
+        -------
+        tuple
+            Mean (n,) and covariance (n, n) before the update.
+        """
         raise NotImplementedError(f"{type(self).__name__} has no predict(dt)")
 
     def update(self, z: Array) -> Pair:
-        """Update with z (n_z,); return mean (n,) and covariance (n, n)."""
+        """Update with z; it is called only if a component is measured.
+
+        Parameters
+        ----------
+        z : array (n_z,)
+            Measurement in the order of ``measured``, NaN where a component is missing.
+
+        Returns
+        -------
+        tuple
+            Mean (n,) and covariance (n, n) after the update.
+        """
         raise NotImplementedError(f"{type(self).__name__} has no update(z)")
 
     def diagnostics(self) -> dict[str, float]:
-        """Return numbers for the tables, averaged over the steps; NaN for none."""
+        """Return numbers for the tables, which average them over the steps.
+
+        Returns
+        -------
+        dict
+            Numbers of the last step by their names; NaN for none. The names are those of every run.
+        """
         return {}
 
     def log_likelihood(self) -> float:
-        """Return the log-density of the last z before the update, for the log score; NaN for none.
+        """Return the log-density of the last z before its update, for the log score.
 
         A class without this method has no log score.
+
+        Returns
+        -------
+        float
+            The log-density; NaN for none.
         """
         return float("nan")
 

@@ -53,9 +53,11 @@ class StoneSoup(PerRun):
 
         from trackbench.adapters.stonesoup_models import models
 
+        transition: Foreign = None
+        self._measurement: Foreign = None
         has_own_order = bool(self.state or self.measured)
-        self._measurement: Foreign
-        transition, self._measurement = (None, None) if has_own_order else models(self)
+        if not has_own_order:
+            transition, self._measurement = models(self)
         self._predictor, self._updater = self.make(transition, self._measurement)
         self._now: Foreign = GaussianState(
             StateVector(mean), CovarianceMatrix(cov), timestamp=_BEGIN
@@ -68,7 +70,8 @@ class StoneSoup(PerRun):
         from stonesoup.types.hypothesis import SingleHypothesis
 
         # Step 1: predict to the time of the measurement.
-        now, self._innovation = self._now.timestamp + timedelta(seconds=dt), None
+        now = self._now.timestamp + timedelta(seconds=dt)
+        self._innovation = None
         self._now = self._predictor.predict(self._now, timestamp=now)
         if z is not None:
             # Step 2: update, with no weight on missing components.
@@ -89,11 +92,15 @@ class StoneSoup(PerRun):
 
     def diagnostics(self) -> dict[str, float]:
         """Return the NIS."""
-        return {"nis": np.nan if self._innovation is None else self._innovation.nis.item()}
+        if self._innovation is None:
+            return {"nis": np.nan}
+        return {"nis": self._innovation.nis.item()}
 
     def log_likelihood(self) -> float:
         """Return the log-density of z under the predicted measurement."""
-        return np.nan if self._innovation is None else self._innovation.log_likelihood.item()
+        if self._innovation is None:
+            return np.nan
+        return self._innovation.log_likelihood.item()
 
 
 def _without_missing(sensor: Foreign, is_measured: Mask) -> Foreign:
@@ -102,7 +109,7 @@ def _without_missing(sensor: Foreign, is_measured: Mask) -> Foreign:
 
     if not hasattr(sensor, "noise_covar"):
         raise ValueError(PARTIAL_UNSUPPORTED)
-    out = copy(sensor)
+    inflated_sensor = copy(sensor)
     R = np.asarray(sensor.noise_covar, dtype=float)
-    out.noise_covar = CovarianceMatrix(inflate_missing(R, is_measured))
-    return out
+    inflated_sensor.noise_covar = CovarianceMatrix(inflate_missing(R, is_measured))
+    return inflated_sensor

@@ -14,37 +14,43 @@ from trackbench.adapters.per_run import PerRun
 from trackbench.core.arrays import Array
 
 
-def models(one: PerRun) -> tuple[Foreign, Foreign]:
+def models(run: PerRun) -> tuple[Foreign, Foreign]:
     """Convert the assumed motion and sensor of a filter of one run to Stone Soup models.
 
     A linear motion becomes a time-invariant linear model, a linear sensor a ``LinearGaussian``. The
     other models call trackbench's.
     """
-    motion: Foreign = one.model.motion
-    sensor: Foreign = one.model.sensor
+    motion: Foreign = run.model.motion
+    sensor: Foreign = run.model.sensor
     x = np.zeros((len(motion.components), 1))
     # A covariance with an axis of states depends on the state.
     R = np.asarray(sensor.measurement(x + 1.0, 0).cov)
     if R.ndim != 2:
         raise ValueError("the sensor's noise depends on the state: write Stone Soup's own model")
-    noise, size = CovarianceMatrix(R.copy()), len(x)
-    transition: Foreign = MotionModel(of=one)
+    # Step 1: the motion.
+    transition: Foreign
     if hasattr(motion, "F"):
         transition = LinearGaussianTimeInvariantTransitionModel(
             transition_matrix=motion.F.copy(), covariance_matrix=CovarianceMatrix(motion.Q.copy())
         )
+    else:
+        transition = MotionModel(run=run)
+    # Step 2: the sensor. Stone Soup's linear model only picks components of the state.
+    n = len(x)
+    noise = CovarianceMatrix(R.copy())
     if hasattr(sensor, "H"):
-        H = sensor.H(size)
-        rows = H.argmax(axis=1)
-        # Stone Soup's linear model only picks components of the state.
-        if np.array_equal(H, np.eye(size)[rows]):
-            picked = LinearSensor(ndim_state=size, mapping=rows.tolist(), noise_covar=noise)
-            return transition, picked
-    every = tuple(range(size))
-    return transition, SensorModel(ndim_state=size, mapping=every, noise_covar=noise, of=one)
+        H = sensor.H(n)
+        picked_rows = H.argmax(axis=1)
+        if np.array_equal(H, np.eye(n)[picked_rows]):
+            return transition, LinearSensor(
+                ndim_state=n, mapping=picked_rows.tolist(), noise_covar=noise
+            )
+    all_rows = tuple(range(n))
+    return transition, SensorModel(ndim_state=n, mapping=all_rows, noise_covar=noise, run=run)
 
 
 def _columns(state: Foreign) -> Array:
+    """Return the vectors (n, M) of one state or of several side by side."""
     return np.asarray(state.state_vector, dtype=float)
 
 
@@ -57,57 +63,58 @@ class LinearSensor(LinearGaussian):
 class SensorModel(NonLinearGaussianMeasurement):
     """Sensor of trackbench; predicted angles lie within half a turn of ``near``, for averages."""
 
-    of: Foreign = Property()
+    run: Foreign = Property()
     near: Foreign = None
 
     @property
     def ndim_meas(self) -> int:
         """Number of components of the measurement."""
-        return len(self.of.model.sensor.components)
+        return len(self.run.model.sensor.components)
 
     def function(self, state: Foreign, noise: Foreign = False, **kwargs: object) -> Foreign:
         """Return the measurement without noise, of one state or of several side by side."""
         if noise is not False and noise is not None and np.any(noise):
             raise NotImplementedError("no noise is drawn from a scenario's sensor")
-        sensor, x = self.of.model.sensor, _columns(state)
-        predicted = sensor.measurement(x, self.of.k).mean
-        if self.near is not None:
-            # z_pred = near - (near - z_pred), the difference with wrapped angles.
-            near = np.repeat(self.near[:, None], x.shape[1], axis=1)
-            predicted = near - sensor.innovation(near, predicted)
-        return StateVectors(predicted)
+        sensor = self.run.model.sensor
+        x = _columns(state)
+        predicted = sensor.measurement(x, self.run.k).mean
+        if self.near is None:
+            return StateVectors(predicted)
+        # z_pred = near - (near - z_pred), the difference with wrapped angles.
+        near = np.repeat(self.near[:, None], x.shape[1], axis=1)
+        return StateVectors(near - sensor.innovation(near, predicted))
 
     def jacobian(self, state: Foreign, **kwargs: object) -> Foreign:
         """Return the sensor's Jacobian."""
-        H = self.of.model.sensor.jacobian(_columns(state)[:, :1], self.of.k)
+        H = self.run.model.sensor.jacobian(_columns(state)[:, :1], self.run.k)
         return np.asarray(H).reshape(self.ndim_meas, -1)
 
 
 class MotionModel(GaussianModel, TransitionModel):
     """Motion with additive noise, from step k - 1 to step k."""
 
-    of: Foreign = Property()
+    run: Foreign = Property()
 
     @property
     def ndim_state(self) -> int:
         """Number of components of the state."""
-        return len(self.of.model.motion.components)
+        return len(self.run.model.motion.components)
 
     def function(self, state: Foreign, noise: Foreign = False, **kwargs: object) -> Foreign:
         """Return the next state without noise, of one state or of several side by side."""
-        return StateVectors(self.of.model.motion.transition(_columns(state), self.of.k).mean)
+        return StateVectors(self.run.model.motion.transition(_columns(state), self.run.k).mean)
 
     def jacobian(self, state: Foreign, **kwargs: object) -> Foreign:
         """Return the motion's Jacobian."""
-        F = self.of.model.motion.jacobian(_columns(state)[:, :1], self.of.k)
+        F = self.run.model.motion.jacobian(_columns(state)[:, :1], self.run.k)
         return np.asarray(F).reshape(self.ndim_state, -1)
 
     def matrix(self, **kwargs: object) -> Foreign:
         """Return F of the current step, of a linear motion whose steps differ."""
-        return self.jacobian(self.of._now)
+        return self.jacobian(self.run._now)
 
     def covar(self, **kwargs: object) -> Foreign:
         """Return the covariance of the noise at the last state's mean."""
-        x = _columns(self.of._now)
-        Q = np.asarray(self.of.model.motion.transition(x, self.of.k).cov)
+        x = _columns(self.run._now)
+        Q = np.asarray(self.run.model.motion.transition(x, self.run.k).cov)
         return CovarianceMatrix(Q.reshape(self.ndim_state, -1))

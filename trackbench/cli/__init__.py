@@ -14,7 +14,12 @@ from trackbench import __version__
 from trackbench.cli.check import cache, check
 from trackbench.cli.compare import gate, history
 from trackbench.cli.info import copy, describe, list_, new, schema, show
-from trackbench.cli.output import as_reportable, objects_alone, print_error, written_stdout
+from trackbench.cli.output import (
+    as_reportable,
+    exit_if_stdout_fails,
+    print_error,
+    stdout_for_objects,
+)
 from trackbench.cli.results import codecheck, compare, plot, report, verify
 from trackbench.cli.run import fit, run, suite, sweep, tune
 from trackbench.core import compiled
@@ -37,14 +42,16 @@ class _Tasks(TyperGroup):
 
     def format_commands(self, ctx: "Context", formatter: "HelpFormatter") -> None:
         for task, commands in _TASKS.items():
-            names = [_name(command) for command in commands]
+            rows = []
+            for command in commands:
+                name = _command_name(command)
+                rows.append((name, self.commands[name].get_short_help_str(_MOST_LETTERS)))
             with formatter.section(task):
-                texts = [self.commands[name].get_short_help_str(_WHOLE) for name in names]
-                formatter.write_dl([*zip(names, texts, strict=True)])
+                formatter.write_dl(rows)
 
 
-_WHOLE = 1000
-"""Letters of a command's line at most."""
+_MOST_LETTERS = 1000
+"""Largest length of a command's line: every line is printed whole."""
 app = typer.Typer(
     cls=_Tasks,
     no_args_is_help=True,
@@ -55,8 +62,8 @@ app = typer.Typer(
 )
 
 
-def _version(wanted: bool) -> None:
-    if wanted:
+def _print_version(is_requested: bool) -> None:
+    if is_requested:
         kernels = "compiled kernels" if compiled.kernels else "numpy alone"
         typer.echo(f"trackbench {__version__}, {kernels}")
         raise typer.Exit
@@ -65,32 +72,34 @@ def _version(wanted: bool) -> None:
 @app.callback()
 def options(
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="print the version")
+        bool,
+        typer.Option("--version", callback=_print_version, is_eager=True, help="print the version"),
     ] = False,
 ) -> None:
     """Run Monte Carlo experiments with target-tracking filters."""
 
 
-def _not_aborted(command: Callable[..., None]) -> Callable[..., None]:
+def _with_eof_as_error(command: Callable[..., None]) -> Callable[..., None]:
     """Hide an EOFError of a command from click, which would print "Aborted!" as after Ctrl-D."""
 
     @wraps(command)
-    def called(*words: Any, **options: Any) -> None:
+    def run_command(*words: Any, **options: Any) -> None:
         try:
             command(*words, **options)
         except EOFError as error:
             raise RuntimeError(f"EOFError: {error}") from error
 
-    return called
+    return run_command
 
 
-def _name(command: Callable[..., None]) -> str:
+def _command_name(command: Callable[..., None]) -> str:
+    """Return the name on the command line: that of `list_` is ``list``."""
     return command.__name__.removesuffix("_")
 
 
 for _commands in _TASKS.values():
     for _command in _commands:
-        app.command(_name(_command))(_not_aborted(_command))
+        app.command(_command_name(_command))(_with_eof_as_error(_command))
 
 
 def main() -> None:
@@ -100,15 +109,16 @@ def main() -> None:
     """
     if sys.stdout is None:
         sys.exit("error: stdout is closed; redirect it to a file or to /dev/null")
-    if isinstance(sys.stdout, TextIOWrapper):  # a folder's name need not be UTF-8, as stderr knows
+    if isinstance(sys.stdout, TextIOWrapper):  # the name of a folder need not be UTF-8
         sys.stdout.reconfigure(errors="backslashreplace")
-    with written_stdout(), objects_alone() if "--json" in sys.argv else nullcontext():
+    output = stdout_for_objects() if "--json" in sys.argv else nullcontext()
+    with exit_if_stdout_fails(), output:
         try:
             app()
         except Exception as error:
             sys.exit(print_error(as_reportable(error)))
         except SystemExit as end:
-            # Typer exits without a word after Ctrl-C.
+            # Typer exits without a message after Ctrl-C.
             if isinstance(getattr(end.__context__, "__cause__", None), KeyboardInterrupt):
                 typer.echo("\ninterrupted", err=True)
             raise

@@ -1,6 +1,5 @@
 """Commands that check a config or a filter, and manage the cache."""
 
-from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -73,18 +72,20 @@ def cache(
         clear_cache(root, old_only=not clear)
     size = cache_size(root)
 
-    def described(size: FolderSize, word: str = "block") -> str:
-        return f"{counted(size.number, word)}, {size.bytes / 1e6:.1f} MB"
+    def number_and_size(files: FolderSize, noun: str) -> str:
+        return f"{counted(files.number, noun)}, {files.bytes / 1e6:.1f} MB"
 
-    typer.echo(f"{root}/: {described(size.blocks)}")
+    typer.echo(f"{root}/: {number_and_size(size.blocks, 'block')}")
     if size.old_blocks.number:
-        old = described(size.old_blocks)
-        typer.echo(f"of other versions of the code: {old}; remove them with --prune")
+        old_blocks = number_and_size(size.old_blocks, "block")
+        typer.echo(f"of other versions of the code: {old_blocks}; remove them with --prune")
     if size.figures.number:
-        typer.echo(f"figures: {described(size.figures, 'file')}; --clear removes them, too")
+        figures = number_and_size(size.figures, "file")
+        typer.echo(f"figures: {figures}; --clear removes them, too")
 
 
 def _check_config(config: Path, options: "Options", json: bool, picture: Path | None) -> None:
+    """Validate a config, print a summary, and draw its scene to the file ``picture``."""
     from trackbench import api
     from trackbench.atomic_files import atomic_write
     from trackbench.config.tuned_entries import training_cautions
@@ -102,23 +103,37 @@ def _check_config(config: Path, options: "Options", json: bool, picture: Path | 
         with atomic_write(picture) as file:
             figure.savefig(file, format=picture.suffix.removeprefix("."), dpi=150)
         typer.echo(f"drew {picture}")
-    points, filters = len(experiment.points), list(experiment.points[0].filters)
+    number_of_points = len(experiment.points)
+    labels = list(experiment.points[0].filters)
     if json:
-        settings = experiment.settings
-        summary = {"experiment": settings.name, "runs": settings.runs, "points": points}
-        echo_line({"good": True, "config": str(config), **summary, "filters": filters})
+        summary = {
+            "good": True,
+            "config": str(config),
+            "experiment": experiment.settings.name,
+            "runs": experiment.settings.runs,
+            "points": number_of_points,
+            "filters": labels,
+        }
+        echo_line(summary)
         return
-    grid = f" at {points} points" if points > 1 else ""
-    typer.echo(f"{config}: good, {counted(len(filters), 'filter')}{grid}")
+    line = f"{config}: good, {counted(len(labels), 'filter')}"
+    if number_of_points > 1:
+        line += f" at {number_of_points} points"
+    typer.echo(line)
 
 
 def _check_contract(path: Path, on: Path | None, allow_plugins: bool, json: bool) -> None:
+    """Check the filters of a file, on the config ``on`` if it is given; exit with 1 if one is bad."""
     from trackbench.contract import check_file, report
 
-    by_kind = check_file(path, on, allow_plugins)
-    for line in report(by_kind) if not json else ():
-        typer.echo(line)
-    for kind, findings in by_kind.items() if json else ():
-        echo_line({"file": str(path), "kind": kind, "contract": [f._asdict() for f in findings]})
-    if any(finding.verdict == "bad" for finding in chain.from_iterable(by_kind.values())):
-        raise typer.Exit(1)
+    findings_by_kind = check_file(path, on, allow_plugins)
+    if json:
+        for kind, findings in findings_by_kind.items():
+            rows = [finding._asdict() for finding in findings]
+            echo_line({"file": str(path), "kind": kind, "contract": rows})
+    else:
+        for line in report(findings_by_kind):
+            typer.echo(line)
+    for findings in findings_by_kind.values():
+        if any(finding.verdict == "bad" for finding in findings):
+            raise typer.Exit(1)

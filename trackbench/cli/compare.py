@@ -47,33 +47,40 @@ Folders = Annotated[list[Path], typer.Argument(metavar="DIR...", help="results f
 def compare_two(
     first: Path, second: Path, out: Path | None, json: bool, markdown: bool = False
 ) -> None:
-    """Print how the numbers of two folders differ, and draw a figure."""
+    """Print how the numbers of two folders differ, and draw a figure to the file ``out``."""
     from trackbench.errors import UserError, counted
     from trackbench.report import compare_folders as comparison
     from trackbench.report.compare_folders import compare_folders
     from trackbench.report.open import open_with_notes
     from trackbench.statistics.rules import EQUAL
 
-    a, b = open_with_notes(first), open_with_notes(second)
-    rows, why = compare_folders(a, b)
+    # Step 1: compare.
+    rows, why_not_paired = compare_folders(open_with_notes(first), open_with_notes(second))
     if not rows:
         raise UserError(f"{first} and {second} have no filter, metric and grid point in common")
-    names = (first.name, second.name) if first.name != second.name else (str(first), str(second))
+    names = (first.name, second.name)
+    if first.name == second.name:
+        names = (str(first), str(second))
     if out is not None:
         comparison.save(comparison.draw(rows, names), out)
     if json:
         _echo_rows(rows)
         return
-    paired = f"paired on {counted(max(row.difference.runs for row in rows), 'common run')}"
-    title = f"{names[1]} against {names[0]}, {f'independent: {why}' if why else paired}"
+    # Step 2: a table of the primary numbers, or, if none of these changed, of all.
+    if why_not_paired:
+        pairing = f"independent: {why_not_paired}"
+    else:
+        common_runs = max(row.difference.runs for row in rows)
+        pairing = f"paired on {counted(common_runs, 'common run')}"
+    title = f"{names[1]} against {names[0]}, {pairing}"
     changed = [row for row in rows if row.how != EQUAL]
-    main = [row for row in changed if row.is_primary] or changed
+    shown = [row for row in changed if row.is_primary] or changed
     table = comparison.table_of(
-        title, [row for row in rows if row in main or row.how == EQUAL], names
+        title, [row for row in rows if row in shown or row.how == EQUAL], names
     )
-    if len(changed) > len(main):
-        more = f"{len(changed) - len(main)} more of windows, components and diagnostics: --json"
-        table.notes.append(more)
+    if len(changed) > len(shown):
+        number = len(changed) - len(shown)
+        table.notes.append(f"{number} more of windows, components and diagnostics: --json")
     typer.echo(table.markdown() if markdown else table.aligned())
     typer.echo(comparison.conclusion(rows, names))
 
@@ -97,50 +104,69 @@ def gate(
 ) -> None:
     """Fail with exit code 1 if a filter is worse than in stored results or at a git revision."""
     from trackbench.atomic_files import write_text
-    from trackbench.commands.gate import gate as judged
+    from trackbench.commands.gate import gate as run_gate
     from trackbench.commands.gate import limit_of
 
     if (against is None) == (not against_ref):
         raise typer.BadParameter("name either --against DIR or --against-ref REF")
     if md is not None and not md.absolute().parent.is_dir():
         raise typer.BadParameter(f"--md {md}: there is no such folder")
-    limit, options = limit_of(worse), api_options(locals())
-    verdict = judged(config, options, limit, against, against_ref, filter_, cost, allow_removed)
+    limit = limit_of(worse)
+    options = api_options(locals())
+    verdict = run_gate(
+        config,
+        options,
+        limit,
+        against=against,
+        ref=against_ref,
+        file=filter_,
+        cost=cost,
+        allow_removed=allow_removed,
+    )
     table = _gate_table(verdict, against_ref or str(against), worse)
     if md is not None:
-        lines = "\n\n".join([f"**{table.title}**", *table.notes]) + "\n"
-        write_text(md, table.markdown() if table.rows else lines)
+        text = table.markdown()
+        if not table.rows:
+            text = "\n\n".join([f"**{table.title}**", *table.notes]) + "\n"
+        write_text(md, text)
     if json:
         _echo_rows(verdict.rows)
-        for what in verdict.removed:
-            echo_line({"removed": what})
+        for name in verdict.removed:
+            echo_line({"removed": name})
     else:
         typer.echo(table.aligned())
     raise typer.Exit(int(verdict.is_worse))
 
 
 def _gate_table(verdict: "Verdict", name: str, worse: str) -> "TextTable":
-    """Tabulate the numbers of the changed filters, with a headline and notes."""
+    """Tabulate the numbers of the changed filters, with a headline and notes.
+
+    ``name`` is that of the stored results or revision, ``worse`` the limit as typed.
+    """
     from trackbench.errors import counted
     from trackbench.report import compare_folders as comparison
     from trackbench.report.findings import phrases
     from trackbench.statistics.rules import EQUAL, WORSE
 
-    bad = comparison.changes(verdict.rows, WORSE) + verdict.failed
-    tests = [row.difference.runs for row in verdict.rows if not isnan(row.change.p)]
-    same = all(row.how == EQUAL for row in verdict.rows)
-    # The headline names what is worse or gone, else the filters that were compared.
-    parts = [f"worse: {phrases.listed(bad)}"] if bad else []
+    # The headline names the numbers that are worse or gone, else the filters that were compared.
+    parts = []
+    worse_numbers = comparison.changes(verdict.rows, WORSE) + verdict.failed
+    if worse_numbers:
+        parts.append(f"worse: {phrases.listed(worse_numbers)}")
     if verdict.removed:
         parts.append(f"incomplete: removed {phrases.listed(verdict.removed)}")
     if not parts:
-        compared = phrases.listed([*map(phrases.named, verdict.compared)])
-        parts.append(f"{'unchanged' if same else 'not worse'}: {compared}")
+        is_unchanged = all(row.how == EQUAL for row in verdict.rows)
+        compared = phrases.listed([phrases.named(label) for label in verdict.compared])
+        parts.append(f"{'unchanged' if is_unchanged else 'not worse'}: {compared}")
     title = f"{verdict.name} is {'; '.join(parts)}"
     table = comparison.table_of(title, verdict.rows, (name, "now"))
-    if tests:
-        on = f"{counted(len(tests), 'number')} tested on {counted(max(tests), 'run')}"
-        table.notes.append(f"{on}; limit {worse} for all together (Holm's correction).")
+    runs_of_tests = [row.difference.runs for row in verdict.rows if not isnan(row.change.p)]
+    if runs_of_tests:
+        numbers = counted(len(runs_of_tests), "number")
+        runs = counted(max(runs_of_tests), "run")
+        limit = f"limit {worse} for all together (Holm's correction)"
+        table.notes.append(f"{numbers} tested on {runs}; {limit}.")
     table.notes += verdict.notes
     return table
 
@@ -153,21 +179,26 @@ def _echo_rows(rows: "Sequence[Row]") -> None:
 def history(folders: Folders, metric: Metric = "", out: Figure = None, json: Json = False) -> None:
     """Show a metric of each filter over results folders, in the order of their dates."""
     from trackbench.errors import UserError
-    from trackbench.report import history as of_folders
+    from trackbench.report import history as folder_history
     from trackbench.report.compare_folders import save
     from trackbench.report.open import explain_content_errors, open_results
 
-    good = [folder for folder in folders if (folder / "config.yaml").is_file()]
+    results_folders = [folder for folder in folders if (folder / "config.yaml").is_file()]
     for folder in folders:
-        if folder not in good and (folder.is_dir() or not folder.exists()):
+        # `results/*` may name files, too, which need no note.
+        is_named_as_folder = folder.is_dir() or not folder.exists()
+        if folder not in results_folders and is_named_as_folder:
             typer.echo(f"note: {folder}: is not a results folder, it has no config.yaml", err=True)
-    if not good:
+    if not results_folders:
         raise UserError("name at least one results folder: trackbench history results/*")
-    every = [open_results(folder) for folder in good]
-    with explain_content_errors(good[0] if len(good) == 1 else "one of these folders"):
-        tables = of_folders.history(every, metric)
+    all_results = [open_results(folder) for folder in results_folders]
+    place: Path | str = "one of these folders"
+    if len(results_folders) == 1:
+        place = results_folders[0]
+    with explain_content_errors(place):
+        tables = folder_history.history(all_results, metric)
     if out is not None:
-        save(of_folders.draw(tables), out)
+        save(folder_history.draw(tables), out)
     for table in tables:
         if json:
             echo_line({"experiment": table.title, **table_rows(table)})

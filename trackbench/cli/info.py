@@ -1,7 +1,6 @@
 """Commands that list and describe kinds and metrics, and write starting files."""
 
 import re
-from itertools import compress
 from pathlib import Path
 from typing import Annotated
 
@@ -33,19 +32,26 @@ def list_(
     from trackbench.help.kinds import rows
     from trackbench.registry import GROUPS
 
-    known = (*GROUPS, "experiments", "problems", "metrics", "statistics")
-    word = None if group is None else one_of("list", group, known)
-    experiment = config if word == "metrics" else None
+    known_words = (*GROUPS, "experiments", "problems", "metrics", "statistics")
+    word = None
+    if group is not None:
+        word = one_of("list", group, known_words)
+    metrics_config = config if word == "metrics" else None
     if not json:
-        typer.echo(_listing(word, experiment, allow_plugins))
+        typer.echo(_list_as_text(word, metrics_config, allow_plugins))
         return
-    every = (*GROUPS, "experiments") if word is None else (word,)
-    for row in metrics.rows_of_config(experiment, allow_plugins) if experiment else rows(every):
+    if metrics_config:
+        json_rows = metrics.rows_of_config(metrics_config, allow_plugins)
+    elif word is None:
+        json_rows = rows((*GROUPS, "experiments"))
+    else:
+        json_rows = rows((word,))
+    for row in json_rows:
         echo_line(row)
 
 
-def _listing(word: str | None, config: Path | None, allow_plugins: bool) -> str:
-    """List one word; without a word, the groups with their sizes."""
+def _list_as_text(word: str | None, config: Path | None, allow_plugins: bool) -> str:
+    """List one word, or the metrics of a config; without a word, the groups with their sizes."""
     from trackbench.help import metrics
     from trackbench.help.kinds import experiments, groups_with_counts, listing, problems
 
@@ -53,9 +59,15 @@ def _listing(word: str | None, config: Path | None, allow_plugins: bool) -> str:
         return metrics.metrics_of_config(config, allow_plugins)
     if word is None:
         return groups_with_counts()
-    others = {"statistics": metrics.statistics, "metrics": metrics.metrics}
-    others |= {"experiments": experiments, "problems": problems}
-    return others[word]() if word in others else listing(word)
+    if word == "statistics":
+        return metrics.statistics()
+    if word == "metrics":
+        return metrics.metrics()
+    if word == "experiments":
+        return experiments()
+    if word == "problems":
+        return problems()
+    return listing(word)
 
 
 def describe(
@@ -80,9 +92,9 @@ def describe(
 
 def show(name: Name) -> None:
     """Print the config of a shipped experiment."""
-    from trackbench.config.shipped_experiments import named
+    from trackbench.config.shipped_experiments import find_shipped
 
-    typer.echo(named(name).read_text(encoding="utf-8"), nl=False)
+    typer.echo(find_shipped(name).read_text(encoding="utf-8"), nl=False)
 
 
 def copy(
@@ -90,9 +102,9 @@ def copy(
     to: Annotated[Path, typer.Option(metavar="DIR", help="folder that they go to")] = Path(),
 ) -> None:
     """Copy a shipped experiment and its parts for editing; existing files stay."""
-    from trackbench.config.shipped_experiments import copied
+    from trackbench.config.shipped_experiments import copy_experiment
 
-    for path in copied(name, to):
+    for path in copy_experiment(name, to):
         typer.echo(f"wrote {path}")
     typer.echo(f"run it: trackbench run {to / name}.yaml")
 
@@ -132,54 +144,77 @@ def new(
     from trackbench.errors import UserError
     from trackbench.scaffold import LANGUAGES, WHAT, write_config_for, write_new
 
+    # Step 1: check the options.
     one_of("new", what, WHAT)
     if language:
         one_of("--language", language, tuple(LANGUAGES))
-    names, values = ("--per-run", "--nonlinear", "--language"), (per_run, nonlinear, language)
-    chosen = [*compress(names, values), *(["--from"] if data else [])]
-    if len(chosen) > 1:
-        raise UserError(f"new {what} {name}: {' and '.join(chosen)} exclude each other")
+    chosen_options = []
+    if per_run:
+        chosen_options.append("--per-run")
+    if nonlinear:
+        chosen_options.append("--nonlinear")
+    if language:
+        chosen_options.append("--language")
+    if data:
+        chosen_options.append("--from")
+    if len(chosen_options) > 1:
+        raise UserError(f"new {what} {name}: {' and '.join(chosen_options)} exclude each other")
     if data is not None and what not in ("experiment", "filter"):
         raise typer.BadParameter(f"a {what} is not made from data", param_hint="--from")
     if sets and data is None:
         raise typer.BadParameter("is of --from", param_hint="--set")
-    unknown = list[str]()
-    unused = list[str]()
-    quantities = list[str]()
+    # Step 2: write the files.
+    unplaced_sensors: list[str] = []
+    unused_columns: list[str] = []
+    quantities: list[str] = []
     if data is not None and what == "experiment":
-        name = name or re.sub("[^A-Za-z0-9]+", "-", data.stem).strip("-")
-        paths, unknown, unused, quantities = write_config_for(data, name, Path(), sets or ())
+        data_name = name or re.sub("[^A-Za-z0-9]+", "-", data.stem).strip("-")
+        written = write_config_for(data, data_name, Path(), sets or ())
+        paths = written.paths
+        unplaced_sensors = written.unknown
+        unused_columns = written.unused
+        quantities = written.quantities
     elif name is None:
         raise typer.BadParameter("is required without --from", param_hint="NAME")
     else:
-        form = language or ("per_run" if per_run else "nonlinear" if nonlinear else "")
-        paths = write_new(what, name, Path(), "copy" if data else form, str(data))
-    build = LANGUAGES[language].build if language else ""
+        form = language
+        if data:
+            form = "copy"
+        elif per_run:
+            form = "per_run"
+        elif nonlinear:
+            form = "nonlinear"
+        paths = write_new(what, name, Path(), form, str(data))
+    # Step 3: print what was written, and what to do next.
     for path in paths:
         typer.echo(f"wrote {path}")
-    _echo_unused(unused, quantities)
-    plugins = "" if what == "experiment" else " --allow-plugins"
-    _echo_next(paths, build, unknown, plugins)
-
-
-def _echo_unused(unused: list[str], quantities: list[str]) -> None:
-    """Print the columns that a config does not read, and how to use one."""
-    if not unused:
-        return
-    more = f" and {len(unused) - 9} more" if unused[9:] else ""
-    way = f"to use one as {', '.join(quantities[:-1])} or {quantities[-1]}"
-    option = f"--set 'columns.{quantities[0]}=ITS NAME'"
-    typer.echo(f"columns not used: {', '.join(unused[:9])}{more} ({way}: {option})")
-
-
-def _echo_next(paths: list[Path], build: str, unknown: list[str], plugins: str) -> None:
-    """Print what to do with the files that were written."""
+    if unused_columns:
+        _echo_unused_columns(unused_columns, quantities)
     config = next(path for path in paths if path.suffix == ".yaml")
-    if build:
-        typer.echo(f"build it: {build.replace('@MODULE@', config.stem)}")
-    if unknown:
-        typer.echo(f"write into it where these are: {', '.join(unknown)}")
-    typer.echo(f"run it: trackbench run {config}{plugins}")
+    if language:
+        build_command = LANGUAGES[language].build
+        if build_command:
+            typer.echo(f"build it: {build_command.replace('@MODULE@', config.stem)}")
+    if unplaced_sensors:
+        typer.echo(f"write into it where these are: {', '.join(unplaced_sensors)}")
+    run_command = f"trackbench run {config}"
+    if what != "experiment":
+        run_command += " --allow-plugins"
+    typer.echo(f"run it: {run_command}")
+
+
+_MOST_COLUMNS = 9
+"""Unused columns that are named."""
+
+
+def _echo_unused_columns(columns: list[str], quantities: list[str]) -> None:
+    """Print the columns that a config does not read, and the quantities that one may be used as."""
+    names = ", ".join(columns[:_MOST_COLUMNS])
+    if len(columns) > _MOST_COLUMNS:
+        names += f" and {len(columns) - _MOST_COLUMNS} more"
+    purpose = f"to use one as {', '.join(quantities[:-1])} or {quantities[-1]}"
+    option = f"--set 'columns.{quantities[0]}=ITS NAME'"
+    typer.echo(f"columns not used: {names} ({purpose}: {option})")
 
 
 def schema() -> None:

@@ -18,19 +18,20 @@ if TYPE_CHECKING:
     from trackbench.report.table import Table, TextTable
 
 
-_STDOUT, _STDERR = 1, 2
+_STDOUT = 1
+_STDERR = 2
 _OBJECTS: ContextVar[TextIO | None] = ContextVar("objects", default=None)
-"""Where objects go, if not to stdout."""
+"""Stream that JSON objects are written to, if not stdout."""
 
 
 def echo_line(line: dict[str, Any]) -> None:
     """Print a JSON object. NaN becomes null, infinity a word."""
-    text = json.dumps(_plain(line), ensure_ascii=False, allow_nan=False)
+    text = json.dumps(_as_json(line), ensure_ascii=False, allow_nan=False)
     typer.echo(text, file=_OBJECTS.get())
 
 
 @contextmanager
-def written_stdout() -> Iterator[None]:
+def exit_if_stdout_fails() -> Iterator[None]:
     """End with one line and exit code 1 if stdout cannot be written, such as on a full disk."""
     code: str | int | None = None
     try:
@@ -39,7 +40,7 @@ def written_stdout() -> Iterator[None]:
         except SystemExit as end:
             code = end.code
         sys.stdout.flush()
-    except BrokenPipeError:  # nobody reads it any more
+    except BrokenPipeError:  # the reader has ended
         pass
     except OSError as error:
         from trackbench.errors import reason
@@ -47,7 +48,7 @@ def written_stdout() -> Iterator[None]:
         if error.filename is not None:
             raise
         code = f"error: stdout: {reason(error)}"
-    if _is_the_systems(sys.stdout):
+    if _is_real_stdout(sys.stdout):
         with suppress(OSError):
             sys.stdout.flush()
             sys.exit(code)
@@ -56,9 +57,9 @@ def written_stdout() -> Iterator[None]:
 
 
 @contextmanager
-def objects_alone() -> Iterator[None]:
+def stdout_for_objects() -> Iterator[None]:
     """Reserve stdout for JSON: prints of plugins go to stderr, those of workers too."""
-    with _stdout_apart() as objects, redirect_stdout(sys.stderr):
+    with _duplicated_stdout() as objects, redirect_stdout(sys.stderr):
         token = _OBJECTS.set(objects)
         try:
             yield
@@ -67,28 +68,31 @@ def objects_alone() -> Iterator[None]:
 
 
 @contextmanager
-def _stdout_apart() -> Iterator[TextIO]:
+def _duplicated_stdout() -> Iterator[TextIO]:
     """Duplicate stdout for JSON, and let stdout and new processes write to stderr."""
-    if not _is_the_systems(sys.stdout):
+    if not _is_real_stdout(sys.stdout):
         yield sys.stdout
         return
     sys.stdout.flush()
-    copy = os.dup(_STDOUT)
+    duplicate = os.dup(_STDOUT)
     os.dup2(_STDERR, _STDOUT)
-    coding = sys.stdout.encoding
-    objects = open(copy, "w", encoding=coding, errors="backslashreplace", closefd=False)  # noqa: SIM115
+    objects = open(  # noqa: SIM115
+        duplicate, "w", encoding=sys.stdout.encoding, errors="backslashreplace", closefd=False
+    )
     try:
         yield objects
     finally:
         try:
-            with suppress(OSError):  # nobody reads them, or an object was refused before
+            with suppress(
+                OSError
+            ):  # the reader has ended, or an object could not be written before
                 objects.close()
         finally:
-            os.dup2(copy, _STDOUT)
-            os.close(copy)
+            os.dup2(duplicate, _STDOUT)
+            os.close(duplicate)
 
 
-def _is_the_systems(stream: TextIO) -> bool:
+def _is_real_stdout(stream: TextIO) -> bool:
     """Distinguish the real stdout from a caller's replacement."""
     try:
         return stream.fileno() == _STDOUT
@@ -118,21 +122,23 @@ def print_error(error: "UserError | RunError") -> int:
 
     if isinstance(error, UserError):
         if "--json" in sys.argv:
-            echo_line({"good": False, "mistakes": [*map(_mistake, error.problems)]})
+            mistakes = [_mistake_as_data(problem) for problem in error.problems]
+            echo_line({"good": False, "mistakes": mistakes})
         typer.echo(str(error), err=True)
         return 2
     typer.echo(f"error: {error}", err=True)
-    if sys.argv[1:2] and sys.argv[1] in ("run", "sweep", "tune", "fit"):
+    if len(sys.argv) > 1 and sys.argv[1] in ("run", "sweep", "tune", "fit"):
         typer.echo(f"finished blocks are kept; to go on: {resume_command()}", err=True)
     return 1
 
 
 def resume_command() -> str:
     """Repeat the command line without ``--fresh``, which would compute all anew."""
-    return shlex.join(["trackbench", *(word for word in sys.argv[1:] if word != "--fresh")])
+    words = [word for word in sys.argv[1:] if word != "--fresh"]
+    return shlex.join(["trackbench", *words])
 
 
-def reported(report: "Report") -> dict[str, Any]:
+def report_as_data(report: "Report") -> dict[str, Any]:
     """Describe a run's files, tables and notes as data."""
     from trackbench.report.verdicts.files import claim_rows, number_rows
 
@@ -143,14 +149,15 @@ def reported(report: "Report") -> dict[str, Any]:
         "numbers": number_rows(report.comparison),
         "claims": claim_rows(report.comparison),
         "best": [best._asdict() for best in report.best],
-        "ranking": [_text_rows(table) for table in report.ranking()],
+        "ranking": [_text_table_rows(table) for table in report.ranking()],
         "answer": report.answer,
         "notes": report.notes,
         "failed": report.failed,
     }
 
 
-def _mistake(problem: "Problem | str") -> dict[str, Any]:
+def _mistake_as_data(problem: "Problem | str") -> dict[str, Any]:
+    """Describe a mistake by its position, path and text."""
     if isinstance(problem, str):
         return {"file": "", "line": 0, "column": 0, "path": "", "what": problem}
     return {**vars(problem.mark), "path": problem.path, "what": problem.what}
@@ -163,8 +170,8 @@ def table_rows(table: "Table") -> dict[str, Any]:
     return {"title": table.title, "rows": rows, "notes": table.notes}
 
 
-def _text_rows(table: "TextTable") -> dict[str, Any]:
-    """Convert a table to data, its rows as on the screen."""
+def _text_table_rows(table: "TextTable") -> dict[str, Any]:
+    """Describe a table as data, with its cells as on the screen."""
     rows = []
     for row in table.rows:
         texts = [cell.text for cell in row]
@@ -172,12 +179,15 @@ def _text_rows(table: "TextTable") -> dict[str, Any]:
     return {"title": table.title, "rows": rows, "notes": table.notes}
 
 
-def _plain(value: Any) -> Any:
+def _as_json(value: Any) -> Any:
+    """Convert a value to one that JSON has: no numpy numbers, NaN and infinity."""
     if isinstance(value, dict):
-        return {str(key): _plain(inner) for key, inner in value.items()}
+        return {str(key): _as_json(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(inner) for inner in value]
-    value = value.item() if hasattr(value, "item") else value
-    if not isinstance(value, float) or isfinite(value):
-        return value
-    return None if isnan(value) else str(value)
+        return [_as_json(inner) for inner in value]
+    scalar = value.item() if hasattr(value, "item") else value
+    if not isinstance(scalar, float) or isfinite(scalar):
+        return scalar
+    if isnan(scalar):
+        return None
+    return str(scalar)

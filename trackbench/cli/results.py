@@ -44,7 +44,8 @@ def compare(
         verdict_tables,
     )
 
-    verdicts, results = stored_results.compare(folder), Results(folder)
+    verdicts = stored_results.compare(folder)
+    results = Results(folder)
     times = time_tables(time_verdicts(results))
     if json:
         for row in (*number_rows(verdicts), *claim_rows(verdicts)):
@@ -87,32 +88,45 @@ def plot(
     """Draw the figures of stored results again, without computing runs."""
     from trackbench.commands import stored_results
 
-    look: Any = one_of("--style", style, ("screen", "paper"))
-    forms = formats(format_ or {"screen": "png,svg", "paper": "pdf"}[look])
-    _say(lambda: stored_results.plot(folder, forms, tuple(only or ()), allow_plugins, look))
+    chosen_style: Any = one_of("--style", style, ("screen", "paper"))
+    if not format_:
+        format_ = "pdf" if chosen_style == "paper" else "png,svg"
+    figure_formats = formats(format_)
+
+    def draw() -> list[Path]:
+        return stored_results.plot(
+            folder,
+            formats=figure_formats,
+            only=tuple(only or ()),
+            allow_plugins=allow_plugins,
+            style=chosen_style,
+        )
+
+    _print_written_files(draw)
 
 
 def report(folder: Folder, allow_plugins: AllowPlugins = False) -> None:
     """Write report.html of stored results, or index.html and README.md over a folder of several."""
     from trackbench.commands import stored_results
 
-    _say(lambda: stored_results.report(folder, allow_plugins))
+    _print_written_files(lambda: stored_results.report(folder, allow_plugins))
 
 
-def _say(write: Callable[[], list[Path]]) -> None:
-    """Print the written files; report failures and exit with 1."""
+def _print_written_files(write: Callable[[], list[Path]]) -> None:
+    """Call ``write`` and print the files that it wrote; report failures and exit with 1."""
     from trackbench.report.results import PartialReportError
 
-    lines: list[str] = []
+    failures: list[str] = []
     try:
         paths = write()
     except PartialReportError as error:
-        paths, lines = error.written, error.lines
+        paths = error.written
+        failures = error.lines
     for path in paths:
         typer.echo(path)
-    for line in lines:
-        typer.echo(f"error: {line}", err=True)
-    if lines:
+    for failure in failures:
+        typer.echo(f"error: {failure}", err=True)
+    if failures:
         raise typer.Exit(1)
 
 

@@ -26,14 +26,20 @@ from trackbench.cli.options import (
     api_options,
     runs_experiments,
 )
-from trackbench.cli.output import as_reportable, echo_line, print_error, reported, resume_command
+from trackbench.cli.output import (
+    as_reportable,
+    echo_line,
+    print_error,
+    report_as_data,
+    resume_command,
+)
 
 if TYPE_CHECKING:
     from trackbench.api import Options, Report
 
 
-_Print: TypeAlias = "partial[None]"
-"""Prints a report, as objects, Markdown or tables of a terminal."""
+_PrintReport: TypeAlias = "partial[None]"
+"""Function that prints a report, as objects, Markdown or tables of a terminal."""
 
 
 Evaluations: TypeAlias = Annotated[int | None, typer.Option(min=2, help="trials of each filter")]
@@ -60,8 +66,14 @@ def run(
 ) -> None:
     """Run experiments and write tables, figures and CSV files."""
     _begin(given)
-    given |= {"quick": quick, "force": force, "save_tracks": save_tracks, "shard": shard}
-    execute("run", configs, given | {"filters": filters}, watch)
+    given |= {
+        "quick": quick,
+        "force": force,
+        "save_tracks": save_tracks,
+        "filters": filters,
+        "shard": shard,
+    }
+    execute("run", configs, given, watch)
 
 
 @runs_experiments
@@ -77,8 +89,15 @@ def sweep(
 ) -> None:
     """Run all values of a grid; also write sweep.csv, figures and each filter's best values."""
     _begin(given)
-    given |= {"grid": grid, "product": product, "out": out}
-    execute("sweep", [config], given | {"quick": quick, "force": force, "save_tracks": save_tracks})
+    given |= {
+        "grid": grid,
+        "product": product,
+        "out": out,
+        "quick": quick,
+        "force": force,
+        "save_tracks": save_tracks,
+    }
+    execute("sweep", [config], given)
 
 
 @runs_experiments
@@ -175,9 +194,13 @@ def execute_suite(file: Path, problems: list[str], given: dict[str, Any]) -> Non
 
 
 def _tune(config: Path, metric: str | None, evaluations: int | None, given: dict[str, Any]) -> None:
-    also = {"tuning.metric": metric, "tuning.evaluations": evaluations}
-    words = [f"{key}={value}" for key, value in also.items() if value is not None]
-    execute("tune", [config], given | {"set_": [*(given["set_"] or ()), *words]})
+    """Run a config with tuning; metric and evaluations are overrides of its keys."""
+    overrides = list(given["set_"] or ())
+    if metric is not None:
+        overrides.append(f"tuning.metric={metric}")
+    if evaluations is not None:
+        overrides.append(f"tuning.evaluations={evaluations}")
+    execute("tune", [config], given | {"set_": overrides})
 
 
 def _begin(given: dict[str, Any]) -> None:
@@ -192,16 +215,24 @@ def _begin(given: dict[str, Any]) -> None:
 def execute(
     command: str, configs: list[Path], given: dict[str, Any], watched: bool = False
 ) -> None:
-    """Run what `run`, `sweep` or `tune` requests, print the outcome, and exit."""
+    """Run the experiments of `run`, `sweep` or `tune`, print the outcome, and exit.
+
+    ``given`` are the command's options by name; ``watched``: run again after each change of a file.
+    """
     from trackbench import api
     from trackbench.plugins.errors import interrupt
 
-    options, dry_run, json = api_options(given), given["dry_run"], given["json"]
-    markdown = MARKDOWN in given["format_"].split(",")
-    form = partial(_print, json=json, markdown=markdown, everything=given["all_"])
+    options = api_options(given)
+    json = given["json"]
+    print_report = partial(
+        _print_report,
+        json=json,
+        markdown=MARKDOWN in given["format_"].split(","),
+        everything=given["all_"],
+    )
     if command == "tune":
         api.check_tuned(configs, options)
-    if dry_run:
+    if given["dry_run"]:
         for line in api.preview(configs, options):
             if json:
                 echo_line({"would": line})
@@ -210,32 +241,36 @@ def execute(
         return
     signal.signal(signal.SIGTERM, interrupt)
     if watched:
-        _watch(configs, options, form)
-    elif not _run(command, configs, options, form):
+        _watch(configs, options, print_report)
+    elif not _run(command, configs, options, print_report):
         raise typer.Exit(1)
 
 
-def _run(command: str, configs: list[Path], options: "Options", form: _Print) -> bool:
-    """Run and print; return whether all filters worked."""
+def _run(command: str, configs: list[Path], options: "Options", print_report: _PrintReport) -> bool:
+    """Run experiments and print their reports; return False if anything failed."""
     from trackbench import api
 
-    sweeps = (api.sweep(config, options) for config in configs)
-    reports = sweeps if command == "sweep" else api.run_all(configs, options)
-    good = True
+    is_sweep = command == "sweep"
+    if is_sweep:
+        reports = (api.sweep(config, options) for config in configs)
+    else:
+        reports = api.run_all(configs, options)
+    is_good = True
     try:
         with closing(reports):
             for config, report in zip(configs, reports, strict=False):
-                form(report, config, is_sweep=command == "sweep")
-                good &= not report.failed
+                print_report(report, config, is_sweep=is_sweep)
+                if report.failed:
+                    is_good = False
     except KeyboardInterrupt:
         typer.echo(
             f"\ninterrupted; finished blocks are kept, to go on: {resume_command()}", err=True
         )
         raise typer.Exit(130) from None
-    return good
+    return is_good
 
 
-def _watch(configs: list[Path], options: "Options", form: _Print) -> None:
+def _watch(configs: list[Path], options: "Options", print_report: _PrintReport) -> None:
     """Run one config after each change, mistaken or not; Ctrl-C between runs exits with 0."""
     from trackbench.commands.prepare import say
     from trackbench.config.shipped_experiments import located
@@ -245,41 +280,47 @@ def _watch(configs: list[Path], options: "Options", form: _Print) -> None:
         raise UserError(Problem(Mark("--watch"), "", "watches one config, and that a file"))
     config = located(configs[0], lambda line: say(line, options))
 
-    def go() -> None:
+    def run_config() -> None:
         try:
-            _run("run", [config], options, form)
+            _run("run", [config], options, print_report)
         except Exception as error:
             print_error(as_reportable(error))
 
     with suppress(KeyboardInterrupt):
-        _run_after_changes(config, go, [Path(file) for file in options.filters])
+        _run_after_changes(config, run_config, [Path(file) for file in options.filters])
 
 
-def _print(
+def _print_report(
     report: "Report", config: Path, json: bool, markdown: bool, everything: bool, is_sweep: bool
 ) -> None:
-    """Print the ranking, what it cannot say, and a line each on verdicts and on where the rest is."""
+    """Print the ranking, further conclusions, counts of verdicts, and the place of the results.
+
+    ``everything``: print all tables and notes.
+    """
     if json:
-        echo_line(reported(report))
+        echo_line(report_as_data(report))
     else:
         from trackbench.cli.screen import print_lines, print_tables
 
-        numbers = everything or is_sweep or not report.config.get("tables")
-        tables = report.ranking(numbers)
+        with_numbers = everything or is_sweep or not report.config.get("tables")
+        tables = report.ranking(with_numbers)
         if everything or not tables:
             tables += [table.texts() for table in report.tables.values()]
         print_tables(tables, markdown)
         print_lines([*report.answer, *_verdict_lines(report, config)])
-    for note in report.notes if everything else report.run_notes:
+    notes = report.notes if everything else report.run_notes
+    for note in notes:
         typer.echo(f"note: {note}", err=True)
     for failure in report.failed:
         typer.echo(f"error: {failure}", err=True)
-    rest = ": report.html has tables and figures of these runs; --all prints the tables"
-    typer.echo(f"results in {report.folder}/" + rest * (not everything), err=True)
+    line = f"results in {report.folder}/"
+    if not everything:
+        line += ": report.html has tables and figures of these runs; --all prints the tables"
+    typer.echo(line, err=True)
 
 
 def _verdict_lines(report: "Report", config: Path) -> Iterator[str]:
-    """Yield the counts of verdicts on papers, or how many runs of the config they need."""
+    """Yield the counts of verdicts on papers, or the number of runs that they need."""
     from trackbench.config.shipped_experiments import located
     from trackbench.errors import UserError
     from trackbench.report.verdicts.files import bars
@@ -288,28 +329,34 @@ def _verdict_lines(report: "Report", config: Path) -> Iterator[str]:
     counts = bars(report.comparison)
     if not counts:
         return
-    needed = None
+    # Verdicts on fewer runs than the config has are not shown.
+    config_runs = None
     with suppress(UserError):
         if str(config) != "-":  # stdin is read once
-            needed = read(located(config, lambda line: None)).data.get("runs")
-    if isinstance(needed, int) and needed > report.config["runs"]:
+            config_runs = read(located(config, lambda line: None)).data.get("runs")
+    if isinstance(config_runs, int) and config_runs > report.config["runs"]:
         titles = " and ".join(bar.title for bar in counts)
-        yield f"Verdicts on {titles} need all {needed} runs: trackbench run {config}"
+        yield f"Verdicts on {titles} need all {config_runs} runs: trackbench run {config}"
         return
-    shown = []
+    texts = []
     for bar in counts:
-        shown.append(f"{bar.title}: {', '.join(f'{p.number} {p.verb}' for p in bar.parts)}")
-    yield f"Verdicts on {'; on '.join(shown)}. Reasons: trackbench compare {report.folder}"
-    for first in report.comparison.claims[:1]:
+        numbers = ", ".join(f"{part.number} {part.verb}" for part in bar.parts)
+        texts.append(f"{bar.title}: {numbers}")
+    yield f"Verdicts on {'; on '.join(texts)}. Reasons: trackbench compare {report.folder}"
+    if report.comparison.claims:
+        first = report.comparison.claims[0]
         yield f"The first claim: {first.claim.claim}: {first.verdict.word}."
 
 
 _EVERY_S = 0.2
-"""How often is looked: no system call tells on every system, and a hundred files take a millisecond."""
+"""Seconds between two looks at the files.
+
+No system call reports changes on every system, and a hundred files take a millisecond.
+"""
 
 
 class Stamp(NamedTuple):
-    """Modification time and digest of a file; None for a missing file."""
+    """Modification time, size and digest of a file."""
 
     time_ns: int
     size: int
@@ -317,17 +364,23 @@ class Stamp(NamedTuple):
 
 
 Stamps: TypeAlias = Mapping[Path, Stamp | None]
+"""Stamps by file; None for a missing file."""
 
 
-def _run_after_changes(config: Path, go: Callable[[], None], others: Iterable[Path] = ()) -> None:
-    """Call ``go`` now and after each change, until an exception such as Ctrl-C."""
+def _run_after_changes(
+    config: Path, run_config: Callable[[], None], others: Iterable[Path] = ()
+) -> None:
+    """Call ``run_config`` now and after each change, until an exception such as Ctrl-C.
+
+    ``others`` are files that are watched beside the config and those that it names.
+    """
     from trackbench.errors import counted
 
     files = {config, *others}
     while True:
-        files |= _named(config, files)
+        files |= _files_of_config(config, files)
         before = _stamps(files, {})
-        go()
+        run_config()
         existing = sum(stamp is not None for stamp in before.values())
         typer.echo(f"watching {counted(existing, 'file')}, until Ctrl-C: {config}", err=True)
         for file in changed(before):
@@ -340,14 +393,15 @@ def changed(before: Stamps) -> list[Path]:
     while True:
         time.sleep(_EVERY_S)
         now = _stamps(before, last)
-        others = [file for file in before if _content(now[file]) != _content(before[file])]
-        if others and now == last:
-            return others
+        changed_files = [file for file in before if _digest(now[file]) != _digest(before[file])]
+        is_written_whole = now == last
+        if changed_files and is_written_whole:
+            return changed_files
         last = now
 
 
-def _named(config: Path, known: Iterable[Path]) -> set[Path]:
-    """List the files that a config names; the known ones if it cannot be read."""
+def _files_of_config(config: Path, known: Iterable[Path]) -> set[Path]:
+    """List the files that a config names; the ``known`` ones if it cannot be read."""
     from trackbench.config.shipped_experiments import with_parts
     from trackbench.errors import UserError
 
@@ -372,9 +426,12 @@ def _stamp(file: Path, known: Stamp | None) -> Stamp | None:
         with file.open("rb") as content:
             digest = hashlib.file_digest(content, "sha256").hexdigest()
         return Stamp(status.st_mtime_ns, status.st_size, digest)
-    except (OSError, ValueError):  # not there, or a word that is no name of a file
+    except (OSError, ValueError):  # a missing file, or a word that is no name of a file
         return None
 
 
-def _content(stamp: Stamp | None) -> str | None:
-    return stamp.digest if stamp else None
+def _digest(stamp: Stamp | None) -> str | None:
+    """Return the digest of a file's content; None for a missing file."""
+    if stamp is None:
+        return None
+    return stamp.digest

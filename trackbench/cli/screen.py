@@ -6,7 +6,6 @@ Into a pipe or a file they are as wide as a page. `--format markdown` prints Mar
 import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping
-from itertools import chain
 
 import typer
 from rich.box import SIMPLE_HEAD
@@ -18,17 +17,27 @@ from rich.text import Text as Styled
 from trackbench.report.table import Text, TextTable
 
 _GAP = 2
-_PAGE = 100
-"""Columns where stdout is no terminal."""
-_BEST = "bold green"
-_MARKED = (
+"""Spaces between two columns."""
+_PAGE_WIDTH = 100
+"""Width where stdout is no terminal."""
+_BEST_STYLE = "bold green"
+_NOTE_ON_BEST = (
     "* best, or not significantly worse and at most twice as large, of a log score 0.69 nats below "
     "(95 %); none if undecided"
 )
 _COLORS = {
-    **dict.fromkeys(("equal", "agrees", "holds", "calibrated"), "green"),
-    **dict.fromkeys(("differs", "fails", "collapsed", "unranked"), "red"),
-    **dict.fromkeys(("inconclusive", "undecided", "overconfident", "underconfident"), "yellow"),
+    "equal": "green",
+    "agrees": "green",
+    "holds": "green",
+    "calibrated": "green",
+    "differs": "red",
+    "fails": "red",
+    "collapsed": "red",
+    "unranked": "red",
+    "inconclusive": "yellow",
+    "undecided": "yellow",
+    "overconfident": "yellow",
+    "underconfident": "yellow",
 }
 """Colors of verdicts, and of words on consistency, by their first word."""
 
@@ -39,7 +48,7 @@ def print_tables(tables: Iterable[TextTable], markdown: bool = False) -> None:
         if markdown:
             typer.echo(table.markdown())
         else:
-            _show(table, _console())
+            _print_table(table, _console())
 
 
 def print_lines(lines: Iterable[str]) -> None:
@@ -52,94 +61,124 @@ def print_lines(lines: Iterable[str]) -> None:
 
 
 def _console() -> Console:
-    return Console(highlight=False, width=None if sys.stdout.isatty() else _PAGE)
+    """Return a console of the terminal's width, or of a page's."""
+    width = None if sys.stdout.isatty() else _PAGE_WIDTH
+    return Console(highlight=False, width=width)
 
 
-def _show(table: TextTable, console: Console) -> None:
+def _print_table(table: TextTable, console: Console) -> None:
     """Print a table; columns beyond the width follow below, again with the first columns."""
     if table.title:
         console.print(Styled(table.title, "bold"))
-    widths = _widths(table, console.width)
-    for part in _parts(table, widths, console.width):
+    widths = _column_widths(table, console.width)
+    for columns in _columns_of_parts(table, widths, console.width):
         grid = Grid(box=SIMPLE_HEAD, pad_edge=False, padding=(0, _GAP - 1, 0, 0), show_edge=False)
-        for i in part:
+        for i in columns:
             justify: JustifyMethod = "right" if _is_numeric(table, i) else "left"
             head = table.heads[i]
-            if max(map(cell_len, head.split()), default=0) > widths[i]:
+            if _longest(head.split()) > widths[i]:
                 head = head.replace(".", ".\n")  # a path of keys
             grid.add_column(Styled(head), justify=justify, max_width=widths[i], overflow="fold")
         for row in table.rows:
-            grid.add_row(*(_styled(row[i]) for i in part))
+            grid.add_row(*(_styled_cell(row[i]) for i in columns))
         console.print(grid)
         console.print()
-    marked = any(cell.best for cell in chain.from_iterable(table.rows))
-    notes = [_MARKED] * marked + table.notes
+    notes = list(table.notes)
+    if any(_has_best(row) for row in table.rows):
+        notes.insert(0, _NOTE_ON_BEST)
     for note in notes:
         console.print(Styled(note, "dim"))
     if notes:
         console.print()
 
 
-def _styled(cell: Text) -> Styled:
-    color = _BEST if cell.best else _COLORS.get(re.split(r"\W", cell.text, maxsplit=1)[0], "")
-    return Styled("*" * cell.best + cell.text, color)
+def _has_best(row: Iterable[Text]) -> bool:
+    return any(cell.best for cell in row)
 
 
-def _parts(table: TextTable, widths: Mapping[int, int], room: int) -> Iterator[list[int]]:
-    """Yield the columns of each part: the leading columns of words, then as many as fit."""
+def _styled_cell(cell: Text) -> Styled:
+    """Mark a best value, and color a verdict by its first word."""
+    if cell.best:
+        return Styled(_marked_text(cell), _BEST_STYLE)
+    first_word = re.split(r"\W", cell.text, maxsplit=1)[0]
+    return Styled(_marked_text(cell), _COLORS.get(first_word, ""))
+
+
+def _marked_text(cell: Text) -> str:
+    """Return a cell's text, with a star before a best value."""
+    return f"*{cell.text}" if cell.best else cell.text
+
+
+_MOST_LEADING_COLUMNS = 3
+"""Leading columns that each part repeats."""
+
+
+def _columns_of_parts(
+    table: TextTable, widths: Mapping[int, int], room: int
+) -> Iterator[list[int]]:
+    """Yield the columns of each part: the leading columns of words, then as many as fit.
+
+    ``room`` is the width of the screen.
+    """
     columns = range(len(table.heads))
-    first = next((i for i in columns if _is_numeric(table, i)), len(columns))
-    keys = [*columns[: min(first, _MOST_KEYS)]]
-    part = [*keys]
-    for i in columns[len(keys) :]:
-        if len(part) > len(keys) and sum(widths[j] + _GAP for j in (*part, i)) > room + _GAP:
+    first_numeric = next((i for i in columns if _is_numeric(table, i)), len(columns))
+    leading = list(columns[: min(first_numeric, _MOST_LEADING_COLUMNS)])
+    part = list(leading)
+    for i in columns[len(leading) :]:
+        width_with_column = sum(widths[j] + _GAP for j in (*part, i)) - _GAP
+        if len(part) > len(leading) and width_with_column > room:
             yield part
-            part = [*keys]
+            part = list(leading)
         part.append(i)
     yield part
-
-
-_MOST_KEYS = 3
-"""Leading columns that each part repeats."""
 
 
 def _is_numeric(table: TextTable, column: int) -> bool:
     return any(row[column].number is not None for row in table.rows)
 
 
-def _widths(table: TextTable, room: int) -> dict[int, int]:
+def _column_widths(table: TextTable, room: int) -> dict[int, int]:
     """Fit the width of each column so that all stand side by side, if they can.
 
     Headings are wrapped first, then words, and those that begin with a digit last.
     """
     columns = range(len(table.heads))
     gaps = _GAP * (len(columns) - 1)
-    texts = {i: _texts(table, i) for i in columns}
-    most = {i: max(map(cell_len, texts[i])) for i in columns}
-    if sum(most.values()) + gaps > room:
-        most = {i: max(map(cell_len, [*texts[i][0].split(), *texts[i][1:], ""])) for i in columns}
-    for wrapped in (r"(?!\d)", ""):
-        least = {i: _least(table, i, wrapped) for i in columns}
-        if sum(least.values()) + gaps <= room:
-            while sum(most.values()) + gaps > room:
-                widest = max((i for i in columns if most[i] > least[i]), key=most.__getitem__)
-                most[widest] -= 1
-            return most
-    # In parts: a column of words takes a quarter of the room at most.
-    parts = {i: max(8, min(most[i], room // 4)) for i in columns}
-    return {i: least[i] if _is_numeric(table, i) else parts[i] for i in columns}
+    # Step 1: whole cells, below headings that are whole, or wrapped between words.
+    cells = {i: [_marked_text(row[i]) for row in table.rows] for i in columns}
+    widths = {i: _longest([table.heads[i], *cells[i]]) for i in columns}
+    if sum(widths.values()) + gaps > room:
+        widths = {i: _longest([*table.heads[i].split(), *cells[i]]) for i in columns}
+    # Step 2: cells that are wrapped between words, the widest columns first.
+    for pattern in (r"(?!\d)", ""):
+        least_widths = {i: _least_width(table, i, pattern) for i in columns}
+        if sum(least_widths.values()) + gaps <= room:
+            while sum(widths.values()) + gaps > room:
+                wrappable = [i for i in columns if widths[i] > least_widths[i]]
+                widest = max(wrappable, key=widths.__getitem__)
+                widths[widest] -= 1
+            return widths
+    # Step 3: in parts. A column of words takes a quarter of the room at most.
+    for i in columns:
+        if _is_numeric(table, i):
+            widths[i] = least_widths[i]
+        else:
+            widths[i] = max(8, min(widths[i], room // 4))
+    return widths
 
 
-def _least(table: TextTable, column: int, wrapped: str) -> int:
-    """Measure the longest word; of numbers, and cells that do not match, the whole cell."""
-    head, *cells = _texts(table, column)
-    is_wrapped = not _is_numeric(table, column) and all(re.match(wrapped, c) for c in cells)
-    return max(
-        map(cell_len, [*head.split(), *(" ".join(cells).split() if is_wrapped else cells), ""])
-    )
+def _least_width(table: TextTable, column: int, wrapped_pattern: str) -> int:
+    """Measure the longest word of a column that is wrapped between words.
+
+    Numbers, and columns with a cell that does not match the pattern, are not wrapped.
+    """
+    cells = [_marked_text(row[column]) for row in table.rows]
+    is_text = not _is_numeric(table, column)
+    if is_text and all(re.match(wrapped_pattern, cell) for cell in cells):
+        cells = " ".join(cells).split()
+    return _longest([*table.heads[column].split(), *cells])
 
 
-def _texts(table: TextTable, column: int) -> list[str]:
-    """List the heading of a column, then its cells."""
-    cells = [row[column] for row in table.rows]
-    return [table.heads[column], *("*" * cell.best + cell.text for cell in cells)]
+def _longest(texts: Iterable[str]) -> int:
+    """Return the width of the longest text on the screen; 0 without texts."""
+    return max((cell_len(text) for text in texts), default=0)

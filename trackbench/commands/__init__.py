@@ -17,9 +17,12 @@ R = TypeVar("R")
 
 def check_keywords(name: str, keywords: Iterable[str], known: list[str]) -> None:
     """Raise UserError with a line for each keyword that the function does not have."""
-    wrong = [word for word in keywords if word not in known]
-    if wrong:
-        raise UserError(*(f"{name}() has no option {w!r}; {unknown(w, known)}" for w in wrong))
+    lines = []
+    for keyword in keywords:
+        if keyword not in known:
+            lines.append(f"{name}() has no option {keyword!r}; {unknown(keyword, known)}")
+    if lines:
+        raise UserError(*lines)
 
 
 def with_known_keywords(*options: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
@@ -29,8 +32,9 @@ def with_known_keywords(*options: str) -> Callable[[Callable[P, R]], Callable[P,
     """
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
-        named = signature(function).parameters.values()
-        known = [p.name for p in named if p.kind is not Parameter.VAR_KEYWORD] + [*options]
+        parameters = signature(function).parameters.values()
+        known = [p.name for p in parameters if p.kind is not Parameter.VAR_KEYWORD]
+        known += options
 
         @wraps(function)
         def checked(*args: P.args, **kwargs: P.kwargs) -> R:

@@ -28,6 +28,8 @@ from trackbench.statistics.rules import ALIKE, BETTER, EQUAL, UNTESTED, WORSE
 
 NEGLIGIBLE = "negligible"
 _LIMIT = re.compile(r"(\d+(?:\.\d+)?)sigma(?:,(\d+(?:\.\d+)?)%)?")
+_DEFAULT_PERCENT = "0.01"
+"""Percent of a value that matters, of a limit without one."""
 
 
 class Limit(NamedTuple):
@@ -65,7 +67,8 @@ def limit_of(text: str) -> Limit:
     if match is None:
         what = "is no limit such as 3sigma, or 3sigma,1% (both must be exceeded)"
         raise UserError(Problem(Mark(f"--worse {text}"), "", what))
-    return Limit(float(match[1]), float(match[2] or 0.01) / 100.0)
+    sigmas, percent = match.groups(default=_DEFAULT_PERCENT)
+    return Limit(sigmas=float(sigmas), share=float(percent) / 100.0)
 
 
 def gate(
@@ -74,62 +77,91 @@ def gate(
 ) -> Verdict:  # fmt: skip
     """Run a config and compare it with stored results, or with the config at a git revision.
 
-    Nothing is written but the cache. ``cost`` is the largest ratio of costs, 0 for any. What was
-    compared before and is gone is a failure unless ``allow_removed``.
+    Nothing is written but the cache.
+
+    Parameters
+    ----------
+    config
+        the config to run; with ``file``, a Python file, its filters run beside the config's
+    options
+        options of both runs
+    limit
+        false alarm rate, and the share of a value that matters
+    against, ref
+        the stored results, or the git revision to compare with
+    cost
+        largest ratio of costs; 0 for any
+    allow_removed
+        filters, points and numbers that are gone are a note and not a failure
     """
     config = Path(str(file_of(config, options)))
     options = replace(options, times=cost > 0.0, formats=())
-    now = replace(options, filters=[file] if file else [])
-    name = prepare(config, now).settings.name
+    new_options = replace(options, filters=[file] if file else [])
+    name = prepare(config, new_options).settings.name
     with TemporaryDirectory() as home:
         if against is not None:
-            inner = against / name
-            stored = open_results(inner if (inner / "config.yaml").is_file() else against)
+            folder_of_config = against / name
+            has_results = (folder_of_config / "config.yaml").is_file()
+            stored = open_results(folder_of_config if has_results else against)
         else:
-            with _at_ref(ref, config, file, Path(home)) as (old, files):
-                stored = _run(old, replace(options, filters=files), Path(home, "old"))
-        verdict = _judged(stored, _run(config, now, Path(home, "new")), limit, cost)
+            with _checked_out(ref, config, file, Path(home)) as (old_config, old_files):
+                old_options = replace(options, filters=old_files)
+                stored = _run(old_config, old_options, Path(home, "old"))
+        new = _run(config, new_options, Path(home, "new"))
+        verdict = _compare_results(stored, new, limit, cost)
     if not allow_removed or not verdict.removed:
         return verdict
-    notes = [*verdict.notes, *(f"{what}: removed" for what in verdict.removed)]
+    notes = verdict.notes + [f"{removed}: removed" for removed in verdict.removed]
     return verdict._replace(removed=[], notes=notes)
 
 
 def _run(config: Path, options: Options, folder: Path) -> Results:
-    words = ("figures={}", "key_figure=null", *options.set)
-    (report,) = run_all([config], replace(options, set=words, out=folder))
+    """Run a config without its figures; return its results."""
+    overrides = ("figures={}", "key_figure=null", *options.set)
+    (report,) = run_all([config], replace(options, set=overrides, out=folder))
     return report.results
 
 
 @contextmanager
-def _at_ref(
+def _checked_out(
     ref: str, config: Path, file: Path | None, home: Path
 ) -> Iterator[tuple[Path, list[Path]]]:
     """Check out a revision of the repository of the config or filter; yield their paths in it.
 
-    The repository stays as it is: the index of the revision is a temporary file.
+    The repository stays as it is: the index of the revision is a temporary file in ``home``.
     """
-    top = next(filter(None, (_top(path) for path in (config, file) if path)), None)
+    # Step 1: find the repository, and write the files of the revision.
+    top = _repository_of(config)
+    if top is None and file is not None:
+        top = _repository_of(file)
     if top is None:
         raise _ref_error(ref, f"{config} is in no git repository")
+    repository: Path = top
     tree = home / "tree"
-    _git(ref, top, home, "read-tree", f"{ref}^{{commit}}")
-    _git(ref, top, home, "checkout-index", "--all", f"--prefix={tree}/")
+    _run_git(ref, repository, home, "read-tree", f"{ref}^{{commit}}")
+    _run_git(ref, repository, home, "checkout-index", "--all", f"--prefix={tree}/")
 
-    def moved(path: Path) -> Path:
-        inside = path.resolve().is_relative_to(top)
-        return tree / path.resolve().relative_to(top) if inside else path
+    def path_in_tree(path: Path) -> Path:
+        if not path.resolve().is_relative_to(repository):
+            return path
+        return tree / path.resolve().relative_to(repository)
 
-    if not moved(config).is_file():
+    # Step 2: the config and the filter's file there. A file that is new is compared with nothing.
+    old_config = path_in_tree(config)
+    if not old_config.is_file():
         raise _ref_error(ref, f"has no file {config}")
-    try:  # a filter file that is new has nothing to be compared with
-        yield moved(config), [moved(file)] if file and moved(file).is_file() else []
-    except UserError as error:  # with the names that a user knows
-        lines = (str(p).replace(f"{tree}{os.sep}", f"{ref}:") for p in error.problems)
+    old_files = []
+    if file and path_in_tree(file).is_file():
+        old_files.append(path_in_tree(file))
+    try:
+        yield old_config, old_files
+    except UserError as error:
+        # Messages have the revision's name in place of the temporary folder.
+        lines = [str(p).replace(f"{tree}{os.sep}", f"{ref}:") for p in error.problems]
         raise UserError(*lines) from error
 
 
-def _top(path: Path) -> Path | None:
+def _repository_of(path: Path) -> Path | None:
     """Find the top folder of a file's git repository, if it is in one."""
     command = ["git", "-C", str(path.resolve().parent), "rev-parse", "--show-toplevel"]
     try:
@@ -139,9 +171,11 @@ def _top(path: Path) -> Path | None:
     return Path(done.stdout.strip()).resolve()
 
 
-def _git(ref: str, top: Path, home: Path, *words: str) -> None:
-    env = {**os.environ, "GIT_INDEX_FILE": str(home / "index")}
-    done = subprocess.run(["git", "-C", str(top), *words], capture_output=True, text=True, env=env)
+def _run_git(ref: str, repository: Path, home: Path, *words: str) -> None:
+    """Run a git command with an index in ``home``; an error is reported at the revision ``ref``."""
+    environment = {**os.environ, "GIT_INDEX_FILE": str(home / "index")}
+    command = ["git", "-C", str(repository), *words]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment)
     if done.returncode:
         lines = done.stderr.strip().splitlines() or ["git failed"]
         raise _ref_error(ref, lines[-1].removeprefix("fatal: "))
@@ -151,78 +185,136 @@ def _ref_error(ref: str, what: str) -> UserError:
     return UserError(Problem(Mark(f"--against-ref {ref}"), "", what))
 
 
-def _judged(stored: Results, now: Results, limit: Limit, cost: float) -> Verdict:
-    """Judge the primary metrics of the filters that both have."""
-    rows, why = compare_folders(stored, now)
-    with_rows = {*stored.columns("summary")["filter"].tolist()}
-    before = [label for label in stored.filters if label in with_rows]
-    notes = [f"not paired: {why}"] if why else []
-    notes += [f"{label}: new, not compared" for label in now.filters if label not in before]
-    failed = [f"{f['filter']} failed: {f['reason']}" for f in now.failed if f["filter"] in before]
-    rows = judge([row for row in rows if row.is_primary], limit)
-    removed = [*_removed(stored, now, before)]
+def _compare_results(stored: Results, new: Results, limit: Limit, largest_cost: float) -> Verdict:
+    """Judge the primary metrics of the filters that both have, and what failed or is gone."""
+    # Step 1: the tests of filters that both have.
+    all_rows, why_not_paired = compare_folders(stored, new)
+    rows = judge([row for row in all_rows if row.is_primary], limit)
+    # Step 2: filters that fail now, and filters and numbers that are gone.
+    labels_with_rows = set(stored.columns("summary")["filter"].tolist())
+    stored_labels = [label for label in stored.filters if label in labels_with_rows]
+    failed = []
+    for failure in new.failed:
+        if failure["filter"] in stored_labels:
+            failed.append(f"{failure['filter']} failed: {failure['reason']}")
+    removed = list(_removed_names(stored, new, stored_labels))
     if not rows and not failed and not removed:
         raise UserError("nothing to compare: no filter has an error or score on both sides")
-    rows += _costs(stored, now, cost)
-    return Verdict(now.config["name"], rows, failed, removed, notes)
+    # Step 3: costs, and notes on what is not compared.
+    rows += _compare_costs(stored, new, largest_cost)
+    notes = []
+    if why_not_paired:
+        notes.append(f"not paired: {why_not_paired}")
+    for label in new.filters:
+        if label not in stored_labels:
+            notes.append(f"{label}: new, not compared")
+    return Verdict(name=new.config["name"], rows=rows, failed=failed, removed=removed, notes=notes)
 
 
-def _removed(stored: Results, now: Results, before: Sequence[str]) -> Iterator[str]:
+def _removed_names(stored: Results, new: Results, stored_labels: Sequence[str]) -> Iterator[str]:
     """Yield the filters, the points of the grid, and the errors and scores that are gone."""
-    gone = [label for label in before if label not in now.config["filters"]]
-    yield from map(named, gone)
-    yield from (heading(point) for point in stored.points() if point not in now.points())
-    failed = {row["filter"] for row in now.failed}
-    names = _errors_and_scores(now)
+    for label in stored_labels:
+        if label not in new.config["filters"]:
+            yield named(label)
+    for point in stored.points():
+        if point not in new.points():
+            yield heading(point)
+    failed = {row["filter"] for row in new.failed}
+    new_metrics = _errors_and_scores(new)
     for label, metrics in _errors_and_scores(stored).items():
-        if label in names and label not in failed:
-            missing = [metric for metric in metrics if metric not in names[label]]
-            yield from (f"{metric} of {named(label)}" for metric in missing)
+        if label not in new_metrics or label in failed:
+            continue
+        for metric in metrics:
+            if metric not in new_metrics[label]:
+                yield f"{metric} of {named(label)}"
 
 
 def _errors_and_scores(results: Results) -> dict[str, list[str]]:
     """Return the errors and scores over whole runs of each filter, by label."""
-    names: dict[str, dict[str, None]] = {}
+    metrics_by_label: dict[str, dict[str, None]] = {}
     for row in results.columns("summary").records():
-        of = measured(row["metric"])
-        if not of.window and row["filter"] in results.filters:
-            names.setdefault(row["filter"], {}).update(dict.fromkeys(primary_metrics([of.metric])))
-    return {label: [*metrics] for label, metrics in names.items()}
+        measure = measured(row["metric"])
+        if not measure.window and row["filter"] in results.filters:
+            metrics = metrics_by_label.setdefault(row["filter"], {})
+            metrics |= dict.fromkeys(primary_metrics([measure.metric]))
+    return {label: list(metrics) for label, metrics in metrics_by_label.items()}
 
 
 def judge(rows: Sequence[Row], limit: Limit) -> list[Row]:
     """Judge the rows by one-sided p-values (Holm)."""
     zs = [nan if row.how == EQUAL else row.worse.z for row in rows]
+    p_values, signs = rules.beyond(zs, limit.sigmas)
     judged = []
-    for row, z, p, sign in zip(rows, zs, *rules.beyond(zs, limit.sigmas), strict=True):
-        word = UNTESTED if isnan(z) else ALIKE
-        if sign:
-            least = limit.share * abs(row.change.b.value)
-            matters = is_event(row.metric) or abs(row.difference.value) > least
-            word = ("", WORSE, BETTER)[sign] if matters else NEGLIGIBLE
-        word = EQUAL if row.how == EQUAL else word
+    for row, z, p, sign in zip(rows, zs, p_values, signs, strict=True):
+        if row.how == EQUAL:
+            word = EQUAL
+        elif sign:
+            least_change = limit.share * abs(row.change.b.value)
+            if is_event(row.metric) or abs(row.difference.value) > least_change:
+                word = WORSE if sign == 1 else BETTER
+            else:
+                word = NEGLIGIBLE
+        elif isnan(z):
+            word = UNTESTED
+        else:
+            word = ALIKE
         judged.append(row._replace(change=row.change._replace(p=float(p)), verdict=word))
     return judged
 
 
-def _costs(stored: Results, now: Results, most: float) -> list[Row]:
-    """Compare costs: evaluations, and CPU times if both are of this machine."""
-    both = (stored, now)
-    if not most or not all((r.folder / TIMING).is_file() for r in both):
+def _compare_costs(stored: Results, new: Results, largest_ratio: float) -> list[Row]:
+    """Compare costs: evaluations, and CPU times if both are of this machine.
+
+    A cost is worse if it is more than ``largest_ratio`` times the stored one; 0 compares none.
+    """
+    both = (stored, new)
+    if not largest_ratio or not all((results.folder / TIMING).is_file() for results in both):
         return []
-    same = len({(r.manifest.get("processor"), r.manifest.get("platform")) for r in both}) == 1
-    costs: list[dict[tuple[Any, ...], dict[str, Any]]] = []
-    for r in both:
-        records = r.columns("timing").records()
-        costs.append({(*map(row.get, r.grid), row["filter"]): row for row in records})
-    (old, new), rows = costs, []
-    for kind in ("likelihoods", "covariances", *(["cpu_s_per_run"] if same else [])):
-        for key in (key for key in new if key in old):
-            a, b = (nan if row[key][kind] == "-" else float(row[key][kind]) for row in (old, new))
-            point = dict(zip(now.grid, key, strict=False))
-            word = WORSE if b > most * a else EQUAL if a == b else ALIKE
-            how = EQUAL if a == b else "cost"
-            change = compare_independent(*(RunEstimate(x, nan, None, 1) for x in (b, a)))
-            if a > 0.0:
-                rows.append(Row(point, key[-1], kind, how, change, change, word))
+    machines = {(r.manifest.get("processor"), r.manifest.get("platform")) for r in both}
+    kinds = ["likelihoods", "covariances"]
+    if len(machines) == 1:
+        kinds.append("cpu_s_per_run")
+    stored_costs = _costs_by_point(stored)
+    new_costs = _costs_by_point(new)
+    rows = []
+    for kind in kinds:
+        for key in new_costs:
+            if key not in stored_costs:
+                continue
+            stored_cost = _cost(stored_costs[key][kind])
+            new_cost = _cost(new_costs[key][kind])
+            if not stored_cost > 0.0:
+                continue
+            is_equal = stored_cost == new_cost
+            word = EQUAL if is_equal else ALIKE
+            if new_cost > largest_ratio * stored_cost:
+                word = WORSE
+            change = compare_independent(
+                RunEstimate(new_cost, nan, None, 1), RunEstimate(stored_cost, nan, None, 1)
+            )
+            rows.append(
+                Row(
+                    point=dict(zip(new.grid, key, strict=False)),
+                    filter=key[-1],
+                    metric=kind,
+                    how=EQUAL if is_equal else "cost",
+                    change=change,
+                    worse=change,
+                    verdict=word,
+                )
+            )
     return rows
+
+
+def _costs_by_point(results: Results) -> dict[tuple[Any, ...], dict[str, Any]]:
+    """Return the rows of timing.csv by the values of the grid's paths and the filter's label."""
+    rows = {}
+    for row in results.columns("timing").records():
+        values = [row.get(path) for path in results.grid]
+        rows[(*values, row["filter"])] = row
+    return rows
+
+
+def _cost(cell: Any) -> float:
+    """Return the number in a cell of timing.csv; NaN for one that is not measured."""
+    return nan if cell == "-" else float(cell)

@@ -8,7 +8,6 @@ import sys
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
-from itertools import chain
 from math import ceil
 from pathlib import Path
 from types import MappingProxyType
@@ -116,17 +115,17 @@ def prepare(
     try:
         return configurations.load(
             file_of(config, options),
-            options.set,
-            options.only,
-            options.runs,
-            options.seed,
-            options.grid,
-            options.product,
-            options.allow_plugins,
-            tuned,
-            [Path(file) for file in options.filters],
-            options.quick,
-            {key: table for key, table in tables.items() if table is not None},
+            overrides=options.set,
+            only=options.only,
+            runs=options.runs,
+            seed=options.seed,
+            grid=options.grid,
+            product=options.product,
+            allow_plugins=options.allow_plugins,
+            tuned_values=tuned,
+            filter_files=[Path(file) for file in options.filters],
+            quick=options.quick,
+            tables={key: table for key, table in tables.items() if table is not None},
         )
     except UserError as error:
         name_rows(error)
@@ -144,7 +143,7 @@ class Job(NamedTuple):
     most: int
     """runs at most"""
     tuning: Mapping[str, Record] = MappingProxyType({})
-    """what tuning tried, by label"""
+    """trials of tuning, by label"""
 
 
 def jobs_of(configs: Sequence[Config], options: Options) -> list[Job]:
@@ -153,7 +152,7 @@ def jobs_of(configs: Sequence[Config], options: Options) -> list[Job]:
     problems: dict[Problem | str, None] = {}
     for config in configs:
         try:
-            job = _job(config, options, alone=len(configs) == 1)
+            job = _prepare_job(config, options, is_only_config=len(configs) == 1)
         except UserError as error:
             problems |= dict.fromkeys(error.problems)
             continue
@@ -162,57 +161,89 @@ def jobs_of(configs: Sequence[Config], options: Options) -> list[Job]:
             what = f"another config of this command writes into {job.folder}/, too"
             problems[Problem(mark, "name", what)] = None
         jobs.append(job)
-    if not _may_write(cache_folder()):
-        store = BlockStore(cache_folder())
-        tasks = chain.from_iterable(job.plan.unique for job in jobs)
-        if options.fresh or any(store.get(task) is None for task in tasks):
-            what = "may not be written in; finished blocks are kept where TRACKBENCH_CACHE says"
-            problems[Problem(Mark(f"{cache_folder()}/"), "", what)] = None
+    if not _may_write(cache_folder()) and _has_blocks_to_store(jobs, options):
+        what = "may not be written in; finished blocks are kept where TRACKBENCH_CACHE says"
+        problems[Problem(Mark(f"{cache_folder()}/"), "", what)] = None
     if problems:
         raise UserError(*problems)
     return jobs
 
 
-def _job(config: Config, options: Options, alone: bool) -> Job:
+def _has_blocks_to_store(jobs: Sequence[Job], options: Options) -> bool:
+    """Test whether a run would write blocks into the cache."""
+    if options.fresh:
+        return True
+    store = BlockStore(cache_folder())
+
+    def misses_block(job: Job) -> bool:
+        return any(store.get(task) is None for task in job.plan.unique)
+
+    return any(misses_block(job) for job in jobs)
+
+
+def _prepare_job(config: Config, options: Options, is_only_config: bool) -> Job:
+    """Validate a config, choose its results folder, and plan its first batch of runs.
+
+    If it is the only config, the option ``out`` is its own folder; else that of all folders.
+    """
+    # Step 1: the experiment.
     experiment = prepare(config, options)
     if options.grid:
         experiment = as_sweep(experiment)
+    # Step 2: its folder.
     folder = Path("results" if options.out is None else options.out)
-    if options.out is None or not alone:
+    if options.out is None or not is_only_config:
         # The folder is named after the experiment and the files of its additional filters.
-        added = ["with", *(Path(file).stem for file in options.filters)] if options.filters else []
-        folder /= "-".join([experiment.settings.name, *added])
-    if options.spare and (stored := _stored_runs(folder)) > experiment.settings.runs:
-        say(f"note: {folder}/ has {stored} runs and stays; --force replaces them", options)
-        folder = folder.with_name(f"{folder.name}-quick")
+        words = [experiment.settings.name]
+        if options.filters:
+            words.append("with")
+            words += [Path(file).stem for file in options.filters]
+        folder /= "-".join(words)
+    if options.spare:
+        stored_runs = _stored_runs(folder)
+        if stored_runs > experiment.settings.runs:
+            say(f"note: {folder}/ has {stored_runs} runs and stays; --force replaces them", options)
+            folder = folder.with_name(f"{folder.name}-quick")
     _check_out(folder, data_from_python(experiment, folder))
+    # Step 3: the plan.
     check_memory(experiment, options.save_tracks)
-    most = experiment.settings.runs
-    plan = plan_of(experiment, most, options)
+    most_runs = experiment.settings.runs
+    plan = plan_of(experiment, most_runs, options)
     workers = min(most_workers(options), len(plan.unique))
-    is_new = options.fresh or experiment.tuned  # what is tuned has other keys
-    kept = 0 if is_new else sum(map(BlockStore(cache_folder()).has_file, plan.unique))
-    line = announced(experiment, plan, workers, kept)
+    stored_blocks = 0
+    if not options.fresh and not experiment.tuned:  # a tuned filter has other keys
+        store = BlockStore(cache_folder())
+        stored_blocks = sum(store.has_file(task) for task in plan.unique)
     first = first_batch(experiment)
-    return Job(config, first, folder, plan_of(first, most, options), line, most)
+    return Job(
+        config=config,
+        experiment=first,
+        folder=folder,
+        plan=plan_of(first, most_runs, options),
+        line=announced(experiment, plan, workers, stored_blocks),
+        most=most_runs,
+    )
 
 
 def expected_time(job: Job, options: Options) -> str:
     """Estimate the time of the missing blocks from stored results of the same scenario and filters.
 
-    It is that of the filters. Simulation, errors, tables and figures take more.
+    It is the time of the filters. Simulation, errors, tables and figures take more.
     """
-    store, workers = BlockStore(cache_folder()), min(most_workers(options), len(job.plan.unique))
-    missing = [t for t in job.plan.unique if options.fresh or not store.has_file(t)]
+    # Step 1: CPU time of the missing blocks.
+    store = BlockStore(cache_folder())
+    missing = [task for task in job.plan.unique if options.fresh or not store.has_file(task)]
     if not missing:
         return CACHED
     cost = _cost_in_folder(job, missing) or _cost_of_shipped(job, options, missing)
     if cost is None:
         return "time unknown: no results of the same scenario and filters are stored"
-    # The plan has the first batch of runs, which `until` may continue up to the most.
+    # Step 2: time on all workers. The plan has the first batch of runs, which `until` may continue up
+    # to the most.
+    workers = min(most_workers(options), len(job.plan.unique))
     seconds = cost.cpu_s * job.most / job.experiment.settings.runs / workers
-    bound = "at most " if cost.is_bound else ""
-    return f"{bound}about {duration(seconds)} of filtering"
+    about = "at most about" if cost.is_bound else "about"
+    return f"{about} {duration(seconds)} of filtering"
 
 
 CACHED = "every block is in the cache"
@@ -221,14 +252,14 @@ CACHED = "every block is in the cache"
 
 def duration(seconds: float) -> str:
     """Write a duration with two digits in hours, minutes or seconds, at least one second."""
-    for size, unit in _LONG:
-        if seconds >= 2 * size:
-            return f"{_two_digits(seconds / size)} {unit}"
+    if seconds >= 2 * 3600:
+        return f"{_two_digits(seconds / 3600)} h"
+    if seconds >= 2 * 60:
+        return f"{_two_digits(seconds / 60)} min"
     return f"{_two_digits(max(seconds, 1.0))} s"
 
 
-_LONG = ((3600, "h"), (60, "min"))
-_SIMILAR = 1.2
+_SIMILAR_RATIO = 1.2
 """Ratio of two filters' shares of work below which one share stands for both."""
 
 
@@ -250,38 +281,46 @@ def _cost_in_folder(job: Job, missing: Sequence[BlockTask]) -> _Cost | None:
 
     A block is computed whole: one run that is stored may have taken the time of 500.
     """
-    wanted = resolved(job.experiment, job.folder)
+    config = resolved(job.experiment, job.folder)
     grid = job.experiment.settings.grid
     with suppress(OSError, UserError, ValueError, LookupError, TypeError):
+        # Step 1: the folder must be of the same scenario and filters.
         read_manifest(job.folder)
-        stored = read(job.folder / "config.yaml").data
-        if any(as_yaml({k: stored.get(k)}) != as_yaml({k: wanted.get(k)}) for k in _SAME):
-            return None
+        stored_config = read(job.folder / "config.yaml").data
+        for key in _KEYS_OF_TIME:
+            if as_yaml({key: stored_config.get(key)}) != as_yaml({key: config.get(key)}):
+                return None
+        # Step 2: the times, by the grid's values and the filter's label.
         with (job.folder / TIMING).open(encoding="utf-8", newline="") as file:
             rows = list(csv.DictReader(file))
-        times = {(*(row[path] for path in grid), row["filter"]): row for row in rows}
+        if not rows:
+            return None
+        times = {}
+        for row in rows:
+            times[(*(row[path] for path in grid), row["filter"])] = row
+        # Step 3: scale them.
         cpu_s = 0.0
         is_bound = False
-        for (i, label), task in _passes(job.plan, missing):
-            values = map(str, job.experiment.points[i].values.values())
+        for (point_number, label), task in _filter_passes(job.plan, missing):
+            values = job.experiment.points[point_number].values.values()
             # A filter that failed has no time, and will fail again.
-            row = times.get((*values, label))
-            if row is not None:
-                computed_runs = int(row["runs"])
-                cpu_s += float(row["cpu_s"]) / computed_runs * task.width
+            time = times.get((*(str(value) for value in values), label))
+            if time is not None:
+                computed_runs = int(time["runs"])
+                cpu_s += float(time["cpu_s"]) / computed_runs * task.width
                 is_bound = is_bound or computed_runs < task.width
-        return _Cost(cpu_s, is_bound) if times else None
+        return _Cost(cpu_s=cpu_s, is_bound=is_bound)
     return None
 
 
-def _passes(plan: Plan, missing: Sequence[BlockTask]) -> Iterator[tuple[Key, BlockTask]]:
+def _filter_passes(plan: Plan, missing: Sequence[BlockTask]) -> Iterator[tuple[Key, BlockTask]]:
     """Yield the missing tasks of each filter; tasks that share the filter's estimates count once."""
-    wanted = set(missing)
-    passes = set[BlockTask]()
+    missing_tasks = set(missing)
+    filtering_keys: set[BlockTask] = set()
     for key, tasks in plan.tasks.items():
         for task in tasks:
-            if task in wanted and task.filtering_key not in passes:
-                passes.add(task.filtering_key)
+            if task in missing_tasks and task.filtering_key not in filtering_keys:
+                filtering_keys.add(task.filtering_key)
                 yield key, task
 
 
@@ -290,55 +329,74 @@ def _cost_of_shipped(job: Job, options: Options, missing: Sequence[BlockTask]) -
 
     The filter that has most to do scales it, so that others may need less.
     """
-    is_changed = options.grid or options.only or any(w != FIT for w in options.set)
+    is_changed = options.grid or options.only or any(word != FIT for word in options.set)
     if isinstance(job.config, Mapping | Assembled) or is_changed:
         return None
     with suppress(UserError):
         path = located(Path(job.config), lambda line: None)
-        for shipped in listed() if path.parent.samefile(shipped_folder()) else []:
-            if shipped.name == path.stem and shipped.cpu_s is not None:
-                shipped_runs = int(read(path).data.get("runs", 1))
-                wanted = set(missing)
-                ratios = list[float]()
-                for tasks in job.plan.tasks.values():
-                    shipped_blocks = ceil(shipped_runs / tasks[0].width)
-                    ratios.append(len(wanted.intersection(tasks)) / shipped_blocks)
-                is_bound = max(ratios) > _SIMILAR * min(ratios)
-                return _Cost(shipped.cpu_s * max(ratios), is_bound)
+        if not path.parent.samefile(shipped_folder()):
+            return None
+        cpu_s_by_name = {shipped.name: shipped.cpu_s for shipped in listed()}
+        cpu_s = cpu_s_by_name.get(path.stem)
+        if cpu_s is None:
+            return None
+        shipped_runs = int(read(path).data.get("runs", 1))
+        missing_tasks = set(missing)
+        ratios = []
+        for tasks in job.plan.tasks.values():
+            shipped_blocks = ceil(shipped_runs / tasks[0].width)
+            ratios.append(len(missing_tasks.intersection(tasks)) / shipped_blocks)
+        is_bound = max(ratios) > _SIMILAR_RATIO * min(ratios)
+        return _Cost(cpu_s=cpu_s * max(ratios), is_bound=is_bound)
     return None
 
 
 FIT = "block=fit"
 """Override of `--quick`, which changes no filter."""
-_SAME = ("scenario", "filters", "grid", "only")
+_KEYS_OF_TIME = ("scenario", "filters", "grid", "only")
+"""Keys of a config that its time depends on, apart from the runs."""
 
 
 def plan_of(experiment: Experiment, most: int, options: Options) -> Plan:
     """Plan an experiment of at most ``most`` runs, which `until` may end earlier."""
     settings = experiment.settings
-    stops = list(checkpoints(settings.min_runs, most)) if settings.until else []
+    stops = []
+    if settings.until:
+        stops = list(checkpoints(settings.min_runs, most))
     return make_plan(experiment, options.save_tracks, stops)
 
 
 def with_tuned(job: Job, options: Options) -> Job:
     """Tune on training runs; return the job with the tuned values."""
-    workers, store = most_workers(options), BlockStore(cache_folder())
+    workers = most_workers(options)
+    store = BlockStore(cache_folder())
     open_engine = engine(options.engine, workers, options.scheduler)
-    tuning = tune(job.experiment, store, open_engine, workers, options.fresh, not options.quiet)
-    tuned = {label: record.best.values for label, record in tuning.items()}
-    experiment = first_batch(prepare(job.config, options, tuned))
+    tuning = tune(
+        job.experiment,
+        store,
+        open_engine,
+        workers,
+        fresh=options.fresh,
+        progress=not options.quiet,
+    )
+    tuned_values = {label: record.best.values for label, record in tuning.items()}
+    experiment = first_batch(prepare(job.config, options, tuned_values))
     plan = plan_of(experiment, job.most, options)
     return job._replace(experiment=experiment, plan=plan, tuning=tuning)
 
 
 def most_workers(options: Options) -> int:
     """Limit the number of workers."""
-    return 1 if options.engine == "serial" else options.workers or cpu_count()
+    if options.engine == "serial":
+        return 1
+    return options.workers or cpu_count()
 
 
 def most_drawers(options: Options) -> int:
     """Limit the number of processes that draw figures to those that compute on this machine."""
-    return most_workers(options) if options.engine == "processes" else 1
+    if options.engine == "processes":
+        return most_workers(options)
+    return 1
 
 
 def say(text: str, options: Options) -> None:
@@ -348,19 +406,26 @@ def say(text: str, options: Options) -> None:
 
 
 def _check_out(folder: Path, data: Collection[str]) -> None:
-    """Raise UserError if the results folder's path is taken by something else."""
+    """Raise UserError if a run cannot write into the results folder, or would replace foreign files.
+
+    ``data`` names the data files that the run writes.
+    """
     for path in (folder, *folder.parents):
+        what = ""
         try:
-            bad = "" if stat.S_ISDIR(path.stat().st_mode) else f"{path} is a file, not a folder"
+            if not stat.S_ISDIR(path.stat().st_mode):
+                what = f"{path} is a file, not a folder"
         except (FileNotFoundError, NotADirectoryError):
-            bad = f"{path} is a link to nothing" if path.is_symlink() else ""
+            if path.is_symlink():
+                what = f"{path} is a link to nothing"
         except OSError as error:
-            bad = f"{path}: {reason(error)}"
-        if bad:
-            raise UserError(Problem(Mark(f"--out {folder}"), "", bad))
-    if (foreign := _foreign_file(folder, data)) is not None:
+            what = f"{path}: {reason(error)}"
+        if what:
+            raise UserError(Problem(Mark(f"--out {folder}"), "", what))
+    foreign_file = _foreign_file(folder, data)
+    if foreign_file is not None:
         what = "no run wrote this file, and this run would replace it; choose another --out"
-        raise UserError(Problem(Mark(str(foreign)), "", what))
+        raise UserError(Problem(Mark(str(foreign_file)), "", what))
     if not _may_write(folder):
         what = "may not be written in; another folder: --out DIR"
         raise UserError(Problem(Mark(f"{folder}/"), "", what))
@@ -382,12 +447,15 @@ def _foreign_file(folder: Path, data: Collection[str]) -> Path | None:
         return None
     for name in ("config.yaml", *data, *RUN_FILES, *DERIVED_FILES):
         path = folder / name
-        if path.is_file() and not (name == "config.yaml" and _is_written(path)):
+        if not path.is_file():
+            continue
+        is_config_of_run = name == "config.yaml" and _is_written_by_run(path)
+        if not is_config_of_run:
             return path
     return None
 
 
-def _is_written(config: Path) -> bool:
+def _is_written_by_run(config: Path) -> bool:
     """Test whether a config has the form in which runs write theirs."""
     with suppress(OSError, UserError, ValueError, LookupError):
         text = config.read_text(encoding="utf-8")
@@ -397,5 +465,9 @@ def _is_written(config: Path) -> bool:
 
 def _may_write(folder: Path) -> bool:
     """Test whether the folder, or its first existing parent, is writable."""
-    existing = next((f for f in (folder, *folder.absolute().parents) if f.exists()), folder)
-    return os.access(existing, os.W_OK | os.X_OK)
+    first_existing = folder
+    for path in (folder, *folder.absolute().parents):
+        if path.exists():
+            first_existing = path
+            break
+    return os.access(first_existing, os.W_OK | os.X_OK)

@@ -5,12 +5,11 @@ import json
 import os
 import platform
 import re
-import sys
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, suppress
 from dataclasses import replace
 from importlib import import_module
-from itertools import chain
+from pathlib import Path
 from threading import Thread
 from typing import Any, NamedTuple
 
@@ -32,9 +31,10 @@ from trackbench.commands.stored_results import Report
 from trackbench.config.experiment import Experiment
 from trackbench.config.python_tables import without_folders
 from trackbench.config.requested_metrics import takes_times
-from trackbench.config.tuned_entries import held_out, training_cautions
+from trackbench.config.tuned_entries import held_out_data, training_cautions
 from trackbench.core.random_streams import RunStreams
 from trackbench.errors import Mark, Problem, UserError, WriteError, counted, in_line
+from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.timing import REPEATS, Measured, measure
 from trackbench.execution.cache import BlockStore, block_key, cache_folder, times_folder
 from trackbench.execution.engines import OpenEngine, begin, engine
@@ -61,34 +61,35 @@ def run_all(
 ) -> Generator[Report]:
     """Run experiments one after the other on the same workers; yield each written report.
 
-    With several experiments, ``out`` is the folder of their folders. Raises UserError, before anything
-    runs, with the mistakes of all configs.
+    With several experiments, ``out`` is the folder of their folders.
+
+    Parameters
+    ----------
+    configs : paths, names of shipped experiments, or mappings like config files
+    options : options of every run; default: those of `Options`
+    changes : fields of Options, as in ``run_all(configs, runs=50)``
+
+    Raises
+    ------
+    UserError : bad input, before anything runs, with the mistakes of all configs
     """
     yield from run_each(configs, (options or Options()).changed(changes))
 
 
 def run_each(configs: Sequence[Config], options: Options, sweep: bool = False) -> Generator[Report]:
     """Run experiments as `run_all` does; ``sweep`` adds the files and notes of a sweep."""
+    # Step 1: validate all configs, and announce them.
     begin(options.engine, options.workers, DRAWER)
     jobs = jobs_of(configs, options)
     workers = min(most_workers(options), sum(len(job.plan.unique) for job in jobs))
     open_engine = engine(options.engine, workers, options.scheduler)
-    said: set[str] = set()
-    for job in jobs:
-        say(job.line, options)
-        read = chain.from_iterable(plugin.notes for plugin in job.experiment.plugins)
-        of_points = cautions(job.experiment.points)
-        for caution in [*of_points, *training_cautions(job.experiment), *read]:
-            line = f"note: {without_folders(caution)}"
-            if line not in said:  # several problems of a suite may have the same
-                said.add(line)
-                say(line, options)
-
+    _announce(jobs, options)
     if options.shard:
         run_shard(jobs, options, open_engine, workers)
         return
 
-    def more(i: int, outcome: Outcome) -> Plan | None:
+    def plan_more(i: int, outcome: Outcome) -> Plan | None:
+        """Plan the next batch of runs of the i-th job; None if it has enough."""
         bigger = next_batch(jobs[i].experiment, jobs[i].most, outcome)
         if bigger is None:
             return None
@@ -99,10 +100,13 @@ def run_each(configs: Sequence[Config], options: Options, sweep: bool = False) -
     if most_drawers(options) > 1:
         Thread(target=_import_ahead, daemon=True).start()
     with ExitStack() as stack:
+        # Step 2: lock the results folders, always in one order, so that no two commands wait for each
+        # other.
         locks = {}
-        for folder in sorted(job.folder for job in jobs):  # in one order: nobody waits in a circle
+        for folder in sorted(job.folder for job in jobs):
             locks[folder] = stack.enter_context(ExitStack())
             locks[folder].enter_context(locked(folder, lambda line: say(line, options)))
+        # Step 3: tune, run, and report each experiment once it is complete.
         jobs = [with_tuned(job, options) if job.experiment.tuned else job for job in jobs]
         outcomes = execute(
             [job.plan for job in jobs],
@@ -111,17 +115,33 @@ def run_each(configs: Sequence[Config], options: Options, sweep: bool = False) -
             workers,
             fresh=options.fresh,
             progress=not options.quiet,
-            more=more,
+            more=plan_more,
         )
         for i, outcome in enumerate(stack.enter_context(closing(outcomes))):
-            report = _reported(jobs[i], outcome, options, sweep)
-            locks[report.folder].close()  # who gets the report may plot it
+            report = _write_results_and_report(jobs[i], outcome, options, sweep)
+            locks[report.folder].close()  # the caller may plot the report's figures again
             yield report
 
 
+def _announce(jobs: Sequence[Job], options: Options) -> None:
+    """Print each job's line and its cautions, a caution of several jobs once."""
+    printed: set[str] = set()
+    for job in jobs:
+        say(job.line, options)
+        job_cautions = [*cautions(job.experiment.points), *training_cautions(job.experiment)]
+        for plugin in job.experiment.plugins:
+            job_cautions += plugin.notes
+        for caution in job_cautions:
+            line = f"note: {without_folders(caution)}"
+            if line not in printed:
+                printed.add(line)
+                say(line, options)
+
+
 def _import_ahead() -> None:
-    """Import what tables and verdicts need while workers compute blocks."""
-    with suppress(Exception):  # the program may be ending; whoever needs them imports them himself
+    """Import the libraries of tables and verdicts while workers compute blocks."""
+    # The program may be ending; the modules that need these libraries import them anyway.
+    with suppress(Exception):
         import_module("scipy.special")
         import_module("pandas")
 
@@ -131,68 +151,90 @@ def preview(configs: Sequence[Config], options: Options) -> list[str]:
     return [f"{job.line}; {expected_time(job, options)}" for job in jobs_of(configs, options)]
 
 
-def _reported(job: Job, outcome: Outcome, options: Options, sweep: bool) -> Report:
-    """Write the data of an experiment with all blocks and its manifest, then what follows from them.
+def _write_results_and_report(job: Job, outcome: Outcome, options: Options, sweep: bool) -> Report:
+    """Write the data and the manifest of an experiment, then its tables, figures and report.
 
-    What fails among tables, figures and sentences becomes a line. The manifest is written once more at
-    the end, with the files that were made.
+    A failing table, figure or sentence becomes a line of the report. The manifest is written once more
+    at the end, with all files. ``sweep`` adds the files of a sweep.
     """
-    for line in [*_what_happened(outcome), *stop_reason(job.experiment, job.most, outcome)]:
+    progress = not options.quiet
+    # Step 1: notes on the run, and CPU times.
+    for line in _run_lines(outcome):
         say(line, options)
-    progress, times = not options.quiet, Times({}, {})
+    for line in stop_reason(job.experiment, job.most, outcome):
+        say(line, options)
+    times = Times({}, {})
     if options.times:
-        times = times_of(job.experiment, outcome, options.fresh, progress)
+        times = measure_times(job.experiment, outcome, options.fresh, progress)
     for label, why in times.failed.items():
         say(f"note: {label} has no measured CPU time: {why}", options)
-    with record_writes() as data:
+    # Step 2: the data.
+    with record_writes() as data_files:
         losses, facts = write_results(
             job.folder, job.experiment, outcome, options.save_tracks, times.measured
         )
         if job.tuning:
             write_tuning(job.folder / "tuning.csv", job.tuning)
-            facts["training_holds_out"] = held_out(job.experiment)
-            trained_s = sum(record.cpu_s for record in job.tuning.values())
-            facts["cpu_s"] = round(facts["cpu_s"] + trained_s, 3)
-    write_manifest(job.folder, facts, data)
+            facts["training_holds_out"] = held_out_data(job.experiment)
+            training_s = sum(record.cpu_s for record in job.tuning.values())
+            facts["cpu_s"] = round(facts["cpu_s"] + training_s, 3)
+    write_manifest(job.folder, facts, data_files)
+    # Step 3: the outputs that are computed from the data.
     results = Results(job.folder, facts)
-    with record_writes() as derived:
+    with record_writes() as derived_files:
         drawers = most_drawers(options)
-        comparison = render(results, options.formats, drawers, options.fresh, progress)[1]
+        _, comparison = render(results, options.formats, drawers, options.fresh, progress)
         if sweep:
             with results.without("sweep.csv"):
                 write_sweep(results)
         with results.without("report.html"):
             write_report(results, comparison)
-    write_manifest(job.folder, facts, [*data, *derived])
-    failed = list(_failed(job.experiment, outcome, losses))
-    notes = [*_notes(job.experiment, losses), *_digit_notes(job.experiment, outcome)]
-    return Report(results, failed, notes, comparison)
+    write_manifest(job.folder, facts, [*data_files, *derived_files])
+    notes = list(_loss_notes(job.experiment, losses))
+    notes += _bound_notes(job.experiment)
+    notes += _digit_notes(job.experiment, outcome)
+    return Report(
+        results=results,
+        failed_filters=list(_failure_lines(job.experiment, outcome, losses)),
+        run_notes=notes,
+        _compared=comparison,
+    )
 
 
-def _what_happened(outcome: Outcome) -> Iterator[str]:
+def _run_lines(outcome: Outcome) -> Iterator[str]:
+    """Yield lines on reused and damaged blocks, and on workers that died."""
     if outcome.reused:
         finished = outcome.reused + outcome.computed
         yield f"reused {outcome.reused} of {counted(finished, 'block')} from {outcome.store.root}/"
     if outcome.damaged:
-        yield f"{_were(outcome.damaged, 'damaged block')} computed again"
+        yield f"{_counted_with_verb(outcome.damaged, 'damaged block')} computed again"
     if outcome.deaths:
-        yield f"note: a worker died; {_were(outcome.deaths, 'block')} started again"
+        yield f"note: a worker died; {_counted_with_verb(outcome.deaths, 'block')} started again"
     if outcome.crowding:
         yield f"note: {outcome.crowding}"
 
 
-def _were(number: int, word: str) -> str:
-    return f"{counted(number, word)} {'was' if number == 1 else 'were'}"
+def _counted_with_verb(number: int, noun: str) -> str:
+    """Write ``1 block was`` or ``2 blocks were``."""
+    verb = "was" if number == 1 else "were"
+    return f"{counted(number, noun)} {verb}"
 
 
-def _notes(experiment: Experiment, losses: dict[Key, Losses]) -> Iterator[str]:
+def _loss_notes(experiment: Experiment, losses: dict[Key, Losses]) -> Iterator[str]:
+    """Yield a note for each filter that lost some of its runs."""
     for key, loss in losses.items():
         if loss.lost and not loss.is_total:
             yield f"{experiment.title_of(key)}: {loss}"
+
+
+def _bound_notes(experiment: Experiment) -> Iterator[str]:
+    """Yield the cautions of the scenarios' lower bounds, each once."""
     bound = experiment.settings.bound
-    if bound:
-        cautions_of_bound = (point.scenario.bound_caution for point in experiment.points)
-        for caution in dict.fromkeys(filter(None, cautions_of_bound)):
+    if not bound:
+        return
+    bound_cautions = [point.scenario.bound_caution for point in experiment.points]
+    for caution in dict.fromkeys(bound_cautions):
+        if caution:
             yield f"{bound}: {caution}"
 
 
@@ -206,13 +248,16 @@ def _digit_notes(experiment: Experiment, outcome: Outcome) -> Iterator[str]:
         scenario = point.assumed_scenario(label)
         data = scenario.simulate(RunStreams(experiment.settings.seed, range(1)), 1)
         prior = scenario.assumed_prior(1) or data.prior
-        first = int(scenario.steps[1])
-        digits = tracker.few_digits(scenario.model, prior, data.measurements, first)
+        first_step = int(scenario.steps[1])
+        digits = tracker.few_digits(scenario.model, prior, data.measurements, first_step)
         if digits:
             yield f"{label}: answers have {digits}: {PRINT_ALL_DIGITS}"
 
 
-def _failed(experiment: Experiment, outcome: Outcome, losses: dict[Key, Losses]) -> Iterator[str]:
+def _failure_lines(
+    experiment: Experiment, outcome: Outcome, losses: dict[Key, Losses]
+) -> Iterator[str]:
+    """Yield a line for each filter that failed, lost all runs, or has no distance to the reference."""
     for key, why in outcome.failures.items():
         yield f"{experiment.title_of(key)} failed: {why}"
     for key, loss in losses.items():
@@ -224,13 +269,15 @@ def _failed(experiment: Experiment, outcome: Outcome, losses: dict[Key, Losses])
 
 
 class Times(NamedTuple):
-    """Measured times by grid point and filter, and by filter the reason why others have none."""
+    """CPU times of the filters of an experiment."""
 
     measured: Mapping[Key, Measured]
+    """times by grid point and filter"""
     failed: Mapping[str, str]
+    """reasons, by filter, why a time could not be measured"""
 
 
-def times_of(
+def measure_times(
     experiment: Experiment, outcome: Outcome, fresh: bool, progress: bool = False
 ) -> Times:
     """Measure the filters' CPU times if the config or a published row uses them.
@@ -240,53 +287,73 @@ def times_of(
     """
     if not takes_times(experiment):
         return Times({}, {})
-    # One run is timed as one; more runs are timed in blocks, as they are computed.
-    widest = 1 if experiment.settings.runs == 1 else sys.maxsize
-    tasks = {
-        key: replace(
-            blocks[0].filtering_key,
-            width=min(blocks[0].width, widest),
-            predictive_metrics=(),
-            hold_out=None,
+    # Step 1: a block of each filter. One run is timed as one; more runs in blocks, as they are computed.
+    tasks = {}
+    for key, blocks in outcome.plan.tasks.items():
+        if key in outcome.failures:
+            continue
+        width = 1 if experiment.settings.runs == 1 else blocks[0].width
+        tasks[key] = replace(
+            blocks[0].filtering_key, width=width, predictive_metrics=(), hold_out=None
         )
-        for key, blocks in outcome.plan.tasks.items()
-        if key not in outcome.failures
-    }
-    unique = list(dict.fromkeys(tasks.values()))
-    digests = [block_key(task, 0) for task in unique]
+    unique_tasks = list(dict.fromkeys(tasks.values()))
+    # Step 2: stored times.
+    file = _times_file(unique_tasks)
+    if not fresh:
+        with suppress(OSError, ValueError, TypeError):
+            stored_times = _read_times(file)
+            measured = {key: stored_times[unique_tasks.index(task)] for key, task in tasks.items()}
+            return Times(measured=measured, failed={})
+    # Step 3: measure them.
+    description = f"{experiment.settings.name}: CPU times"
+    with progress_bar(len(unique_tasks) + REPEATS, "turn", progress, desc=description) as bar:
+        times = measure(unique_tasks, guarded, bar.update)
+    time_by_task = dict(zip(unique_tasks, times, strict=True))
+    # Step 4: separate the filters that failed.
+    measured = {}
+    failed = {}
+    for key, task in tasks.items():
+        time = time_by_task[task]
+        if isinstance(time, Measured):
+            measured[key] = time
+        else:
+            _, label = key
+            failed[label] = in_line(str(time))
+    if not failed:
+        _store_times(file, list(time_by_task.values()))
+    return Times(measured=measured, failed=failed)
+
+
+def _times_file(tasks: Sequence[BlockTask]) -> Path:
+    """Find the file of the times of these tasks on this machine."""
+    digests = [block_key(task, 0) for task in tasks]
     # The properties of this machine that CPU times depend on.
     machine = [platform.node(), platform.platform(), platform.processor(), str(os.cpu_count())]
     name = hashlib.sha256(json.dumps([machine, digests]).encode()).hexdigest()
-    file = times_folder() / f"{name}.json"
-    if not fresh:
-        with suppress(OSError, ValueError, TypeError):
-            stored = [Measured(*row) for row in json.loads(require_regular_file(file).read_bytes())]
-            return Times({key: stored[unique.index(task)] for key, task in tasks.items()}, {})
-    what = f"{experiment.settings.name}: CPU times"
-    with progress_bar(len(unique) + REPEATS, "turn", progress, desc=what) as bar:
-        measured = dict(zip(unique, measure(unique, guarded, bar.update), strict=True))
-    good = {key: m for key, task in tasks.items() if isinstance(m := measured[task], Measured)}
-    failed = {
-        key[1]: in_line(str(measured[task])) for key, task in tasks.items() if key not in good
-    }
-    if not failed:
-        with (
-            record_writes(),
-            suppress(OSError, WriteError),
-        ):  # it is none of the results folder's files
-            file.parent.mkdir(parents=True, exist_ok=True)
-            write_text(file, json.dumps([*measured.values()]) + "\n")
-    return Times(good, failed)
+    return times_folder() / f"{name}.json"
+
+
+def _read_times(file: Path) -> list[Measured]:
+    """Read stored times; raises OSError, ValueError or TypeError if there are none."""
+    return [Measured(*row) for row in json.loads(require_regular_file(file).read_bytes())]
+
+
+def _store_times(file: Path, times: Sequence[object]) -> None:
+    """Store times in the cache, if it can be written."""
+    # The file is none of the results folder's, so its writing is recorded apart.
+    with record_writes(), suppress(OSError, WriteError):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        write_text(file, json.dumps(times) + "\n")
 
 
 def run_shard(jobs: Sequence[Job], options: Options, open_engine: OpenEngine, workers: int) -> None:
     """Compute the missing blocks of one shard of every plan, and store them."""
-    shard, shards = _parse_shard(options.shard)
+    shard, number_of_shards = _parse_shard(options.shard)
     for job in jobs:
         if job.experiment.tuned:
             what = "the blocks of tuned filters follow from tuning; run this config without --shard"
             raise UserError(job.experiment.source.problem(("tune",), what))
-    plans = [job.plan.of_shard(shard, shards) for job in jobs]
+    plans = [job.plan.of_shard(shard, number_of_shards) for job in jobs]
     store = BlockStore(cache_folder())
     outcomes = execute(
         plans, store, open_engine, workers, fresh=options.fresh, progress=not options.quiet
@@ -300,6 +367,7 @@ def run_shard(jobs: Sequence[Job], options: Options, open_engine: OpenEngine, wo
 
 
 def _parse_shard(text: str) -> tuple[int, int]:
+    """Parse ``i/n``, the number of a shard and of all shards; raises UserError."""
     match = re.fullmatch(r"(\d{1,6})/(\d{1,6})", text)
     if match is None or not 1 <= int(match[1]) <= int(match[2]):
         what = f"{text!r} is no shard; allowed: 1/8 to 8/8 of eight shards"

@@ -9,7 +9,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,7 +34,7 @@ from trackbench.report.table import Table, TextTable, results_html
 from trackbench.report.verdicts.cpu_times import time_line
 from trackbench.report.verdicts.files import reasons, summary_lines, write_comparison, write_paired
 from trackbench.report.verdicts.numbers import Verdicts
-from trackbench.report.verdicts.numbers import compare as hold_against_published
+from trackbench.report.verdicts.numbers import compare as compare_with_published
 from trackbench.results.folder_contents import locked, write_manifest
 from trackbench.results.point_facts import GridPoint
 
@@ -66,7 +65,8 @@ class Report:
 
     def _repr_html_(self) -> str:
         lines = [f"{self.folder}/", *self.failed, *self.answer, *summary_lines(self.comparison)]
-        tables = [*self.ranking(), *(table.texts() for table in self.tables.values())]
+        tables = self.ranking()
+        tables = tables + [table.texts() for table in self.tables.values()]
         return results_html(self.results.title, lines, tables, self._repr_png_())
 
     def _repr_png_(self) -> bytes | None:
@@ -98,10 +98,17 @@ class Report:
         return conclusions(self.results)
 
     def ranking(self, numbers: bool = False) -> list[TextTable]:
-        """Return the ranking as a table, a row a filter, the best first.
+        """Return the ranking as a table with a row for each filter, the best first.
 
-        Of a grid it is over all scenarios. With ``numbers``, tables of each scenario, or of each
-        filter's settings, follow.
+        Parameters
+        ----------
+        numbers
+            for a grid: also return tables of each scenario, or of each filter's settings
+
+        Returns
+        -------
+        list
+            the ranking, for a grid that over all scenarios, and the further tables
         """
         return ranking(self.results, numbers)
 
@@ -113,28 +120,41 @@ class Report:
     @cached_property
     def comparison(self) -> Verdicts:
         """Verdicts on published numbers and claims."""
-        return self._compared or hold_against_published(self.results)
+        return self._compared or compare_with_published(self.results)
 
     @cached_property
     def notes(self) -> list[str]:
         """Lost runs, counts of verdicts, and reasons of those that are inconclusive."""
-        return self.results.attempt("notes", lambda: [*self._notes()], self.run_notes)
+        return self.results.attempt("notes", self._collect_notes, self.run_notes)
 
-    def _notes(self) -> Iterator[str]:
-        yield from self.run_notes
-        yield from summary_lines(self.comparison)
-        yield from time_line(self.results)
-        yield from reasons(self.comparison, self.config["runs"])
+    def _collect_notes(self) -> list[str]:
+        return [
+            *self.run_notes,
+            *summary_lines(self.comparison),
+            *time_line(self.results),
+            *reasons(self.comparison, self.config["runs"]),
+        ]
 
     @cached_property
     def best(self) -> list[Best]:
         """Best values of each filter; empty without a sweep."""
         if not (self.folder / "sweep.csv").is_file():
             return []
-        return self.results.attempt("best values", lambda: [*best_points(self.results)], [])
+        return self.results.attempt("best values", lambda: list(best_points(self.results)), [])
 
     def figure(self, name: str = "") -> "Figure":
-        """Return a figure of the config for matplotlib; by default the key figure."""
+        """Return a figure of the config for matplotlib.
+
+        Parameters
+        ----------
+        name
+            name of the figure; default: the key figure
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            the figure
+        """
         return self.results.figure(name)
 
     @property
@@ -163,7 +183,12 @@ class Report:
         return self.results.pairs
 
     def tracks(self, point: GridPoint | None = None) -> "dict[str, Array]":
-        """Return the stored tracks at a point of the grid, by default the first.
+        """Return the stored tracks at a point of the grid.
+
+        Parameters
+        ----------
+        point
+            values of the grid's paths; default: the first point
 
         Returns
         -------
@@ -173,10 +198,14 @@ class Report:
             ``components`` (n_x,) and ``measured`` (n_z,). After ``save_tracks`` r is the number of
             runs. Otherwise figures decide on the arrays and runs; lines are rounded.
         """
-        point = self.results.points()[0] if point is None else point
-        facts, arrays = self.results.facts(point), self.results.tracks(point, every_run=True)
-        names = {"components": facts.components, "measured": facts.measured}
-        return arrays | {name: np.array(words) for name, words in names.items() if arrays}
+        if point is None:
+            point = self.results.points()[0]
+        facts = self.results.facts(point)
+        arrays = self.results.tracks(point, every_run=True)
+        if not arrays:
+            return arrays
+        names = {"components": np.array(facts.components), "measured": np.array(facts.measured)}
+        return arrays | names
 
 
 @with_known_keywords()
@@ -184,7 +213,7 @@ def load(folder: Path | str) -> Report:
     """Read the results of an earlier run."""
     results = open_results(Path(folder))
     failed = [f"{row['filter']} failed: {row['reason']}" for row in results.failed]
-    return Report(results, failed)
+    return Report(results=results, failed_filters=failed)
 
 
 @with_known_keywords()
@@ -193,12 +222,24 @@ def compare(folder: Path | str) -> Verdicts:
 
     The current published files are used and recorded in the manifest. A read-only folder stays
     unchanged.
+
+    Parameters
+    ----------
+    folder : path of the results folder
+
+    Returns
+    -------
+    Verdicts : verdicts on published numbers and claims
+
+    Raises
+    ------
+    UserError : the folder has no readable results
     """
     if _is_read_only(folder):
         with explain_content_errors(folder):
-            return hold_against_published(open_with_notes(Path(folder)))
-    with _written_again(folder) as (results, paths):
-        comparison = hold_against_published(results)
+            return compare_with_published(open_with_notes(Path(folder)))
+    with _opened_for_rewriting(folder) as (results, paths):
+        comparison = compare_with_published(results)
         write_comparison(results, comparison)
         write_paired(results)
         paths += [results.folder / name for name in results.config["published"]]
@@ -213,15 +254,27 @@ def plot(
     allow_plugins: bool = False,
     style: Style = "screen",
 ) -> list[Path]:
-    """Draw the figures of a results folder again; return the files written.
+    """Draw the figures of a results folder again.
 
-    ``style="paper"`` writes NAME-column and NAME-page in a journal's widths, without titles. Figures of
-    plugins are drawn only if plugins are allowed. If a figure fails, the others are written first and
-    then PartialReportError is raised.
+    Parameters
+    ----------
+    folder : path of the results folder
+    formats : file formats: png, svg, pdf
+    only : names or types of the figures to draw; default: all
+    allow_plugins : also draw the figures of plugins, which runs their code
+    style : screen, or paper: NAME-column and NAME-page in a journal's widths, without titles
+
+    Returns
+    -------
+    list : the files written
+
+    Raises
+    ------
+    PartialReportError : a figure failed; the others are written
     """
-    with _written_again(folder, allow_plugins) as (results, _):
+    with _opened_for_rewriting(folder, allow_plugins) as (results, _):
         written = write_figures(results, formats, only, style)
-    return _whole(results, written)
+    return _raise_if_partial(results, written)
 
 
 @with_known_keywords()
@@ -229,6 +282,19 @@ def report(folder: Path | str, allow_plugins: bool = False) -> list[Path]:
     """Write report.html of a results folder, or index.html and README.md over a folder of several.
 
     For a read-only folder the report goes into the working directory, as NAME-report.html.
+
+    Parameters
+    ----------
+    folder : path of a results folder, or of a folder of several
+    allow_plugins : also draw the figures of plugins, which runs their code
+
+    Returns
+    -------
+    list : the files written
+
+    Raises
+    ------
+    PartialReportError : a figure or sentence failed; the rest of the report is written
     """
     from trackbench.report.html.index_page import write_overview
     from trackbench.report.html.report_page import write_report
@@ -241,14 +307,14 @@ def report(folder: Path | str, allow_plugins: bool = False) -> list[Path]:
         path = Path(f"{folder.resolve().name}-report.html")
         with explain_content_errors(folder):
             results = open_with_notes(folder, allow_plugins)
-            return _whole(results, [write_report(results, path=path)])
-    with _written_again(folder, allow_plugins) as (results, _):
+            return _raise_if_partial(results, [write_report(results, path=path)])
+    with _opened_for_rewriting(folder, allow_plugins) as (results, _):
         written = [write_report(results)]
-    return _whole(results, written)
+    return _raise_if_partial(results, written)
 
 
-def _whole(results: Results, written: list[Path]) -> list[Path]:
-    """Raise PartialReportError if any output beside the written files failed."""
+def _raise_if_partial(results: Results, written: list[Path]) -> list[Path]:
+    """Return the written files; raise PartialReportError if any output beside them failed."""
     if results.unmade:
         raise PartialReportError(results.unmade_lines, written)
     return written
@@ -264,13 +330,13 @@ def _is_read_only(folder: Path | str) -> bool:
 
 
 @contextmanager
-def _written_again(
+def _opened_for_rewriting(
     folder: Path | str, allow_plugins: bool = False
 ) -> Iterator[tuple[Results, list[Path]]]:
     """Open results for rewriting some of their files; update the manifest afterwards.
 
-    Waits for a run that writes into the folder. Other files that changed since the run are noted and
-    stay in the manifest as they were.
+    Yields the results and the list of the rewritten files. It waits for a run that writes into the
+    folder. Other files that changed since the run are noted and stay in the manifest as they were.
     """
     folder = Path(folder)
     check_folder(folder)
@@ -298,8 +364,9 @@ paper:
 
 def codecheck_text(folders: Sequence[Path], root: Path) -> str:
     """Write the file's content, with paths from ``root``; raises UserError for other folders."""
-    results = [Results(folder) for folder in folders]
-    manifest = [*chain.from_iterable(_codecheck_items(one, root) for one in results)]
+    manifest: list[dict[str, str]] = []
+    for results in [Results(folder) for folder in folders]:
+        manifest += _codecheck_items(results, root)
     names = " ".join(os.path.relpath(folder, root) for folder in folders)
     body = yaml.safe_dump({"manifest": manifest}, sort_keys=False, allow_unicode=True, width=1000)
     return _CODECHECK_HEAD.format(command=f"trackbench verify {names}") + body
@@ -308,11 +375,13 @@ def codecheck_text(folders: Sequence[Path], root: Path) -> str:
 def _codecheck_items(results: Results, root: Path) -> Iterator[dict[str, str]]:
     """Yield tables and figures with their titles, then the data of the runs."""
     for group, suffix in (("tables", "csv"), ("figures", "svg")):
-        for name, part in (results.config.get(group) or {}).items():
+        entries = results.config.get(group) or {}
+        for name, entry in entries.items():
             file = results.folder / group / f"{name}.{suffix}"
             if file.is_file():
-                title = results.fill_title(part.get("title") or name)
+                title = results.fill_title(entry.get("title") or name)
                 yield {"file": os.path.relpath(file, root), "comment": title}
-    for name, what in (("per_run.csv", "Metrics of every run"), ("summary.csv", "Statistics")):
-        if (results.folder / name).is_file():
-            yield {"file": os.path.relpath(results.folder / name, root), "comment": what}
+    for name, comment in (("per_run.csv", "Metrics of every run"), ("summary.csv", "Statistics")):
+        file = results.folder / name
+        if file.is_file():
+            yield {"file": os.path.relpath(file, root), "comment": comment}

@@ -5,7 +5,6 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import is_dataclass
 from functools import cache
-from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, cast, get_args, get_origin, get_type_hints
 
@@ -14,6 +13,7 @@ from pydantic_core import PydanticCustomError
 
 from trackbench.config.includes import deep_merge
 from trackbench.config.mistakes import REPORTED, mistakes_of, shown, unknown
+from trackbench.errors import Mark
 from trackbench.extension_points import Part, key_of
 from trackbench.field_types import IS_FILE, IS_VARIABLE, IS_WORD, annotations_of
 from trackbench.filters.base import Filter
@@ -39,54 +39,62 @@ def adapter(cls: type[T], documented: bool = False) -> TypeAdapter[T]:
 
     ``documented`` adds the docstrings of attributes to its JSON schema, which takes time.
     """
+    # The configuration is set here and not on each class, so that a filter stays a plain dataclass.
     config = ConfigDict(
         extra="forbid",
         use_attribute_docstrings=documented,
         alias_generator=key_of,
         populate_by_name=True,
     )
-    _configure(cls, config, set())
+    _set_pydantic_config(cls, config, set())
     return TypeAdapter(cls)
 
 
 def help_texts(cls: type) -> dict[str, str]:
     """Look up the meaning of each key: the docstring under the field, in the class or a base."""
     texts: dict[str, str] = {}
-    for base in filter(is_dataclass, reversed(cls.__mro__)):
-        keys = adapter(base, documented=True).json_schema().get("properties", {})
-        texts |= {k: v["description"] for k, v in keys.items() if "description" in v}
+    # Bases come first, so that the class's own docstrings replace theirs.
+    for base in reversed(cls.__mro__):
+        if not is_dataclass(base):
+            continue
+        properties = adapter(base, documented=True).json_schema().get("properties", {})
+        for key, schema in properties.items():
+            if "description" in schema:
+                texts[key] = schema["description"]
     return texts
 
 
 @_cached
 def hints_of(cls: type) -> dict[str, object]:
-    """Look up the types of a dataclass's keys, with what they are annotated with."""
+    """Look up the types of a dataclass's keys, with their annotations."""
     return get_type_hints(cls, include_extras=True)
 
 
 @_cached
 def file_keys(cls: type) -> frozenset[str]:
-    """Name the keys whose values are paths of data files, words that may be, or variables."""
+    """Name the keys that hold paths of data files, words that may be paths, or variable names."""
+    names = set()
+    for name, hint in hints_of(cls).items():
+        # The annotation stands on the key's type, or on an option or item of it.
+        for annotated_type in (hint, *get_args(hint)):
+            annotations = annotations_of(annotated_type)
+            if any(mark in (IS_FILE, IS_WORD, IS_VARIABLE) for mark in annotations):
+                names.add(name)
+    return frozenset(names)
 
-    def is_file(hint: object) -> bool:
-        marks = chain.from_iterable(map(annotations_of, (hint, *get_args(hint))))
-        return any(mark in (IS_FILE, IS_WORD, IS_VARIABLE) for mark in marks)
 
-    return frozenset(name for name, hint in hints_of(cls).items() if is_file(hint))
+def _set_pydantic_config(hint: object, config: ConfigDict, configured: set[type]) -> None:
+    """Give a dataclass, and every dataclass within it, this configuration of pydantic.
 
-
-def _configure(hint: object, config: ConfigDict, done: set[type]) -> None:
-    """Make a dataclass, and every dataclass within it, strict and documented.
-
-    Set here and not on each class, so that a filter stays a plain dataclass.
+    ``configured`` collects the classes that have it, so that each is visited once.
     """
-    if isinstance(hint, type) and is_dataclass(hint) and hint not in done:
-        done.add(hint)
+    if isinstance(hint, type) and is_dataclass(hint) and hint not in configured:
+        configured.add(hint)
         setattr(hint, "__pydantic_config__", config)  # noqa: B010
         for inner in get_type_hints(hint, include_extras=True).values():
-            _configure(inner, config, done)
+            _set_pydantic_config(inner, config, configured)
     for inner in get_args(hint):
-        _configure(inner, config, done)
+        _set_pydantic_config(inner, config, configured)
 
 
 def build(
@@ -96,11 +104,12 @@ def build(
 
     ``data`` replaces that mapping. ``also`` names keys that stand beside those of the dataclass.
     """
-    data = source.at(keys) if data is None else data
+    if data is None:
+        data = source.at(keys)
     if not isinstance(data, dict):
         source.add_problem(keys, f"{shown(data)} is not a mapping")
         return None
-    reader = _Reader(source, keys, [], [])
+    reader = _Reader(source=source, keys=keys, parts=[], path=[])
     try:
         with plugin_code(cls, reader.parts):
             try:
@@ -114,33 +123,22 @@ def build(
 
 
 def build_kind(group: Group, source: Source, keys: Keys) -> Any:
-    """Build the registered dataclass that the mapping at ``keys`` asks for by its ``kind``."""
-    return _component(group, source.at(keys), source, keys)
+    """Build the registered dataclass that the mapping at ``keys`` names by its ``kind``.
+
+    Returns None, with its mistakes in ``source``, if it cannot be built.
+    """
+    return _build_component(group, source.at(keys), source, keys)
 
 
-def _component(group: Group, data: object, source: Source, keys: Keys) -> Part | None:
+def _build_component(group: Group, data: object, source: Source, keys: Keys) -> Part | None:
+    """Build the component that ``data``, the mapping at ``keys`` or in its place, describes."""
     # Step 1: find the class.
     if not isinstance(data, dict) or "kind" not in data:
-        needs = "needs a kind" if isinstance(data, dict) else "is not a mapping with a kind"
-        needs += f", as {{kind: {min(kinds(group), key=len)}}}; see `trackbench list {group}`"
-        of_scenario = ("scenario", "assume", *keys[3:])
-        if keys[2:3] == ("assume",) and source.has((*of_scenario, "kind")):
-            model = shown(source.at(of_scenario))
-            needs += (
-                f"; a filter's own model has all of its keys, those of the scenario are {model}"
-            )
-        if not any(p.path == dotted(keys) for p in source.problems):  # else it has been said
-            source.add_problem(keys, needs)
+        if not any(p.path == dotted(keys) for p in source.problems):  # else it is already reported
+            source.add_problem(keys, _describe_missing_kind(group, data, source, keys))
         return None
-    kind = data["kind"]
-    if kind is None:
-        what = f"has no value; {unknown('', list(kinds(group)))}"
-        source.add_problem((*keys, "kind"), what)
-        return None
-    cls = of_kind(group, kind) if isinstance(kind, str) else None
+    cls = _find_class(group, data["kind"], source, keys)
     if cls is None:
-        what = f"{kind!r} is not a kind of {group[:-1]}; {unknown(str(kind), list(kinds(group)))}"
-        source.add_problem((*keys, "kind"), what)
         return None
     # Step 2: complete the keys by the preset, and build.
     values = _with_preset(cls, data, source, keys)
@@ -166,113 +164,163 @@ def _component(group: Group, data: object, source: Source, keys: Keys) -> Part |
     return build(cls, source, keys, values, also)
 
 
+def _describe_missing_kind(group: Group, data: object, source: Source, keys: Keys) -> str:
+    """Explain that a component needs a kind, and how to write one."""
+    what = "needs a kind" if isinstance(data, dict) else "is not a mapping with a kind"
+    what += f", as {{kind: {min(kinds(group), key=len)}}}; see `trackbench list {group}`"
+    # A filter's own model replaces that of the scenario; nothing is inherited.
+    scenario_model = ("scenario", "assume", *keys[3:])
+    is_filter_model = keys[2:3] == ("assume",)
+    if is_filter_model and source.has((*scenario_model, "kind")):
+        model = shown(source.at(scenario_model))
+        what += f"; a filter's own model has all of its keys, those of the scenario are {model}"
+    return what
+
+
+def _find_class(group: Group, kind: object, source: Source, keys: Keys) -> type[Part] | None:
+    """Find the class of a kind; None, with a problem added, if there is none."""
+    cls = None
+    if kind is None:
+        what = f"has no value; {unknown('', list(kinds(group)))}"
+    else:
+        if isinstance(kind, str):
+            cls = of_kind(group, kind)
+        what = f"{kind!r} is not a kind of {group[:-1]}; {unknown(str(kind), list(kinds(group)))}"
+    if cls is None:
+        source.add_problem((*keys, "kind"), what)
+    return cls
+
+
 def _add_declared(source: Source, values: dict[str, object]) -> None:
     """Add the files and variables that the config declares for all of its programs."""
     for key in ("files", "environment"):
         declared = source.data.get(key)
         own = values.get(key, [])
         if not isinstance(declared, list) or not isinstance(own, list):
-            continue  # said by the validation of the whole
+            continue  # the validation of the whole reports it
         words = [word for word in declared if isinstance(word, str)]
         if key == "files":
-            mark = source.mark((key,))
-            folder = Path(mark.file).parent if mark.line else Path()
+            folder = _folder_of(source.mark((key,)))
             words = [str((folder / word).absolute()) for word in words]
         if words:
-            values[key] = [*own, *(word for word in words if word not in own)]
+            values[key] = own + [word for word in words if word not in own]
+
+
+def _folder_of(mark: Mark) -> Path:
+    """Return the folder of the YAML file of a mark; for an option, the working folder."""
+    if mark.line:
+        return Path(mark.file).parent
+    return Path()
 
 
 def _is_allowed(source: Source, values: Mapping[str, object]) -> bool:
-    words = values.get("command")  # one that is no list cannot be run, and is reported
-    if source.programs is None or not (isinstance(words, list) and words):
+    """Test whether the program of a filter's ``command`` may be run."""
+    command = values.get("command")
+    if source.programs is None:
         return True
-    return len(words) == 1 and words[0] in [*source.programs]
+    if not isinstance(command, list) or not command:  # it cannot be run, and is reported
+        return True
+    return len(command) == 1 and command[0] in list(source.programs)
 
 
 class _Reader(NamedTuple):
-    """Context of a component's validator: builds the components that the keys of it hold."""
+    """Context of a component's validator: builds the components within its keys."""
 
     source: Source
     keys: Keys
     parts: list[object]
-    """components that it has built"""
+    """components that are built"""
     path: list[str]
     """keys of the dataclasses between the component and a key, as `assume`"""
 
     def read(self, group: Group, key: str, value: object, hint: object) -> object:
-        """Build what the key holds: a component, several, or None where its type allows these."""
+        """Build the component that the key names, or several; None where its type allows it.
+
+        ``hint`` is the type of the key.
+        """
         keys = (*self.keys, *self.path, key)
-        if value is None and _may_be(hint, type(None)):
+        if value is None and _allows_type(hint, type(None)):
             return None
-        if not isinstance(value, list) or not _may_be(hint, tuple):
-            return self._components(group, {keys: value})[0]
+        if not isinstance(value, list) or not _allows_type(hint, tuple):
+            return self._build_all(group, {keys: value})[0]
         if not value:
             self.source.add_problem(keys, f"is empty: name at least one of {group}")
-        return self._components(group, {(*keys, i): item for i, item in enumerate(value)})
+        return self._build_all(group, {(*keys, i): item for i, item in enumerate(value)})
 
-    def _components(self, group: Group, entries: Mapping[Keys, object]) -> tuple[Part, ...]:
-        """Build a component for each entry, or raise if the source has mistakes of one."""
-        built = [self._part(group, entry, keys) for keys, entry in entries.items()]
-        parts = [part for part in built if part is not None]
+    def _build_all(self, group: Group, entries: Mapping[Keys, object]) -> tuple[Part, ...]:
+        """Build a component for each entry; raise if one has mistakes, which the source has then."""
+        parts = []
+        for keys, entry in entries.items():
+            part = self._build_part(group, entry, keys)
+            if part is not None:
+                parts.append(part)
         if not parts or len(parts) < len(entries):
             raise PydanticCustomError(REPORTED, "has mistakes")
         self.parts.extend(parts)
         check_sensors(self.parts)
         return tuple(parts)
 
-    def _part(self, group: Group, value: object, keys: Keys) -> Part | None:
+    def _build_part(self, group: Group, value: object, keys: Keys) -> Part | None:
         """Build the component of a mapping; a word is a kind without keys of its own."""
         if isinstance(value, str):
             value = {"kind": value}
             if self.source.has(keys):
                 mark = self.source.mark(keys)
                 put(self.source.at(keys[:-1]), keys[-1], marked(value, mark), mark)
-        return _component(group, value, self.source, keys)
+        return _build_component(group, value, self.source, keys)
 
 
-def _may_be(hint: object, cls: type) -> bool:
-    """Test whether a key of this type may hold an instance of the class."""
+def _allows_type(hint: object, cls: type) -> bool:
+    """Test whether a key of the type ``hint`` may hold an instance of the class."""
     return any(cls in (option, get_origin(option)) for option in (hint, *get_args(hint)))
 
 
 def _make_paths_absolute(cls: type, source: Source, keys: Keys, values: dict[str, object]) -> None:
     """Count the paths of data files from the folder of the YAML file that names them."""
     for key in file_keys(cls) & values.keys():
-        mark, paths = source.mark((*keys, key)), values[key]
-        folder = Path(mark.file).parent if mark.line else Path()
-        marks = {*chain.from_iterable(map(annotations_of, get_args(hints_of(cls)[key])))}
-        if IS_VARIABLE in marks:
+        annotations: set[object] = set()
+        for annotated_type in get_args(hints_of(cls)[key]):
+            annotations |= set(annotations_of(annotated_type))
+        if IS_VARIABLE in annotations:
             continue
-        words = IS_WORD in marks
+        folder = _folder_of(source.mark((*keys, key)))
+        may_be_word = IS_WORD in annotations
+        paths = values[key]
+        if isinstance(paths, list):
+            values[key] = [_absolute_path(path, folder, may_be_word) for path in paths]
+        else:
+            values[key] = _absolute_path(paths, folder, may_be_word)
 
-        def absolute(path: object, folder: Path = folder, words: bool = words) -> object:
-            if not isinstance(path, str):
-                return path
-            if not words or os.path.isfile(folder / path):
-                return str((folder / path).absolute())
-            # A word as --table=file.csv
-            name, equals, value = path.partition("=")
-            if value and os.path.isfile(folder / value):
-                return f"{name}{equals}{(folder / value).absolute()}"
-            return path
 
-        values[key] = [*map(absolute, paths)] if isinstance(paths, list) else absolute(paths)
+def _absolute_path(path: object, folder: Path, may_be_word: bool) -> object:
+    """Return a path counted from the folder; a word that names no file there stays as it is."""
+    if not isinstance(path, str):
+        return path
+    if not may_be_word or os.path.isfile(folder / path):
+        return str((folder / path).absolute())
+    # A word as --table=file.csv
+    option, equals, value = path.partition("=")
+    if value and os.path.isfile(folder / value):
+        return f"{option}{equals}{(folder / value).absolute()}"
+    return path
 
 
 def _with_preset(
     cls: type[Part], entry: Mapping[str, object], source: Source, keys: Keys
 ) -> dict[str, object]:
     """Put the values of a component's keys over those of its preset."""
-    presets, data = cls.presets, {k: v for k, v in entry.items() if k != "kind"}
-    name = data.pop("preset", None) if presets else None
+    presets = cls.presets
+    values = {key: value for key, value in entry.items() if key != "kind"}
+    # A class without presets may have a key of this name.
+    name = values.pop("preset", None) if presets else None
     if name is None:
-        return data
+        return values
     where = (*keys, "preset")
     if not isinstance(name, str) or name not in presets:
-        other = unknown(str(name), list(presets))
-        source.add_problem(where, f"{name!r} is not a preset of {cls.kind}; {other}")
-        return data
-    if any(presets.values()) and all(deep_merge(p, data) == data for p in presets.values()):
+        hint = unknown(str(name), list(presets))
+        source.add_problem(where, f"{name!r} is not a preset of {cls.kind}; {hint}")
+        return values
+    if any(presets.values()) and all(deep_merge(p, values) == values for p in presets.values()):
         what = f"no preset of {cls.kind} changes anything: all that they set is given"
         source.add_problem(where, what)
-    return deep_merge(presets[name], data)
+    return deep_merge(presets[name], values)

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass, replace
-from itertools import repeat
 from typing import cast
 
 from trackbench.config.experiment import (
@@ -33,7 +32,7 @@ from trackbench.yaml_source import Keys, Source, dotted
 
 QUICK = "--quick"
 """Option whose number of runs may be more than there are recordings."""
-_NEEDS = {
+_REQUIREMENTS = {
     "state.planar": "a target in the plane",
     "motion.jacobian": "a motion with a Jacobian",
     "motion.alike_axes": "a motion of constant velocity, alike along x and y (cv, cwna; of any other "
@@ -52,7 +51,7 @@ _NEEDS = {
         "a start from two scans of a radar at the origin",
     ),
 }
-"""What a filter needs, in words (other needs are named as they are)."""
+"""Requirements of filters in words; a message names others as they are."""
 
 
 def chosen_labels(source: Source, settings: Settings) -> list[str]:
@@ -78,48 +77,57 @@ def chosen_labels(source: Source, settings: Settings) -> list[str]:
     return labels_to_run(known, settings.only, settings.reference)
 
 
-def has(scenario: Scenario, need: str) -> bool:
-    """Test whether a scenario has what a filter needs: ``prior.first``, ``motion.T|F``."""
-    part, _, name = need.partition(".")
-    if part == "state":
+def meets_requirement(scenario: Scenario, requirement: str) -> bool:
+    """Test whether a scenario has what a filter requires: ``prior.first``, ``motion.T|F``.
+
+    ``T|F`` requires one of the two attributes.
+    """
+    component, _, name = requirement.partition(".")
+    if component == "state":
         return scenario.components == position_velocity_names(2)
-    if part == "prior":
-        kind = scenario.prior_type
-        return hasattr(kind, name) or name in getattr(kind, "__dataclass_fields__", ())
-    return any(hasattr(getattr(scenario.model, part), either) for either in name.split("|"))
+    if component == "prior":
+        prior_type = scenario.prior_type
+        return hasattr(prior_type, name) or name in getattr(prior_type, "__dataclass_fields__", ())
+    model_component = getattr(scenario.model, component)
+    return any(hasattr(model_component, attribute) for attribute in name.split("|"))
 
 
 def check_fit(source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenario) -> None:
     """Check that the scenario meets a filter's requirements and conflicts."""
-    unmet = False
-    for need in tracker.all_requirements:
-        if not has(scenario, need):
-            limit = f"`{tracker.kind}` works only with {_NEEDS.get(need, need)}"
-            what = f"{limit}; {_remedy(scenario, need)}"
-            if need.startswith("sensor.") and isinstance(scenario.model.sensor, ScaledNoise):
-                what = f"`{tracker.kind}` cannot know a fault that multiplies noise"
-                what += "; leave out `assume: {faults: known}`, or take ekf or ukf"
-            source.problems.append(Problem(source.mark((*keys, "kind")), dotted(keys), what))
-            unmet = True
     sensor = scenario.model.sensor
+    kind_mark = source.mark((*keys, "kind"))
+    # Step 1: what the filter requires of the scenario.
+    meets_all = True
+    for requirement in tracker.all_requirements:
+        if meets_requirement(scenario, requirement):
+            continue
+        meets_all = False
+        if requirement.startswith("sensor.") and isinstance(sensor, ScaledNoise):
+            what = f"`{tracker.kind}` cannot know a fault that multiplies noise"
+            what += "; leave out `assume: {faults: known}`, or take ekf or ukf"
+        else:
+            needed = _REQUIREMENTS.get(requirement, requirement)
+            what = f"`{tracker.kind}` works only with {needed}; {_remedy(scenario, requirement)}"
+        source.problems.append(Problem(kind_mark, dotted(keys), what))
+    # Step 2: measurements without mean and covariance.
     why = sensor.why_no_moments() if has_density(sensor) else ""
     if why and not tracker.density_only:
         what = f"`{tracker.kind}` uses mean and covariance of a measurement: {why}"
         what += "; take a particle filter (pf, rpf, apf) or `grid`"
-        source.problems.append(Problem(source.mark((*keys, "kind")), dotted(keys), what))
-    # A filter's own checks may use what it requires of the scenario.
-    if not unmet:
+        source.problems.append(Problem(kind_mark, dotted(keys), what))
+    # Step 3: the filter's own checks, which may use what it requires of the scenario.
+    if meets_all:
         _add_conflicts(source, keys, filter_conflicts(tracker, scenario))
 
 
-def _remedy(scenario: Scenario, need: str) -> str:
+def _remedy(scenario: Scenario, requirement: str) -> str:
     """Explain what to do about a requirement that a scenario does not meet."""
-    component = need.partition(".")[0]
+    component = requirement.partition(".")[0]
     if component == "sensor":
         parts = walk_parts(scenario.true_sensor)
         sensors = " and ".join(f"`{part.kind}`" for part in parts if isinstance(part, SensorBase))
         return f"this scenario has {sensors}: take another filter or sensor"
-    if need == "motion.T":
+    if requirement == "motion.T":
         return "take another filter, or resample recorded data (`resample: SECONDS`)"
     key = {"state": "target", "prior": "start"}.get(component, component)
     return f"take another filter or {key}"
@@ -132,8 +140,11 @@ def check_assumed(source: Source, point: Point, label: str) -> Scenario | None:
         with plugin_code(point.assumed.get(label)):
             try:
                 scenario = point.assumed_scenario(label)
-                _ = scenario.model, scenario.prior_type
+                # These two are computed at first use.
+                _ = scenario.model
+                _ = scenario.prior_type
             except InvalidKeyError as error:
+                # The key stands in the filter's entry, or, if it has no model, in the scenario.
                 owner = keys[:2] if label in point.assumed else ("scenario",)
                 source.add_problem((*owner, *error.path), str(error))
                 return None
@@ -148,44 +159,56 @@ def check_idle(source: Source, points: list[Point]) -> None:
 
     Filters with other mistakes are left out: their methods may rely on what is mistaken.
     """
+    if not points:
+        return
     mistaken = [f"{problem.path}." for problem in source.problems]
-    for label in points[0].filters if points else ():
-        entries = "scenario.", f"{dotted(('filters', label))}."
-        if any(path.startswith(entries) for path in mistaken):
+    for label in points[0].filters:
+        entry = f"{dotted(('filters', label))}."
+        if any(path.startswith(("scenario.", entry)) for path in mistaken):
             continue
         trackers = [point.filters[label] for point in points]
-        every = [
+        # Reasons by key, at each point.
+        idle_keys = [
             call_hook(tracker.idle_keys, dict, point.assumed_scenario(label))
             for tracker, point in zip(trackers, points, strict=True)
         ]
-        for key, why in every[0].items():
+        for key, why in idle_keys[0].items():
             path = key.split(".")
             keys = ("filters", label, *path)
             is_set = source.has(keys) and source.at(keys) is not None
-            if not is_set or not all(key in idle for idle in every):
+            is_idle_everywhere = all(key in idle for idle in idle_keys)
+            if not is_set or not is_idle_everywhere:
                 continue
-            if not all(map(_is_usual, trackers, repeat(path))):
+            if not all(_has_usual_value(tracker, path) for tracker in trackers):
                 source.add_problem(keys, f"has no effect {why}; leave it out")
 
 
-def _is_usual(tracker: AnyFilter, path: list[str]) -> bool:
-    """Test whether a key has its default, or what a preset gives it."""
-    # Step down the path, in the filter and in each of its presets.
-    part: object = tracker
-    usual = list(tracker.presets.values())
-    for name in path[:-1]:
-        part = getattr(part, name, None)
-        usual = [cast(dict[str, object], preset.get(name, {})) for preset in usual]
-    if not is_dataclass(part):  # `assume` is no key of the class
+def _has_usual_value(tracker: AnyFilter, path: list[str]) -> bool:
+    """Test whether a key has its default, or the value that a preset gives it."""
+    # Step 1: follow the path to the key's owner, in the filter and in each of its presets.
+    *owners, name = path
+    owner: object = tracker
+    presets = list(tracker.presets.values())
+    for owner_name in owners:
+        owner = getattr(owner, owner_name, None)
+        presets = [cast(dict[str, object], preset.get(owner_name, {})) for preset in presets]
+    if not is_dataclass(owner):  # `assume` is no key of the class
         return False
-    defaults = [key.default for key in fields(part) if key.name == path[-1]]
-    return getattr(part, path[-1]) in (*defaults, *(preset.get(path[-1]) for preset in usual))
+    # Step 2: compare.
+    usual_values: list[object] = [key.default for key in fields(owner) if key.name == name]
+    usual_values += [preset.get(name) for preset in presets]
+    return getattr(owner, name) in usual_values
 
 
 def check_bound(source: Source, scenario: Scenario) -> None:
     """Check that a requested lower bound exists."""
-    if source.data.get("bound") is not None and (why := scenario.why_no_bound) is not None:
-        what = f"scenario {scenario.kind} has no lower bounds" + (f": {why}" if why else "")
+    if source.data.get("bound") is None:
+        return
+    why = scenario.why_no_bound
+    if why is not None:
+        what = f"scenario {scenario.kind} has no lower bounds"
+        if why:
+            what += f": {why}"
         source.add_problem(("bound",), what)
 
 
@@ -194,9 +217,19 @@ def check_exact(source: Source, settings: Settings, point: Point) -> None:
     for i, label in enumerate(settings.exact):
         if label not in point.filters:
             continue  # `only` leaves it out
-        tracker, assume = point.filters[label], point.assumed.get(label)
+        tracker = point.filters[label]
+        assume = point.assumed.get(label)
         with plugin_code(tracker, point.scenario, assume):
-            why = why_not_exact(BlockTask(point.scenario, tracker, 0, 0, 1, 1, assume=assume))
+            one_run = BlockTask(
+                scenario=point.scenario,
+                filter=tracker,
+                seed=0,
+                index=0,
+                width=1,
+                runs_used=1,
+                assume=assume,
+            )
+            why = why_not_exact(one_run)
         if why is not None:
             source.add_problem(("exact", i), f"{label} has no exact errors: {why}")
 
@@ -204,7 +237,8 @@ def check_exact(source: Source, settings: Settings, point: Point) -> None:
 def _add_conflicts(source: Source, keys: Keys, conflicts: dict[str, str]) -> None:
     """Add the problems that a component reports by key; an empty key means the component."""
     for key, what in conflicts.items():
-        source.add_problem((*keys, *key.split(".")) if key else keys, what)
+        place = (*keys, *key.split(".")) if key else keys
+        source.add_problem(place, what)
 
 
 def check_idle_settings(source: Source, settings: Settings, points: list[Point]) -> None:
@@ -217,33 +251,40 @@ def check_idle_settings(source: Source, settings: Settings, points: list[Point])
         source.add_key_problem(("min_runs",), "has no effect without `until`; leave it out")
     if settings.tuning != Settings.tuning and "tune" not in source.data:
         source.add_key_problem(("tuning",), "has no effect without `tune`; leave it out")
-    has_program = any(map(_is_program, settings.filters.values()))
+    has_program = any(_runs_program(entry) for entry in settings.filters.values())
     for key in ("files", "environment"):
         if getattr(settings, key) and not (settings.plugins or has_program):
             what = "is what plugins and programs read, and there are no `plugins`; leave it out"
             source.add_key_problem((key,), what)
 
 
-def _is_program(entry: object) -> bool:
+def _runs_program(entry: object) -> bool:
     """Test whether a filter's entry names a kind that runs a program."""
-    kind = entry.get("kind") if isinstance(entry, dict) else None
-    cls = kinds("filters").get(kind) if isinstance(kind, str) else None
+    if not isinstance(entry, dict):
+        return False
+    kind = entry.get("kind")
+    if not isinstance(kind, str):
+        return False
+    cls = kinds("filters").get(kind)
     return cls is not None and issubclass(cls, Filter) and cls.runs_program
 
 
 def check_problem(source: Source, settings: Settings) -> None:
     """Check that a standard problem's reference is a filter or the bound."""
-    label = settings.problem.reference if settings.problem else None
-    if label not in (None, *settings.filters, settings.bound):
-        add_label_problem(source, settings, ("problem", "reference"), str(label))
+    if settings.problem is None:
+        return
+    label = settings.problem.reference
+    if label is not None and label not in (*settings.filters, settings.bound):
+        add_label_problem(source, settings, ("problem", "reference"), label)
 
 
 def check_key_figure(source: Source, settings: Settings) -> None:
     """Check that the report's key figure is one of the experiment's."""
     name = settings.key_figure
     if name is not None and name not in settings.figures:
-        figures = [*settings.figures]
-        hint = unknown(name, figures) if figures else "there are none: leave this key out"
+        hint = "there are none: leave this key out"
+        if settings.figures:
+            hint = unknown(name, list(settings.figures))
         source.add_problem(("key_figure",), f"{name!r} is not a figure here; {hint}")
 
 
@@ -254,30 +295,38 @@ def check_named_filters(
 
     They do under ``filters``, under what they declare as ``label_keys``, and in measures that compare.
     """
+    known_labels = [*settings.filters, settings.bound]
+    known_labels += [exact_label(label) for label in settings.exact]
+    first_tuned = next(iter(settings.tune), "")
     for name, part in parts.items():
-        named: list[tuple[Keys, str]] = []
+        named_labels: list[tuple[Keys, str]] = []
+        # Step 1: labels under `filters` and under the declared keys.
         for key in ("filters", *part.label_keys):
-            leaves = _leaves(getattr(part, key), (group, name, key))
-            named += [(where, leaf) for where, leaf in leaves if isinstance(leaf, str)]
+            for where, leaf in _walk_leaves(getattr(part, key), (group, name, key)):
+                if isinstance(leaf, str):
+                    named_labels.append((where, leaf))
+        # Step 2: labels in measures that compare with another filter.
         for key, value in field_values(part).items():
-            for where, leaf in _leaves(value, (group, name, key)):
-                if isinstance(leaf, Measure) and leaf.other:
-                    named.append((where, leaf.other))
-                    known = leaf.other in settings.exact and is_exact(leaf)
-                    if leaf.relation == "controlled" and not known:
-                        what = f"'{leaf}' needs a filter of `exact` and a mean of squares"
-                        source.add_problem(where, f"{what}, such as rms(rmse) or anees")
-        shown = getattr(part, "filter", next(iter(settings.tune), ""))
-        if part.kind == "tuning" and shown not in settings.tune:
-            what = f"{shown!r} is not tuned" if shown else "no filter is tuned"
+            for where, leaf in _walk_leaves(value, (group, name, key)):
+                if not isinstance(leaf, Measure) or not leaf.other:
+                    continue
+                named_labels.append((where, leaf.other))
+                has_exact_value = leaf.other in settings.exact and is_exact(leaf)
+                if leaf.relation == "controlled" and not has_exact_value:
+                    what = f"'{leaf}' needs a filter of `exact` and a mean of squares"
+                    source.add_problem(where, f"{what}, such as rms(rmse) or anees")
+        # Step 3: the filter whose tuning is shown.
+        shown_filter = getattr(part, "filter", first_tuned)
+        if part.kind == "tuning" and shown_filter not in settings.tune:
+            what = f"{shown_filter!r} is not tuned" if shown_filter else "no filter is tuned"
             source.add_problem((group, name), f"{what}; name its keys under `tune`")
-        for where, label in named:
-            if label not in (*settings.filters, settings.bound, *map(exact_label, settings.exact)):
+        for where, label in named_labels:
+            if label not in known_labels:
                 add_label_problem(source, settings, where, label)
 
 
-def _leaves(value: object, where: Keys) -> Iterator[tuple[Keys, object]]:
-    """Yield every label and measure in what a key holds, and where it stands."""
+def _walk_leaves(value: object, where: Keys) -> Iterator[tuple[Keys, object]]:
+    """Yield every label and measure within the value of a key, after the keys that lead to it."""
     inner: dict[str | int, object] = {}
     if isinstance(value, dict):
         inner = value
@@ -288,7 +337,7 @@ def _leaves(value: object, where: Keys) -> Iterator[tuple[Keys, object]]:
     else:
         yield where, value
     for key, part in inner.items():
-        yield from _leaves(part, (*where, key))
+        yield from _walk_leaves(part, (*where, key))
 
 
 def add_label_problem(source: Source, settings: Settings, where: Keys, label: str) -> None:
@@ -305,10 +354,12 @@ def check_drawable(
 ) -> None:
     """Add the conflicts of tables and figures with these points.
 
-    Those of a plugin wait until all filters are without mistakes, since its code expects filters.
+    A plugin's exhibits are checked only once no filter has mistakes, since its code expects filters.
     """
+    if not points:
+        return
     is_complete = all(None not in point.filters.values() for point in points)
-    for name, part in parts.items() if points else ():
+    for name, part in parts.items():
         if is_foreign(part) and not is_complete:
             continue
         _add_conflicts(source, (group, name), exhibit_conflicts(part, points))
@@ -322,9 +373,11 @@ def check_figures(
     limits = {"run": settings.runs, "component": min(sizes, default=1)}
     for name, figure in figures.items():
         for key in figure.numbers:
-            number, most = getattr(figure, key), limits[key]
+            number = getattr(figure, key)
+            most = limits[key]
             if number > most:
-                what = f"{number} is more than the {most} there {'are' if most > 1 else 'is'}"
+                verb = "are" if most > 1 else "is"
+                what = f"{number} is more than the {most} there {verb}"
                 source.add_problem(("figures", name, key), what)
 
 
@@ -338,6 +391,8 @@ def with_recorded_runs(source: Source, settings: Settings, points: list[Point]) 
         most = settings.runs
     elif "runs" in source.data and source.mark(("runs",)).file != QUICK:
         source.add_problem(("runs",), f"{settings.runs} is more than the {most} recorded runs")
-    # There will never be more: a wider block would filter runs that are not there.
-    block = settings.block or (None if settings.until else "fit")
+    block = settings.block
+    if block is None and not settings.until:
+        # There will never be more runs, and a wider block would filter runs that do not exist.
+        block = "fit"
     return replace(settings, runs=most, block=block)

@@ -3,7 +3,6 @@
 import os
 from collections.abc import Callable
 from dataclasses import asdict, fields, is_dataclass
-from itertools import chain
 from pathlib import Path
 from typing import Any, TypeAlias, cast
 
@@ -32,98 +31,134 @@ def resolved(experiment: Experiment, folder: Path) -> PlainData:
     that tables, figures and published numbers can name it. Paths are relative to ``folder``, where the
     config is to be written.
     """
-    first, without_defaults = experiment.points[0], _with_varied_defaults(experiment)
-    # Without these keys, configs stay as they are in older results folders.
+    first = experiment.points[0]
+    without_defaults = _components_with_varied_defaults(experiment)
+    # Unless they are set, these keys are left out, as configs of older results folders lack them.
     optional = ("exact", "smoothed", "problem", "matters", "files", "environment")
-    out = {key: x for key, x in asdict(experiment.settings).items() if x or key not in optional}
+    config: PlainData = {}
+    for key, value in asdict(experiment.settings).items():
+        if value or key not in optional:
+            config[key] = value
 
     def relative(path: str) -> str:
+        """Write a path relative to the folder; other words stay as they are."""
         if os.path.isabs(path):
             return path_from(path, folder)
         # A word as --table=/home/me/file.csv
-        name, equals, value = path.partition("=")
-        return f"{name}{equals}{path_from(value, folder)}" if os.path.isabs(value) else path
+        option, equals, value = path.partition("=")
+        if os.path.isabs(value):
+            return f"{option}{equals}{path_from(value, folder)}"
+        return path
 
-    def written(part: Part, keys: Keys) -> object:
-        full = as_config(part, relative)
-        return _only_set(full, experiment.source.at(keys)) if keys in without_defaults else full
+    def write_component(component: Part, keys: Keys) -> object:
+        """Write a component, with its defaults unless these vary."""
+        full = as_config(component, relative)
+        if keys in without_defaults:
+            return _keep_set_keys(full, experiment.source.at(keys))
+        return full
 
     # Step 1: files and scenario.
-    out["plugins"] = [relative(plugin.path) for plugin in experiment.plugins]
+    config["plugins"] = [relative(plugin.path) for plugin in experiment.plugins]
     if experiment.plugins and experiment.settings.files:
-        out["files"] = [relative(name) for name, _ in experiment.plugins[0].files]
+        config["files"] = [relative(name) for name, _ in experiment.plugins[0].files]
     elif not experiment.plugins:
-        # The entries of programs have what is declared for all of them.
-        out.pop("files", None)
-        out.pop("environment", None)
+        # The entries of programs already have the files and variables declared for all of them.
+        config.pop("files", None)
+        config.pop("environment", None)
     # A results folder holds copies of the files under these names, so that it stands alone.
-    out["published"] = [f"published/{name}" for name in experiment.published.files]
-    out["scenario"] = written(first.scenario, ("scenario",))
-    changes = out["tuning"].pop("scenario")  # the other keys are those of the scenario
+    config["published"] = [f"published/{name}" for name in experiment.published.files]
+    config["scenario"] = write_component(first.scenario, ("scenario",))
+    # The training scenario has only the keys that differ from the scenario's.
+    changes = config["tuning"].pop("scenario")
     if changes is not None and experiment.training is not None:
         whole = as_config(experiment.training.scenario, relative)
-        out["tuning"]["scenario"] = _only_set(whole, changes)
+        config["tuning"]["scenario"] = _keep_set_keys(whole, changes)
     # Step 2: filters, tables and figures.
-    every = first.filters | experiment.left_out
-    filters = {label: every[label] for label in experiment.settings.filters}
+    all_filters = first.filters | experiment.left_out
+    filters = {label: all_filters[label] for label in experiment.settings.filters}
     groups = cast("dict[str, PlainData]", {"filters": filters} | experiment.parts)
-    for group, built in groups.items():
-        out[group] = {name: written(part, (group, name)) for name, part in built.items()}
-    if out["key_figure"] not in out["figures"]:  # a sweep has figures of its own
-        out["key_figure"] = None
+    for group, components in groups.items():
+        config[group] = {}
+        for name, component in components.items():
+            config[group][name] = write_component(component, (group, name))
+    if config["key_figure"] not in config["figures"]:  # a sweep has figures of its own
+        config["key_figure"] = None
     # Step 3: filter models.
     for label, assume in first.assumed.items():
         assumed: object = entry_keys(assume, relative)
         if ("filters", label) in without_defaults:
             entry = experiment.source.at(("filters", label))
-            assumed = _only_set(assumed, {key: entry[key] for key in ENTRY_KEYS if key in entry})
-        out["filters"][label] |= assumed
-    return out
+            set_keys = {key: entry[key] for key in ENTRY_KEYS if key in entry}
+            assumed = _keep_set_keys(assumed, set_keys)
+        config["filters"][label] |= assumed
+    return config
 
 
 def entry_keys(assume: Assume, shown: Callable[[str], str] = str) -> PlainData:
-    """Return the keys of a filter's entry that give these assumptions."""
+    """Return the keys of a filter's entry that give these assumptions.
+
+    ``shown`` writes the path of a data file.
+    """
     assumed = {k: v for k, v in as_config(assume, shown).items() if v is not None}
-    late = {"late": assumed.pop("late")} if "late" in assumed else {}
-    return ({"assume": assumed} if assumed or not late else {}) | late
+    late = assumed.pop("late", None)
+    entry: PlainData = {}
+    if assumed or late is None:
+        entry["assume"] = assumed
+    if late is not None:
+        entry["late"] = late
+    return entry
 
 
 def data_files(experiment: Experiment, folder: Path) -> dict[str, Path]:
     """List the data files that a results folder has, by name: those from Python, and its own."""
-    names: dict[str, Path] = {}
+    path_by_name: dict[str, Path] = {}
 
-    def read(path: str) -> str:
-        return str(names.setdefault(path_from(path, folder), Path(path)))
+    def note_path(path: str) -> str:
+        """Note a data file as its path is written."""
+        path_by_name.setdefault(path_from(path, folder), Path(path))
+        return path
 
     for point in experiment.points:
-        as_config(point.scenario, read)
-    return {name: path for name, path in names.items() if Path(name).name == name}
+        as_config(point.scenario, note_path)
+    return {name: path for name, path in path_by_name.items() if Path(name).name == name}
 
 
 def data_from_python(experiment: Experiment, folder: Path) -> list[str]:
     """Name the data files that the run writes into the folder."""
-    named = data_files(experiment, folder).items()
-    return [name for name, path in named if path.resolve() != (folder / name).resolve()]
+    names = []
+    for name, path in data_files(experiment, folder).items():
+        if path.resolve() != (folder / name).resolve():
+            names.append(name)
+    return names
 
 
-def _with_varied_defaults(experiment: Experiment) -> set[Keys]:
+def _components_with_varied_defaults(experiment: Experiment) -> set[Keys]:
     """Find the paths of components whose kind or preset the grid or tuning varies."""
+    # Step 1: every path that varies.
     settings = experiment.settings
-    paths = list(chain.from_iterable(map(single_paths, settings.grid)))
+    paths = []
+    for joint_path in settings.grid:
+        paths += single_paths(joint_path)
     for label, keys in settings.tune.items():
-        for of in (label, tuned_label(label)):
-            paths += [f"filters.{of}.{key}" for key in keys]
-    varied = [split_path(experiment.source, path) for path in paths]
-    varied = [keys for keys in varied if keys[-1] in ("kind", "preset")]
-    return {keys[:1] if keys[0] == "scenario" else keys[:2] for keys in varied}
+        for filter_label in (label, tuned_label(label)):
+            paths += [f"filters.{filter_label}.{key}" for key in keys]
+    # Step 2: the components of those that end in a kind or preset.
+    components = set()
+    for path in paths:
+        path_keys = split_path(experiment.source, path)
+        if path_keys[-1] not in ("kind", "preset"):
+            continue
+        is_of_scenario = path_keys[0] == "scenario"
+        components.add(path_keys[:1] if is_of_scenario else path_keys[:2])
+    return components
 
 
-def _only_set(full: object, config: object) -> object:
+def _keep_set_keys(full: object, config: object) -> object:
     """Reduce ``full`` to the keys that the config sets."""
     if isinstance(full, dict) and isinstance(config, dict):
-        return {key: _only_set(full.get(key, value), value) for key, value in config.items()}
+        return {key: _keep_set_keys(full.get(key, value), value) for key, value in config.items()}
     if isinstance(full, list) and isinstance(config, list):
-        return [_only_set(*pair) for pair in zip(full, config, strict=True)]
+        return [_keep_set_keys(*pair) for pair in zip(full, config, strict=True)]
     return full
 
 
@@ -142,7 +177,9 @@ def as_yaml(data: object) -> str:
 class _Dumper(yaml.SafeDumper):
     def represent_word(self, word: str) -> yaml.ScalarNode:
         """Represent a word, in quotes if YAML 1.2 would read it as a number, such as 1e5."""
-        quote = "'" if scalar(word) != word else None
+        quote = None
+        if scalar(word) != word:
+            quote = "'"
         if "\x85" in word:  # a line break in YAML, which only double quotes can express
             quote = '"'
         return self.represent_scalar("tag:yaml.org,2002:str", word, style=quote)
@@ -151,16 +188,25 @@ class _Dumper(yaml.SafeDumper):
 _Dumper.add_representer(str, _Dumper.represent_word)
 
 
-def as_config(part: Part | Assume, shown: Callable[[str], str] = str) -> PlainData:
-    """Write a registered dataclass as the mapping that makes it; ``shown`` is how paths are written."""
-    files = file_keys(type(part))
-    out: PlainData = {"kind": part.kind} if isinstance(part, Part) else {}
-    for key in (field for field in fields(part) if field.init):
-        value = getattr(part, key.name)
-        if key.name in files and value is not None:
-            value = shown(value) if isinstance(value, str) else [shown(path) for path in value]
-        out[key.name] = _plain(value, shown)
-    return _without_unset(part, out)
+def as_config(component: Part | Assume, shown: Callable[[str], str] = str) -> PlainData:
+    """Write a registered dataclass as the mapping that makes it.
+
+    ``shown`` writes the path of a data file.
+    """
+    names_of_files = file_keys(type(component))
+    mapping: PlainData = {}
+    if isinstance(component, Part):
+        mapping["kind"] = component.kind
+    for field in fields(component):
+        if not field.init:
+            continue
+        value = getattr(component, field.name)
+        if field.name in names_of_files and isinstance(value, str):
+            value = shown(value)
+        elif field.name in names_of_files and value is not None:
+            value = [shown(path) for path in value]
+        mapping[field.name] = _as_plain_data(value, shown)
+    return _without_unset_later_keys(component, mapping)
 
 
 _LATER = (
@@ -177,29 +223,32 @@ _LATER = (
 )
 """Keys that older results folders lack: left out if unset, so that their configs stay as they are."""
 _LATER_WITH_DEFAULT = ("gate_by",)
-"""Such keys whose default is a word: left out at the default."""
+"""Keys of this kind whose default is a word: left out at the default."""
 
 
-def _without_unset(part: Any, keys: PlainData) -> PlainData:
+def _without_unset_later_keys(component: Any, values: PlainData) -> PlainData:
     """Leave out keys that older results folders lack, if they are unset."""
-    defaults = {key_of(key.name): key.default for key in fields(part)}
-    kept = {}
-    for key, value in keys.items():
+    defaults = {key_of(field.name): field.default for field in fields(component)}
+    remaining = {}
+    for key, value in values.items():
         is_unset = key in _LATER and not value and not defaults[key]
         is_default = key in _LATER_WITH_DEFAULT and value == defaults[key]
         if not (is_unset or is_default):
-            kept[key] = value
-    return kept
+            remaining[key] = value
+    return remaining
 
 
-def _plain(value: object, shown: Callable[[str], str]) -> object:
+def _as_plain_data(value: object, shown: Callable[[str], str]) -> object:
+    """Write the value of a key with mappings, lists and scalars."""
+    if isinstance(value, Part):
+        return as_config(value, shown)
     if is_dataclass(value) and not isinstance(value, type):
-        if isinstance(value, Part):
-            return as_config(value, shown)
-        keys = {key_of(name): x for name, x in field_values(value).items()}
-        value = _without_unset(value, keys)
+        by_key = {key_of(name): inner for name, inner in field_values(value).items()}
+        value = _without_unset_later_keys(value, by_key)
     if isinstance(value, Measure):
         return str(value)
     if isinstance(value, dict):
-        return {k: _plain(v, shown) for k, v in value.items()}
-    return [_plain(v, shown) for v in value] if isinstance(value, list | tuple) else value
+        return {key: _as_plain_data(inner, shown) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_as_plain_data(inner, shown) for inner in value]
+    return value

@@ -21,23 +21,24 @@ from trackbench.yaml_source import Source, scalar
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)]
 
 
-def _error(value: float | str) -> float | str:
+def _check_error(value: float | str) -> float | str:
     """Check a standard error, or a share of its number; raises ValueError."""
-    number = 0.0
+    number = 0.0  # a word that is no share
     if not isinstance(value, str):
         number = value
     elif value.endswith("%"):
-        share = scalar(value.removesuffix("%").strip())
-        number = share if is_number(share) else 0.0
+        percent = scalar(value.removesuffix("%").strip())
+        if is_number(percent):
+            number = percent
     if not 0.0 < number < float("inf"):
         raise ValueError("give a number greater than 0, or a share of the value such as 1%")
     return value
 
 
-Error = Annotated[float | str, AfterValidator(_error)]
-"""How exact a number is to be: 0.02, or 1% of it."""
+Error = Annotated[float | str, AfterValidator(_check_error)]
+"""Standard error that a number may have: 0.02, or 1% of the number."""
 
-Share = Annotated[float | str, AfterValidator(_error)]
+Share = Annotated[float | str, AfterValidator(_check_error)]
 """A share of a number: 0.05, or 5%."""
 
 _DEFAULT_TUNING = Tuning()
@@ -157,7 +158,7 @@ class Point:
 
 
 class Labeled:
-    """Base of what holds labels of filters."""
+    """Base of classes with keys that hold labels of filters."""
 
     label_keys: ClassVar[tuple[str, ...]] = ()
     """keys, beside ``filters``, that hold labels, alone or in mappings and lists"""
@@ -175,7 +176,18 @@ class Exhibit(Labeled, Part):
         return None
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
-        """Return reasons why these points cannot be shown, by key (``""``: the exhibit as a whole)."""
+        """Return reasons why these points cannot be shown, by key (``""``: the exhibit as a whole).
+
+        Parameters
+        ----------
+        points
+            the points of the experiment's grid, each with its scenario and filters
+
+        Returns
+        -------
+        dict
+            reasons by key of the exhibit; the key ``""`` stands for the exhibit as a whole
+        """
         return {}
 
 
@@ -188,7 +200,9 @@ class DrawnExhibit(Exhibit):
     @property
     def shown_runs(self) -> int:
         """Number of runs whose tracks must be stored: up to the key ``run``, if it is in `numbers`."""
-        return int(getattr(self, "run", 0)) if "run" in self.numbers else 0
+        if "run" not in self.numbers:
+            return 0
+        return int(getattr(self, "run", 0))
 
     @property
     def shown_covariances(self) -> bool:
@@ -247,10 +261,17 @@ class Experiment:
     def shown_particles(self) -> tuple[int, int] | None:
         """First and last step of which a figure needs those runs' particles."""
         spans = [f.shown_particles for f in self.figures.values() if f.shown_particles]
-        return (min(a for a, _ in spans), max(b for _, b in spans)) if spans else None
+        if not spans:
+            return None
+        first_step = min(first for first, _ in spans)
+        last_step = max(last for _, last in spans)
+        return first_step, last_step
 
     def title_of(self, key: tuple[int, str]) -> str:
-        """Name a filter at a grid point, for people."""
-        values = self.points[key[0]].values
-        at_point = ", ".join(f"{path} = {value}" for path, value in values.items())
-        return f"{key[1]} at {at_point}" if at_point else key[1]
+        """Name a filter at a grid point, for people; ``key`` is the point's number and the label."""
+        point_number, label = key
+        values = self.points[point_number].values
+        if not values:
+            return label
+        point = ", ".join(f"{path} = {value}" for path, value in values.items())
+        return f"{label} at {point}"

@@ -10,8 +10,8 @@ from trackbench.models.sensors.base import Assume
 from trackbench.scenarios.base import Scenario
 from trackbench.yaml_source import Keys, Source, dotted
 
-_OF_REFERENCE = {"faults", "delay", "late"}
-"""Assumptions that leave the true model."""
+_KEYS_WITH_TRUE_MODEL = {"faults", "delay", "late"}
+"""Keys of ``assume`` that leave the true model, so that the reference filter may have them."""
 
 
 def read_assumed(source: Source, label: str) -> Assume | None:
@@ -19,32 +19,39 @@ def read_assumed(source: Source, label: str) -> Assume | None:
     entry = source.data["filters"][label]
     if not isinstance(entry, dict):
         return None
-    assume, keys = None, ("filters", label, "assume")
+    entry_place = ("filters", label)
+    # Step 1: the filter model under `assume`.
+    assume = None
     if entry.get("assume") is not None:
+        keys = (*entry_place, "assume")
         is_mapping = isinstance(entry["assume"], dict)
-        is_true = is_mapping and {*entry["assume"]} <= _OF_REFERENCE
-        if label == source.data.get("reference") and not is_true:
+        is_true_model = is_mapping and set(entry["assume"]) <= _KEYS_WITH_TRUE_MODEL
+        if label == source.data.get("reference") and not is_true_model:
             what = "the reference filter uses the true model; leave this key out"
             source.add_key_problem(keys, what)
         if not is_mapping:
             source.add_problem(keys, "is not a mapping")
             return None
         assume = build(Assume, source, keys)
+    # Step 2: the treatment of late measurements, if it stands beside `assume`.
     if entry.get("late") is None:
         return assume
-    late = build(Assume, source, keys[:2], {"late": entry["late"]})
-    if late is None or assume is None:
-        return late
+    with_late = build(Assume, source, entry_place, {"late": entry["late"]})
+    if with_late is None or assume is None:
+        return with_late
     if assume.delay or assume.late:
-        source.add_key_problem((*keys[:2], "late"), "has no effect beside `assume`; leave one out")
+        source.add_key_problem(
+            (*entry_place, "late"), "has no effect beside `assume`; leave one out"
+        )
         return assume
-    return replace(assume, late=late.late)
+    return replace(assume, late=with_late.late)
 
 
 def check_late(source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenario) -> None:
     """Check that a filter has a treatment of late measurements, and that it can apply it."""
-    mistaken = tuple(dotted((*keys, key)) for key in ENTRY_KEYS)
-    if any(problem.path.startswith(mistaken) for problem in source.problems):
+    # With mistakes in these keys, the scenario's treatment is unknown.
+    entry_paths = tuple(dotted((*keys, key)) for key in ENTRY_KEYS)
+    if any(problem.path.startswith(entry_paths) for problem in source.problems):
         return
     try:
         late = scenario.late
@@ -60,10 +67,13 @@ def check_idle_late(source: Source, points: list[Point]) -> None:
     """Reject delays and treatments of late measurements that filters assume where all arrive on time."""
     if not points or any(point.scenario.longest_delay for point in points):
         return
-    owners: list[Keys] = [("scenario",), *(("filters", label) for label in points[0].filters)]
-    places = [(*owner, "late") for owner in owners[1:]]
-    for owner in owners:
-        places += [(*owner, "assume", "delay"), (*owner, "assume", "late")]
+    # Step 1: the places of these keys, in each filter's entry and in each filter model.
+    entries: list[Keys] = [("filters", label) for label in points[0].filters]
+    places = [(*entry, "late") for entry in entries]
+    for owner in [("scenario",), *entries]:
+        places.append((*owner, "assume", "delay"))
+        places.append((*owner, "assume", "late"))
+    # Step 2: those that are set.
     for keys in places:
         if source.has(keys) and source.at(keys) is not None:
             what = "has no effect: all measurements arrive on time; add a `delay` to a sensor"

@@ -8,7 +8,7 @@ import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import product
 from math import prod
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 from trackbench.config.checks import add_label_problem
 from trackbench.config.experiment import Settings
@@ -39,7 +39,8 @@ def filters_of(path: str, labels: Iterable[str]) -> list[str]:
     varied = []
     for single in single_paths(path):
         matches = [label for label in labels if single.startswith(f"filters.{label}.")]
-        varied += [max(matches, key=len)] if matches else []
+        if matches:
+            varied.append(max(matches, key=len))
     return varied
 
 
@@ -52,28 +53,47 @@ def independent_filter_paths(
     grid: Iterable[str], labels: Collection[str], reference: str | None
 ) -> list[list[str]]:
     """Group paths that vary filters by themselves, together where they have a filter in common."""
-    # Each group: its filters, and the paths that vary them.
-    groups: list[tuple[set[str], list[str]]] = []
+    groups: list[_FilterGroup] = []
     for path in grid:
-        varied = set(filters_of(path, labels))
-        if is_of_scenario(path) or reference in varied:
+        varied_filters = set(filters_of(path, labels))
+        if is_of_scenario(path) or reference in varied_filters:
             continue
         # A path of filters in several groups joins these groups.
-        joined, paths = varied, [path]
-        for group in [group for group in groups if group[0] & varied]:
-            groups.remove(group)
-            joined, paths = joined | group[0], [*group[1], *paths]
-        groups.append((joined, paths))
-    return [paths for _, paths in groups]
+        joined = _FilterGroup(filters=varied_filters, paths=[path])
+        separate = []
+        for group in groups:
+            if group.filters & varied_filters:
+                joined = _FilterGroup(
+                    filters=joined.filters | group.filters, paths=group.paths + joined.paths
+                )
+            else:
+                separate.append(group)
+        groups = [*separate, joined]
+    return [group.paths for group in groups]
 
 
-def _varied_together(
+class _FilterGroup(NamedTuple):
+    """Filters that vary together, and the paths that vary them."""
+
+    filters: set[str]
+    paths: list[str]
+
+
+def _paths_varied_together(
     grid: Mapping[str, object], labels: Collection[str], reference: str | None, every: bool
 ) -> list[set[str]]:
-    """Return the paths varied by each filter group; those that all filters depend on are in each."""
-    apart = [] if every else independent_filter_paths(grid, labels, reference)
-    independent = set[str]().union(*apart)
-    return [(grid.keys() - independent) | {*paths} for paths in apart or [[]]]
+    """Return the paths varied by each filter group; those that all filters depend on are in each.
+
+    With ``every`` there is one group of all paths: every combination of the values is a point.
+    """
+    if every:
+        return [set(grid)]
+    path_groups = independent_filter_paths(grid, labels, reference)
+    if not path_groups:
+        return [set(grid)]
+    independent = set[str]().union(*path_groups)
+    shared = grid.keys() - independent
+    return [shared | set(paths) for paths in path_groups]
 
 
 def combinations(
@@ -87,8 +107,12 @@ def combinations(
     While one group is varied, the others keep their first values.
     """
     points: set[Places] = set()
-    for varied in _varied_together(grid, labels, reference, every):
-        points |= set(product(*(range(len(v) if p in varied else 1) for p, v in grid.items())))
+    for varied_paths in _paths_varied_together(grid, labels, reference, every):
+        value_numbers = []
+        for path, values in grid.items():
+            number_of_values = len(values) if path in varied_paths else 1
+            value_numbers.append(range(number_of_values))
+        points |= set(product(*value_numbers))
     return sorted(points)
 
 
@@ -99,12 +123,14 @@ def number_of_points(
     every: bool,
 ) -> int:
     """Count the points of `combinations` without building them."""
-    groups = _varied_together(grid, labels, reference, every)
-    lengths = {path: len(values) for path, values in grid.items()}
-    in_all = set[str].intersection(*groups)
-    *sizes, shared = (prod(map(lengths.__getitem__, paths)) for paths in (*groups, in_all))
+    groups = _paths_varied_together(grid, labels, reference, every)
+
+    def count_combinations(paths: set[str]) -> int:
+        return prod(len(grid[path]) for path in paths)
+
     # Points at which every filter has its first values are in all groups, and count once.
-    return sum(sizes) - (len(groups) - 1) * shared
+    in_all_groups = count_combinations(set[str].intersection(*groups))
+    return sum(count_combinations(paths) for paths in groups) - (len(groups) - 1) * in_all_groups
 
 
 _MOST_POINTS = 10_000
@@ -115,7 +141,7 @@ def grid_points(
 ) -> list[tuple[dict[str, object], dict[str, Mark]]]:
     """List each point's values by path, with their positions."""
     grid = settings.grid
-    if not _is_possible(source, settings):
+    if not _check_grid(source, settings):
         return []
     points = []
     for numbers in combinations(grid, settings.filters, settings.reference, settings.product):
@@ -127,17 +153,20 @@ def grid_points(
 
 
 def apply_point(source: Source, values: dict[str, object], marks: dict[str, Mark]) -> None:
-    """Give the config the values of one point, which stand at these marks."""
-    for joint, value in values.items():
-        for path, single in zip(single_paths(joint), values_of(joint, value), strict=True):
-            override(source, split_path(source, path), single, marks[joint])
+    """Set the values of one point in the config; ``marks`` are their positions."""
+    for joint_path, joint_value in values.items():
+        paths = single_paths(joint_path)
+        for path, value in zip(paths, values_of(joint_path, joint_value), strict=True):
+            override(source, split_path(source, path), value, marks[joint_path])
 
 
-def _is_possible(source: Source, settings: Settings) -> bool:
+def _check_grid(source: Source, settings: Settings) -> bool:
+    """Add the grid's mistakes to the source; return False if its points cannot be listed."""
     grid = settings.grid
     for path, values in grid.items():
         where = ("grid", path)
-        for keys in (split_path(source, single) for single in single_paths(path)):
+        for single_path in single_paths(path):
+            keys = split_path(source, single_path)
             if keys[:1] not in [("scenario",), ("filters",)] or len(keys) < 2:
                 source.add_key_problem(where, "a grid varies scenario.KEY or filters.LABEL.KEY")
                 return False
@@ -159,15 +188,20 @@ def _is_possible(source: Source, settings: Settings) -> bool:
 
 def _has_overlaps(source: Source, grid: dict[str, list[object]]) -> bool:
     """Reject two axes that set the same value, as one would overwrite the other."""
-    before, axis_of = len(source.problems), dict[Keys, str]()
+    has_overlaps = False
+    axis_by_keys: dict[Keys, str] = {}
     for path in grid:
-        for keys in (split_path(source, single) for single in single_paths(path)):
-            for other, axis in axis_of.items():
-                if all(a == b for a, b in zip(keys, other, strict=False)):
-                    what = f"{dotted(max(keys, other, key=len))} is varied by {axis!r}, too"
+        for single_path in single_paths(path):
+            keys = split_path(source, single_path)
+            for earlier_keys, axis in axis_by_keys.items():
+                # One path leads to a value that is within the other's.
+                if all(a == b for a, b in zip(keys, earlier_keys, strict=False)):
+                    inner_keys = max(keys, earlier_keys, key=len)
+                    what = f"{dotted(inner_keys)} is varied by {axis!r}, too"
                     source.add_key_problem(("grid", path), what)
-            axis_of[keys] = path
-    return len(source.problems) > before
+                    has_overlaps = True
+            axis_by_keys[keys] = path
+    return has_overlaps
 
 
 _RANGE = re.compile(rf"{RANGE}:([0-9]{{1,9}})")
@@ -199,13 +233,19 @@ def axis_values(text: str, mark: Mark) -> Sequence[object]:
         raise UserError(Problem(mark, "", f"{number} values: write 1 to {_MOST_VALUES}"))
     if log and not (float(first) > 0 and float(last) > 0):
         raise UserError(Problem(mark, "", "a logarithmic range has ends above zero"))
-    shares = [i / (int(number) - 1) if int(number) > 1 else 0.0 for i in range(int(number))]
-    low, high = float(first), float(last)
-    spaced = [low * (high / low) ** s if log else low + (high - low) * s for s in shares]
-    values = [float(f"{value:.12g}") for value in spaced]  # 0.3, not 0.30000000000000004
-    # Between whole ends, values that are whole but for rounding are whole numbers.
+    low = float(first)
+    high = float(last)
+    intervals = max(int(number) - 1, 1)
+    values = []
+    for i in range(int(number)):
+        share = i / intervals
+        value = low * (high / low) ** share if log else low + (high - low) * share
+        values.append(float(f"{value:.12g}"))  # 0.3, not 0.30000000000000004
+    # Between whole ends, values that are whole except for rounding are whole numbers.
     if isinstance(scalar(first), int) and isinstance(scalar(last), int):
-        whole = [round(v) for v in values]
-        if all(abs(v - w) < 1e-9 * max(1.0, abs(v)) for v, w in zip(values, whole, strict=True)):
+        whole = [round(value) for value in values]
+        distances = [abs(value - near) for value, near in zip(values, whole, strict=True)]
+        limits = [1e-9 * max(1.0, abs(value)) for value in values]
+        if all(distance < limit for distance, limit in zip(distances, limits, strict=True)):
             return whole
     return values

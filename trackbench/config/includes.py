@@ -1,6 +1,6 @@
 """Put a config together: include components from other files, and override keys by path."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,21 +28,23 @@ _GROUPS: dict[str, Group] = {
     "tables": "tables",
     "figures": "figures",
 }
-_PARTS = ("filters", "tables", "figures")
-_DEEPEST = 10  # files that use another file
+_GROUPS_BY_LABEL = ("filters", "tables", "figures")
+_MOST_NESTED_FILES = 10  # files that use another file
 
 
 def inline_parts(source: Source, folder: Path) -> dict[str, list[Problem]]:
     """Replace every path, and every ``{use: path, ...}``, by the mapping in that file.
 
-    A part that cannot be read becomes an empty mapping; why is returned under its path.
+    A component that cannot be read becomes an empty mapping. The reasons are returned by its path.
     """
     # Step 1: where a component may stand.
-    places: list[Keys] = [("scenario",)] if "scenario" in source.data else []
+    places: list[Keys] = []
+    if "scenario" in source.data:
+        places.append(("scenario",))
     tuning = source.data.get("tuning")
     if isinstance(tuning, dict) and tuning.get("scenario") is not None:
         places.append(("tuning", "scenario"))
-    for group in _PARTS:
+    for group in _GROUPS_BY_LABEL:
         if isinstance(source.data.get(group), dict):
             places += [(group, label) for label in source.data[group]]
     # Step 2: replace each by its file, then those within it.
@@ -60,14 +62,20 @@ def inline_parts(source: Source, folder: Path) -> dict[str, list[Problem]]:
 
 
 def _include_nested(source: Source, keys: Keys, depth: int) -> None:
-    """Include the components within a component; paths are relative to their file."""
+    """Include the components within a component; paths are relative to their file.
+
+    ``depth`` is the number of files around this component.
+    """
     data = source.at(keys)
-    inner: Iterable[str | int] = data if isinstance(data, dict) else range(len(data))
-    for key in list(inner):
-        value, place = data[key], (*keys, key)
+    inner_keys: list[str | int] = list(data) if isinstance(data, dict) else [*range(len(data))]
+    for key in inner_keys:
+        value = data[key]
+        place = (*keys, key)
         is_file = isinstance(value, str) and key != "use" and value.endswith((".yaml", ".yml"))
-        if is_file or (isinstance(value, dict) and "use" in value):
-            _inline(source, place, Path(source.mark(place).file).parent, depth + 1)
+        uses_file = isinstance(value, dict) and "use" in value
+        if is_file or uses_file:
+            folder = Path(source.mark(place).file).parent
+            _inline(source, place, folder, depth + 1)
             _include_nested(source, place, depth + 1)
         elif isinstance(value, dict | list):
             _include_nested(source, place, depth)
@@ -77,7 +85,9 @@ def override(source: Source, keys: Keys, value: object, mark: Mark) -> None:
     """Set the value at ``keys``, creating mappings on the way; all positions in it become ``mark``."""
     node = source.data
     for key in keys[:-1]:
-        inner = node[key] if has_item(node, key) else None
+        inner = None
+        if has_item(node, key):
+            inner = node[key]
         if not isinstance(inner, dict | list):
             inner = MarkedMapping()
             put(node, key, inner, mark)
@@ -90,29 +100,37 @@ def assignment(source: Source, text: str) -> tuple[Keys, object, Mark]:
 
     The value is read as in a file: ``null``, ``""``, ``[1, 2]`` and ``{kind: pf}`` are no words.
     """
-    keys, value, mark = split_assignment(source, text, "--set")
-    if not value.lstrip().startswith(("[", "{", '"', "'")):
-        return keys, scalar(value.strip()), mark
+    keys, text_of_value, mark = split_assignment(source, text, "--set")
+    if not text_of_value.lstrip().startswith(("[", "{", '"', "'")):
+        return keys, scalar(text_of_value.strip()), mark
     try:
-        return keys, parse(value, mark.file).data, mark
+        value = parse(text_of_value, mark.file).data
     except UserError as error:
-        whats = [p.what for p in error.problems if isinstance(p, Problem)]
-        raise UserError(*(Problem(mark, dotted(keys), what) for what in whats)) from None
+        # The mistakes are reported at the path of the assignment.
+        problems = []
+        for problem in error.problems:
+            if isinstance(problem, Problem):
+                problems.append(Problem(mark, dotted(keys), problem.what))
+        raise UserError(*problems) from None
+    return keys, value, mark
 
 
 def split_assignment(source: Source, text: str, option: str) -> tuple[Keys, str, Mark]:
     """Split an assignment and keep the value as typed."""
     mark = Mark(f"{option} {text}")
-    places = [i for i, c in enumerate(text) if c == "=" and i > 0]
-    if not places or unprintable_reason(text):
+    equals_places = [i for i, c in enumerate(text) if c == "=" and i > 0]
+    if not equals_places or unprintable_reason(text):
         raise UserError(Problem(mark, "", unprintable_reason(text) or "write PATH=VALUE"))
 
-    def depth(keys: Keys) -> int:
-        return sum(source.has(keys[:n]) for n in range(1, len(keys) + 1))
-
     # Of several "=", the one whose left side leads deepest into the config.
-    splits = [(split_path(source, text[:i]), text[i + 1 :]) for i in places]
-    keys, value = max(splits, key=lambda split: depth(split[0]))
+    deepest = -1
+    for i in equals_places:
+        path_keys = split_path(source, text[:i])
+        depth = sum(source.has(path_keys[:n]) for n in range(1, len(path_keys) + 1))
+        if depth > deepest:
+            deepest = depth
+            keys = path_keys
+            value = text[i + 1 :]
     return keys, value, mark
 
 
@@ -120,29 +138,37 @@ def split_path(source: Source, path: str) -> Keys:
     """Split a dotted path into keys; a key that has dots itself (a label) is recognized if it exists."""
     keys: Keys = ()
     data: object = source.data
-    while path:
-        known = (
-            [k for k in data if path == k or path.startswith(f"{k}.")]
-            if isinstance(data, dict)
-            else []
-        )
-        key: str = max(known, key=len) if known else path.partition(".")[0]
-        path = path[len(key) + 1 :]
+    rest = path
+    while rest:
+        # The next key: the longest existing one, or the text up to the next dot.
+        key = rest.partition(".")[0]
+        if isinstance(data, dict):
+            existing = [k for k in data if rest == k or rest.startswith(f"{k}.")]
+            if existing:
+                key = max(existing, key=len)
+        rest = rest[len(key) + 1 :]
+        # Its value, in which the next key is looked up.
         if isinstance(data, list):
             index = next((i for i in range(len(data)) if key == str(i)), None)
             if index is None:
                 raise UserError(f"{dotted((*keys, key))}: no such item")
-            keys, data = (*keys, index), data[index]
+            keys = (*keys, index)
+            data = data[index]
         else:
-            keys, data = (*keys, key), data.get(key) if isinstance(data, dict) else None
+            keys = (*keys, key)
+            data = data.get(key) if isinstance(data, dict) else None
     return keys
 
 
 def _inline(source: Source, keys: Keys, folder: Path, depth: int) -> None:
-    """Put the mapping in a file, with the keys beside ``use`` on top, in place of its path."""
+    """Put the mapping in a file, with the keys beside ``use`` on top, in place of its path.
+
+    ``depth`` is the number of files around it.
+    """
     # Step 1: the path, and the keys beside `use`.
     parent = source.at(keys[:-1])
-    name, changes = parent[keys[-1]], MarkedMapping()
+    name = parent[keys[-1]]
+    changes = MarkedMapping()
     mark = source.mark(keys)
     if isinstance(name, dict):
         if "use" not in name:
@@ -154,7 +180,7 @@ def _inline(source: Source, keys: Keys, folder: Path, depth: int) -> None:
     if not isinstance(name, str):
         what = "is neither a mapping nor a path; write {kind: ...} or the path of a YAML file"
         raise UserError(Problem(mark, dotted(keys), what))
-    if depth > _DEEPEST:
+    if depth > _MOST_NESTED_FILES:
         raise UserError(Problem(mark, dotted(keys), "use: files that use each other in a circle"))
     # Step 2: read the file, and lay the keys over its mapping.
     path = folder / name
@@ -165,22 +191,19 @@ def _inline(source: Source, keys: Keys, folder: Path, depth: int) -> None:
         group = _GROUPS.get(str(keys[0]))
         is_word = isinstance(parent[keys[-1]], str) and not name.endswith((".yaml", ".yml"))
         if group is not None and is_word and depth == 0:
-            what = _instead_of_word(group, name, what)
+            if of_kind(group, name) is not None:
+                what = f"{name!r} is a kind, and not the path of a file; write {{kind: {name}}}"
+            else:
+                hint = unknown(name, list(kinds(group)))
+                what += f"; a component is written {{kind: ...}}, {hint}"
         raise UserError(Problem(mark, dotted(keys), what)) from None
-    part = read(path)
-    if not isinstance(part.data, dict):
-        raise UserError(Problem(part.start, dotted(keys), "is not a mapping with a kind"))
-    whole = deep_merge(part.data, changes, by_kind=True)
-    put(parent, keys[-1], whole, part.start)  # a part stands where its file begins
+    file_source = read(path)
+    if not isinstance(file_source.data, dict):
+        raise UserError(Problem(file_source.start, dotted(keys), "is not a mapping with a kind"))
+    whole = deep_merge(file_source.data, changes, by_kind=True)
+    put(parent, keys[-1], whole, file_source.start)  # its position is the beginning of its file
     if "use" in whole:
         _inline(source, keys, path.parent, depth + 1)
-
-
-def _instead_of_word(group: Group, word: str, what: str) -> str:
-    """Explain how a component is written, in place of a word that is no path."""
-    if of_kind(group, word) is not None:
-        return f"{word!r} is a kind, and not the path of a file; write {{kind: {word}}}"
-    return f"{what}; a component is written {{kind: ...}}, {unknown(word, list(kinds(group)))}"
 
 
 def deep_merge(
@@ -190,14 +213,16 @@ def deep_merge(
 
     ``by_kind``: a mapping of another kind, and so with other keys, replaces that of the base.
     """
-    merged, on_top = MarkedMapping(base), MarkedMapping(top)
-    merged.marks |= on_top.marks
-    merged.key_marks |= on_top.key_marks
+    merged = MarkedMapping(base)
+    marked_top = MarkedMapping(top)
+    merged.marks |= marked_top.marks
+    merged.key_marks |= marked_top.key_marks
     for key, value in top.items():
-        below = base.get(key)
+        base_value = base.get(key)
         merged[key] = value
-        if isinstance(below, dict) and isinstance(value, dict):
-            is_other_kind = value.get("kind", below.get("kind")) != below.get("kind")
+        if isinstance(base_value, dict) and isinstance(value, dict):
+            base_kind = base_value.get("kind")
+            is_other_kind = value.get("kind", base_kind) != base_kind
             if not (by_kind and is_other_kind):
-                merged[key] = deep_merge(below, value, by_kind)
+                merged[key] = deep_merge(base_value, value, by_kind)
     return merged

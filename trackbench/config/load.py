@@ -6,11 +6,9 @@ together, as ``filters.A.q & filters.B.q: [0, 1]``.
 """
 
 import copy
-import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from difflib import get_close_matches
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -58,14 +56,23 @@ from trackbench.registry import Group, kinds
 from trackbench.scenarios.base import error_names
 from trackbench.yaml_source import Assembled, Source, from_mapping, read, unprintable_reason
 
-_ALIKE = 0.7  # of two keys: `title` and `titel` are 0.8, `bound` and `bogus` 0.6
-_INDEPENDENT = {
-    *("name", "title", "seed", "runs", "verdict_seeds", "block"),
-    *("medians", "metrics", "per_step", "published"),
+_LEAST_SIMILARITY = 0.7  # of two keys: `title` and `titel` have 0.8, `bound` and `bogus` 0.6
+_INDEPENDENT_KEYS = {
+    "name",
+    "title",
+    "seed",
+    "runs",
+    "verdict_seeds",
+    "block",
+    "medians",
+    "metrics",
+    "per_step",
+    "published",
 }
+"""Settings that no other part of the file depends on: the rest is checked despite mistakes in them."""
 
 QUICK_RUNS = 20
-_OF_PROBLEM = {"scenario", "filters", "grid"}
+_PROBLEM_KEYS = {"scenario", "filters", "grid"}
 """Overridden keys after which an experiment is no longer the standard problem of its name."""
 
 
@@ -92,32 +99,68 @@ def load(
     tables: Mapping[str, object] | None = None,
     chosen: Sequence[Path] = (),
 ) -> Experiment:
-    """Read and validate an experiment; raises UserError with every mistake found.
+    """Read and validate an experiment.
 
-    Paths count from the file, those in a mapping from the working folder. ``grid`` are assignments of
-    several values (``filters.HDEPF.F=0.5,0.9``) that add to the file's; ``product``: every combination
-    of them is a point if the file has no grid; ``tuned_values``: results of tuning, by label and key;
-    ``filter_files``: files with more filters; ``chosen``: files of the config whose code may run, as
-    that of those may; ``quick``: few runs; ``tables``: data from Python, by key of the target.
+    Parameters
+    ----------
+    config
+        path of the YAML file, a mapping, or a config put together by trackbench; paths in a file count
+        from the file, those in a mapping from the working folder
+    overrides
+        assignments ``PATH=VALUE`` that replace values of the config
+    only
+        labels of the filters to run; default: all, or the config's ``only``
+    runs, seed
+        number of runs and seed; default: those of the config
+    grid
+        assignments of several values (``filters.HDEPF.F=0.5,0.9``) that add to the config's grid
+    product
+        if the config has no grid: every combination of the values of ``grid`` is a point
+    allow_plugins
+        run the code of all plugins and programs that the config names
+    tuned_values
+        results of tuning, by label and key
+    filter_files
+        Python files and programs with more filters; their code may run
+    quick
+        take few runs
+    tables
+        data from Python, by key of the target
+    chosen
+        files of the config whose code may run without ``allow_plugins``
+
+    Returns
+    -------
+    Experiment
+        the validated experiment
+
+    Raises
+    ------
+    UserError
+        with every mistake found
     """
+    # Step 1: read the config.
     if isinstance(config, Assembled):
         source = copy.deepcopy(config.source)
         home = Path()
         chosen = (*chosen, *config.allowed)
     elif isinstance(config, Mapping):
-        source, home = from_mapping(config), Path()
+        source = from_mapping(config)
+        home = Path()
     else:
-        source, home = read(config), config.parent
+        source = read(config)
+        home = config.parent
     if not isinstance(source.data, dict):
         raise UserError(source.problem((), "an experiment is a mapping of keys to values"))
     source.programs = None if allow_plugins else {str(file.absolute()) for file in chosen}
-    # Step 1: put the config together: files that it includes, then options of the command line.
+    # Step 2: put it together: files that it includes, then options of the command line.
     unread = inline_parts(source, home)
-    added = add_filters(source, filter_files)
+    added_labels = add_filters(source, filter_files)
     for text in overrides:
         keys, value, mark = assignment(source, text)
         override(source, keys, value, mark)
-        if keys[0] in _OF_PROBLEM and not {*keys[1:2]} & added.keys():
+        is_of_added_filter = len(keys) > 1 and keys[1] in added_labels
+        if keys[0] in _PROBLEM_KEYS and not is_of_added_filter:
             source.data.pop("problem", None)
     _set_runs(source, runs, seed, quick)
     if grid and not source.data.get("grid") and "product" not in source.data:
@@ -126,30 +169,40 @@ def load(
         add_axis(source, axis)
         source.data.pop("problem", None)
     _set_only(source, only)
-    show_filters(source, added)
+    show_filters(source, added_labels)
     add_tuned(source, tuned_values or {})
     add_smoothed(source)
-    # Step 2: run the plugins' code, so that their kinds are known, and validate.
+    # Step 3: run the plugins' code, so that their kinds are known, and validate.
     plugins = load_plugins(source, home, allow_plugins, (*filter_files, *chosen))
     try:
         put_tables(source, tables or {})
         experiment = _validate_with_plugin_errors(source, home, plugins)
     except UserError as error:
-        raise _with_unread(unread, error) if unread else error from None
+        if not unread:
+            raise error from None
+        raise _with_unread_components(error, unread) from None
     if unread:
-        raise _with_unread(unread, UserError())
+        raise _with_unread_components(UserError(), unread)
     return experiment
 
 
-def _with_unread(unread: dict[str, list[Problem]], error: UserError) -> UserError:
-    """Drop the mistakes inside a part that could not be read; keep the reason why it could not."""
-    parts = tuple(f"{part}." for part in unread)
-    problems = [p for p in error.problems if isinstance(p, Problem)]
-    elsewhere = [p for p in problems if not f"{p.path}.".startswith(parts)]
-    return UserError(*sorted({*itertools.chain(*unread.values()), *elsewhere}))
+def _with_unread_components(error: UserError, unread: dict[str, list[Problem]]) -> UserError:
+    """Drop the mistakes inside a component that could not be read; add the reasons why it could not.
+
+    ``unread`` has the reasons by the component's path.
+    """
+    unread_paths = tuple(f"{path}." for path in unread)
+    problems: set[Problem] = set()
+    for reasons in unread.values():
+        problems.update(reasons)
+    for problem in error.problems:
+        if isinstance(problem, Problem) and not f"{problem.path}.".startswith(unread_paths):
+            problems.add(problem)
+    return UserError(*sorted(problems))
 
 
 def _set_runs(source: Source, runs: int | None, seed: int | None, quick: bool) -> None:
+    """Override the number of runs and the seed by the options that are given."""
     if quick:
         override(source, ("runs",), QUICK_RUNS, Mark(QUICK))
     for key, number in {"runs": runs, "seed": seed}.items():
@@ -158,8 +211,10 @@ def _set_runs(source: Source, runs: int | None, seed: int | None, quick: bool) -
 
 
 def _set_only(source: Source, labels: Sequence[str]) -> None:
+    """Override the labels of the filters to run; each keeps its own option as its position."""
     for label in labels:
-        if what := unprintable_reason(label):
+        what = unprintable_reason(label)
+        if what:
             raise UserError(Problem(Mark(f"--only {label}"), "", what))
     if labels:
         override(source, ("only",), list(labels), Mark(f"--only {labels[0]}"))
@@ -173,95 +228,120 @@ def _validate_with_plugin_errors(
     """Validate; an unexpected error of a plugin becomes a mistake with its line."""
     try:
         with guarded():
-            return _validated(source, folder, plugins)
+            return _validate(source, folder, plugins)
     except UserError:
         raise
     except Exception as error:
-        what = foreign_line(error) or (str(error) if isinstance(error, RunError) else None)
-        if what is None:
-            raise
+        what = foreign_line(error)
+        if not what:
+            if not isinstance(error, RunError):
+                raise
+            what = str(error)
         raise UserError(Problem(Mark(source.mark(()).file), "", what)) from None
 
 
-def _settings(source: Source, whole: Settings | None) -> Settings:
-    """Drop the mistakes of the settings; raises UserError if none are left."""
-    settings = whole or _without_mistakes(source)
-    if settings is not None and not settings.filters:  # of which no label can be known
+def _validate(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -> Experiment:
+    """Build and check the components of a config; raises UserError with every mistake.
+
+    It goes on after a mistake as far as possible, so that one round of corrections is enough.
+    """
+    # Step 1: the top level. Its keys with mistakes are left out, if the rest can be checked then.
+    complete_settings = build(Settings, source, ())
+    settings = complete_settings or _build_independent_settings(source)
+    if settings is not None and not settings.filters:  # no label can be known
         source.add_problem(("filters",), "name at least one filter")
         settings = None
     if settings is None:
-        _sections(source)
+        _check_components(source)
         raise UserError(*sorted(set(source.problems)))
-    return settings
-
-
-def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -> Experiment:
-    # Go on after a mistake as far as possible, so that one round of corrections is enough.
-    # Step 1: the top level.
-    whole = build(Settings, source, ())
-    settings = _settings(source, whole)
     labels = chosen_labels(source, settings)
     # Step 2: scenario and filters at each point of the grid.
-    built = []
+    points = []
+    is_grid_complete = True
     for values, marks in grid_points(source, settings):
         apply_point(source, values, marks)
-        built.append(_point(source, labels, values))
-    points = [point for point in built if point is not None]
-    whole_grid = points if len(points) == len(built) else []
-    check_idle(source, whole_grid)
-    check_idle_late(source, whole_grid)
-    for point in points if not source.problems else ():
-        check_exact(source, settings, point)
+        point = _build_point(source, labels, values)
+        if point is None:
+            is_grid_complete = False
+        else:
+            points.append(point)
+    complete_grid = points if is_grid_complete else []
+    check_idle(source, complete_grid)
+    check_idle_late(source, complete_grid)
+    if not source.problems:
+        for point in points:
+            check_exact(source, settings, point)
     check_idle_settings(source, settings, points)
     check_problem(source, settings)
-    left_out = _filters(source, [label for label in settings.filters if label not in labels])
-    if whole:
+    left_out = _build_filters(source, [b for b in settings.filters if b not in labels])
+    if complete_settings:
         settings = with_recorded_runs(source, settings, points)
-    # Step 3: what is tuned.
-    training = training_point(source, points[0]) if settings.tune and points else None
+    # Step 3: the tuned filters and their training scenario.
+    training = None
+    if settings.tune and points:
+        training = training_point(source, points[0])
     settings = with_defaults(source, settings, points, training)
     axes = tuned_axes(source, settings, points, training)
     # Step 4: tables and figures.
-    if whole:
+    if complete_settings:
         _add_default_exhibits(source, settings, points)
-    tables: dict[str, Exhibit] = _exhibits("tables", source, points)
-    figures: dict[str, DrawnExhibit] = _exhibits("figures", source, points)
+    tables: dict[str, Exhibit] = _build_exhibits("tables", source, points)
+    figures: dict[str, DrawnExhibit] = _build_exhibits("figures", source, points)
     exhibits: dict[Group, dict[str, Exhibit]] = {"tables": tables, "figures": {**figures}}
     for group, parts in exhibits.items():
         check_named_filters(source, settings, group, parts)
-        check_drawable(source, group, parts, whole_grid)
+        check_drawable(source, group, parts, complete_grid)
     check_key_figure(source, settings)
-    if whole:  # else the runs may not be known
+    if complete_settings:  # else the number of runs may be unknown
         check_figures(source, settings, figures, points)
     # Step 5: names of metrics and published files.
-    only_names = not source.problems
-    check_metrics(source, settings, whole_grid, exhibits, left_out)
+    has_other_mistakes = bool(source.problems)
+    check_metrics(source, settings, complete_grid, exhibits, left_out)
     check_trained_metrics(source, settings, training)
-    published = _published(source, settings, folder, whole_grid)
-    parsed = (tables, figures, source, published, plugins, axes, training)
-    experiment = Experiment(settings, points, left_out, *parsed)
-    if only_names and source.problems:
+    published = _read_published(source, settings, folder, complete_grid)
+    experiment = Experiment(
+        settings=settings,
+        points=points,
+        left_out=left_out,
+        tables=tables,
+        figures=figures,
+        source=source,
+        published=published,
+        plugins=plugins,
+        tuned=axes,
+        training=training,
+    )
+    if source.problems and not has_other_mistakes:
         raise UnknownNamesError(experiment, *sorted(set(source.problems)))
     source.check()
     return experiment
 
 
-def _without_mistakes(source: Source) -> Settings | None:
-    """Drop the mistakes of the settings, if no other part of the file depends on them."""
-    mistaken = {p.path.partition(".")[0] for p in source.problems}
-    known = [key.name for key in fields(Settings)]
+def _build_independent_settings(source: Source) -> Settings | None:
+    """Build the settings without their mistaken keys; None if the rest of the file depends on these."""
+    mistaken_keys = {problem.path.partition(".")[0] for problem in source.problems}
+    known_keys = [key.name for key in fields(Settings)]
     # An unknown key is left out, unless it may be a misspelt one that other parts depend on.
-    near = (get_close_matches(key, known, 1, _ALIKE) for key in mistaken)
-    if not _INDEPENDENT.issuperset(chain.from_iterable(near)):
-        return None
-    data = {"name": "mistaken"} | {k: v for k, v in source.data.items() if k not in mistaken}
+    for mistaken_key in mistaken_keys:
+        for near_key in get_close_matches(mistaken_key, known_keys, 1, _LEAST_SIMILARITY):
+            if near_key not in _INDEPENDENT_KEYS:
+                return None
+    data: dict[str, object] = {"name": "mistaken"}
+    for key, value in source.data.items():
+        if key not in mistaken_keys:
+            data[key] = value
     return build(Settings, Source(source.data), (), data)
 
 
-def _point(source: Source, labels: list[str], values: dict[str, object]) -> Point | None:
+def _build_point(source: Source, labels: list[str], values: dict[str, object]) -> Point | None:
+    """Build scenario and filters with the values of a point; None if the scenario has mistakes."""
     scenario = build_kind("scenarios", source, ("scenario",))
-    filters = _filters(source, labels)
-    assumed = {b: a for b in labels if (a := read_assumed(source, b)) is not None}
+    filters = _build_filters(source, labels)
+    assumed = {}
+    for label in labels:
+        assume = read_assumed(source, label)
+        if assume is not None:
+            assumed[label] = assume
     if scenario is None:
         return None
     try:
@@ -269,7 +349,7 @@ def _point(source: Source, labels: list[str], values: dict[str, object]) -> Poin
     except PluginError as error:
         source.add_problem(("scenario",), str(error))
         return None
-    point = Point(dict(values), scenario, filters, assumed)
+    point = Point(values=dict(values), scenario=scenario, filters=filters, assumed=assumed)
     check_bound(source, scenario)
     for label, tracker in filters.items():
         assumed_scenario = check_assumed(source, point, label)
@@ -279,11 +359,12 @@ def _point(source: Source, labels: list[str], values: dict[str, object]) -> Poin
     return point
 
 
-def _filters(source: Source, labels: list[str]) -> dict[str, AnyFilter]:
-    return {b: build_kind("filters", source, ("filters", b)) for b in labels}
+def _build_filters(source: Source, labels: list[str]) -> dict[str, AnyFilter]:
+    return {label: build_kind("filters", source, ("filters", label)) for label in labels}
 
 
-def _sections(source: Source) -> None:
+def _check_components(source: Source) -> None:
+    """Add the mistakes within scenario, filters, tables and figures, each for itself."""
     if isinstance(source.data.get("scenario"), dict):
         build_kind("scenarios", source, ("scenario",))
     for group in ("filters", "tables", "figures"):
@@ -292,34 +373,58 @@ def _sections(source: Source) -> None:
                 build_kind(group, source, (group, label))
 
 
-def _exhibits(group: Group, source: Source, points: list[Point]) -> dict[str, Any]:
+def _build_exhibits(group: Group, source: Source, points: list[Point]) -> dict[str, Any]:
     """Build the tables or figures, without those that have mistakes.
 
     One whose kind shows an error by default, and names none, shows the scenario's first error.
     """
-    names = source.data.get(group) or {}
-    errors = error_names(points[0].scenario) if points and points[0].scenario.has_truth else []
-    for name, entry in names.items() if errors else ():
-        kind = entry.get("kind") if isinstance(entry, dict) and "metric" not in entry else None
-        default = getattr(kinds(group).get(str(kind)), "metric", None)
-        base = default.metric if isinstance(default, Measure) else ""
-        if base.startswith("rmse") and base not in errors:
-            metric = str(default).replace(base, errors[0])
-            override(source, (group, name, "metric"), metric, source.mark((group, name)))
-    built = {name: build_kind(group, source, (group, name)) for name in names}
-    return {name: part for name, part in built.items() if part is not None}
+    entries = source.data.get(group) or {}
+    # Step 1: the default metric, where the scenario does not have it.
+    errors: Sequence[str] = []
+    if points and points[0].scenario.has_truth:
+        errors = error_names(points[0].scenario)
+    if errors:
+        for name, entry in entries.items():
+            if not isinstance(entry, dict) or "metric" in entry:
+                continue
+            default = getattr(kinds(group).get(str(entry.get("kind"))), "metric", None)
+            if not isinstance(default, Measure):
+                continue
+            if default.metric.startswith("rmse") and default.metric not in errors:
+                metric = str(default).replace(default.metric, errors[0])
+                override(source, (group, name, "metric"), metric, source.mark((group, name)))
+    # Step 2: build each.
+    exhibits = {}
+    for name in entries:
+        exhibit = build_kind(group, source, (group, name))
+        if exhibit is not None:
+            exhibits[name] = exhibit
+    return exhibits
 
 
-def _published(source: Source, settings: Settings, folder: Path, points: list[Point]) -> Published:
-    mark, labels = source.mark(("published",)), [*settings.filters]
-    labels += [settings.bound] if settings.bound else []
-    paths = [("grid",), *(("grid", path) for path in settings.grid)]
+def _read_published(
+    source: Source, settings: Settings, folder: Path, points: list[Point]
+) -> Published:
+    """Read the published files of the config; their mistakes are added to the source."""
+    labels = list(settings.filters)
+    if settings.bound:
+        labels.append(settings.bound)
     # A grid from the command line leaves out points that rows may name.
-    is_of_file = {source.mark(keys).file for keys in paths} == {source.mark(()).file}
-    values = [point.values for point in points] if is_of_file else None
-    also = [str(table.get("of")) for table in settings.tables.values()]
+    grid_places = [("grid",), *(("grid", path) for path in settings.grid)]
+    grid_files = {source.mark(keys).file for keys in grid_places}
+    point_values = None
+    if grid_files == {source.mark(()).file}:
+        point_values = [point.values for point in points]
     try:
-        return read_published(folder, settings.published, settings.name, labels, mark, values, also)
+        return read_published(
+            folder,
+            settings.published,
+            settings.name,
+            labels,
+            mark=source.mark(("published",)),
+            points=point_values,
+            also=[str(table.get("of")) for table in settings.tables.values()],
+        )
     except UserError as error:
         source.problems += [p for p in error.problems if isinstance(p, Problem)]
         return Published()
@@ -330,17 +435,17 @@ def _add_default_exhibits(source: Source, settings: Settings, points: list[Point
 
     The latter is for recordings without ground truth.
     """
-    chosen = settings.metrics is not None or settings.per_step is not None
-    if chosen or not points:
+    chooses_metrics = settings.metrics is not None or settings.per_step is not None
+    if chooses_metrics or not points:
         return
-    planar = points[0].scenario.components[:4] == position_velocity_names(2)
+    is_planar = points[0].scenario.components[:4] == position_velocity_names(2)
     # With ground truth: the track of the first run.
     if any(p.scenario.has_truth for p in points):
-        if planar and not settings.grid and not settings.tables and not settings.figures:
+        if is_planar and not settings.grid and not settings.tables and not settings.figures:
             track = {"kind": "track"}
             override(source, ("figures",), {"track": track}, Mark("default in the plane"))
         return
-    # Without: what needs only innovations.
+    # Without ground truth: tables and figures that need only innovations.
     mark = Mark("default without ground truth")
     if "tables" not in source.data:
         override(source, ("tables",), {"innovations": {"kind": "innovations"}}, mark)
@@ -349,7 +454,7 @@ def _add_default_exhibits(source: Source, settings: Settings, points: list[Point
             "nis": {"kind": "nis"},
             "whiteness": {"kind": "autocorrelation"},
         }
-        if planar:
+        if is_planar:
             figures["track"] = {"kind": "track"}
         else:
             figures["estimates"] = {"kind": "estimates"}

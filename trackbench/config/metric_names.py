@@ -39,14 +39,18 @@ def stored_metrics(settings: Settings, file: str) -> frozenset[str] | None:
     """Name the metrics that a CSV file stores, without statistics; None stands for all metrics."""
     if file == "per_step.csv" and settings.per_step is not None:
         return frozenset(measured(name).base for name in settings.per_step)
-    names = settings.metrics
-    always = ("lost", "gated")
-    return None if names is None else frozenset((*always, *(measured(n).base for n in names)))
+    if settings.metrics is None:
+        return None
+    bases = [measured(name).base for name in settings.metrics]
+    return frozenset(["lost", "gated", *bases])
 
 
 def is_stored(stored: frozenset[str] | None, base: str) -> bool:
     """Test whether a file with these `stored_metrics` has the metric of this base name."""
-    return base in stored if stored is not None else not metric_of(base)[0].on_request
+    if stored is not None:
+        return base in stored
+    metric, _ = metric_of(base)
+    return not metric.on_request
 
 
 @dataclass
@@ -74,7 +78,7 @@ class Names:
 
     @cached_property
     def bases(self) -> set[str]:
-        """Metrics without statistic, window and step, once all are there."""
+        """Metrics without statistic, window and step; to be read once every filter is added."""
         return {measured(name).base for name in self.per_run | self.per_step}
 
     def of(self, role: str) -> set[str]:
@@ -92,53 +96,60 @@ class Names:
     def add(
         self, settings: Settings, scenario: Scenario, counts: frozenset[str], series: frozenset[str]
     ) -> None:
-        """Add the names that a filter's series give."""
+        """Add the names that a filter's series give; ``counts`` are its summed diagnostics."""
         # Step 1: names of whole runs, from the scenario's metrics of series of zeros.
         self.series |= series
-        nothing = np.zeros((len(scenario.steps), 1))
+        zeros = np.zeros((len(scenario.steps), 1))
         with np.errstate(all="ignore"):
-            of_scenario = frozenset(scenario.run_metrics(dict.fromkeys(series, nothing)))
-        windows = tuple(in_window("", window) for window in scenario.windows)
-        names = of_scenario, windows, tuple(sizes(scenario)), counts, series
-        if names in self._added:  # as at another point of a sweep
+            scenario_metrics = frozenset(scenario.run_metrics(dict.fromkeys(series, zeros)))
+        window_suffixes = tuple(in_window("", window) for window in scenario.windows)
+        inputs = (scenario_metrics, window_suffixes, tuple(sizes(scenario)), counts, series)
+        if inputs in self._added:  # as at another point of a sweep
             return
-        self._added.add(names)
+        self._added.add(inputs)
         # Step 2: the metrics of each series, per run in each window and per step.
-        per_run = set(of_scenario)
-        for one in series:
-            for metric, name in metrics_of(one, counts):
-                in_windows = [name + window for window in windows]
+        per_run = set(scenario_metrics)
+        for series_name in series:
+            for metric, name in metrics_of(series_name, counts):
+                names_in_windows = [name + suffix for suffix in window_suffixes]
                 if metric.over_steps:
-                    per_run.update(in_windows)
+                    per_run.update(names_in_windows)
                 if metric.over_runs:
                     self.per_step.add(name)
                 if metric.name == "rmse":
-                    self.summary.update(f"{TIME_MEAN}({n})" for n in in_windows)
+                    self.summary.update(f"{TIME_MEAN}({n})" for n in names_in_windows)
                 if metric.name == "rmsd":
-                    self.efficiencies.update(n.replace("rmsd", "efficiency", 1) for n in in_windows)
+                    efficiencies = [n.replace("rmsd", "efficiency", 1) for n in names_in_windows]
+                    self.efficiencies.update(efficiencies)
             # `error_series` makes these of several series.
-            if one == "innovations":
-                per_run.update("anis" + window for window in windows)
-            if one.startswith("autocovariance_"):
-                correlation = one.replace("covariance", "correlation")
-                per_run.update(correlation + window for window in windows)
+            if series_name == "innovations":
+                per_run.update("anis" + suffix for suffix in window_suffixes)
+            if series_name.startswith("autocovariance_"):
+                correlation = series_name.replace("covariance", "correlation")
+                per_run.update(correlation + suffix for suffix in window_suffixes)
         # Step 3: the rows of summary.csv, statistics over the runs.
-        self.per_run |= {"lost", *per_run}
+        self.per_run.add("lost")
+        self.per_run |= per_run
         self.per_step |= {f"median({name})" for name in settings.medians if name in series}
-        self.summary |= frozenset().union(*map(_summary_names, per_run))
+        for name in per_run:
+            self.summary |= _summary_names(name)
 
     def could_be_diagnostic(self, name: str) -> bool:
         """Test whether a filter of unknown diagnostics may have this one."""
-        is_any_foreign = any(map(is_foreign, self.unprobed))
-        return bool(self.unprobed) and not is_reserved(name) and (name in METRICS or is_any_foreign)
+        if not self.unprobed or is_reserved(name):
+            return False
+        return name in METRICS or any(is_foreign(cls) for cls in self.unprobed)
 
 
 @cache
 def _summary_names(name: str) -> frozenset[str]:
     """Name the rows of summary.csv that a metric of a run is made into."""
-    of = measured(name)
-    means = [in_window(n, of.window) for m, n in metrics_of(of.metric) if m.per_component]
-    return frozenset((*means, *(f"{statistic}({name})" for statistic in STATISTICS)))
+    rows = [f"{statistic}({name})" for statistic in STATISTICS]
+    measure = measured(name)
+    for metric, metric_name in metrics_of(measure.metric):
+        if metric.per_component:
+            rows.append(in_window(metric_name, measure.window))
+    return frozenset(rows)
 
 
 def names_of(
@@ -151,63 +162,88 @@ def names_of(
 
     ``with_diagnostics`` adds the filters' diagnostics, at the first point of each scenario and the last.
     """
-    names = Names(has_truth=all(p.scenario.has_truth for p in points))
-    names.components = points[0].scenario.components
-    names.has_delays = any(p.scenario.longest_delay for p in points)
+    names = Names(
+        components=points[0].scenario.components,
+        has_delays=any(point.scenario.longest_delay for point in points),
+        has_truth=all(point.scenario.has_truth for point in points),
+    )
     # Step 1: the series of every filter, at the first point of each scenario and at the last.
-    first = {point.scenario: point for point in reversed(points)}
-    for point in {id(p): p for p in (*first.values(), points[-1])}.values():
-        names.windows |= set(point.scenario.windows)
+    for point in _first_points_and_last(points):
+        scenario = point.scenario
+        names.windows |= set(scenario.windows)
         series_by_counts: dict[frozenset[str], set[str]] = {}
         for label, tracker in (point.filters | left_out).items():
-            series = frozenset(_series(settings, point.scenario, label, tracker))
-            series |= set(_predictive_series(settings, point.scenario, tracker))
-            counts = frozenset() if tracker is None else tracker.summed_diagnostics
-            if point.scenario.longest_delay:
-                series, counts = series | LATE_COUNTS, counts | LATE_COUNTS
+            series = set(_error_series(settings, scenario, label, tracker))
+            series |= set(_predictive_series(settings, scenario, tracker))
+            counts: frozenset[str] = frozenset()
+            if tracker is not None:
+                counts = tracker.summed_diagnostics
+            if scenario.longest_delay:
+                series |= LATE_COUNTS
+                counts = counts | LATE_COUNTS
             if with_diagnostics:
                 try:
                     series |= _diagnostics(settings, point.assumed_scenario(label), tracker)
                 except Exception:  # the filter's run will report it
-                    names.unprobed.append(_kind(settings, label))
-            if "gated" in series and point.scenario.without_faults is not point.scenario:
+                    names.unprobed.append(_filter_class(settings, label))
+            if "gated" in series and scenario.without_faults is not scenario:
                 series |= {"rejected_good", "accepted_bad"}
             series_by_counts.setdefault(counts, set()).update(series)
-        for counts, every in series_by_counts.items():
-            names.add(settings, point.scenario, counts, frozenset(every))
+        # Filters with equal counts are added together.
+        for counts, series in series_by_counts.items():
+            names.add(settings, scenario, counts, frozenset(series))
     # Step 2: keys that are numbers, which may differ from point to point.
     for point in points:
         for label, tracker in (point.filters | left_out).items():
-            names.filter_numbers |= _numbers(tracker) if tracker is not None else set()
             if tracker is None:
-                names.filter_numbers |= {key.name for key in fields(_kind(settings, label))}
+                keys = {field.name for field in fields(_filter_class(settings, label))}
+            else:
+                keys = _numeric_keys(tracker)
+            names.filter_numbers |= keys
     return names
 
 
-def _kind(settings: Settings, label: str) -> type:
+def _first_points_and_last(points: Sequence[Point]) -> list[Point]:
+    """Return the first point of each scenario, and the last of all, each once."""
+    first_by_scenario = {point.scenario: point for point in reversed(points)}
+    chosen_points = list(first_by_scenario.values())
+    if not any(point is points[-1] for point in chosen_points):
+        chosen_points.append(points[-1])
+    return chosen_points
+
+
+def _filter_class(settings: Settings, label: str) -> type:
+    """Find the class of a filter's kind; for an unknown kind, that of the settings."""
     kind = settings.filters[label].get("kind")
-    return (of_kind("filters", kind) if isinstance(kind, str) else None) or Settings
+    cls = None
+    if isinstance(kind, str):
+        cls = of_kind("filters", kind)
+    return cls or Settings
 
 
-def _numbers(tracker: AnyFilter) -> set[str]:
+def _numeric_keys(tracker: AnyFilter) -> set[str]:
     """Name the keys of a filter that are numbers."""
-    return {key for key, x in field_values(tracker).items() if type(x) in (int, float)}
+    return {key for key, value in field_values(tracker).items() if type(value) in (int, float)}
 
 
 def _predictive_series(settings: Settings, scenario: Scenario, tracker: Made) -> list[str]:
     """Name the series that exist on request."""
-    scores = tracker is not None and has_likelihood(tracker)
-    names = predictive_series(scenario.true_sensor.components, scores, settings.hold_out)
+    has_scores = tracker is not None and has_likelihood(tracker)
+    names = predictive_series(scenario.true_sensor.components, has_scores, settings.hold_out)
     if scenario.has_truth:
-        names += calibration_series(scenario.components, scores and settings.reference is not None)
+        has_likelihood_ratio = has_scores and settings.reference is not None
+        names += calibration_series(scenario.components, has_likelihood_ratio)
     return names
 
 
-def _series(settings: Settings, scenario: Scenario, label: str, tracker: Made) -> Iterator[str]:
+def _error_series(
+    settings: Settings, scenario: Scenario, label: str, tracker: Made
+) -> Iterator[str]:
+    """Yield the names of a filter's series of errors."""
     if not scenario.has_truth:
         return
-    nowhere = np.zeros((len(scenario.components), 1))
-    for quantity, error in scenario.errors(nowhere, nowhere).items():
+    origin = np.zeros((len(scenario.components), 1))
+    for quantity, error in scenario.errors(origin, origin).items():
         yield joined("squared", quantity)
         if len(error) == 1:
             yield joined("error", quantity)
@@ -215,10 +251,14 @@ def _series(settings: Settings, scenario: Scenario, label: str, tracker: Made) -
             yield joined("damage", quantity)
         if settings.reference is not None and label != settings.reference:
             yield joined("rmsd", quantity)
-    yield from ("nees", "outside_region", *(f"nees_{name}" for name in scenario.marginals))
+    yield "nees"
+    yield "outside_region"
+    for name in scenario.marginals:
+        yield f"nees_{name}"
     if tracker is not None and has_expectations(tracker):
-        for name in scenario.observables(nowhere):
-            yield from (f"squared_{name}", f"error_{name}")
+        for name in scenario.observables(origin):
+            yield f"squared_{name}"
+            yield f"error_{name}"
 
 
 def _diagnostics(settings: Settings, scenario: Scenario, tracker: Made) -> set[str]:
@@ -229,10 +269,13 @@ def _diagnostics(settings: Settings, scenario: Scenario, tracker: Made) -> set[s
         return set(tracker.diagnostic_names)
     # Undeclared: simulate one run, and make its first step.
     data = simulate(scenario, settings.seed, 0, 1)
-    model, rng = scenario.model, block_stream(settings.seed, 0)
-    if "N" in _numbers(tracker):  # the memory that all particles need is still unknown
-        tracker = replace(cast(Any, tracker), N=min(tracker.particle_count, _PROBE_PARTICLES))
+    model = scenario.model
+    rng = block_stream(settings.seed, 0)
+    if "N" in _numeric_keys(tracker):  # the memory that all particles need is still unknown
+        particles = min(tracker.particle_count, _PROBE_PARTICLES)
+        tracker = replace(cast(Any, tracker), N=particles)
     with guarded(), np.errstate(all="ignore"):
-        state = tracker.init(model, prior_of(data, model), rng)
-        k = int(scenario.steps[1])
-        return set(tracker.diagnostics(tracker.step(model, state, data.measurements[:, 0], k, rng)))
+        prior_state = tracker.init(model, prior_of(data, model), rng)
+        first_step = int(scenario.steps[1])
+        state = tracker.step(model, prior_state, data.measurements[:, 0], first_step, rng)
+        return set(tracker.diagnostics(state))

@@ -41,10 +41,13 @@ _LIMITS = {
 def unknown(word: str, known: list[str]) -> str:
     """Suggest ``did you mean ...?``, or list the first 40 known words."""
     near = nearest(word, known)
+    if near:
+        return f"did you mean {near}?"
     # A word with a comma, as a label may have, is quoted.
-    words = [repr(k) if "," in k else k for k in known[:40]]
-    listed = ", ".join(words) + (f", {len(known) - 40} more" if len(known) > 40 else "")
-    return f"did you mean {near}?" if near else f"known: {listed}"
+    words = [repr(known_word) if "," in known_word else known_word for known_word in known[:40]]
+    if len(known) > 40:
+        words.append(f"{len(known) - 40} more")
+    return f"known: {', '.join(words)}"
 
 
 def nearest(word: str, known: Sequence[str]) -> str:
@@ -57,23 +60,55 @@ def nearest(word: str, known: Sequence[str]) -> str:
     for other in known:
         if sorted(other.lower()) == sorted(lower):
             return other
-    longer = [other for other in known if len(lower) > 2 and other.lower().startswith(lower)]
-    if longer:
-        return min(longer, key=lambda other: ("position" not in other, len(other)))
+    if len(lower) > 2:
+        longer = [other for other in known if other.lower().startswith(lower)]
+        if longer:
+            return min(longer, key=lambda other: ("position" not in other, len(other)))
     near = get_close_matches(word, known, 1, 0.5) or get_close_matches(lower, known, 1, 0.5)
-    return near[0] if near else ""
+    if not near:
+        return ""
+    return near[0]
 
 
 _MEANT = {
-    **{"dt": "T", "interval": "T", "period": "T", "steps": "last", "duration": "last"},
-    **{"n_runs": "runs", "monte_carlo_runs": "runs", "particles": "N", "n_particles": "N"},
-    **{"pos_rmse": "rmse_position", "position_rmse": "rmse_position", "rmse": "rmse_position"},
-    **{"position": "rmse_position", "position_error": "rmse_position", "velocity": "rmse_velocity"},
-    **{"nees": "anees", "nis": "anis", "omega": "turn_rate_deg_s", "measurement": "sensor"},
-    **{"kalman": "kf", "kalman-filter": "kf", "particle-filter": "pf", "particle": "pf"},
-    **{"extended-kalman": "ekf", "unscented": "ukf", "radar": "range-azimuth", "gps": "position"},
-    **{"constant-velocity": "cv", "constant-acceleration": "ca", "constant-turn": "ct"},
-    **{"coordinated-turn": "ct", "line": "rmse-vs-time", "rmse_vs_time": "rmse-vs-time"},
+    # keys
+    "dt": "T",
+    "interval": "T",
+    "period": "T",
+    "steps": "last",
+    "duration": "last",
+    "n_runs": "runs",
+    "monte_carlo_runs": "runs",
+    "particles": "N",
+    "n_particles": "N",
+    "measurement": "sensor",
+    # metrics
+    "pos_rmse": "rmse_position",
+    "position_rmse": "rmse_position",
+    "rmse": "rmse_position",
+    "position": "rmse_position",
+    "position_error": "rmse_position",
+    "velocity": "rmse_velocity",
+    "nees": "anees",
+    "nis": "anis",
+    "omega": "turn_rate_deg_s",
+    # filters
+    "kalman": "kf",
+    "kalman-filter": "kf",
+    "particle-filter": "pf",
+    "particle": "pf",
+    "extended-kalman": "ekf",
+    "unscented": "ukf",
+    # sensors and motions
+    "radar": "range-azimuth",
+    "gps": "position",
+    "constant-velocity": "cv",
+    "constant-acceleration": "ca",
+    "constant-turn": "ct",
+    "coordinated-turn": "ct",
+    # figures
+    "line": "rmse-vs-time",
+    "rmse_vs_time": "rmse-vs-time",
 }
 """Words that users write, and the key or kind that is meant, if it is known at the place."""
 
@@ -86,12 +121,12 @@ def mistakes_of(
     ``also`` names keys that stand beside those of the dataclass.
     """
     problems: dict[Problem, None] = {}
-    for item in error.errors(include_url=False):
-        problems |= dict.fromkeys(_problems(item, source, keys, cls, also))
-    return _without_unions(problems)
+    for details in error.errors(include_url=False):
+        problems |= dict.fromkeys(_problems_of(details, source, keys, cls, also))
+    return _merge_union_problems(problems)
 
 
-def _without_unions(problems: Collection[Problem]) -> list[Problem]:
+def _merge_union_problems(problems: Collection[Problem]) -> list[Problem]:
     """Merge the lines on an invalid value, for which the validator of a union has several.
 
     A mistaken item of a list is reported without the remark that the list is no word, and a mapping of
@@ -100,58 +135,87 @@ def _without_unions(problems: Collection[Problem]) -> list[Problem]:
     merged: dict[tuple[Mark, str, str], Problem] = {}
     for problem in problems:
         value, verb, rest = problem.what.rpartition(" is ")
-        if verb and any(p.path.startswith(f"{problem.path}.") for p in problems):
+        # Step 1: drop remarks on the type of a value whose parts have mistakes.
+        has_inner_problems = any(p.path.startswith(f"{problem.path}.") for p in problems)
+        if verb and has_inner_problems:
             continue
-        of_kinds = [p for p in problems if p.path == problem.path and not p.what.startswith("{")]
-        if verb and value.startswith("{") and of_kinds:
+        has_problem_of_kind = any(
+            p.path == problem.path and not p.what.startswith("{") for p in problems
+        )
+        if verb and value.startswith("{") and has_problem_of_kind:
             continue
-        before = merged.get(place := (problem.mark, problem.path, value or rest))
-        if before is not None:
-            said, mark, advice = before.what.partition("; write ")
-            rest, other_mark, other_advice = rest.partition("; write ")
-            advice = f"{mark}{advice}" or f"{other_mark}{other_advice}"
-            problem = replace(before, what=f"{said} and {rest}{advice}")
-        merged[place] = problem
+        # Step 2: join "3 is not a word" and "3 is not a list" to one line, with one advice.
+        place = (problem.mark, problem.path, value or rest)
+        earlier = merged.get(place)
+        if earlier is None:
+            merged[place] = problem
+            continue
+        earlier_text, separator, advice = earlier.what.partition("; write ")
+        text, other_separator, other_advice = rest.partition("; write ")
+        joined_advice = f"{separator}{advice}" or f"{other_separator}{other_advice}"
+        merged[place] = replace(earlier, what=f"{earlier_text} and {text}{joined_advice}")
     return list(merged.values())
 
 
-def _problems(
-    item: ErrorDetails, source: Source, keys: Keys, cls: type, also: Sequence[str]
+def _problems_of(
+    details: ErrorDetails, source: Source, keys: Keys, cls: type, also: Sequence[str]
 ) -> list[Problem]:
-    kind, ctx, value = item["type"], item.get("ctx", {}), item["input"]
-    if kind == REPORTED:
+    """Put one error of the validator into words, with its position.
+
+    ``keys`` lead to the mapping of ``cls``; ``also`` names keys that stand beside its own.
+    """
+    error_type = details["type"]
+    if error_type == REPORTED:
         return []
-    error = ctx.get("error")
+    context = details.get("ctx", {})
+    location = details["loc"]
+    error = context.get("error")
     if isinstance(error, DataError):
         return [Problem(Mark(p.file, p.line, p.column), dotted(keys), p.what) for p in error.places]
-    # Step 1: where. The validator's location also names options of unions, which are no keys.
+    # Step 1: find the place. The validator's location also names options of unions, which are no keys.
+    steps = location
+    if isinstance(error, InvalidKeyError):
+        steps = location + error.path
     where = keys
-    for step in item["loc"] + (error.path if isinstance(error, InvalidKeyError) else ()):
+    for step in steps:
         if source.has((*where, step)):
             where = (*where, step)
     # Step 2: a key that the dataclass lacks, or that the mapping lacks.
-    if kind in ("unexpected_keyword_argument", "extra_forbidden"):
-        inner = _dataclass_at(cls, where[len(keys) : -1], item["loc"])
-        known = [key_of(f.name) for f in fields(inner)] if inner is not None else []
-        if inner is cls:
-            known += also
-        word = str(item["loc"][-1])
-        if inner is not None and issubclass(inner, Part) and word in inner.unsupported_keys:
-            return [Problem(source.key_mark(where), dotted(where), inner.unsupported_keys[word])]
-        what = f"unknown key; {unknown(word, known)}" if known else "unknown key"
+    if error_type in ("unexpected_keyword_argument", "extra_forbidden"):
+        owner = _find_dataclass(cls, where[len(keys) : -1], location)
+        what = _describe_unknown_key(str(location[-1]), owner, also if owner is cls else ())
         return [Problem(source.key_mark(where), dotted(where), what)]
-    if kind == "missing" and isinstance(item["loc"][-1], int):
-        what = f"{shown(value)} has too few values; at least {item['loc'][-1] + 1} are needed"
+    if error_type == "missing" and isinstance(location[-1], int):
+        what = (
+            f"{shown(details['input'])} has too few values; at least {location[-1] + 1} are needed"
+        )
         return [source.problem(where, what)]
-    if kind in ("missing", "missing_argument", "missing_keyword_only_argument"):
-        path = dotted((*where, item["loc"][-1]))
+    if error_type in ("missing", "missing_argument", "missing_keyword_only_argument"):
+        path = dotted((*where, location[-1]))
         return [Problem(source.key_mark(where), path, "this key is required")]
     # Step 3: any other mistake is one in the value.
-    return [source.problem(where, _describe(kind, ctx, value, item["msg"]))]
+    what = _describe_value(error_type, context, details["input"], details["msg"])
+    return [source.problem(where, what)]
 
 
-def _dataclass_at(cls: type, path: Keys, tags: Keys) -> type[Any] | None:
-    """Find the dataclass of a mapping within one of ``cls``, if it is unique or tagged by its kind."""
+def _describe_unknown_key(key: str, owner: type[Any] | None, also: Sequence[str]) -> str:
+    """Suggest a key of the dataclass ``owner``, or of ``also``, in place of an unknown one."""
+    if owner is None:
+        return "unknown key"
+    if issubclass(owner, Part) and key in owner.unsupported_keys:
+        return owner.unsupported_keys[key]
+    known_keys = [key_of(field.name) for field in fields(owner)]
+    known_keys += also
+    if not known_keys:
+        return "unknown key"
+    return f"unknown key; {unknown(key, known_keys)}"
+
+
+def _find_dataclass(cls: type, path: Keys, tags: Keys) -> type[Any] | None:
+    """Find the dataclass of the mapping at ``path`` within one of ``cls``.
+
+    Returns None unless its key allows one dataclass only, or ``tags`` contain the kind of one.
+    """
     for key in path:
         if isinstance(key, int):
             continue
@@ -164,62 +228,73 @@ def _dataclass_at(cls: type, path: Keys, tags: Keys) -> type[Any] | None:
     return cls
 
 
-def _describe(kind: str, ctx: Mapping[str, object], value: object, message: str) -> str:
-    """Describe in words what the validator found wrong with a value."""
+def _describe_value(
+    error_type: str, context: Mapping[str, object], value: object, message: str
+) -> str:
+    """Describe in words the mistake that the validator found in a value.
+
+    ``message`` is the validator's own text, ``context`` its limits and names.
+    """
     text = shown(value)
-    if kind == "value_error":
-        return str(ctx["error"])
-    if kind == "json_invalid":
+    if error_type == "value_error":
+        return str(context["error"])
+    if error_type == "json_invalid":
         return "the name of a folder it lies in is not UTF-8, and no config could hold it"
-    if isinstance(value, float) and (
-        isnan(value) or (isinf(value) and kind in ("less_than", "greater_than"))
-    ):
-        return f"{'NaN' if isnan(value) else text} is not a finite number"
+    if isinstance(value, float) and isnan(value):
+        return "NaN is not a finite number"
+    if isinstance(value, float) and isinf(value) and error_type in ("less_than", "greater_than"):
+        return f"{text} is not a finite number"
     # Numbers beyond a limit, words that are not in a list, texts that do not match.
-    if kind in _LIMITS:
-        words, limit = _LIMITS[kind]
-        return f"{text} is {words} {shown(ctx[limit])}"
-    if kind == "literal_error":
-        return f"{text} is not one of {_unquoted(ctx['expected'])}"
-    if kind == "union_tag_invalid":
-        return f"{ctx['tag']!r} is not one of {_unquoted(ctx['expected_tags'])}"
-    if kind == "union_tag_not_found":
-        return f"needs a {_unquoted(ctx['discriminator'])}"
-    if kind == "string_pattern_mismatch" and ctx["pattern"] == ONE_LINE:
+    if error_type in _LIMITS:
+        words, limit = _LIMITS[error_type]
+        return f"{text} is {words} {shown(context[limit])}"
+    if error_type == "literal_error":
+        return f"{text} is not one of {_without_quotes(context['expected'])}"
+    if error_type == "union_tag_invalid":
+        return f"{context['tag']!r} is not one of {_without_quotes(context['expected_tags'])}"
+    if error_type == "union_tag_not_found":
+        return f"needs a {_without_quotes(context['discriminator'])}"
+    if error_type == "string_pattern_mismatch" and context["pattern"] == ONE_LINE:
         return formula(str(value)) or f"{text} is not one line of visible characters"
-    if kind == "string_pattern_mismatch":
+    if error_type == "string_pattern_mismatch":
         return f"{text} must start with a letter or digit and hold only letters, digits, . _ -"
-    if kind in ("too_long", "too_short"):
-        at_most = f"at most {ctx['max_length']} are allowed" if "max_length" in ctx else ""
-        at_least = f"at least {ctx['min_length']} are needed" if "min_length" in ctx else ""
-        return f"{text} has {ctx['actual_length']} values; {at_most or at_least}"
+    if error_type in ("too_long", "too_short"):
+        limit_text = ""
+        if "max_length" in context:
+            limit_text = f"at most {context['max_length']} are allowed"
+        elif "min_length" in context:
+            limit_text = f"at least {context['min_length']} are needed"
+        return f"{text} has {context['actual_length']} values; {limit_text}"
     # A value of another type.
-    name = kind.removesuffix("_type").removesuffix("_parsing").removesuffix("_from_float")
-    if name not in _TYPES:
+    type_name = (
+        error_type.removesuffix("_type").removesuffix("_parsing").removesuffix("_from_float")
+    )
+    if type_name not in _TYPES:
         return message.lower()
-    return f"{text} is not {_TYPES[name]}{_written_otherwise(name, value)}"
+    return f"{text} is not {_TYPES[type_name]}{_advise_spelling(type_name, value)}"
 
 
-def _written_otherwise(name: str, value: object) -> str:
-    """Advise how a value is written that has the form of another type."""
-    if name in ("list", "tuple") and isinstance(value, str) and "\n" not in value:
+def _advise_spelling(type_name: str, value: object) -> str:
+    """Advise how to write a value that has the form of another type; empty without advice."""
+    if type_name in ("list", "tuple") and isinstance(value, str) and "\n" not in value:
         return f"; write [{value}]"
-    if name == "bool" and isinstance(value, str) and value.lower() in _BOOLEANS:
+    if type_name == "bool" and isinstance(value, str) and value.lower() in _BOOLEANS:
         return f"; write {_BOOLEANS[value.lower()]}"
-    if name == "int" and isinstance(value, float) and value.is_integer():
+    if type_name == "int" and isinstance(value, float) and value.is_integer():
         return f"; write {int(value)} without a point or an exponent"
-    if name not in ("int", "float", "finite_number") or not isinstance(value, str):
+    if type_name not in ("int", "float", "finite_number") or not isinstance(value, str):
         return ""
+    # A number in the form of a word.
     written = value.strip()
     if isinstance(scalar(written), int | float) and not isinstance(scalar(written), bool):
         return f"; write {written} without quotation marks"
     if re.fullmatch(r"[-+]?[0-9]+(_[0-9]+)+(\.[0-9]+)?", written):
         return f"; write {written.replace('_', '')}"
-    if re.fullmatch(r"[-+]?[0-9]{1,3}(,[0-9]{3})+", written) and name == "int":
+    if re.fullmatch(r"[-+]?[0-9]{1,3}(,[0-9]{3})+", written) and type_name == "int":
         return f"; write {written.replace(',', '')}"
     if re.fullmatch(r"[-+]?[0-9]+,[0-9]+", written):
         return f"; write {written.replace(',', '.')} with a point"
-    if name != "int" and re.fullmatch(r"[0-9]+(\.[0-9]+)?\s*%", written):
+    if type_name != "int" and re.fullmatch(r"[0-9]+(\.[0-9]+)?\s*%", written):
         return f"; write the share, {float(written.rstrip('% ')) / 100.0:g}"
     if re.fullmatch(r"[-+]?[0-9]+(\.[0-9]+)?\s*(?![xe])[a-zA-Z%°µ][a-zA-Z0-9%/°²^]*", written):
         return "; write the number alone, in the unit of the key"
@@ -232,7 +307,7 @@ _BOOLEANS = {
 }
 
 
-def _unquoted(words: object) -> str:
+def _without_quotes(words: object) -> str:
     return str(words).replace("'", "")
 
 
@@ -240,5 +315,7 @@ def shown(value: object) -> str:
     """Write a value of a config, cut if it is long."""
     if isinstance(value, float) and value.is_integer():
         return f"{value:g}"
-    text = json.dumps(value) if not isinstance(value, str) else repr(value)
-    return text if len(text) < 60 else text[:57] + "..."
+    text = repr(value) if isinstance(value, str) else json.dumps(value)
+    if len(text) >= 60:
+        return text[:57] + "..."
+    return text

@@ -3,7 +3,6 @@
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, fields, is_dataclass
-from itertools import chain
 from pathlib import Path
 from typing import cast
 
@@ -29,35 +28,52 @@ def add_filters(source: Source, files: Sequence[Path]) -> dict[str, Mark]:
     The files join the config's plugins. A program becomes a filter under its name. Raises UserError.
     """
     labels: dict[str, Mark] = {}
-    for file in files if isinstance(source.data.get("filters"), dict) else ():
+    if not isinstance(source.data.get("filters"), dict):
+        return labels  # the validation of the whole reports it
+    for file in files:
         mark = Mark(f"--filter {file}")
         if file.suffix != ".py" and is_program(file):
-            command = [str(file.absolute())]
-            _add_filter(source, file.stem, {"kind": "external", "command": command}, mark)
-            if source.programs is not None:
-                source.programs.update(command)
+            _add_program(source, file, mark)
             labels[file.stem] = mark
-            continue
-        try:
-            plugin = load_file(file) if file.suffix == ".py" else None
-        except PluginError as why:
-            raise UserError(*(Problem(mark, "", what) for what in why.args)) from None
-        groups = registered(plugin.module) if plugin else []
-        kinds_in = [kind for group, kind, _ in groups if group == "filters"]
-        if plugin is None or not kinds_in:
-            what = "registers no filter" if plugin else NO_FILTER
-            raise UserError(Problem(mark, "", f"{what}; `trackbench new filter NAME` writes one"))
-        # Each kind becomes a filter of that label, and the file one of the plugins.
-        for kind in kinds_in:
-            _add_filter(source, kind, {"kind": kind}, mark)
-            labels[kind] = mark
-        if not source.data.get("plugins"):
-            override(source, ("plugins",), [], mark)
-        _append(source.data["plugins"], str(file.absolute()), mark)
+        else:
+            for kind in _add_plugin(source, file, mark):
+                labels[kind] = mark
     return labels
 
 
+def _add_program(source: Source, file: Path, mark: Mark) -> None:
+    """Add a program as a filter under its name, and allow it."""
+    path = str(file.absolute())
+    _add_filter(source, file.stem, {"kind": "external", "command": [path]}, mark)
+    if source.programs is not None:
+        source.programs.add(path)
+
+
+def _add_plugin(source: Source, file: Path, mark: Mark) -> list[str]:
+    """Add each filter kind of a Python file as a filter, and the file to the plugins.
+
+    Returns the kinds, which are the labels; raises UserError.
+    """
+    advice = "`trackbench new filter NAME` writes one"
+    if file.suffix != ".py":
+        raise UserError(Problem(mark, "", f"{NO_FILTER}; {advice}"))
+    try:
+        plugin = load_file(file)
+    except PluginError as error:
+        raise UserError(*(Problem(mark, "", what) for what in error.args)) from None
+    filter_kinds = [kind for group, kind, _ in registered(plugin.module) if group == "filters"]
+    if not filter_kinds:
+        raise UserError(Problem(mark, "", f"registers no filter; {advice}"))
+    for kind in filter_kinds:
+        _add_filter(source, kind, {"kind": kind}, mark)
+    if not source.data.get("plugins"):
+        override(source, ("plugins",), [], mark)
+    _append(source.data["plugins"], str(file.absolute()), mark)
+    return filter_kinds
+
+
 NO_FILTER = "is neither the path of a Python file nor of a program that can be executed"
+"""Mistake in the path of a filter's file."""
 
 
 def is_program(path: Path) -> bool:
@@ -75,16 +91,24 @@ def _add_filter(source: Source, label: str, entry: dict[str, object], mark: Mark
 
 
 def show_filters(source: Source, labels: Mapping[str, Mark]) -> None:
-    """Add the labels to every list of filters to run, in tables and in figures."""
-    groups = [source.data.get(group) for group in ("tables", "figures")]
-    exhibits = chain.from_iterable(group.values() for group in groups if isinstance(group, dict))
-    parts = [part for part in exhibits if isinstance(part, dict)]
-    for shown in (source.data.get("only"), *(part.get("filters") for part in parts)):
-        for label, mark in labels.items() if isinstance(shown, list) and shown else ():
-            _append(shown, label, mark)
+    """Add the labels to every list of filters: those to run, in tables and in figures."""
+    label_lists = [source.data.get("only")]
+    for group in ("tables", "figures"):
+        entries = source.data.get(group)
+        if not isinstance(entries, dict):
+            continue
+        for entry in entries.values():
+            if isinstance(entry, dict):
+                label_lists.append(entry.get("filters"))
+    for label_list in label_lists:
+        # An empty list, as none, means all filters.
+        if isinstance(label_list, list) and label_list:
+            for label, mark in labels.items():
+                _append(label_list, label, mark)
 
 
 def _append(items: list[object], value: object, mark: Mark) -> None:
+    """Append a value, with its position, to a list of a config."""
     items.append(None)
     put(items, len(items) - 1, value, mark)
 
@@ -99,12 +123,12 @@ def load_plugins(
     chosen_paths = {file.resolve() for file in chosen}
     names = source.data.get("plugins") or []
     if not isinstance(names, list):
-        return ()  # said by the validation of the whole
-    problems: list[Problem] = []
+        return ()  # the validation of the whole reports it
+    # Step 1: the declared files, which are digested only if plugins may run.
     may_run = allowed or bool(chosen)
-    files = _declared(source, folder, may_run, problems)
-    environment = _texts(source, "environment")
-    # Step 1: read all of them, since they may share modules.
+    files, problems = _digest_declared_files(source, folder, may_run)
+    environment = _words_of_list(source, "environment")
+    # Step 2: read all plugins, since they may share modules.
     read: dict[int, Plugin] = {}
     for i, name in enumerate(names):
         try:
@@ -113,34 +137,40 @@ def load_plugins(
             if not allowed and (folder / name).resolve() not in chosen_paths:
                 raise PluginError(f"the code in {name} is run only with --allow-plugins")
             read[i] = _read_file(folder / name, files, environment)
-        except PluginError as why:
-            problems += [source.problem(("plugins", i), what) for what in why.args]
-    forget_outdated([*read.values()], as_now=True)
-    # Step 2: run their code.
+        except PluginError as error:
+            problems += [source.problem(("plugins", i), what) for what in error.args]
+    forget_outdated(list(read.values()), as_now=True)
+    # Step 3: run their code.
     plugins = []
     for i, plugin in read.items():
         try:
             plugins.append(load_plugin(plugin, check_kind))
-        except PluginError as why:
-            problems += [source.problem(("plugins", i), what) for what in why.args]
+        except PluginError as error:
+            problems += [source.problem(("plugins", i), what) for what in error.args]
     if problems:
         raise UserError(*problems)
-    _check_apart(plugins, source)
+    _reject_repeated_kinds(plugins, source)
     return tuple(plugins)
 
 
-def _texts(source: Source, key: str) -> list[str]:
+def _words_of_list(source: Source, key: str) -> list[str]:
     """Read the words in a list of the config; the validation of the whole reports other values."""
     words = source.data.get(key) or []
-    return [word for word in words if isinstance(word, str)] if isinstance(words, list) else []
+    if not isinstance(words, list):
+        return []
+    return [word for word in words if isinstance(word, str)]
 
 
-def _declared(
-    source: Source, folder: Path, may_run: bool, problems: list[Problem]
-) -> tuple[tuple[str, str], ...]:
-    """Digest the declared files if plugins may run; add a mistake for each that cannot be read."""
+def _digest_declared_files(
+    source: Source, folder: Path, may_run: bool
+) -> tuple[tuple[tuple[str, str], ...], list[Problem]]:
+    """Return path and digest of each declared file, and a mistake for each that cannot be read.
+
+    Without ``may_run`` no file is read, and only missing ones are mistakes.
+    """
     digests = []
-    for i, name in enumerate(_texts(source, "files")):
+    problems = []
+    for i, name in enumerate(_words_of_list(source, "files")):
         file = folder / name
         try:
             file.stat()
@@ -151,12 +181,12 @@ def _declared(
             problems.append(source.problem(("files", i), f"{file}: {what}"))
         except OSError as error:
             problems.append(source.problem(("files", i), f"{file}: {reason(error)}"))
-        except PluginError as why:
-            problems.append(source.problem(("files", i), str(why)))
-    return tuple(digests)
+        except PluginError as error:
+            problems.append(source.problem(("files", i), str(error)))
+    return tuple(digests), problems
 
 
-def _check_apart(plugins: list[Plugin], source: Source) -> None:
+def _reject_repeated_kinds(plugins: list[Plugin], source: Source) -> None:
     """Reject two plugins of a config that register the same kind."""
     owners: dict[tuple[str, str], Plugin] = {}
     for i, plugin in enumerate(plugins):
@@ -164,8 +194,7 @@ def _check_apart(plugins: list[Plugin], source: Source) -> None:
             owner = owners.setdefault((group, kind), plugin)
             if owner is not plugin and owner.module != plugin.module:
                 what = f"{plugin.path}: the kind {kind!r} is registered by {owner.path}, too"
-                where = ("plugins", i)
-                raise UserError(source.problem(where, what))
+                raise UserError(source.problem(("plugins", i), what))
 
 
 def load_file(path: Path) -> Plugin:
@@ -179,9 +208,11 @@ def _read_file(
     path: Path, files: tuple[tuple[str, str], ...] = (), environment: Iterable[str] = ()
 ) -> Plugin:
     """Read a plugin with the declared files and variables; raises PluginError."""
-    # First, so that a plugin can neither take names of the package nor change its functions.
+    # The package's own kinds are imported first, so that a plugin can neither take their names nor
+    # change their functions.
     import_own(*BLOCK_GROUPS)
-    kinds("filters"), kinds("scenarios")
+    kinds("filters")
+    kinds("scenarios")
     try:
         return read_plugin(path, files, environment)
     except OSError as error:
@@ -189,17 +220,18 @@ def _read_file(
 
 
 def check_kind(cls: type[Part]) -> None:
-    """Raise PluginError for a class that no config could make a part of."""
-    for what in _mistakes(cls):
-        raise PluginError(f"{location_of(WrongReturnError('', ''), cls)}{cls.__name__}: {what}")
+    """Raise PluginError for a class that no config could name."""
+    for what in _class_mistakes(cls):
+        location = location_of(WrongReturnError("", ""), cls)
+        raise PluginError(f"{location}{cls.__name__}: {what}")
 
 
-def _mistakes(cls: type[Part]) -> Iterator[str]:
+def _class_mistakes(cls: type[Part]) -> Iterator[str]:
+    """Yield the mistakes in the attributes and keys of a registered class."""
     if cls.__hash__ is None:
         yield "is not frozen: @dataclass(frozen=True, kw_only=True)"
-    if not isinstance(cls.presets, dict) or not all(
-        isinstance(p, dict) for p in cls.presets.values()
-    ):
+    presets: object = cls.presets
+    if not isinstance(presets, dict) or not all(isinstance(p, dict) for p in presets.values()):
         yield "presets is not a mapping of names to mappings of keys"
     if issubclass(cls, Filter):
         needs: object = cls.requires
@@ -208,65 +240,77 @@ def _mistakes(cls: type[Part]) -> Iterator[str]:
         if isinstance(cls.summed_diagnostics, str):
             yield "counts is a word, not a set of words"
     if issubclass(cls, (base_of("tables"), base_of("figures"))):
-        yield from _mistakes_of_exhibit(cast(type[Exhibit], cls))
+        yield from _exhibit_mistakes(cast(type[Exhibit], cls))
     # Keys: defaults and types that a YAML can hold.
     for field in fields(cls):
-        default = _default(field)
-        if field.init and not _is_plain(default):
+        default = _default_value(field)
+        if field.init and not _is_plain_data(default):
             yield f"the key {field.name} is a {type(default).__name__}, which no YAML can hold"
     try:
         adapter(cls)
     except Exception as error:
-        reason = str(error).split("\n", 1)[0].split(". Set `arb", 1)[0]
-        yield f"has a key of a type that no YAML can hold: {reason}"
+        first_line = str(error).split("\n", 1)[0]
+        without_advice = first_line.split(". Set `arb", 1)[0]
+        yield f"has a key of a type that no YAML can hold: {without_advice}"
 
 
-def _mistakes_of_exhibit(cls: type[Exhibit]) -> Iterator[str]:
+def _exhibit_mistakes(cls: type[Exhibit]) -> Iterator[str]:
+    """Yield the mistakes in the attributes of a table or figure class."""
     needs = cls.requires
     if not isinstance(needs, dict) or not set(needs.values()) <= _FILES:
         yield f"requires is {needs!r}, not a mapping of metrics to {', '.join(sorted(_FILES))}"
-    known = {field.name for field in fields(cls)}
+    known_keys = {field.name for field in fields(cls)}
     key_lists = {"label_keys": cls.label_keys}
     if issubclass(cls, DrawnExhibit):
         key_lists["numbers"] = cls.numbers
     for name, keys in key_lists.items():
-        if not isinstance(keys, tuple) or not set(keys) <= known:
+        if not isinstance(keys, tuple) or not set(keys) <= known_keys:
             yield f"{name} is {keys!r}, not a tuple of keys"
 
 
-def _default(field: "Field[object]") -> object:
+def _default_value(field: "Field[object]") -> object:
+    """Return a key's default; None without one."""
     if field.default_factory is not MISSING:
         return field.default_factory()
-    return None if field.default is MISSING else field.default
+    if field.default is MISSING:
+        return None
+    return field.default
 
 
-def _is_plain(value: object) -> bool:
+def _is_plain_data(value: object) -> bool:
+    """Test whether a YAML can hold a value: scalars, lists, mappings and components."""
     if isinstance(value, list | tuple):
-        return all(map(_is_plain, value))
+        return all(_is_plain_data(item) for item in value)
     if isinstance(value, dict):
-        return all(map(_is_plain, (*value, *value.values())))
-    return isinstance(value, _PLAIN) or (is_dataclass(value) and not isinstance(value, type))
+        return all(_is_plain_data(item) for item in (*value, *value.values()))
+    if isinstance(value, _PLAIN):
+        return True
+    return is_dataclass(value) and not isinstance(value, type)
 
 
-def exhibit_conflicts(part: Exhibit, points: Sequence[Point]) -> dict[str, str]:
+def exhibit_conflicts(exhibit: Exhibit, points: Sequence[Point]) -> dict[str, str]:
     """Collect the conflicts of a table or figure; for plugins also what would stop the runner."""
-    if not is_foreign(part):
-        return part.conflicts(points)
+    if not is_foreign(exhibit):
+        return exhibit.conflicts(points)
     try:
-        with plugin_code(part):
-            conflicts: dict[str, str] = call_hook(part.conflicts, dict, points)
+        with plugin_code(exhibit):
+            conflicts: dict[str, str] = call_hook(exhibit.conflicts, dict, points)
             check_words(*conflicts, *conflicts.values())
-            if isinstance(part, DrawnExhibit):
-                _check_shown(part)
+            if isinstance(exhibit, DrawnExhibit):
+                _check_shown(exhibit)
     except PluginError as error:
         return {"": str(error)}
     return conflicts
 
 
-def _check_shown(part: DrawnExhibit) -> None:
+def _check_shown(exhibit: DrawnExhibit) -> None:
     """Raise WrongReturnError unless a figure declares properly which tracks it needs."""
-    runs, components = part.shown_runs, part.shown_components
-    _ = part.shown_covariances, part.shown_measurements, part.shown_particles
+    runs = exhibit.shown_runs
+    components = exhibit.shown_components
+    # These are read only so that an error in them is reported here.
+    _ = exhibit.shown_covariances
+    _ = exhibit.shown_measurements
+    _ = exhibit.shown_particles
     if not isinstance(runs, int):
         raise WrongReturnError("shown_runs", f"shown_runs is {runs!r}, no whole number")
     if components is not None and not isinstance(components, tuple):

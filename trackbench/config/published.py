@@ -35,7 +35,7 @@ from trackbench.yaml_source import (
 
 
 def split(text: str) -> list[str]:
-    """Split at semicolons."""
+    """Split the text of a cell at its semicolons, without empty words."""
     return [part.strip() for part in text.split(";") if part.strip()]
 
 
@@ -45,16 +45,17 @@ def picks(point: str, values: Mapping[str, object]) -> bool:
     Paths that vary together are one path with a list of values: ``a.N & b.N=[10, 5]``.
     """
 
-    def is_picked(part: str) -> bool:
+    def is_met(condition: str) -> bool:
+        """Test whether ``path=value`` is true of one of the values."""
         # A label in the path may contain "=".
         for path, value in values.items():
-            rest = part.removeprefix(path).lstrip()
-            is_path = part.startswith(path) and rest.startswith("=")
-            if is_path and scalar(rest[1:].strip()) in (value, str(value)):
+            rest = condition.removeprefix(path).lstrip()
+            names_path = condition.startswith(path) and rest.startswith("=")
+            if names_path and scalar(rest[1:].strip()) in (value, str(value)):
                 return True
         return False
 
-    return all(map(is_picked, split(point)))
+    return all(is_met(condition) for condition in split(point))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,7 +103,9 @@ class PublishedNumber(Printed):
     @property
     def expressions(self) -> list[Measure]:
         """Every expression of the row."""
-        return [self.expression] if self.expression else []
+        if not self.expression:
+            return []
+        return [self.expression]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,8 +155,11 @@ class Claim:
         """Return the compared expressions of the left side and of a label on the right, if any."""
         if self.expression is None:
             return []
-        other = (self.right_expression or self.expression).of(right)
-        return [self.expression.of(self.left), *([other] if right else [])]
+        compared = [self.expression.of(self.left)]
+        if right:
+            right_expression = self.right_expression or self.expression
+            compared.append(right_expression.of(right))
+        return compared
 
     @property
     def expressions(self) -> list[Measure]:
@@ -195,10 +201,13 @@ def read_published(
 
     Rows may name ``labels`` and the grid's ``points`` only, if they are given: a run with ``--only``
     leaves labels out, one with ``--grid`` points. With ``labels`` there must be a row for the experiment
-    or for one of ``also``, and rows for others must not look misspelt.
+    or for one of ``also``, and rows for others must not look misspelt. ``mark`` is the place of the
+    config's ``published``, where a file that cannot be read is reported.
     """
     # Step 1: the rows of every file.
-    published, problems, known = Published(), [], _Known(experiment, labels, points, {})
+    published = Published()
+    problems: list[Problem] = []
+    known = _Known(experiment=experiment, labels=labels, points=points, first_rows={})
     for path in paths:
         try:
             text = text_of(folder / path)
@@ -211,13 +220,17 @@ def read_published(
         if name in published.files:
             problems.append(Problem(Mark(path), "", f"there are two files named {name}"))
         published.files[name] = text
-        problems += _read(str(folder / path), text, known, published)
+        problems += _add_rows(published, known, str(folder / path), text)
     # Step 2: names of other experiments, and a config without any row.
-    # A run's own folder holds a copy of files that were checked among their neighbors.
-    if labels is not None and not (folder / "manifest.json").is_file():
-        problems += _misspelt(known, [folder, *((folder / path).parent for path in paths)])
-    has_rows = published.numbers or published.claims or known.first_rows.keys() & {*also}
-    if paths and labels is not None and not (problems or has_rows):
+    # A results folder has a copy of files that were checked among their neighbors.
+    is_results_folder = (folder / "manifest.json").is_file()
+    if labels is not None and not is_results_folder:
+        folders = [folder]
+        folders += [(folder / path).parent for path in paths]
+        problems += _misspelt_experiments(known, folders)
+    has_rows_of_related = not known.first_rows.keys().isdisjoint(also)
+    has_rows = published.numbers or published.claims or has_rows_of_related
+    if paths and labels is not None and not problems and not has_rows:
         names = ", ".join(sorted(known.first_rows)) or "none"
         what = f"no row is for experiment {experiment!r}; the rows are for {names}"
         problems.append(Problem(mark or Mark("config"), "published", what))
@@ -227,7 +240,7 @@ def read_published(
 
 
 class _Known(NamedTuple):
-    """The experiment that rows are read for, and what they may name, if that is known."""
+    """The experiment that rows are read for, and the names that they may have, if those are known."""
 
     experiment: str
     labels: list[str] | None
@@ -236,25 +249,29 @@ class _Known(NamedTuple):
     """the first row for each other experiment, as the place of a mistake"""
 
 
-def _misspelt(known: _Known, folders: list[Path]) -> Iterator[Problem]:
+def _misspelt_experiments(known: _Known, folders: list[Path]) -> Iterator[Problem]:
     """Yield a mistake for each unknown experiment with nearly the name of a known one.
 
     Known are the shipped experiments and the configs in the folders and above them. Names that differ in
     their numbers only may be of experiments elsewhere.
     """
-    unknown_names = known.first_rows.keys() - set(shipped_experiments.names())
-    if not unknown_names:
+    # Step 1: the known names.
+    shipped_names = shipped_experiments.names()
+    other_names = known.first_rows.keys() - set(shipped_names)
+    if not other_names:
         return
-    places = {*folders, *(folder.parent for folder in folders)}
-    names = {known.experiment, *shipped_experiments.names()}.union(*map(_configs, places))
-    for name in sorted(unknown_names - names):
-        for match in get_close_matches(name, sorted(names), 1, 0.75):
+    known_names = {known.experiment, *shipped_names}
+    for folder in {*folders, *(folder.parent for folder in folders)}:
+        known_names.update(_experiment_names(folder))
+    # Step 2: names that are near to a known one.
+    for name in sorted(other_names - known_names):
+        for match in get_close_matches(name, sorted(known_names), 1, 0.75):
             if _NUMBERS.sub("", name) != _NUMBERS.sub("", match):
                 what = f"there is no experiment {name!r}; did you mean {match}?"
                 yield replace(known.first_rows[name], what=what)
 
 
-def _configs(folder: Path) -> Iterator[str]:
+def _experiment_names(folder: Path) -> Iterator[str]:
     """Yield the names of the experiments in a folder."""
     for path in glob(f"{escape(str(folder))}/*.yaml"):
         with suppress(OSError):
@@ -262,32 +279,43 @@ def _configs(folder: Path) -> Iterator[str]:
             yield name[1] if name else Path(path).stem
 
 
-def _read(name: str, text: str, known: _Known, published: Published) -> list[Problem]:
-    """Add the rows of a file to those published; return the file's mistakes."""
+def _add_rows(published: Published, known: _Known, file_name: str, text: str) -> list[Problem]:
+    """Add the rows of a file, which has this text, to ``published``; return the file's mistakes.
+
+    ``known`` gets the first row for each other experiment.
+    """
+    # Step 1: the lines and the header.
     reader = csv.reader(io.StringIO(text))
     try:
-        rows = [(reader.line_num, cells) for cells in reader]
+        lines = [(reader.line_num, cells) for cells in reader]
     except csv.Error as error:
-        return [Problem(Mark(name, reader.line_num, 1), "", f"not a CSV: {error}")]
-    line, header = rows[0] if rows else (1, [])
-    header = [key.strip() for key in header]
+        return [Problem(Mark(file_name, reader.line_num, 1), "", f"not a CSV: {error}")]
+    header: list[str] = []
+    header_line = 1
+    if lines:
+        header_line, headings = lines[0]
+        header = [heading.strip() for heading in headings]
     if not header:
-        return [Problem(Mark(name, 1, 1), "", "there are no headings")]
-    what = "there are two columns of this name"
-    repeated = dict.fromkeys(key for key in header if header.count(key) > 1)
-    problems = [Problem(Mark(name, line, 1), key, what) for key in repeated]
-    # A row each: build it, note the first row on another experiment, check it against this one.
+        return [Problem(Mark(file_name, 1, 1), "", "there are no headings")]
+    problems = []
+    for key in dict.fromkeys(header):
+        if header.count(key) > 1:
+            what = "there are two columns of this name"
+            problems.append(Problem(Mark(file_name, header_line, 1), key, what))
+    # Step 2: build each row, note the first row on another experiment, check it against this one.
     cls: type[Claim | PublishedNumber] = Claim if "claim" in header else PublishedNumber
-    for line, cells in rows[1:]:
+    for line, cells in lines[1:]:
         if not cells:
             continue
-        source = _source(name, line, cls, header, cells)
+        source = _read_row(file_name, line, cls, header, cells)
         row = build(cls, source, ())
         experiments = split(source.data.get("experiment", ""))
         for other in set(experiments) - {known.experiment}:
             known.first_rows.setdefault(other, source.problem(("experiment",), ""))
-        if row is not None and (not experiments or known.experiment in experiments):
-            _check(row, source, known.labels)
+        is_of_experiment = not experiments or known.experiment in experiments
+        if row is not None and is_of_experiment:
+            _check_labels(row, source, known.labels)
+            _check_steps(row, source)
             _check_point(row, source, known.points)
             if isinstance(row, Claim):
                 _check_claim(row, source)
@@ -300,56 +328,76 @@ def _read(name: str, text: str, known: _Known, published: Published) -> list[Pro
     return problems
 
 
-def _source(name: str, line: int, cls: type, header: list[str], cells: list[str]) -> Source:
+def _read_row(file_name: str, line: int, cls: type, header: list[str], cells: list[str]) -> Source:
     """Read one row as a mapping with positions, without the spaces around cells.
 
-    Empty cells are left out, numbers are read as in YAML.
+    Empty cells are left out, numbers are read as in YAML. ``cls`` is the class of the row.
     """
     row = MarkedMapping()
-    source = Source(row, Mark(name, line, 1))
+    source = Source(row, Mark(file_name, line, 1))
     if len(cells) != len(header):
         source.add_problem((), f"{len(cells)} cells under {len(header)} headings")
-    words = {f.name for f in fields(cls) if f.type in (str, "str")}
-    required = {f.name for f in fields(cls) if f.default is MISSING}
+    text_keys = {f.name for f in fields(cls) if f.type in (str, "str")}
+    required_keys = {f.name for f in fields(cls) if f.default is MISSING}
     is_printable = unprintable_reason("".join(cells)) is None
     column = 1
     for key, written in zip(header, cells, strict=False):
         cell = written.strip()
-        if cell != "" or key in words & required:
-            is_word = key in words
+        is_text = key in text_keys
+        if cell != "" or (is_text and key in required_keys):
+            # Step 1: the value and its position.
             value = scalar(cell)
-            row[key] = cell if is_word or type(value) not in (int, float) else value
-            row.marks[key] = row.key_marks[key] = Mark(name, line, column)
+            is_number = type(value) in (int, float)
+            row[key] = value if is_number and not is_text else cell
+            row.marks[key] = Mark(file_name, line, column)
+            row.key_marks[key] = row.marks[key]
             if key == "value" and isinstance(value, float):
                 row.setdefault("digits", decimals(cell))
+            # Step 2: characters that a cell must not have.
             what = None if is_printable else unprintable_reason(cell)
-            what = what or (formula(cell) if is_word and cell[:1] in FORMULA else None)
+            if not what and is_text and cell[:1] in FORMULA:
+                what = formula(cell)
             if what is not None:
                 source.add_problem((key,), what)
         # The next cell's column: quotes around a cell, and doubled ones in it, take their place.
-        quotes = 2 + written.count('"') if _QUOTED.search(written) else 0
+        quotes = 0
+        if _QUOTED.search(written):
+            quotes = 2 + written.count('"')
         column += len(written) + quotes + 1
     return source
 
 
-def _check(row: PublishedNumber | Claim, source: Source, labels: list[str] | None) -> None:
-    """Check a row's labels and expressions."""
-    first, second = row.expression, None
+def _check_labels(row: PublishedNumber | Claim, source: Source, labels: list[str] | None) -> None:
+    """Check that the filters that a row names exist, if their labels are known."""
+    if labels is None:
+        return
+    # The labels in each column.
     if isinstance(row, Claim):
-        second, named = row.right_expression, {"left": split(row.left), "right": row.rights}
+        named_labels = {"left": split(row.left), "right": row.rights}
+        expressions = {"expression": row.expression, "right_expression": row.right_expression}
     else:
-        named = {"label": row.labels}
-    named["expression"] = [first.other] if first and first.other else []
-    named["right_expression"] = [second.other] if second and second.other else []
-    for key, several in named.items():
-        for label in several:
-            if labels is not None and label not in labels:
+        named_labels = {"label": row.labels}
+        expressions = {"expression": row.expression}
+    for key, expression in expressions.items():
+        if expression and expression.other:
+            named_labels[key] = [expression.other]
+    for key, column_labels in named_labels.items():
+        for label in column_labels:
+            if label not in labels:
                 what = f"{label!r} is not a filter here; {unknown(label, labels)}"
                 source.add_problem((key,), what)
-    if isinstance(row, PublishedNumber) and first and first.is_many:
-        source.add_problem(("expression",), f"{str(first)!r} is no number: name one step")
-    elif second and second.is_many and not (first and first.steps == second.steps):
-        what = f"{str(second)!r} is not at the steps of {str(first)!r}"
+
+
+def _check_steps(row: PublishedNumber | Claim, source: Source) -> None:
+    """Check that a number is of one step, and that both sides of a claim are of equal steps."""
+    left = row.expression
+    if isinstance(row, PublishedNumber):
+        if left and left.is_many:
+            source.add_problem(("expression",), f"{str(left)!r} is no number: name one step")
+        return
+    right = row.right_expression
+    if right and right.is_many and not (left and left.steps == right.steps):
+        what = f"{str(right)!r} is not at the steps of {str(left)!r}"
         source.add_problem(("right_expression",), what)
 
 
@@ -357,23 +405,25 @@ def _check_point(
     row: PublishedNumber | Claim, source: Source, points: Sequence[Mapping[str, object]] | None
 ) -> None:
     """Check that a row's point can be read and is one of the grid."""
-    if not all("=" in part for part in split(row.point)):
+    if not all("=" in condition for condition in split(row.point)):
         source.add_problem(("point",), f"{row.point!r} is not path=value; path=value")
     elif points and not any(picks(row.point, values) for values in points):
         source.add_problem(("point",), f"{row.point!r} is no point of the grid")
 
 
-def _check_reading(row: PublishedNumber, source: Source, before: list[PublishedNumber]) -> None:
+def _check_reading(row: PublishedNumber, source: Source, earlier: list[PublishedNumber]) -> None:
     """Check that rows of one number agree on it and name their interpretation."""
-    for other in before:
+    for other in earlier:
         if other.printed_at != row.printed_at:
             continue
-        same = "an earlier row has this paper, table, row, filter, metric and point, too"
+        repeated = "an earlier row has this paper, table, row, filter, metric and point, too"
         if other.value != row.value:
-            source.add_problem(("value",), f"is {row.value} here and {other.value} there: {same}")
+            what = f"is {row.value} here and {other.value} there: {repeated}"
+            source.add_problem(("value",), what)
             return
-        if row.reading == other.reading or not (row.reading and other.reading):
-            what = f"{same}: give each a `reading` of its own, or leave one out"
+        have_readings = row.reading and other.reading
+        if not have_readings or row.reading == other.reading:
+            what = f"{repeated}: give each a `reading` of its own, or leave one out"
             source.add_problem(("reading",), what)
             return
 

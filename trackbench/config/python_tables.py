@@ -17,7 +17,7 @@ from trackbench.config.includes import override
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.models.base import position_velocity_names
 from trackbench.models.sensors.base import stack
-from trackbench.yaml_source import Source
+from trackbench.yaml_source import Keys, Source
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,49 +32,63 @@ def put_tables(source: Source, tables: Mapping[str, object]) -> None:
     A value is a data frame, a mapping of columns, an array (steps, n) or (runs, steps, n), or a list
     of them, one for each sensor. Raises UserError.
     """
-    target = source.at(_TARGET) if source.has(_TARGET) else {"kind": "measured"}
+    target: object = {"kind": "measured"}
+    if source.has(_TARGET):
+        target = source.at(_TARGET)
     for key, value in tables.items():
         mark = Mark(f"{key}=")
         if not isinstance(target, dict) or target.get("kind") != "measured":
             kind = target.get("kind") if isinstance(target, dict) else target
             what = f"a target with {key} from Python is {{kind: measured}}, and this one is {kind}"
             raise UserError(Problem(mark, ".".join(_TARGET), what))
-        several = value if isinstance(value, list | tuple) else [value]
-        components, paths = _components(source, key, target, len(several)), []
-        for i, one in enumerate(several):
+        # Step 1: write a file for each table.
+        is_several = isinstance(value, list | tuple)
+        tables_of_key = value if isinstance(value, list | tuple) else [value]
+        components = _table_components(source, key, target, len(tables_of_key))
+        paths = []
+        for i, table in enumerate(tables_of_key):
             name = f"{key}-{i + 1}" if i else key
-            of_table = components[i] if i < len(components) else ()
-            paths.append(str(_written(_frame(one, of_table, Mark(name)), name)))
+            columns = components[i] if i < len(components) else ()
+            frame = _build_frame(table, columns, Mark(name))
+            paths.append(str(_write_frame(frame, name)))
+        # Step 2: name the files in the config.
         if not source.has(_TARGET):
             override(source, (*_TARGET, "kind"), "measured", mark)
-        override(source, (*_TARGET, key), paths if several is value else paths[0], mark)
+        override(source, (*_TARGET, key), paths if is_several else paths[0], mark)
 
 
-def _components(
-    source: Source, key: str, target: Mapping[str, Any], tables: int
+def _table_components(
+    source: Source, key: str, target: Mapping[str, Any], number_of_tables: int
 ) -> list[Sequence[str]]:
     """List the components of each table in order; empty if a sensor cannot be built."""
     if key == "truth":
+        if target.get("state"):
+            return [target["state"]]
         axes = target.get("axes", 2)
-        of_plane = position_velocity_names(axes) if axes in (1, 2, 3) else ("x",)
-        return [target.get("state") or of_plane]
-    keys = ("scenario", "sensor")
-    several = source.has(keys) and isinstance(source.at(keys), list)
-    places = [(*keys, i) for i in range(len(source.at(keys)))] if several else [keys]
-    sensors = [build_kind("sensors", source, place) for place in places if source.has(place)]
+        return [position_velocity_names(axes) if axes in (1, 2, 3) else ("x",)]
+    # Step 1: build the sensors.
+    place = ("scenario", "sensor")
+    sensor_places: list[Keys] = [place]
+    if source.has(place) and isinstance(source.at(place), list):
+        sensor_places = [(*place, i) for i in range(len(source.at(place)))]
+    sensors = [build_kind("sensors", source, keys) for keys in sensor_places if source.has(keys)]
     if not sensors or None in sensors:  # the validation reports it
         return []
-    stacks = [(sensor,) for sensor in sensors] if tables > 1 else [tuple(sensors)]
-    return [stack(one).components for one in stacks]
+    # Step 2: a table for each sensor, or one of all.
+    if number_of_tables > 1:
+        return [stack((sensor,)).components for sensor in sensors]
+    return [stack(tuple(sensors)).components]
 
 
-def _frame(value: object, components: Sequence[str], mark: Mark) -> "pd.DataFrame":
+def _build_frame(value: object, components: Sequence[str], mark: Mark) -> "pd.DataFrame":
     """Build the table with a column for each component; raises UserError."""
     import pandas as pd
 
     if isinstance(value, pd.DataFrame):
-        names = [n for n in value.index.names if n is not None and n not in value.columns]
-        return value.reset_index(level=names) if names else value
+        index_names = [n for n in value.index.names if n is not None and n not in value.columns]
+        if index_names:
+            return value.reset_index(level=index_names)
+        return value
     if isinstance(value, Mapping):
         try:
             return pd.DataFrame(value)
@@ -91,27 +105,34 @@ def _frame(value: object, components: Sequence[str], mark: Mark) -> "pd.DataFram
         form = f"(steps, {n or 'n'}) or (runs, steps, {n or 'n'})"
         what = f"has the shape {value.shape}; allowed: {form}, of {', '.join(components)}"
         raise UserError(Problem(mark, "", what))
-    runs = np.ma.filled(value.astype(float), np.nan)
-    runs = runs[None] if runs.ndim == 2 else runs
-    numbers, steps = np.indices(runs.shape[:2]).reshape(2, -1)
-    cells = dict(zip(components, runs.reshape(-1, runs.shape[-1]).T, strict=False))
-    return pd.DataFrame({"run": numbers, "step": steps + 1, **cells})
+    # Rows (runs * steps, n), each with the numbers of its run and step.
+    values = np.ma.filled(value.astype(float), np.nan)
+    if values.ndim == 2:
+        values = values[None]
+    run_numbers, step_numbers = np.indices(values.shape[:2]).reshape(2, -1)
+    columns = dict(zip(components, values.reshape(-1, values.shape[-1]).T, strict=False))
+    return pd.DataFrame({"run": run_numbers, "step": step_numbers + 1, **columns})
 
 
 @cache
-def _temporary() -> "TemporaryDirectory[str]":
-    """Folder of the files until the program ends; a run copies its own into its results."""
+def _temporary_directory() -> "TemporaryDirectory[str]":
+    """Make the directory of the files until the program ends; a run copies its own into its results."""
     return TemporaryDirectory(prefix="trackbench-")
 
 
-def _folder() -> Path:
-    return Path(_temporary().name).resolve()
+def _temporary_folder() -> Path:
+    return Path(_temporary_directory().name).resolve()
 
 
-def _written(frame: "pd.DataFrame", name: str) -> Path:
-    """Write a table's file, once for each content."""
+def _has_tables() -> bool:
+    """Test whether this process has tables from Python; it makes no directory for the answer."""
+    return _temporary_directory.cache_info().currsize > 0
+
+
+def _write_frame(frame: "pd.DataFrame", name: str) -> Path:
+    """Write a table's file, once for each content; return its path."""
     content = frame.to_csv(index=False, lineterminator="\n").encode()
-    folder = _folder() / hashlib.sha256(content).hexdigest()[:16]
+    folder = _temporary_folder() / hashlib.sha256(content).hexdigest()[:16]
     path = folder / f"{name}.csv"
     if not path.exists():
         folder.mkdir(exist_ok=True)
@@ -120,27 +141,32 @@ def _written(frame: "pd.DataFrame", name: str) -> Path:
 
 
 def _is_from_python(path: str) -> bool:
-    return _temporary.cache_info().currsize > 0 and Path(path).is_relative_to(_folder())
+    return _has_tables() and Path(path).is_relative_to(_temporary_folder())
 
 
 def path_from(path: str, folder: Path) -> str:
     """Return a data file's path relative to the results folder, which gets the files from Python."""
-    return Path(path).name if _is_from_python(path) else os.path.relpath(path, folder)
+    if _is_from_python(path):
+        return Path(path).name
+    return os.path.relpath(path, folder)
 
 
 def without_folders(text: str) -> str:
     """Strip folders from a message: files of tables from Python have their names alone."""
-    if not _temporary.cache_info().currsize:
+    if not _has_tables():
         return text
-    return re.sub(re.escape(str(_folder())) + "/[0-9a-f]+/", "", text)
+    return re.sub(re.escape(str(_temporary_folder())) + "/[0-9a-f]+/", "", text)
 
 
 def name_rows(error: UserError) -> None:
     """Name rows of tables from Python in place of lines of their files; rows count from 0."""
-    problems = list(error.problems)
-    for i, problem in enumerate(problems):
+    problems = []
+    for problem in error.problems:
         if isinstance(problem, Problem) and _is_from_python(problem.mark.file):
-            row = f", row {problem.mark.line - 2}" if problem.mark.line > 1 else ""
-            mark = Mark(f"{Path(problem.mark.file).stem}{row}")
-            problems[i] = replace(problem, mark=mark, what=without_folders(problem.what))
-    error.problems, error.args = tuple(problems), ("\n".join(map(str, problems)),)
+            place = Path(problem.mark.file).stem
+            if problem.mark.line > 1:
+                place += f", row {problem.mark.line - 2}"
+            problem = replace(problem, mark=Mark(place), what=without_folders(problem.what))
+        problems.append(problem)
+    error.problems = tuple(problems)
+    error.args = ("\n".join(map(str, problems)),)

@@ -4,7 +4,6 @@ import re
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, is_dataclass
-from itertools import chain
 from typing import TYPE_CHECKING
 
 from trackbench.config.build import hints_of
@@ -25,13 +24,28 @@ from trackbench.yaml_source import Keys, Source
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-_OF_TRUTH = ("squared", "error", "rmsd", "nees", "outside_region", "pit", "coverage", "crps", "nci")
-"""Series of errors."""
-_OF_FAULTS = ("damage", "recovery_s", "not_recovered", "rejected_good", "accepted_bad")
+_ERROR_SERIES = (
+    "squared",
+    "error",
+    "rmsd",
+    "nees",
+    "outside_region",
+    "pit",
+    "coverage",
+    "crps",
+    "nci",
+)
+"""Series that need ground truth."""
 _ADDED_BY = {
-    **dict.fromkeys(("settling_s", "not_settled"), "`settled_error` of a target `legs`"),
-    **dict.fromkeys(_OF_FAULTS, "`faults` of the scenario"),
-    **dict.fromkeys(("arrived_late", "late_dropped"), "`delay` of a sensor"),
+    "settling_s": "`settled_error` of a target `legs`",
+    "not_settled": "`settled_error` of a target `legs`",
+    "damage": "`faults` of the scenario",
+    "recovery_s": "`faults` of the scenario",
+    "not_recovered": "`faults` of the scenario",
+    "rejected_good": "`faults` of the scenario",
+    "accepted_bad": "`faults` of the scenario",
+    "arrived_late": "`delay` of a sensor",
+    "late_dropped": "`delay` of a sensor",
 }
 """Keys that add metrics, by metric."""
 
@@ -59,14 +73,15 @@ def check_metrics(
     ``points`` are all, or none if any has mistakes: the metrics are unknown then. Metrics of filters
     that are not run may be named. Diagnostics of filters with mistakes or errors are unknown.
     """
-    requests = [*_of_settings(settings), *requests_of(parts)]
+    requests = [*_requests_of_settings(settings), *requests_of(parts)]
     if not points:
         return
+    # Diagnostics may take a step of each filter: they are listed only if they are needed.
     names = names_of(settings, points, left_out, with_diagnostics=False)
-    if any(not request.named or _unknown(request, names, settings) for request in requests):
+    if any(not request.named or _why_unknown(request, names, settings) for request in requests):
         names = names_of(settings, points, left_out, with_diagnostics=True)
     for request in requests:
-        what = _unknown(request, names, settings) or _left_out(request, names, settings)
+        what = _why_unknown(request, names, settings) or _why_not_stored(request, names, settings)
         if what is not None:
             source.add_problem(request.keys, what)
 
@@ -76,34 +91,39 @@ def check_trained_metrics(source: Source, settings: Settings, training: Point | 
     if training is None or settings.tuning.scenario is None:
         return
     names = names_of(settings, [training], {}, with_diagnostics=True)
-    for request in _of_tuning(settings):
-        what = _unknown(request, names, settings)
+    for request in _requests_of_tuning(settings):
+        what = _why_unknown(request, names, settings)
         if what is not None:
             source.add_problem(("tuning", "scenario"), f"tuning.metric: {what}")
 
 
-def _of_settings(settings: Settings) -> Iterator[MetricRequest]:
-    for key, role, words in (
-        ("medians", "series", settings.medians),
-        ("metrics", "base", settings.metrics),
-        ("per_step", "base", settings.per_step),
-    ):
-        for i, word in enumerate(words or ()):
-            yield MetricRequest((key, i), measured(word), role)
+def _requests_of_settings(settings: Settings) -> Iterator[MetricRequest]:
+    """Yield the metrics of the config's top level."""
+    for i, word in enumerate(settings.medians):
+        yield MetricRequest(("medians", i), measured(word), "series")
+    for i, word in enumerate(settings.metrics or ()):
+        yield MetricRequest(("metrics", i), measured(word), "base")
+    for i, word in enumerate(settings.per_step or ()):
+        yield MetricRequest(("per_step", i), measured(word), "base")
     for word in settings.until:
         yield MetricRequest(("until", word), measured(word), "row")
-    yield from _of_tuning(settings)
+    yield from _requests_of_tuning(settings)
 
 
-def _of_tuning(settings: Settings) -> Iterator[MetricRequest]:
-    if not settings.tune:
-        return
+def _requests_of_tuning(settings: Settings) -> Iterator[MetricRequest]:
+    """Yield the metrics of tuning's objective, without terms that are reported as mistakes."""
     metric = settings.tuning.metric
-    known = {word for word, _ in bad_terms(metric)}
-    for word in [metric] if isinstance(metric, str) else metric or ():
-        where = ("tuning", "metric", *([] if isinstance(metric, str) else [word]))
-        if word not in known:  # which is said elsewhere
-            yield MetricRequest(where, measured(as_expression(word)), "summary")
+    if not settings.tune or metric is None:
+        return
+    places: dict[str, Keys] = {}
+    if isinstance(metric, str):
+        places[metric] = ("tuning", "metric")
+    else:
+        places = {word: ("tuning", "metric", word) for word in metric}
+    mistaken = {word for word, _ in bad_terms(metric)}
+    for word, place in places.items():
+        if word not in mistaken:
+            yield MetricRequest(place, measured(as_expression(word)), "summary")
 
 
 def requests_of(parts: dict[Group, dict[str, Exhibit]]) -> Iterator[MetricRequest]:
@@ -112,26 +132,30 @@ def requests_of(parts: dict[Group, dict[str, Exhibit]]) -> Iterator[MetricReques
         for name, part in built.items():
             for word, role in part.requires.items():
                 yield MetricRequest((group, name), measured(word), role, named=False)
-            yield from _of_part(part, (group, name))
+            yield from _requests_of_component(part, (group, name))
 
 
-def _of_part(part: "DataclassInstance", keys: Keys) -> Iterator[MetricRequest]:
-    hints = hints_of(type(part))
-    for key, value in field_values(part).items():
-        yield from _in_value(value, hints[key], (*keys, key))
+def _requests_of_component(component: "DataclassInstance", keys: Keys) -> Iterator[MetricRequest]:
+    """Yield the metrics in the keys of a table, a figure or a dataclass within it."""
+    hints = hints_of(type(component))
+    for key, value in field_values(component).items():
+        yield from _requests_in_value(value, hints[key], (*keys, key))
 
 
-def _in_value(value: object, hint: object, keys: Keys) -> Iterator[MetricRequest]:
+def _requests_in_value(value: object, hint: object, keys: Keys) -> Iterator[MetricRequest]:
+    """Yield the metrics in the value of a key; ``hint`` is the key's type."""
     if isinstance(value, Measure):
-        yield MetricRequest(keys, value, role_of(hint))
-        if role_of(hint) == "rank" and not value.steps:
+        role = role_of(hint)
+        yield MetricRequest(keys, value, role)
+        # A rank histogram also needs each of its bars.
+        if role == "rank" and not value.steps:
             for bar in bars(value.family[1]):
                 yield MetricRequest(keys, value._replace(metric=bar), "per_run", named=False)
     elif is_dataclass(value) and not isinstance(value, type):
-        yield from _of_part(value, keys)
+        yield from _requests_of_component(value, keys)
     elif isinstance(value, dict):
-        for head, inner in value.items():
-            yield from _in_value(inner, hint, (*keys, head))
+        for key, inner in value.items():
+            yield from _requests_in_value(inner, hint, (*keys, key))
 
 
 def _nearest_metric(word: str, known: Collection[str], bases: Sequence[str]) -> str:
@@ -139,97 +163,111 @@ def _nearest_metric(word: str, known: Collection[str], bases: Sequence[str]) -> 
     lower = word.lower()
     base = nearest(word, bases) if word.isidentifier() else ""
     if base.startswith(lower) or lower in base.split("_"):
-        for near in (base, f"rms({base})", f"mean({base})"):
-            if near in known:
-                return near
+        for expression in (base, f"rms({base})", f"mean({base})"):
+            if expression in known:
+                return expression
     return nearest(word, sorted(known))
 
 
-def _unknown(request: MetricRequest, names: Names, settings: Settings) -> str | None:
+def _why_unknown(request: MetricRequest, names: Names, settings: Settings) -> str | None:
     """Explain why a metric is unknown, if the config names it."""
-    role, word = _where(request, settings)
+    role, word = _role_and_name(request, settings)
     if role == "efficiency" and settings.reference is None:
         return f"{word!r} compares with the reference filter; name one under `reference`"
-    # Metrics that cannot exist here, with the reason.
+    # Step 1: metrics that cannot exist here, with the reason.
     known = names.of(role)
-    m = request.measure
-    metric, quantity = m.family
+    measure = request.measure
+    metric, quantity = measure.family
     is_of_prediction = quantity.startswith(("predicted_", "held_"))
-    is_of_truth = metric.series in ("damage", *_OF_TRUTH) and not is_of_prediction
-    if m.relation in ("gain", "ratio") and metric.is_score:
-        return f"'{m}': a log score is a logarithm, and ratios of it mean nothing; take minus(...)"
-    if word not in known and not names.has_truth and is_of_truth:
-        less = re.compile(r"(bias|std)_.*|lost|autocorrelation_(?!1$).*")
+    needs_truth = metric.series in ("damage", *_ERROR_SERIES) and not is_of_prediction
+    if measure.relation in ("gain", "ratio") and metric.is_score:
+        what = "a log score is a logarithm, and ratios of it mean nothing; take minus(...)"
+        return f"'{measure}': {what}"
+    if word not in known and not names.has_truth and needs_truth:
+        # Of many similar metrics, only a few are suggested.
+        rarely_useful = re.compile(r"(bias|std)_.*|lost|autocorrelation_(?!1$).*")
         bases = {measured(name).base for name in known}
-        usable = unknown("", sorted(name for name in bases if not less.fullmatch(name)))
-        return f"{word!r} needs ground truth, and the recording has none; {usable}"
-    if m.metric == "likelihood_ratio" and settings.reference is None:
+        suggested = sorted(name for name in bases if not rarely_useful.fullmatch(name))
+        hint = unknown("", suggested)
+        return f"{word!r} needs ground truth, and the recording has none; {hint}"
+    if measure.metric == "likelihood_ratio" and settings.reference is None:
         return "likelihood_ratio is relative to an exact filter; name one under `reference`"
-    if m.metric == "likelihood_ratio" and names.has_delays:
+    if measure.metric == "likelihood_ratio" and names.has_delays:
         return (
             "likelihood_ratio needs equal measurements for both filters, and here some arrive late"
         )
-    if word in known or not request.named or names.could_be_diagnostic(request.measure.metric):
+    # Step 2: metrics that exist, or may exist.
+    if word in known or not request.named or names.could_be_diagnostic(measure.metric):
         return None
-    # Names that are unknown.
-    short = sorted({measured(name).base for name in known})
-    near = _nearest_metric(word, known, short)
-    hint = f"did you mean {near}?" if near else unknown("", short)
-    if metric.name in _ADDED_BY and not any(measured(n).family[0] is metric for n in known):
-        hint = f"the key {_ADDED_BY[metric.name]} adds it"
-    if is_of_truth and quantity in names.components:
+    # Step 3: unknown names, with a hint.
+    if needs_truth and quantity in names.components:
         hint = f"`score: {{errors: {{{quantity}: [{quantity}]}}}}` of the scenario adds it"
+        return f"{word!r} is no metric here; {hint}"
+    has_metric = any(measured(name).family[0] is metric for name in known)
+    if metric.name in _ADDED_BY and not has_metric:
+        return f"{word!r} is no metric here; the key {_ADDED_BY[metric.name]} adds it"
+    known_bases = sorted({measured(name).base for name in known})
+    near = _nearest_metric(word, known, known_bases)
+    hint = f"did you mean {near}?" if near else unknown("", known_bases)
     return f"{word!r} is no metric here; {hint}"
 
 
-def _left_out(request: MetricRequest, names: Names, settings: Settings) -> str | None:
+def _why_not_stored(request: MetricRequest, names: Names, settings: Settings) -> str | None:
     """Explain that a metric is one that its file does not store."""
-    role, word = _where(request, settings)
+    role, word = _role_and_name(request, settings)
     if role == "efficiency":
-        return _missing_parts(request.measure, settings)
+        return _why_not_computable(request.measure, settings)
     stored = stored_metrics(settings, "per_step.csv" if role == "per_step" else "summary.csv")
     if role in ("base", "series", "row") or stored is None or request.measure.base in stored:
         return None
     # For the bars of a rank histogram, the problem is that of its transform.
     if request.measure.family[0].name == "rank" and not request.named:
         return None
-    if word in names.filter_numbers or not (request.named or word in names.of(role)):
+    if word in names.filter_numbers:
+        return None
+    if not request.named and word not in names.of(role):
         return None
     key = "per_step" if role == "per_step" and settings.per_step is not None else "metrics"
     return f"{word!r} is not stored; add it to `{key}`"
 
 
-def _missing_parts(m: Measure, settings: Settings) -> str | None:
-    """Explain which parts of an expression are not stored."""
+def _why_not_computable(measure: Measure, settings: Settings) -> str | None:
+    """Explain which metrics that an expression is computed from are not stored."""
     stored = stored_metrics(settings, "summary.csv")
-    missing = [] if stored is None else [p.base for p in m.made_of() if p.base not in stored]
+    if stored is None:
+        return None
+    missing = [operand.base for operand in measure.made_of() if operand.base not in stored]
     if not missing:
         return None
-    return f"'{m}' needs {' and '.join(missing)}, not stored; add to `metrics` what is missing"
+    names = " and ".join(missing)
+    return f"'{measure}' needs {names}, not stored; add to `metrics` what is missing"
 
 
-def _where(request: MetricRequest, settings: Settings) -> tuple[str, str]:
+def _role_and_name(request: MetricRequest, settings: Settings) -> tuple[str, str]:
     """Return the role, such as the file, and the name there of a requested metric."""
-    m = request.measure
+    measure = request.measure
     if request.role == "base":
-        return "base", m.base
+        return "base", measure.base
     if request.role == "rank":
-        return "per_run", m._replace(steps=None).name
+        return "per_run", measure._replace(steps=None).name
     if request.role == "comparison" and not settings.grid:
-        return "per_run", m.name
+        return "per_run", measure.name
     if request.role not in ("expression", "comparison"):
-        return request.role, str(m)
-    if m.plain.is_efficiency:
-        return "efficiency", str(m.plain)
-    if m.steps is not None:
-        return "per_step", str(m.plain._replace(steps=None))
-    if m.statistic in STATISTICS:
-        return "per_run", m.name
-    return "per_run" if m.relation == "win_rate" else "summary", str(m.plain)
+        return request.role, str(measure)
+    # An expression: its role follows from its form.
+    if measure.plain.is_efficiency:
+        return "efficiency", str(measure.plain)
+    if measure.steps is not None:
+        return "per_step", str(measure.plain._replace(steps=None))
+    if measure.statistic in STATISTICS:
+        return "per_run", measure.name
+    if measure.relation == "win_rate":
+        return "per_run", str(measure.plain)
+    return "summary", str(measure.plain)
 
 
-_OF_SCORE = ("log_score", "log_likelihood")
-_OF_PREDICTIONS = re.compile(
+_SCORE_METRICS = ("log_score", "log_likelihood", "likelihood_ratio")
+_PREDICTION_METRICS = re.compile(
     r"(rmse|bias|std|squared|error)_predicted_.+|anis|innovations|autocorrelation_.+"
 )
 
@@ -246,8 +284,8 @@ def predictions_for(metrics: Iterable[str]) -> tuple[Kind, ...]:
     names = set(metrics)
     heads = {name.partition("_")[0] for name in names}
     requested: dict[Kind, bool] = {
-        "score": not names.isdisjoint((*_OF_SCORE, "likelihood_ratio")),
-        "prediction": any(map(_OF_PREDICTIONS.fullmatch, names)),
+        "score": not names.isdisjoint(_SCORE_METRICS),
+        "prediction": any(_PREDICTION_METRICS.fullmatch(name) for name in names),
         "calibration": not heads.isdisjoint(("pit", "coverage", "nci", "rank")),
         "ranks": "rank" in heads,
         "crps": "crps" in heads,
@@ -257,8 +295,11 @@ def predictions_for(metrics: Iterable[str]) -> tuple[Kind, ...]:
 
 
 def _measures(experiment: Experiment) -> Iterator[Measure]:
-    requests = chain(_of_settings(experiment.settings), requests_of(experiment.parts))
-    yield from (request.measure for request in requests)
+    """Yield every measure that the experiment requests."""
+    for request in _requests_of_settings(experiment.settings):
+        yield request.measure
+    for request in requests_of(experiment.parts):
+        yield request.measure
     yield from experiment.published.expressions
 
 
@@ -269,37 +310,49 @@ def takes_times(experiment: Experiment) -> bool:
 
 @dataclass(frozen=True)
 class Contributions:
-    """Requested measures of which per_run.csv stores each run's contribution.
-
-    Those of every filter; and those at many steps, only of the filters that need them, by label.
-    """
+    """Requested measures of which per_run.csv stores each run's contribution."""
 
     everywhere: tuple[Measure, ...]
+    """measures of every filter"""
     of_steps: Mapping[str, tuple[Measure, ...]]
+    """measures at many steps, only of the filters that need them, by label"""
 
     @property
     def series(self) -> list[str]:
-        """Names of the series that the shares are made of."""
-        names = map(series_of, (*self.everywhere, *chain(*self.of_steps.values())))
+        """Names of the series that the contributions are computed from."""
+        measures = list(self.everywhere)
+        for filter_measures in self.of_steps.values():
+            measures += filter_measures
+        names = [series_of(measure) for measure in measures]
         return list(dict.fromkeys(name for name in names if name is not None))
 
     def of(self, label: str, steps: Sequence[int]) -> list[Measure]:
         """Return a filter's contributions, each at one step, for a scenario with these steps."""
-        at_steps = chain(*(many.at_each(steps) for many in self.of_steps.get(label, ())))
-        return list(dict.fromkeys([*self.everywhere, *at_steps]))
+        measures = list(self.everywhere)
+        for measure in self.of_steps.get(label, ()):
+            measures += measure.at_each(steps)
+        return list(dict.fromkeys(measures))
 
 
 def requested_contributions(experiment: Experiment) -> Contributions:
     """Collect the contributions that tables, figures and published files request."""
+    # Step 1: measures of every filter.
     measures = [request.measure for request in requests_of(experiment.parts)]
     measures += experiment.published.expressions
-    everywhere = {m.plain for m in measures if not m.is_many and series_of(m.plain) is not None}
+    everywhere = set()
+    for measure in measures:
+        if not measure.is_many and series_of(measure.plain) is not None:
+            everywhere.add(measure.plain)
+    # Step 2: measures at many steps, of the filters that a claim compares.
     of_steps: dict[str, dict[Measure, None]] = defaultdict(dict)
     for claim in experiment.published.claims:
         for expression in claim.expressions:
-            for label in filter(None, [*claim.labels, expression.other]):
-                if expression.is_many:
+            if not expression.is_many:
+                continue
+            for label in (*claim.labels, expression.other):
+                if label:
                     of_steps[label][expression.plain] = None
     return Contributions(
-        tuple(sorted(everywhere, key=str)), {label: tuple(m) for label, m in of_steps.items()}
+        everywhere=tuple(sorted(everywhere, key=str)),
+        of_steps={label: tuple(measures) for label, measures in of_steps.items()},
     )

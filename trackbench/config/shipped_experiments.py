@@ -5,7 +5,7 @@ A wheel holds them beside the code; in a checkout, editable installs included, t
 
 import csv
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from importlib import resources
 from pathlib import Path
 from typing import NamedTuple
@@ -43,9 +43,11 @@ class ShippedProblem(NamedTuple):
 
 def folder() -> Path:
     """Find the folder of the shipped experiments, their parts and the published numbers."""
-    home = Path(str(resources.files("trackbench")))
-    inside = home / "experiments"
-    return inside if inside.is_dir() else home.parent / "experiments"
+    package = Path(str(resources.files("trackbench")))
+    in_package = package / "experiments"
+    if in_package.is_dir():
+        return in_package
+    return package.parent / "experiments"
 
 
 def names() -> list[str]:
@@ -57,86 +59,115 @@ def listed() -> list[Shipped]:
     """List every shipped experiment, sorted by name. YAML is not imported to look at three lines."""
     with (folder() / _TIMES).open(encoding="utf-8", newline="") as file:
         times = {row["experiment"]: float(row["cpu_s"]) for row in csv.DictReader(file)}
-    texts = {name: _file(name).read_text(encoding="utf-8") for name in names()}
-    return [
-        Shipped(name, _title(text), _line("paper", text), times.get(name))
-        for name, text in texts.items()
-    ]
+    shipped = []
+    for name in names():
+        text = _shipped_file(name).read_text(encoding="utf-8")
+        # The title has the number of runs in place of {runs}.
+        runs = _value_of_key("runs", text) or "100"
+        shipped.append(
+            Shipped(
+                name=name,
+                title=_value_of_key("title", text).replace("{runs}", runs),
+                paper=_value_of_key("paper", text),
+                cpu_s=times.get(name),
+            )
+        )
+    return shipped
 
 
 def problems() -> list[ShippedProblem]:
     """List every standard problem, sorted by name."""
-    shipped = []
-    for name, title, paper, cpu_s in listed():
-        text = _file(name).read_text(encoding="utf-8")
-        if mark := _PROBLEM.search(text):
-            reference = mark[2] or _line("reference", text) or _line("bound", text)
-            numbers = _published_numbers(name, _line("published", text))
-            shipped.append(
-                ShippedProblem(name, int(mark[1]), title, numbers, reference, paper, cpu_s)
+    shipped_problems = []
+    for shipped in listed():
+        text = _shipped_file(shipped.name).read_text(encoding="utf-8")
+        mark = _PROBLEM.search(text)
+        if mark is None:
+            continue
+        version, reference = mark.groups()
+        shipped_problems.append(
+            ShippedProblem(
+                name=shipped.name,
+                version=int(version),
+                title=shipped.title,
+                numbers=_count_published_numbers(shipped.name, _value_of_key("published", text)),
+                reference=(
+                    reference or _value_of_key("reference", text) or _value_of_key("bound", text)
+                ),
+                paper=shipped.paper,
+                cpu_s=shipped.cpu_s,
             )
-    return shipped
+        )
+    return shipped_problems
 
 
-def _published_numbers(name: str, files: str) -> int:
-    """Count the published numbers that an experiment measures, each once."""
-    printed = set()
+def _count_published_numbers(name: str, files: str) -> int:
+    """Count the published numbers that an experiment measures, each once.
+
+    ``files`` is the YAML list of the published files.
+    """
+    printed_places = set()
     for path in re.findall(r"[^\[\], ]+", files):
         with (folder() / path).open(encoding="utf-8", newline="") as file:
             for row in csv.DictReader(file):
-                measured = row.get("label") and name in (row["experiment"] or name).split("; ")
-                if measured and not row["value"].endswith("biased"):
-                    printed.add(tuple(row.get(key) for key in _PRINTED_AT))
-    return len(printed)
+                experiments = (row["experiment"] or name).split("; ")
+                is_measured = row.get("label") and name in experiments
+                if is_measured and not row["value"].endswith("biased"):
+                    printed_places.add(tuple(row.get(key) for key in _PRINTED_AT))
+    return len(printed_places)
 
 
 def located(config: Path, note: Callable[[str], None]) -> Path:
     """Find the file of a config: of that path, or else the shipped experiment of that name.
 
-    Raises UserError for a word that is neither; says so if it is both.
+    Raises UserError for a word that is neither. ``note`` gets a line to print if it is both.
     """
     word = str(config)
     if config.is_file() or not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", word):
         if word in names():
-            note(f"note: using the file {word}; the shipped experiment is {_file(word)}")
+            note(f"note: using the file {word}; the shipped experiment is {_shipped_file(word)}")
         return config
     if config.exists():
         note(f"note: using the shipped experiment {word}; the folder of this name is ignored")
-    return named(word)
+    return find_shipped(word)
 
 
-def named(name: str) -> Path:
+def find_shipped(name: str) -> Path:
     """Find the file of the shipped experiment; raises UserError if there is none of this name."""
     if name in names():
-        return _file(name)
+        return _shipped_file(name)
     from trackbench.config.mistakes import unknown
 
-    beside = [
-        f"{name}{ending}" for ending in (".yaml", ".yml") if Path(f"{name}{ending}").is_file()
-    ]
-    hint = f"did you mean {beside[0]}?" if beside else unknown(name, names())
+    hint = unknown(name, names())
+    for ending in (".yml", ".yaml"):
+        if Path(f"{name}{ending}").is_file():
+            hint = f"did you mean {name}{ending}?"
     what = f"is neither a file nor a shipped experiment; {hint}"
     raise UserError(Problem(Mark(name), "", what))
 
 
-def copied(name: str, target: Path) -> list[Path]:
+def copy_experiment(name: str, target: Path) -> list[Path]:
     """Copy a shipped experiment and its parts into a folder; returns the files written.
 
-    A file that is there already with the same content is left alone; raises UserError, before anything
-    is written, for every one with another content.
+    An existing file with the same content is left alone. Raises UserError, before anything is written,
+    for every existing file with another content.
     """
-    files = sorted(part for part in with_parts(named(name)) if part.is_file())
+    files = sorted(part for part in with_parts(find_shipped(name)) if part.is_file())
     content = {target / path.relative_to(folder()): path.read_bytes() for path in files}
-    # Reject changed files before anything is written.
+    # Step 1: reject changed files before anything is written.
     existing = {path for path in content if path.exists()}
-    changed = [p for p in sorted(existing) if not p.is_file() or p.read_bytes() != content[p]]
-    if changed:
-        what = "exists with another content; copy to another folder, or remove this file"
-        raise UserError(*(Problem(Mark(f"copy {name}"), str(p), what) for p in changed))
-    for path in content.keys() - existing:
+    problems = []
+    for path in sorted(existing):
+        if not path.is_file() or path.read_bytes() != content[path]:
+            what = "exists with another content; copy to another folder, or remove this file"
+            problems.append(Problem(Mark(f"copy {name}"), str(path), what))
+    if problems:
+        raise UserError(*problems)
+    # Step 2: write the others.
+    new_files = sorted(content.keys() - existing)
+    for path in new_files:
         ensure_folder(path.parent)
         write_bytes(path, content[path])
-    return sorted(content.keys() - existing)
+    return new_files
 
 
 def suite_names() -> list[str]:
@@ -177,34 +208,39 @@ def suite_times(name: str) -> dict[str, SuiteTime]:
 def with_parts(file: Path, files: frozenset[Path] = frozenset()) -> frozenset[Path]:
     """Collect a YAML file and every file that it names, directly or through another; some may not exist.
 
-    Raises UserError if one of them is no YAML.
+    ``files`` are collected already. Raises UserError if one of them is no YAML.
     """
     from trackbench.yaml_source import read
 
     files |= {file}
     if file.suffix in (".yaml", ".yml") and file.is_file():
-        parts = {file.parent / word for word in _words(read(file).data)}
+        parts = {file.parent / word for word in _walk_words(read(file).data)}
         for part in sorted(part for part in parts - files if part.suffix):
             files = with_parts(part, files)
     return files
 
 
-def _words(data: object) -> Iterator[str]:
-    inner = data.values() if isinstance(data, dict) else data if isinstance(data, list) else ()
-    for value in inner:
-        yield from [value] if isinstance(value, str) else _words(value)
+def _walk_words(data: object) -> Iterator[str]:
+    """Yield every word within a mapping or list."""
+    values: Iterable[object] = ()
+    if isinstance(data, dict):
+        values = data.values()
+    elif isinstance(data, list):
+        values = data
+    for value in values:
+        if isinstance(value, str):
+            yield value
+        else:
+            yield from _walk_words(value)
 
 
-def _file(name: str) -> Path:
+def _shipped_file(name: str) -> Path:
     return folder() / f"{name}.yaml"
 
 
-def _title(text: str) -> str:
-    """Return the title, with the number of runs where it asks for it."""
-    return _line("title", text).replace("{runs}", _line("runs", text) or "100")
-
-
-def _line(key: str, text: str) -> str:
-    """Return the value of a key that stands on a line of its own."""
+def _value_of_key(key: str, text: str) -> str:
+    """Return the value of a key that stands on a line of its own; empty if there is none."""
     match = re.search(rf"^{key}: (.+)$", text, re.MULTILINE)
-    return match[1].strip("\"'") if match else ""
+    if match is None:
+        return ""
+    return match[1].strip("\"'")

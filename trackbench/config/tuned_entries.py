@@ -33,23 +33,28 @@ def add_tuned(source: Source, tuned_values: Mapping[str, Chosen]) -> None:
     and a figure per filter show what tuning did.
     """
     tune = source.data.get("tune")
-    tuned = [label for label in tune if _is_entry(source, label)] if isinstance(tune, dict) else []
-    if not tuned:
+    if not isinstance(tune, dict):
+        return
+    labels = [label for label in tune if _is_entry(source, label)]
+    if not labels:
         return
     # Step 1: an entry per tuned filter, with the values found.
-    for label in tuned:
+    for label in labels:
         _check_tuned_label(source, label)
         if label in tuned_values or not _is_entry(source, tuned_label(label)):
-            filters, mark = source.data["filters"], source.mark(("filters", label))
+            filters = source.data["filters"]
             entry = copy.deepcopy(filters[label])
+            mark = source.mark(("filters", label))
             put(filters, tuned_label(label), entry, mark, source.key_mark(("filters", label)))
-        _set(source, tuned_label(label), label, tuned_values.get(label, {}))
+        _set_values(source, tuned_label(label), label, tuned_values.get(label, {}))
     # Step 2: each after its original; tables and figures of those that are run.
-    _order(source, {label: tuned_label(label) for label in tuned})
-    run = _with_tuned_of_only(source, tuned)
-    _add_part(source, "tables", "tuning", {"kind": "tuning"})
-    for label in run:
-        _add_part(source, "figures", _file_name(label), {"kind": "tuning", "filter": label})
+    _put_after_originals(source, {label: tuned_label(label) for label in labels})
+    _run_tuned_with_only(source, labels)
+    _add_exhibit(source, "tables", "tuning", {"kind": "tuning"})
+    for label in labels:
+        if _is_tuned_run(source, label):
+            name = _figure_name(label)
+            _add_exhibit(source, "figures", name, {"kind": "tuning", "filter": label})
 
 
 def add_smoothed(source: Source) -> None:
@@ -58,32 +63,44 @@ def add_smoothed(source: Source) -> None:
     An existing entry of this filter with a smoother, as in the config of a results folder, stays.
     """
     labels = source.data.get("smoothed")
+    if not isinstance(labels, list):
+        return
     copies: dict[str, str] = {}
-    for i, label in enumerate(labels if isinstance(labels, list) else ()):
+    for i, label in enumerate(labels):
         if not isinstance(label, str) or not _is_entry(source, label):
             continue
-        smoothed = copies[label] = f"{label}, smoothed"
-        if not _is_entry(source, smoothed):
-            filters, mark = source.data["filters"], source.mark(("smoothed", i))
-            put(filters, smoothed, copy.deepcopy(filters[label]), mark, mark)
-            override(source, ("filters", smoothed, "smooth"), True, mark)
+        smoothed_label = f"{label}, smoothed"
+        copies[label] = smoothed_label
+        filters = source.data["filters"]
+        if not _is_entry(source, smoothed_label):
+            mark = source.mark(("smoothed", i))
+            put(filters, smoothed_label, copy.deepcopy(filters[label]), mark, mark)
+            override(source, ("filters", smoothed_label, "smooth"), True, mark)
             continue
-        same = [{**source.at(("filters", of)), "smooth": None} for of in (label, smoothed)]
-        if same[0] != same[1] or not source.at(("filters", smoothed)).get("smooth"):
-            what = f"there is another filter {smoothed!r}: give it another label"
+        # The existing entry must be that of the filter, with a smoother.
+        original = {**filters[label], "smooth": None}
+        smoothed = {**filters[smoothed_label], "smooth": None}
+        if original != smoothed or not filters[smoothed_label].get("smooth"):
+            what = f"there is another filter {smoothed_label!r}: give it another label"
             source.add_problem(("smoothed", i), what)
     if copies:
-        _order(source, copies)
+        _put_after_originals(source, copies)
 
 
 def _check_tuned_label(source: Source, label: str) -> None:
-    """Reject an entry under the tuned filter's label that is another filter."""
+    """Reject an entry under the tuned filter's label that is another filter.
+
+    The two entries may differ in the tuned keys only.
+    """
     keys = source.at(("tune", label))
     if not isinstance(keys, dict) or not _is_entry(source, tuned_label(label)):
         return
-    pair = [label, tuned_label(label)]
-    entries = [with_values(source, of, dict.fromkeys(keys)).at(("filters", of)) for of in pair]
-    if entries[0] != entries[1]:
+    entries = []
+    for filter_label in (label, tuned_label(label)):
+        without_values = with_values(source, filter_label, dict.fromkeys(keys))
+        entries.append(without_values.at(("filters", filter_label)))
+    original, tuned = entries
+    if original != tuned:
         what = f"tuning gives this label to the tuned {label}: give this filter another label"
         source.add_key_problem(("filters", tuned_label(label)), what)
 
@@ -92,98 +109,121 @@ def with_values(source: Source, label: str, values: Chosen) -> Source:
     """Return a config with other values of this filter; the rest is shared."""
     keys = ("filters", label)
     changed = source.replaced(keys, copy.deepcopy(source.at(keys)))
-    _set(changed, label, label, values)
+    _set_values(changed, label, label, values)
     return changed
 
 
-def _set(source: Source, label: str, tuned_as: str, values: Chosen) -> None:
+def _set_values(source: Source, label: str, original_label: str, values: Chosen) -> None:
+    """Set values of a filter; their positions are those of ``original_label`` under ``tune``."""
     for path, value in values.items():
-        mark = source.mark(("tune", tuned_as, path))
-        _take_from_scenario(source, label, path)
+        mark = source.mark(("tune", original_label, path))
+        _copy_scenario_model(source, label, path)
         override(source, split_path(source, f"filters.{label}.{path}"), value, mark)
 
 
-def _take_from_scenario(source: Source, label: str, path: str) -> None:
+def _copy_scenario_model(source: Source, label: str, path: str) -> None:
     """Copy the model of ``assume.motion.q`` from the scenario's `assume` if the filter has none."""
-    root, _, inner = path.partition(".")
-    part, _, key = inner.partition(".")
-    of_scenario = ("scenario", "assume", part)
-    of_filter = ("filters", label, "assume", part)
-    if root != "assume" or not key or not source.has(of_scenario) or source.has(of_filter):
+    root, _, inner_path = path.partition(".")
+    component, _, key = inner_path.partition(".")
+    if root != "assume" or not key:
         return
-    model = source.at(of_scenario)
+    scenario_model = ("scenario", "assume", component)
+    filter_model = ("filters", label, "assume", component)
+    if not source.has(scenario_model) or source.has(filter_model):
+        return
+    model = source.at(scenario_model)
     if isinstance(model, dict):
-        override(source, of_filter, copy.deepcopy(model), source.mark(of_scenario))
+        override(source, filter_model, copy.deepcopy(model), source.mark(scenario_model))
 
 
 def _is_entry(source: Source, label: str) -> bool:
+    """Test whether the config has a filter of this label, written as a mapping."""
     keys = ("filters", label)
     return source.has(keys) and isinstance(source.at(keys), dict)
 
 
-def _order(source: Source, copies: Mapping[str, str]) -> None:
-    """Put each copy of a filter after its original, by their labels."""
+def _put_after_originals(source: Source, copies: Mapping[str, str]) -> None:
+    """Put each copy of a filter after its original; ``copies`` has their labels by the originals'."""
     filters = source.data["filters"]
-    entries = {label: filters.pop(copy) for label, copy in copies.items()}
-    for label in [*filters]:
+    entries = {label: filters.pop(copy_label) for label, copy_label in copies.items()}
+    for label in list(filters):
         filters[label] = filters.pop(label)
         if label in entries:
             filters[copies[label]] = entries[label]
 
 
-def _with_tuned_of_only(source: Source, labels: list[str]) -> list[str]:
-    """Let ``only: [KF]`` run the tuned one, too; returns the labels that are tuned."""
+def _run_tuned_with_only(source: Source, labels: list[str]) -> None:
+    """Add the tuned filter to a list ``only: [KF]``, so that it is run, too."""
     only = source.data.get("only")
-    if not isinstance(only, list) or not only:
-        return labels
+    if not isinstance(only, list):
+        return
     for label in labels:
         if label in only and tuned_label(label) not in only:
             mark = source.mark(("only", only.index(label)))
             only.append(None)
             put(only, len(only) - 1, tuned_label(label), mark)
-    return [label for label in labels if tuned_label(label) in only]
 
 
-def _add_part(source: Source, group: str, name: str, part: dict[str, object]) -> None:
+def _is_tuned_run(source: Source, label: str) -> bool:
+    """Test whether the tuned filter beside this one is run."""
+    only = source.data.get("only")
+    if not isinstance(only, list) or not only:
+        return True
+    return tuned_label(label) in only
+
+
+def _add_exhibit(source: Source, group: str, name: str, exhibit: dict[str, object]) -> None:
     """Add a table or figure of tuning unless the config has it."""
     mark = source.key_mark(("tune",))
-    mark = mark if mark.line else Mark("tune")
+    if not mark.line:
+        mark = Mark("tune")
     if group not in source.data:
         override(source, (group,), {}, mark)
-    parts = source.data[group]
-    if not isinstance(parts, dict):
+    entries = source.data[group]
+    if not isinstance(entries, dict):
         return
-    if not any(isinstance(p, dict) and part.items() <= p.items() for p in parts.values()):
-        override(source, (group, free_name(name, parts)), part, mark)
+    for entry in entries.values():
+        if isinstance(entry, dict) and exhibit.items() <= entry.items():
+            return
+    override(source, (group, free_name(name, entries)), exhibit, mark)
 
 
-def _file_name(label: str) -> str:
+def _figure_name(label: str) -> str:
+    """Name the figure of a tuned filter by the letters and digits of its label."""
     words = "".join(c if c.isascii() and c.isalnum() else " " for c in label).split()
     return "-".join(["tuning", *words])[:80]
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A filter and what it assumes."""
+    """A filter with the values of a trial, and its filter model."""
 
     filter: AnyFilter
     assume: Assume | None
 
 
 def make_trial(source: Source, point: Point, label: str, values: Chosen) -> Trial | list[Problem]:
-    """Build the filter with these values; the reasons if there is none."""
-    # Build the filter and its model, and check both as the config's own.
+    """Build a filter and its model with these values, and check both as the config's own.
+
+    Returns the mistakes if there are any.
+    """
     changed = with_values(source, label, values)
     tracker = build_kind("filters", changed, ("filters", label))
     assume = read_assumed(changed, label)
     if tracker is not None and not changed.problems:
-        assumed = {label: assume} if assume is not None else {}
-        trial_point = Point(point.values, point.scenario, {label: tracker}, assumed)
+        trial_point = Point(
+            values=point.values,
+            scenario=point.scenario,
+            filters={label: tracker},
+            assumed={} if assume is None else {label: assume},
+        )
         scenario = check_assumed(changed, trial_point, label)
         if scenario is not None:
             check_fit(changed, ("filters", label), tracker, scenario)
             check_late(changed, ("filters", label), tracker, scenario)
-    return changed.problems or Trial(tracker, assume)
+    if changed.problems:
+        return changed.problems
+    return Trial(filter=tracker, assume=assume)
 
 
 _MOST_KEYS = 5
@@ -195,13 +235,16 @@ def with_defaults(
     """Fill in tuning's default metric and number of runs, if anything is tuned by them."""
     if training is None:
         return settings
-    tuning, scenario = settings.tuning, training.scenario
+    tuning = settings.tuning
     if tuning.metric is None:
-        # Without a truth in either scenario, the metric is one that needs none.
-        least = min(points[0], training, key=lambda point: point.scenario.has_truth)
-        tuning = replace(tuning, metric=default_metric(least.scenario))
-    if scenario.training is not None and "runs" not in (source.data.get("tuning") or {}):
-        tuning = replace(tuning, runs=scenario.recorded_runs or tuning.runs)
+        # If one of the two scenarios has no truth, the metric is one that needs none.
+        scenario = points[0].scenario
+        if scenario.has_truth and not training.scenario.has_truth:
+            scenario = training.scenario
+        tuning = replace(tuning, metric=default_metric(scenario))
+    trains_on_time_share = training.scenario.training is not None
+    if trains_on_time_share and "runs" not in (source.data.get("tuning") or {}):
+        tuning = replace(tuning, runs=training.scenario.recorded_runs or tuning.runs)
     return replace(settings, tuning=tuning)
 
 
@@ -211,115 +254,152 @@ def tuned_axes(
     """Read the axes of the keys of each filter that is tuned and run."""
     if not settings.tune:
         return {}
-    before, axes_by_label = len(source.problems), dict[str, tuple[Axis, ...]]()
-    _check(source, settings, points, training)
+    problems_before = len(source.problems)
+    _check_tuning(source, settings, points, training)
+    axes_by_label: dict[str, tuple[Axis, ...]] = {}
     for label, keys in settings.tune.items():
-        if label == KEYS[1] and label not in settings.filters:
-            what = "is no filter; the scenario of training stands under `tuning: {scenario: ...}`"
-            source.add_key_problem(("tune", label), what)
-        elif label not in settings.filters:
+        if label not in settings.filters and label != TRAINING_SCENARIO[1]:
             add_label_problem(source, settings, ("tune", label), label)
-        elif not 1 <= len(keys) <= _MOST_KEYS:
-            what = f"{len(keys)} keys; a filter is tuned in 1 to {_MOST_KEYS}"
+            continue
+        what = _why_not_tunable(settings, label, len(keys))
+        if what:
             source.add_key_problem(("tune", label), what)
-        elif label == settings.reference:
-            what = "the reference filter measures the others; tune another filter"
-            source.add_key_problem(("tune", label), what)
-        else:
-            # Read the axis of each key, then test the types of its values on the filter.
-            axes = []
-            for key, written in keys.items():
-                try:
-                    axes.append(read_axis(key, written))
-                except ValueError as error:
-                    source.add_problem(("tune", label, key), str(error))
-            if len(axes) == len(keys) and training is not None and len(source.problems) == before:
-                tested = _with_types(source, training, label, axes)
-                if not settings.only or tuned_label(label) in settings.only:
-                    axes_by_label[label] = tested
+            continue
+        axes = _read_axes(source, label, keys)
+        # The values of the axes are tried on the filter only if nothing else is mistaken.
+        if training is None or len(source.problems) > problems_before:
+            continue
+        tried_axes = _try_axes(source, training, label, axes)
+        if not settings.only or tuned_label(label) in settings.only:
+            axes_by_label[label] = tried_axes
     return axes_by_label
 
 
-def _check(source: Source, settings: Settings, points: list[Point], training: Point | None) -> None:
+def _why_not_tunable(settings: Settings, label: str, number_of_keys: int) -> str:
+    """Explain why a filter cannot be tuned; an empty text if it can."""
+    if label not in settings.filters:
+        return "is no filter; the scenario of training stands under `tuning: {scenario: ...}`"
+    if not 1 <= number_of_keys <= _MOST_KEYS:
+        return f"{number_of_keys} keys; a filter is tuned in 1 to {_MOST_KEYS}"
+    if label == settings.reference:
+        return "the reference filter measures the others; tune another filter"
+    return ""
+
+
+def _read_axes(source: Source, label: str, keys: Mapping[str, object]) -> list[Axis]:
+    """Read the axis of each tuned key; mistakes are added to the source."""
+    axes = []
+    for key, written in keys.items():
+        try:
+            axes.append(read_axis(key, written))
+        except ValueError as error:
+            source.add_problem(("tune", label, key), str(error))
+    return axes
+
+
+def _check_tuning(
+    source: Source, settings: Settings, points: list[Point], training: Point | None
+) -> None:
+    """Check the grid, the objective and the number of training runs."""
     tuning = settings.tuning
-    # The grid, the objective, and the number of recorded runs.
+    # Step 1: the grid and the terms of the objective.
     if settings.grid:
         what = "each point of a grid has values of its own: tune one experiment per point"
         source.add_key_problem(("tune",), what)
     for word, what in bad_terms(tuning.metric):
-        keys = ("tuning", "metric", *([] if isinstance(tuning.metric, str) else [word]))
-        source.add_problem(keys, what)
-    most = 0 if training is None else training.scenario.recorded_runs or 0
-    in_time = training is not None and training.scenario.training is not None
-    shared = training is not None and not in_time and same_recordings(points[0], training)
-    beside = settings.runs if shared else 0
-    if most and beside + tuning.runs > most:
-        what = (
-            f"{tuning.runs} training runs beside {settings.runs} of the results are more than the "
-            f"{most} recorded ones: ask for fewer `runs`, or fewer here, or share out their time "
-            "(the scenario's `score: {train: 0.5}`)"
-            if beside
-            else f"{tuning.runs} is more than the {most} recorded runs"
+        place = (
+            ("tuning", "metric") if isinstance(tuning.metric, str) else ("tuning", "metric", word)
         )
+        source.add_problem(place, what)
+    # Step 2: the number of recorded runs.
+    if training is None or not training.scenario.recorded_runs:
+        return
+    recorded_runs = training.scenario.recorded_runs
+    trains_on_time_share = training.scenario.training is not None
+    if not trains_on_time_share and same_recordings(points[0], training):
+        # Results and training take different runs of the same recordings.
+        if settings.runs + tuning.runs > recorded_runs:
+            what = (
+                f"{tuning.runs} training runs beside {settings.runs} of the results are more than "
+                f"the {recorded_runs} recorded ones: ask for fewer `runs`, or fewer here, or share "
+                "out their time (the scenario's `score: {train: 0.5}`)"
+            )
+            source.add_problem(("tuning", "runs"), what)
+    elif tuning.runs > recorded_runs:
+        what = f"{tuning.runs} is more than the {recorded_runs} recorded runs"
         source.add_problem(("tuning", "runs"), what)
 
 
-def _with_types(source: Source, point: Point, label: str, axes: list[Axis]) -> tuple[Axis, ...]:
-    """Make axes whole where no other numbers are valid; check both ends and all choices."""
+def _try_axes(source: Source, point: Point, label: str, axes: list[Axis]) -> tuple[Axis, ...]:
+    """Try values of the axes on the filter.
+
+    An axis becomes whole where no other numbers are valid. The ends and all choices must be valid.
+    """
     # Step 1: an axis between whole numbers is whole if the filter rejects a value between them.
     middle: dict[str, object] = {axis.key: axis.at(0.5) for axis in axes}
-    typed = []
+    tried_axes = []
     for axis in axes:
+        tried_axis = axis
         if not axis.choices and axis.low.is_integer() and axis.high.is_integer():
             between = {**middle, axis.key: 0.5 * (axis.low + axis.high) + 0.25}
             if not isinstance(make_trial(source, point, label, between), Trial):
-                axis = replace(axis, whole=True)
-                middle[axis.key] = axis.at(0.5)
-        typed.append(axis)
+                tried_axis = replace(axis, whole=True)
+                middle[axis.key] = tried_axis.at(0.5)
+        tried_axes.append(tried_axis)
     # Step 2: try both ends and all choices, with the other keys at their middle.
-    for axis in typed:
+    for axis in tried_axes:
         for value in axis.choices or (axis.at(0.0), axis.at(1.0)):
             trial = make_trial(source, point, label, {**middle, axis.key: value})
-            for problem in [] if isinstance(trial, Trial) else trial:
+            if isinstance(trial, Trial):
+                continue
+            for problem in trial:
                 path = problem.path.removeprefix(f"filters.{label}").removeprefix(".")
                 what = f"{path}: {problem.what}" if path else problem.what
                 source.add_problem(("tune", label, axis.key), f"at {value}: {what}")
-    return tuple(typed)
+    return tuple(tried_axes)
 
 
-KEYS = ("tuning", "scenario")
-NOISE, PATH, RUNS, TIME = "noise", "noise and path", "recordings", "time"
-"""What of the judged data training has not seen, as the manifest says it."""
+TRAINING_SCENARIO = ("tuning", "scenario")
+"""Keys of the training scenario in a config."""
+NOISE = "noise"
+PATH = "noise and path"
+RUNS = "recordings"
+TIME = "time"
+"""Names, in the manifest, of the judged data that is held out of training."""
 
 
 def training_point(source: Source, point: Point) -> Point | None:
     """Build the point with the scenario that training simulates; None if its keys are mistaken."""
-    changes = source.at(KEYS) if source.has(KEYS) else None
-    if changes is None:
+    if not source.has(TRAINING_SCENARIO) or source.at(TRAINING_SCENARIO) is None:
         return point
+    changes = source.at(TRAINING_SCENARIO)
     if not isinstance(changes, dict):  # reported with the other settings
         return None
     whole = deep_merge(source.data["scenario"], changes, by_kind=True)
-    changed = source.replaced(KEYS, copy.deepcopy(whole))
-    scenario = build_kind("scenarios", changed, KEYS)
+    changed = source.replaced(TRAINING_SCENARIO, copy.deepcopy(whole))
+    scenario = build_kind("scenarios", changed, TRAINING_SCENARIO)
     if scenario is not None:
         try:
             check_scenario(scenario, bounded=False)
         except PluginError as error:
-            changed.add_problem(KEYS, str(error))
+            changed.add_problem(TRAINING_SCENARIO, str(error))
     source.problems += changed.problems
-    return None if changed.problems else replace(point, scenario=scenario)
+    if changed.problems:
+        return None
+    return replace(point, scenario=scenario)
 
 
 def same_recordings(a: Point, b: Point) -> bool:
     """Test whether two points take their runs from the same recorded data."""
-    first, second = (as_config(point.scenario).get("target") for point in (a, b))
-    return a.scenario.recorded_runs is not None and first == second
+    if a.scenario.recorded_runs is None:
+        return False
+    return as_config(a.scenario).get("target") == as_config(b.scenario).get("target")
 
 
-def held_out(experiment: Experiment) -> str:
-    """Name the judged data outside training; the paths of two runs are compared."""
-    judged, training = experiment.points[0], experiment.training
+def held_out_data(experiment: Experiment) -> str:
+    """Name the judged data that is held out of training: noise, paths, recordings or time."""
+    judged = experiment.points[0]
+    training = experiment.training
     assert training is not None
     if same_recordings(judged, training):
         return RUNS if training.scenario.training is None else TIME
@@ -327,17 +407,18 @@ def held_out(experiment: Experiment) -> str:
         return PATH
     # Simulated data: compare the path of the first judged run with that of the first training run.
     seed = experiment.settings.seed
-    paths = [
-        simulate(point.scenario, seed, run, 1).truth for point, run in ((judged, 0), (training, -1))
-    ]
-    n, steps = np.min([path.shape[:2] for path in paths], axis=0)
-    one, other = (path[:n, :steps] for path in paths)
-    return NOISE if np.array_equal(one, other, equal_nan=True) else PATH
+    judged_path = simulate(judged.scenario, seed, 0, 1).truth
+    training_path = simulate(training.scenario, seed, -1, 1).truth
+    n, steps = np.minimum(judged_path.shape[:2], training_path.shape[:2])
+    is_same_path = np.array_equal(
+        judged_path[:n, :steps], training_path[:n, :steps], equal_nan=True
+    )
+    return NOISE if is_same_path else PATH
 
 
 def training_cautions(experiment: Experiment) -> list[str]:
     """Warn of filters that are tuned on the very path that judges them."""
-    if not experiment.tuned or held_out(experiment) != NOISE:
+    if not experiment.tuned or held_out_data(experiment) != NOISE:
         return []
     return [
         "filters are tuned on the path that judges them, and only the noise is held out; to train on "

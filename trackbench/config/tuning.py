@@ -18,11 +18,11 @@ from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.over_runs import STATISTICS, influence, mean
 
 SUFFIX = " (tuned)"
-"""What the label of a tuned filter ends with."""
+"""End of the label of a tuned filter."""
 
 
 def tuned_label(label: str) -> str:
-    """Label of the tuned filter beside this one."""
+    """Return the label of the tuned filter beside this one."""
     return label + SUFFIX
 
 
@@ -55,8 +55,8 @@ _FARTHEST = 1e100
 class Axis:
     """A key and its values, laid out over the shares from 0 to 1.
 
-    Numbers are rounded to four digits: so many are seen in an error at most, and a last bit of the
-    search makes no other filter.
+    Numbers are rounded to four digits. An error shows at most so many of them, and a last bit of the
+    search cannot make another filter.
     """
 
     key: str
@@ -70,26 +70,38 @@ class Axis:
         """Return the value at a share; beyond 0 and 1 that at the end."""
         share = min(max(share, 0.0), 1.0)
         if self.choices:
-            return self.choices[min(int(share * len(self.choices)), len(self.choices) - 1)]
-        # The ends exactly as written, whatever their digits.
-        if share in (0.0, 1.0):
-            value = self.high if share else self.low
-            return round(value) if self.whole else value
-        # On a logarithmic axis low^(1 - s) high^s, on a linear one low + s (high - low).
+            number = int(share * len(self.choices))
+            return self.choices[min(number, len(self.choices) - 1)]
+        # Step 1: the value; both ends exactly as written, whatever their digits.
+        if share == 0.0:
+            value = self.low
+        elif share == 1.0:
+            value = self.high
+        else:
+            value = self._between_ends(share)
+        # Step 2: a whole number where no other is valid.
+        if self.whole:
+            return round(value)
+        return value
+
+    def _between_ends(self, share: float) -> float:
+        """Return low^(1 - s) high^s on a logarithmic axis, low + s (high - low) on a linear one."""
         if self.log:
             logs = elementary.log(np.array([self.low, self.high]))
             value = float(elementary.exp(logs[:1] + share * (logs[1:] - logs[:1]))[0])
         else:
             value = self.low + share * (self.high - self.low)
         # Four digits, which may round beyond an end.
-        value = min(max(float(f"{value:.{_DIGITS}g}"), self.low), self.high)
-        return round(value) if self.whole else value
+        rounded = float(f"{value:.{_DIGITS}g}")
+        return min(max(rounded, self.low), self.high)
 
     def share(self, value: object) -> float | None:
         """Return the place of a value on the axis; None if it is outside."""
         if self.choices:
-            places = [i for i, choice in enumerate(self.choices) if choice == value]
-            return (places[0] + 0.5) / len(self.choices) if places else None
+            for i, choice in enumerate(self.choices):
+                if choice == value:
+                    return (i + 0.5) / len(self.choices)
+            return None
         if not is_number(value) or not self.low <= value <= self.high:
             return None
         if not self.log:
@@ -99,24 +111,33 @@ class Axis:
 
     @property
     def grain(self) -> float:
-        """Shares that are nearer than this to each other may be the same value."""
+        """Distance of two shares below which they may have one value."""
         if self.choices:
             return 1.0 / len(self.choices)
-        return 1.0 / (self.high - self.low) if self.whole and not self.log else 0.0
+        if self.whole and not self.log:
+            return 1.0 / (self.high - self.low)
+        return 0.0
 
 
 def read_axis(key: str, written: object) -> Axis:
-    """Read the axis of a key; raises ValueError in words."""
+    """Read the axis of a key from a config: a list of choices, ``a..b`` or ``log:a..b``.
+
+    Raises ValueError, with the mistake in words.
+    """
     if isinstance(written, list):
         if len(written) < 2:
             raise ValueError("a list of choices has at least two")
         if any(value in written[:i] for i, value in enumerate(written)):
             raise ValueError("a choice is given twice")
         return Axis(key, choices=tuple(written))
-    match = re.fullmatch(RANGE, written) if isinstance(written, str) else None
+    match = None
+    if isinstance(written, str):
+        match = re.fullmatch(RANGE, written)
     if match is None:
         raise ValueError(f"{written!r}: write a..b, log:a..b or a list of choices")
-    log, low, high = bool(match.group(1)), float(match.group(2)), float(match.group(3))
+    log = bool(match.group(1))
+    low = float(match.group(2))
+    high = float(match.group(3))
     if not low < high or not np.isfinite([low, high]).all():
         raise ValueError(f"{written!r} does not rise from a number to a larger one")
     if log and low <= 0.0:
@@ -127,97 +148,111 @@ def read_axis(key: str, written: object) -> Axis:
 
 
 _LOCATIONS = ("mean", "median")
+"""Statistics of a metric's location."""
 _TARGETS = {"one": 1.0, "zero": 0.0}
-"""Statistics that say where a metric lies, and where it is to be if not as low as can be."""
+"""Targets of the metrics that are not to be as small or as large as possible."""
 
 
 class Objective(NamedTuple):
-    """A weighted sum of statistics over runs, and the state's components by the name of each NEES."""
+    """A weighted sum of statistics over runs, which tuning minimizes."""
 
     weights: Mapping[str, float]
+    """weight of each term, such as ``rms(rmse_position)``"""
     sizes: Mapping[str, int]
+    """number of the state's components in each NEES, by its name"""
 
     @classmethod
     def of(cls, metric: str | Mapping[str, float], sizes: Mapping[str, int]) -> "Objective":
-        """Return the objective as a config writes it."""
-        return cls({metric: 1.0} if isinstance(metric, str) else metric, sizes)
+        """Return the objective of a config's metric: one term, or terms with their weights."""
+        weights = {metric: 1.0} if isinstance(metric, str) else metric
+        return cls(weights=weights, sizes=sizes)
 
     @property
     def metrics(self) -> list[str]:
         """Names of the values per run that it takes."""
-        return [_per_run(_read(word)) for word in self.weights]
+        return [_run_metric(_read_term(word)) for word in self.weights]
 
     def score(self, per_run: Mapping[str, Array]) -> RunEstimate:
         """Return the objective of values (M,) by name, NaN for lost runs; smaller is better."""
         # The influences of a weighted sum are the weighted sum of its terms' influences.
+        value = 0.0
+        influences = np.zeros(len(per_run["lost"]))
         with np.errstate(all="ignore"):
-            terms = [self._term(word, per_run) for word in self.weights]
-            weights = list(self.weights.values())
-            value, influences = 0.0, np.zeros(len(per_run["lost"]))
-            for weight, (part, moved) in zip(weights, terms, strict=True):
-                value, influences = value + weight * part, influences + weight * moved
+            for word, weight in self.weights.items():
+                term_value, term_influences = self._score_term(word, per_run)
+                value = value + weight * term_value
+                influences = influences + weight * term_influences
         lost = int((per_run["lost"] != 0).sum())
         stderr = mean(influences[~np.isnan(influences)]).stderr
         return RunEstimate(value, stderr, influences, len(influences) - lost, lost)
 
-    def _term(self, word: str, per_run: Mapping[str, Array]) -> tuple[float, Array]:
-        """Return the minimized value and its influences: a value, or its distance to a target."""
-        m = _read(word)
-        metric, quantity = m.family
+    def _score_term(self, word: str, per_run: Mapping[str, Array]) -> tuple[float, Array]:
+        """Return the minimized value of a term, and each run's influence (M,) on it."""
+        measure = _read_term(word)
+        metric, quantity = measure.family
         # Step 1: the statistic of the runs that are not lost, and each run's influence on it.
-        x = per_run[_per_run(m)]
-        finite = ~np.isnan(x)
+        x = per_run[_run_metric(measure)]
+        is_finite = ~np.isnan(x)
         influences = np.full(len(x), np.nan)
-        influences[finite] = influence(m.statistic, x[finite])
-        value = STATISTICS[m.statistic](x[finite]).value
+        influences[is_finite] = influence(measure.statistic, x[is_finite])
+        value = STATISTICS[measure.statistic](x[is_finite]).value
         # Step 2: make it an objective. A metric with a target: the distance to it.
         n = self.sizes[quantity] if metric.per_component else 1
-        if m.statistic in _LOCATIONS and metric.better in _TARGETS:
-            off = value / n - _TARGETS[metric.better]
-            return abs(off), influences * (np.sign(off) / n)
+        if measure.statistic in _LOCATIONS and metric.better in _TARGETS:
+            deviation = value / n - _TARGETS[metric.better]
+            return abs(deviation), influences * (np.sign(deviation) / n)
         # A metric that is better larger: its negative.
-        if _is_made_large(m):
+        if _is_maximized(measure):
             return -value, -influences
         return value, influences
 
 
 def as_expression(word: str) -> str:
     """Write the term as tables do."""
-    m = _read(word)
-    return word if m.family[0].per_component else str(m)
+    measure = _read_term(word)
+    if measure.family[0].per_component:
+        return word
+    return str(measure)
 
 
 def objective_label(word: str) -> str:
-    """Write the term as it is added up: what is made large has a minus."""
-    return f"-{word}" if _is_made_large(_read(word)) else word
+    """Write the term as it is added up: a maximized one has a minus."""
+    if _is_maximized(_read_term(word)):
+        return f"-{word}"
+    return word
 
 
-def _read(word: str) -> Measure:
-    """Parse the term; of ANEES and of log scores the mean is meant."""
-    m = measured(word)
-    plain = m.is_row and (m.family[0].per_component or m.family[0].is_score)
-    return m._replace(statistic="mean") if plain else m
+def _read_term(word: str) -> Measure:
+    """Parse the term; ANEES and log scores stand for their means."""
+    measure = measured(word)
+    metric = measure.family[0]
+    if measure.is_row and (metric.per_component or metric.is_score):
+        return measure._replace(statistic="mean")
+    return measure
 
 
-def _is_made_large(m: Measure) -> bool:
-    return m.statistic in _LOCATIONS and m.family[0].more_is_better
+def _is_maximized(measure: Measure) -> bool:
+    return measure.statistic in _LOCATIONS and measure.family[0].more_is_better
 
 
-def _per_run(m: Measure) -> str:
-    """Name of the values per run that it is of."""
-    return in_window(m.base, m.window) if m.family[0].per_component else m.name
+def _run_metric(measure: Measure) -> str:
+    """Return the name of the values per run that the statistic is taken of."""
+    if measure.family[0].per_component:
+        return in_window(measure.base, measure.window)
+    return measure.name
 
 
 def bad_terms(metric: str | Mapping[str, float] | None) -> Iterator[tuple[str, str]]:
     """Yield terms that are no statistic over runs, and why."""
-    for word in [metric] if isinstance(metric, str) else metric or ():
-        m = _read(word)
-        if not m.is_over_runs:
+    words = [metric] if isinstance(metric, str) else metric or ()
+    for word in words:
+        measure = _read_term(word)
+        if not measure.is_over_runs:
             yield (
                 word,
                 f"{word!r} is no statistic over runs, such as rms(rmse_position), anees, log_score",
             )
-        elif m.family[0].more_is_better and m.statistic not in _LOCATIONS:
+        elif measure.family[0].more_is_better and measure.statistic not in _LOCATIONS:
             better = measured(word)._replace(statistic="mean")
             yield word, f"{word!r}: of a metric that is better larger take {better}"
 

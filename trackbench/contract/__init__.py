@@ -6,9 +6,8 @@ a class attribute: ``contract_exemptions = {"kalman": "uses no measurement"}``. 
 """
 
 import pickle
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import MISSING, fields, is_dataclass
-from itertools import chain
 from pathlib import Path
 from typing import Literal, NamedTuple
 from warnings import catch_warnings, simplefilter
@@ -69,7 +68,10 @@ class Finding(NamedTuple):
     why: str = ""
 
     def __str__(self) -> str:
-        return f"{self.verdict:>8}  {self.check}" + (f": {self.why}" if self.why else "")
+        line = f"{self.verdict:>8}  {self.check}"
+        if self.why:
+            line += f": {self.why}"
+        return line
 
 
 def check_file(
@@ -97,9 +99,13 @@ def check_file(
     UserError
         If a file cannot be read or loaded, or registers no filter.
     """
-    labels = _labels_of_program(path, on) if on is not None else []
-    if labels or path.suffix != ".py":
-        return _check_program(path, on, labels, allow_plugins)
+    # Step 1: a program, or the command of a config's filter.
+    program_labels = []
+    if on is not None:
+        program_labels = _labels_of_program(path, on)
+    if program_labels or path.suffix != ".py":
+        return _check_program(path, on, program_labels, allow_plugins)
+    # Step 2: the filters that a Python file registers.
     try:
         plugin = load_file(path)
     except PluginError as error:
@@ -107,64 +113,78 @@ def check_file(
     registered = {k: c for k, c in kinds("filters").items() if c.__module__ == plugin.module}
     if not registered:
         raise UserError(f'{path}: registers no filter (@register("filters", "my-kind"))')
-    classes = {k: c for k, c in registered.items() if issubclass(c, Filter)}
+    classes = {kind: cls for kind, cls in registered.items() if issubclass(cls, Filter)}
     if on is None:
-        return {k: [*check_filter(c)] for k, c in classes.items()}
+        return {kind: list(check_filter(cls)) for kind, cls in classes.items()}
+    # Step 3: the entries of the config with these filters, or its problem if there is no entry.
     point = load(on, allow_plugins=allow_plugins, chosen=[path]).points[0]
-    out: dict[str, list[Finding]] = {}
+    findings: dict[str, list[Finding]] = {}
     for kind, cls in classes.items():
-        labels = [label for label, f in point.filters.items() if f.kind == kind]
-        alone = {} if labels else {kind: [*check_filter(cls, on=ModelDraws(base=point.scenario))]}
-        out |= alone or _check_entries(cls, point, labels)
-    return out
+        labels = [label for label, tracker in point.filters.items() if tracker.kind == kind]
+        if labels:
+            findings |= _check_entries(cls, point, labels)
+        else:
+            problem = ModelDraws(base=point.scenario)
+            findings[kind] = list(check_filter(cls, on=problem))
+    return findings
 
 
 def _labels_of_program(path: Path, on: Path) -> list[str]:
-    """Find the filters of a config whose command has the file."""
+    """Find the filters of the config ``on`` whose command has the file."""
     data = read(on).data
-    entries = data.get("filters") if isinstance(data, dict) else None
+    if not isinstance(data, dict) or not isinstance(data.get("filters"), dict):
+        return []
     labels = []
-    for label, entry in entries.items() if isinstance(entries, dict) else ():
-        words = entry.get("command") if isinstance(entry, dict) else None
-        files = [(on.parent / str(word)).resolve() for word in words or ()]
-        labels += [label] if path.resolve() in files else []
+    for label, entry in data["filters"].items():
+        if not isinstance(entry, dict):
+            continue
+        files = [(on.parent / str(word)).resolve() for word in entry.get("command") or ()]
+        if path.resolve() in files:
+            labels.append(label)
     return labels
 
 
 def _check_program(
     path: Path, on: Path | None, labels: list[str], allow_plugins: bool
 ) -> dict[str, list[Finding]]:
-    """Check a program, with the keys of each filter of a config that runs it."""
+    """Check a program, with the keys of each filter of a config that runs it.
+
+    Without ``labels`` of such filters it is checked without keys, on the problem of the config ``on``.
+    """
     if not labels and not is_program(path):
         what = "`--on CONFIG` checks a script, by the command of its filter there"
         raise UserError(f"{path}: {NO_FILTER}; {what}")
-    program = External(command=(str(path.absolute()),)) if not labels else None
     if on is None:
-        return {path.stem: [*check_filter(External, program)]}
+        program = External(command=(str(path.absolute()),))
+        return {path.stem: list(check_filter(External, program))}
     point = load(on, allow_plugins=allow_plugins, chosen=[path]).points[0]
-    if program is not None:
-        problem = ModelDraws(base=point.scenario)
-        return {path.stem: [*check_filter(External, program, on=problem)]}
-    return _check_entries(External, point, labels)
+    if labels:
+        return _check_entries(External, point, labels)
+    program = External(command=(str(path.absolute()),))
+    problem = ModelDraws(base=point.scenario)
+    return {path.stem: list(check_filter(External, program, on=problem))}
 
 
 def _check_entries(
     cls: type[AnyFilter], point: Point, labels: Sequence[str]
 ) -> dict[str, list[Finding]]:
     """Check a filter with the keys of each entry of a config; if it fits with one, the code is right."""
-    by_label = {}
+    # Step 1: check each entry.
+    findings_by_label = {}
     for label in labels:
         problem = ModelDraws(base=point.assumed_scenario(label))
-        by_label[label] = [*check_filter(cls, point.filters[label], on=problem)]
-    name = CHECKS["consistency"][0]
-    if Finding(name, "good") not in chain.from_iterable(by_label.values()):
-        return by_label
-    for findings in by_label.values():
-        for i, f in enumerate(findings):
-            if f.check == name and f.verdict == "bad":
-                why = f"fits with other keys; with these {f.why}"
-                findings[i] = f._replace(verdict="left out", why=why)
-    return by_label
+        findings_by_label[label] = list(check_filter(cls, point.filters[label], on=problem))
+    # Step 2: if one entry is consistent, the others have keys that do not fit.
+    consistency, _ = CHECKS["consistency"]
+    is_consistent = Finding(consistency, "good")
+    if not any(is_consistent in findings for findings in findings_by_label.values()):
+        return findings_by_label
+    for findings in findings_by_label.values():
+        for i, finding in enumerate(findings):
+            if finding.check == consistency and finding.verdict == "bad":
+                why = f"fits with other keys; with these {finding.why}"
+                findings[i] = finding._replace(verdict="left out", why=why)
+    return findings_by_label
 
 
 def check_filter(
@@ -173,46 +193,79 @@ def check_filter(
     scenarios: Sequence[Scenario] = (),
     on: ModelDraws | None = None,
 ) -> Iterator[Finding]:
-    """Check a registered filter class; a check runs when its finding is asked for.
+    """Check a registered filter class; each check runs when the iterator comes to its finding.
 
-    ``tracker`` is the instance to check, by default one with the default keys. Further ``scenarios`` are
-    tried if the filter cannot run on the contract's. ``on`` is the problem that the filter's constants
-    belong to, in place of the contract's.
+    Parameters
+    ----------
+    cls
+        the filter class
+    tracker
+        the instance to check; default: one with the default keys
+    scenarios
+        further scenarios, which are tried if the filter cannot run on the contract's
+    on
+        the problem that the filter's constants belong to, in place of the contract's
+
+    Returns
+    -------
+    iterator
+        findings, one for each check
     """
-    name = "has a default for every key"
-    keys = fields(cls) if is_dataclass(cls) else ()
-    required = [f.name for f in keys if f.init and f.default is f.default_factory is MISSING]
-    if tracker is None and required:
-        why = f"{', '.join(required)} have none: `--on CONFIG` names an experiment with values"
-        yield Finding(name, "left out", why)
-        yield Finding("everything else", "left out", why)
-        return
-    try:
-        tracker = _with_defaults(cls) if tracker is None else tracker
-    except ContractError as error:
-        yield Finding(name, "bad", str(error))
-        return
+    # Step 1: an instance with the default keys.
+    check_of_defaults = "has a default for every key"
+    if tracker is None:
+        required = _keys_without_default(cls)
+        if required:
+            why = f"{', '.join(required)} have none: `--on CONFIG` names an experiment with values"
+            yield Finding(check_of_defaults, "left out", why)
+            yield Finding("everything else", "left out", why)
+            return
+        try:
+            tracker = _with_defaults(cls)
+        except ContractError as error:
+            yield Finding(check_of_defaults, "bad", str(error))
+            return
     if on is None and not tracker.runs_program:
-        yield Finding(name, "good")
+        yield Finding(check_of_defaults, "good")
+    # Step 2: a scenario that it can run on.
     scenario, why_not_linear = _choose_scenario(tracker, scenarios, on)
     if scenario is None and tracker.runs_program and why_not_linear:
         # Every check would fail by this text.
-        hint = "" if on is not None else f"; {_NAME_A_CONFIG}"
-        yield Finding("runs on a problem", "bad", why_not_linear + hint)
+        why = why_not_linear
+        if on is None:
+            why += f"; {_NAME_A_CONFIG}"
+        yield Finding("runs on a problem", "bad", why)
         return
     if scenario is None:
         yield Finding("everything else", "left out", why_not_linear)
         return
-    exempt = _exemptions(tracker, scenario, why_not_linear)
+    # Step 3: the checks.
+    exemptions = _exemptions(tracker, scenario, why_not_linear)
     for key, (name, check) in CHECKS.items():
-        if key in exempt:
-            yield Finding(name, "left out", exempt[key])
+        if key in exemptions:
+            yield Finding(name, "left out", exemptions[key])
         else:
             yield run_check(name, check, tracker, scenario)
 
 
+def _keys_without_default(cls: type[AnyFilter]) -> list[str]:
+    """Name the keys that every entry of the filter must set."""
+    if not is_dataclass(cls):
+        return []
+    names = []
+    for field in fields(cls):
+        has_default = field.default is not MISSING or field.default_factory is not MISSING
+        if field.init and not has_default:
+            names.append(field.name)
+    return names
+
+
 def _exemptions(tracker: AnyFilter, scenario: Scenario, why_not_linear: str) -> dict[str, str]:
-    """Collect the checks that are left out, with reasons."""
+    """Collect the checks that are left out, with reasons.
+
+    ``why_not_linear`` is the reason why the filter is not compared with the Kalman filter.
+    """
+    # Step 1: by the filter's nature.
     exempt: dict[str, str] = dict(type(tracker).contract_exemptions)
     if isinstance(tracker, GaussianFilter) and tracker.robust:
         exempt.setdefault("kalman", "weighs measurements by `robust`")
@@ -222,29 +275,36 @@ def _exemptions(tracker: AnyFilter, scenario: Scenario, why_not_linear: str) -> 
         exempt.setdefault("kalman", "a filter of one run is compared by its errors")
     program_runs = tracker.runs_program and runs_on(tracker, scenario)
     if program_runs and not has_covariance(tracker, scenario):
-        exempt |= dict.fromkeys(("covariance", "consistency"), "the program answers no covariance")
-    of_contract = scenario in (PLANAR, RADAR)
-    if not of_contract:
+        exempt["covariance"] = "the program answers no covariance"
+        exempt["consistency"] = "the program answers no covariance"
+    # Step 2: by the problem.
+    is_contract_problem = scenario in (PLANAR, RADAR)
+    if not is_contract_problem:
         exempt.setdefault("tracks", "is another problem than the contract's")
         if not isinstance(scenario, ModelDraws):
             exempt.setdefault("interval", exempt["tracks"])
             exempt.setdefault("angles", exempt["tracks"])
     elif not takes_model(tracker, scenario is RADAR):
+        exempt.setdefault("kalman", _OWN_MODEL)
+        exempt.setdefault("consistency", _OWN_MODEL)
         # A filter of one run gets dt, so these checks are fair without its model.
-        free = () if tracker.loops_over_runs else ("interval", "tracks")
-        exempt = dict.fromkeys(("kalman", "consistency", *free), _OWN_MODEL) | exempt
+        if not tracker.loops_over_runs:
+            exempt.setdefault("interval", _OWN_MODEL)
+            exempt.setdefault("tracks", _OWN_MODEL)
     if scenario is not PLANAR:
         exempt.setdefault("kalman", why_not_linear)
-    if not of_contract and (not isinstance(scenario, ModelDraws) or scenario.recorded_runs):
+    is_drawn_from_model = isinstance(scenario, ModelDraws) and not scenario.recorded_runs
+    if not is_contract_problem and not is_drawn_from_model:
         exempt.setdefault("consistency", "has no reference filter")
     return exempt
 
 
 def report(findings: dict[str, list[Finding]]) -> Iterator[str]:
     """Yield the lines of a report on each kind."""
-    for kind, of_kind in findings.items():
+    for kind, findings_of_kind in findings.items():
         yield f"{kind}:"
-        yield from (f"  {finding}" for finding in of_kind)
+        for finding in findings_of_kind:
+            yield f"  {finding}"
 
 
 def run_check(name: str, check: Check, tracker: AnyFilter, scenario: Scenario) -> Finding:
@@ -266,24 +326,29 @@ def _with_defaults(cls: type[AnyFilter]) -> AnyFilter:
     """Make the filter with its default keys: it must be hashable, comparable and picklable."""
     if not is_dataclass(cls):
         raise ContractError("is not a dataclass (frozen=True, kw_only=True)")
-    one, other = cls(), cls()
+    tracker = cls()
+    equal_tracker = cls()
     try:
-        if hash(one) != hash(other) or one != other:
+        if hash(tracker) != hash(equal_tracker) or tracker != equal_tracker:
             raise ContractError("two equal filters differ: make it @dataclass(frozen=True)")
     except TypeError as error:
         what = f"cannot be hashed ({error}): frozen=True, tuples and not lists"
         raise ContractError(what) from None
-    if pickle.loads(pickle.dumps(one)) != one:
+    if pickle.loads(pickle.dumps(tracker)) != tracker:
         raise ContractError("does not survive the way to another process")
-    return one
+    return tracker
 
 
 def _choose_scenario(
     tracker: AnyFilter, scenarios: Sequence[Scenario], on: Scenario | None
 ) -> tuple[Scenario | None, str]:
-    """Choose the first scenario that the filter can run on; say why not those before it."""
+    """Choose the first scenario that the filter can run on; explain why not those before it.
+
+    If ``on`` is given, it is the only one to choose from.
+    """
+    candidates = (PLANAR, SCALAR, RADAR, *scenarios) if on is None else (on,)
     reasons: list[str] = []
-    for scenario in (PLANAR, SCALAR, RADAR, *scenarios) if on is None else (on,):
+    for scenario in candidates:
         why = why_not(tracker, scenario) or why_program_fails(tracker, scenario)
         if not why:
             return scenario, "; ".join(reasons) or "is checked on the config's problem"
@@ -295,15 +360,24 @@ def _choose_scenario(
 def takes_model(tracker: AnyFilter, of_radar: bool) -> bool:
     """Test whether the estimates depend on the noise of the runner's model.
 
-    A filter of one run often has one of the noises in a key: it takes the model if it uses both.
+    A filter of one run often has one of the noises in a key. So it takes the model only if it uses both.
+    ``of_radar`` chooses the contract's problem of a radar instead of the planar one.
     """
-    problem, loud = (radar, 120.0) if of_radar else (planar, 60.0)
-    if not runs_on(tracker, problem()):
+    make_problem: Callable[..., Tracking] = radar if of_radar else planar
+    large_sigma = 120.0 if of_radar else 60.0
+    if not runs_on(tracker, make_problem()):
         return True  # the checks report it
-    data = simulate(problem(), 3)
-    first, again = (run_filter(tracker, problem(), data) for _ in range(2))
+    # Step 1: two equal runs. A filter that draws by itself gives no answer.
+    data = simulate(make_problem(), 3)
+    first = run_filter(tracker, make_problem(), data)
+    again = run_filter(tracker, make_problem(), data)
     if not alike(first, again):
-        return not tracker.loops_over_runs  # what draws by itself depends on nothing
-    others = (run_filter(tracker, s, data) for s in (problem(q=400.0), problem(sigma=loud)))
-    differs = [not alike(first, other) for other in others]
-    return all(differs) if tracker.loops_over_runs else any(differs)
+        return not tracker.loops_over_runs
+    # Step 2: equal data with another process noise, and with another measurement noise.
+    other_q = run_filter(tracker, make_problem(q=400.0), data)
+    uses_q = not alike(first, other_q)
+    other_sigma = run_filter(tracker, make_problem(sigma=large_sigma), data)
+    uses_sigma = not alike(first, other_sigma)
+    if tracker.loops_over_runs:
+        return uses_q and uses_sigma
+    return uses_q or uses_sigma

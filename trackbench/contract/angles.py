@@ -1,4 +1,4 @@
-"""Does a filter wrap its angles? Runs in which each angle passes its cut, against runs elsewhere.
+"""Test whether a filter wraps its angles: runs in which each angle passes its cut, and runs elsewhere.
 
 The prior of a problem is turned until an angle has a chosen value some steps later; sensors and motion
 stay as they are. A filter may count an angle from -pi, from 0, or from north. So the angle passes pi, 0,
@@ -44,9 +44,7 @@ _REACHED = 1e-3  # rad
 _SOUND = 6.0  # standard deviations: largest error of a reference filter in a run that counts
 _LEAST_SCALE = 1.0 / 3.0  # standard deviations from the reference, of filters that nearly equal it
 _BEYOND = 3.0  # times the largest deviation of a run in which no angle is near a cut
-_FOLLOWS = (
-    100.0  # times an honest deviation: of a filter that is far off at any angle nothing is said
-)
+_FOLLOWS = 100.0  # times an honest deviation: a filter that is farther off everywhere is not judged
 _LEAST_RUNS = 3  # runs beyond it that are a fault
 _LEAST_SHARE = 0.05
 _CHANCE = 1e-3  # probability of such runs by chance, of a filter that draws
@@ -65,10 +63,10 @@ class Angle(NamedTuple):
 def angles_of(problem: ModelDraws) -> list[Angle]:
     """List the measured angles of a problem, then those of the state that no sensor measures alone."""
     sensor = problem.model.sensor
-    out = [Angle(sensor.components[i], "measured", i) for i in measured_angle_rows(sensor)]
+    angles = [Angle(sensor.components[i], "measured", i) for i in measured_angle_rows(sensor)]
     components = problem.model.motion.components
-    out += [Angle(components[i], "state", i) for i in problem.angle_rows]
-    return out
+    angles += [Angle(components[i], "state", i) for i in problem.angle_rows]
+    return angles
 
 
 def turn(problem: ModelDraws, angle: Angle, values: Array, ahead: Array, seed: int) -> Simulation:
@@ -82,11 +80,11 @@ def turn(problem: ModelDraws, angle: Angle, values: Array, ahead: Array, seed: i
     known = simulate(problem, runs, seed=seed)
     column = np.arange(runs) % known.prior.mean.shape[1]
     prior = per_run_moments(Gaussian(known.prior.mean, known.prior.cov))
-    mean, cov = prior.mean[:, column], prior.cov[..., column]
+    mean = prior.mean[:, column]
+    cov = prior.cov[..., column]
     # Step 2: turn them, and draw truth and measurements.
-    turned = _Turning(problem, angle, ahead).turned(mean, cov, values)
-    rows = problem.angle_rows
-    for i in rows:
+    turned = _Turning(problem, angle, ahead).turn_priors(mean, cov, values)
+    for i in problem.angle_rows:
         turned.mean[i] = wrap_angle(turned.mean[i])
     reached = np.isfinite(turned.mean).all(axis=0)
     start = Gaussian(np.where(reached, turned.mean, mean), np.where(reached, turned.cov, cov))
@@ -107,33 +105,36 @@ class _Turning:
         self.angle = angle
         self.ahead = ahead
         self.steps = problem.steps
+        # Rows of the positions, velocities and accelerations in the plane, as far as there are any.
         components = self.model.motion.components
-        pairs = [(f"{kind}x", f"{kind}y") for kind in ("p", "v", "a")]
-        self.planar = [
-            (components.index(x), components.index(y)) for x, y in pairs if {x, y} <= {*components}
-        ]
+        self.planar = []
+        for x, y in (("px", "py"), ("vx", "vy"), ("ax", "ay")):
+            if x in components and y in components:
+                self.planar.append((components.index(x), components.index(y)))
 
     def values(self, x: Array) -> Array:
-        """Return what is measured, or the state if the angle is one of it, after the steps ahead."""
-        out = np.empty(0)
+        """Return the measurement after the steps ahead, or the state if the angle is one of it."""
+        values = np.empty(0)
+        state = x
         for i, k in enumerate(self.steps[1 : 1 + int(self.ahead.max())].tolist(), 1):
-            x = np.asarray(self.model.motion.transition(x, k).mean)
-            here = x
+            state = np.asarray(self.model.motion.transition(state, k).mean)
+            values_at_step = state
             if self.angle.kind == "measured":
-                here = np.asarray(self.model.sensor.measurement(x, k).mean)
-            out = here.copy() if i == 1 else np.where(self.ahead == i, here, out)
-        return out
+                values_at_step = np.asarray(self.model.sensor.measurement(state, k).mean)
+            if i == 1:
+                values = values_at_step.copy()
+            else:
+                values = np.where(self.ahead == i, values_at_step, values)
+        return values
 
     def jacobian(self, x: Array, columns: list[int]) -> Array:
         """Return the derivatives (m, len(columns), M) of `values`."""
-        out = []
+        derivatives = []
         for i in columns:
-            h = 1e-5 * np.maximum(np.abs(x[i]), 1.0)
-            ahead, behind = x.copy(), x.copy()
-            ahead[i] += h
-            behind[i] -= h
-            out.append(self.difference(self.values(ahead), self.values(behind)) / (2.0 * h))
-        return np.stack(out, axis=1)
+            upper, lower, h = _neighbors(x, i)
+            difference = self.difference(self.values(upper), self.values(lower))
+            derivatives.append(difference / (2.0 * h))
+        return np.stack(derivatives, axis=1)
 
     def difference(self, a: Array, b: Array) -> Array:
         """Subtract two `values`."""
@@ -141,80 +142,96 @@ class _Turning:
             return self.model.sensor.innovation(a, b)
         return a - b
 
-    def turned(self, mean: Array, cov: Array, values: Array) -> Gaussian:
+    def turn_priors(self, mean: Array, cov: Array, values: Array) -> Gaussian:
         """Return the priors whose angle has the values; NaN where it cannot have them."""
         row = self.angle.row
         start = self.values(mean)
-        whole = wrap_angle(values - start[row])
+        whole_angle = wrap_angle(values - start[row])
         if self.angle.kind == "state":
-            mean = mean.copy()
-            mean[row] += whole
-            return Gaussian(mean, np.array(cov))
-        # Step 1: the components of the state that are moved, and the measured ones that are held.
-        every = [*range(len(mean))]
+            turned_mean = mean.copy()
+            turned_mean[row] += whole_angle
+            return Gaussian(turned_mean, np.array(cov))
+        # Step 1: the components of the state that move, and the measured ones that keep their values.
         J = np.abs(self.measured_jacobian(mean))
         support = (1e-12 * J.max(axis=(0, 1)) < J).any(axis=-1)
-        moved = [i for i in every if support[row, i]]
-        sensor_of = self.model.sensor.components[row].partition(".")[0]
-        held = [
-            j
-            for j, name in enumerate(self.model.sensor.components)
-            if j != row
-            and j not in measured_angle_rows(self.model.sensor)
-            and name.partition(".")[0] in (sensor_of, name)
-            and not (support[j] & ~support[row]).any()
-        ]
-        rows = [row, *held[: len(moved) - 1]]
+        moved = [i for i in range(len(mean)) if support[row, i]]
+        others = [i for i in range(len(mean)) if not support[row, i]]
+        rows = [row, *self._fixed_rows(support)[: len(moved) - 1]]
         # Step 2: turn velocities stage by stage, and follow with the positions by Newton's method.
         is_planar = any(set(pair) <= set(moved) for pair in self.planar)
         x = mean.copy()
         for stage in range(1, _STAGES + _NEWTON_STAGES + 1):
-            angle = whole * min(stage / _STAGES, 1.0)
+            angle = whole_angle * min(stage / _STAGES, 1.0)
             if is_planar:
                 G = self.rotation(len(mean), angle)
-                still = np.setdiff1d(every, moved)
-                x[still] = np.einsum("ijm,jm->im", G, mean)[still]
+                x[others] = np.einsum("ijm,jm->im", G, mean)[others]
             target = start.copy()
             target[row] += angle
             error = self.difference(target, self.values(x))[rows]
             D = self.jacobian(x, moved)[rows]
             inverse = np.linalg.pinv(np.moveaxis(np.nan_to_num(D), -1, 0))
             x[moved] += np.einsum("mij,jm->im", inverse, error)
-        off = np.abs(self.difference(start + _only(row, whole, start), self.values(x))[row])
-        x = np.where(off < _REACHED, x, np.nan)
+        # Step 3: keep the priors whose angle has reached its value, and turn their covariances.
+        final_target = start.copy()
+        final_target[row] += whole_angle
+        angle_error = np.abs(self.difference(final_target, self.values(x))[row])
+        turned_mean = np.where(angle_error < _REACHED, x, np.nan)
+        turned_cov = cov
         if is_planar:
-            G = self.rotation(len(mean), whole)
-            cov = np.einsum("ijm,jkm,lkm->ilm", G, cov, G)
-        return Gaussian(x, np.array(cov))
+            G = self.rotation(len(mean), whole_angle)
+            turned_cov = np.einsum("ijm,jkm,lkm->ilm", G, cov, G)
+        return Gaussian(turned_mean, np.array(turned_cov))
+
+    def _fixed_rows(self, support: Mask) -> list[int]:
+        """Find the measured components that keep their values when the angle is turned.
+
+        They belong to the angle's sensor, are no angles, and depend on no other components of the state
+        than the angle. ``support`` (n_z, n) has the components that each measured one depends on.
+        """
+        row = self.angle.row
+        components = self.model.sensor.components
+        sensor_name = components[row].partition(".")[0]
+        fixed = []
+        for j, name in enumerate(components):
+            if j == row or j in measured_angle_rows(self.model.sensor):
+                continue
+            is_of_sensor = name.partition(".")[0] in (sensor_name, name)
+            depends_on_others = (support[j] & ~support[row]).any()
+            if is_of_sensor and not depends_on_others:
+                fixed.append(j)
+        return fixed
 
     def measured_jacobian(self, x: Array) -> Array:
         """Return the derivatives (n_z, n, M) of a measurement of the states themselves."""
         k = int(self.steps[1])
         sensor = self.model.sensor
-        out = []
+        derivatives = []
         for i in range(len(x)):
-            h = 1e-5 * np.maximum(np.abs(x[i]), 1.0)
-            ahead, behind = x.copy(), x.copy()
-            ahead[i] += h
-            behind[i] -= h
-            means = [np.asarray(sensor.measurement(state, k).mean) for state in (ahead, behind)]
-            out.append(sensor.innovation(*means) / (2.0 * h))
-        return np.stack(out, axis=1)
+            upper, lower, h = _neighbors(x, i)
+            z_upper = np.asarray(sensor.measurement(upper, k).mean)
+            z_lower = np.asarray(sensor.measurement(lower, k).mean)
+            derivatives.append(sensor.innovation(z_upper, z_lower) / (2.0 * h))
+        return np.stack(derivatives, axis=1)
 
     def rotation(self, n: int, angle: Array) -> Array:
         """Return matrices (n, n, M) that rotate positions, velocities and accelerations."""
         G = np.repeat(np.eye(n)[..., None], len(angle), axis=2)
         for i, j in self.planar:
-            G[i, i] = G[j, j] = np.cos(angle)
+            G[i, i] = np.cos(angle)
+            G[j, j] = np.cos(angle)
             G[j, i] = np.sin(angle)
             G[i, j] = -G[j, i]
         return G
 
 
-def _only(row: int, value: Array, like: Array) -> Array:
-    out = np.zeros_like(like)
-    out[row] = value
-    return out
+def _neighbors(x: Array, i: int) -> tuple[Array, Array, Array]:
+    """Return the states for a central difference in component i, above and below, and its step h."""
+    h = 1e-5 * np.maximum(np.abs(x[i]), 1.0)
+    upper = x.copy()
+    upper[i] += h
+    lower = x.copy()
+    lower[i] -= h
+    return upper, lower, h
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -235,7 +252,7 @@ def measured_without_cut(
 ) -> Simulation:
     """Shift a measured angle by whole turns to within half a turn of its prediction.
 
-    The prediction is that of a reference filter, in (cut - 2 pi, cut].
+    The prediction is that of a reference filter with the estimates ``center``, in (cut - 2 pi, cut].
     """
     z = data.measurements.copy()
     motion, sensor = problem.model
@@ -256,15 +273,16 @@ def name_of_unwrapped(
     It explains them if the runs are right once the angle is measured without a cut.
     """
     rows = problem.angle_rows
-    free = _without_wrap(problem)
+    unwrapped_problem = _without_wrap(problem)
     limit = _FIFTH * deviation(run_filter(tracker, problem, data), center, rows)
     for angle in angles_of(problem):
         if angle.kind == "state" or not runs.any():
             continue
         for cut in (np.pi, 2.0 * np.pi):
             shifted = measured_without_cut(problem, data, center, angle.row, cut)
-            after = deviation(run_filter(tracker, free, shifted), center, rows)
-            if (after > limit)[runs].mean() <= _MENDED:
+            estimates = run_filter(tracker, unwrapped_problem, shifted)
+            is_still_wrong = deviation(estimates, center, rows) > limit
+            if is_still_wrong[runs].mean() <= _MENDED:
                 return angle.name
     return ""
 
@@ -273,31 +291,38 @@ def _without_wrap(problem: ModelDraws) -> ModelDraws:
     return _WithoutWrap(base=problem.base, unequal=problem.unequal)
 
 
-def is_unwrapped(tracker: AnyFilter, problem: ModelDraws, angle: Angle, of: "_Comparison") -> bool:
+def is_unwrapped(
+    tracker: AnyFilter, problem: ModelDraws, angle: Angle, comparison: "_Comparison"
+) -> bool:
     """Test whether a whole turn added to some measurements of an angle changes the estimates.
 
-    The angle is far from any cut in the runs that are compared.
+    Only the runs of the comparison in which the angle is far from any cut count.
     """
     # A program is sent no angle beyond half a turn, unless the sensor has none.
-    free = _without_wrap(problem) if tracker.runs_program else problem
-    before = run_filter(tracker, free, of.data)
-    sigma = np.sqrt(linalg.diagonal(of.center.cov))
+    sent_problem = _without_wrap(problem) if tracker.runs_program else problem
+    data = comparison.data
+    before = run_filter(tracker, sent_problem, data)
+    sigma = np.sqrt(linalg.diagonal(comparison.center.cov))
     for whole_turn in (2.0 * np.pi, -2.0 * np.pi):
-        z = of.data.measurements.copy()
+        z = data.measurements.copy()
         z[angle.row, ::2] += whole_turn
-        after = run_filter(tracker, free, of.data._replace(measurements=z))
+        after = run_filter(tracker, sent_problem, data._replace(measurements=z))
         mean = near(after.mean, before.mean, problem.angle_rows)
-        moved = np.abs(mean - before.mean)[: len(sigma)] / np.maximum(sigma, np.finfo(float).tiny)
-        moved = np.nan_to_num(moved, nan=np.inf).max(axis=(0, 1))
-        if np.median(moved[of.is_elsewhere]) > 1.0:
+        change = np.abs(mean - before.mean)[: len(sigma)]
+        relative_change = change / np.maximum(sigma, np.finfo(float).tiny)
+        largest_change = np.nan_to_num(relative_change, nan=np.inf).max(axis=(0, 1))
+        if np.median(largest_change[comparison.is_elsewhere]) > 1.0:
             return True
     return False
 
 
-def deviation(of: Estimates, center: Estimates, rows: tuple[int, ...]) -> Array:
-    """Return the largest deviation (M,) of any mean from a reference's, in standard deviations."""
+def deviation(estimates: Estimates, center: Estimates, rows: tuple[int, ...]) -> Array:
+    """Return the largest deviation (M,) of any mean from a reference's, in standard deviations.
+
+    ``center`` are the reference's estimates, ``rows`` those of the state's angles.
+    """
     sigma = np.sqrt(linalg.diagonal(center.cov))
-    mean = near(of.mean[: len(sigma)], center.mean, rows)
+    mean = near(estimates.mean[: len(sigma)], center.mean, rows)
     ratio = np.abs(mean - center.mean) / np.maximum(sigma, np.finfo(float).tiny)
     return np.nan_to_num(ratio[:, 1:].max(axis=(0, 1)), nan=np.inf)
 
@@ -359,16 +384,19 @@ def mistaken_angle(tracker: AnyFilter, problem: ModelDraws) -> str | None:
         where = f"{number} of {is_here.sum()} runs go wrong where {angle.name} crosses {cut}"
         if angle.kind == "measured" and is_unwrapped(tracker, problem, angle, compared):
             return f"the innovation of {angle.name} is not wrapped: {where}"
-        what = "is every difference of it wrapped, and a mean of sigma points on the circle?"
-        doubtful = doubtful or f"{where}: {what}"
-    return doubtful if compared_any else None
+        if not doubtful:
+            what = "is every difference of it wrapped, and a mean of sigma points on the circle?"
+            doubtful = f"{where}: {what}"
+    if not compared_any:
+        return None
+    return doubtful
 
 
 def _compare(tracker: AnyFilter, problem: ModelDraws, angle: Angle) -> _Comparison | None:
     """Filter runs at the cuts of an angle, and elsewhere; None if the angle passes no cut."""
     # Step 1: runs of each group, whose angle has its value after different numbers of steps.
-    values = list[float]()
-    group = list[str]()
+    values: list[float] = []
+    group: list[str] = []
     for name, (value, number) in _RUNS_BY_CUT.items():
         values += [value] * number
         group += [name] * number

@@ -30,9 +30,10 @@ from trackbench.contract.problems import (
 from trackbench.core import linalg
 from trackbench.core.angles import near
 from trackbench.core.arrays import Array, with_trailing
+from trackbench.core.distributions import Gaussian
 from trackbench.evaluation.validate_output import check_estimate, check_names, checked_numbers
 from trackbench.extension_points import field_values
-from trackbench.filters.base import AnyFilter, declares_diagnostics, has_likelihood
+from trackbench.filters.base import AnyFilter, Steps, declares_diagnostics, has_likelihood
 from trackbench.filters.ekf import EKF
 from trackbench.filters.external import PRINT_ALL_DIGITS, External
 from trackbench.scenarios.base import Scenario
@@ -60,41 +61,39 @@ def alike(a: Estimates, b: Estimates) -> bool:
 
 
 def _check_shapes(tracker: AnyFilter, scenario: Scenario) -> None:
-    runs, rng, single = 5, new_rng(), True
+    """Check shapes, types and digits of estimates and diagnostics, and `all_steps` against `step`."""
+    runs = 5
+    rng = new_rng()
     data = simulate(scenario, runs)
     n = data.truth.shape[0]
     state = tracker.init(scenario.model, data.prior, rng)
-    first = int(scenario.steps[0]) + 1
-    known = tracker.all_steps(scenario.model, state, data.measurements, first)
-    if known is not None and known.estimate.mean.shape[1] != len(scenario.steps) - 1:
-        what = f"{known.estimate.mean.shape[1]} states, not one per measurement"
+    first_step = int(scenario.steps[0]) + 1
+    # Step 1: all steps at once, if the filter can.
+    all_steps = tracker.all_steps(scenario.model, state, data.measurements, first_step)
+    if all_steps is not None and all_steps.estimate.mean.shape[1] != len(scenario.steps) - 1:
+        what = f"{all_steps.estimate.mean.shape[1]} states, not one per measurement"
         raise ContractError(f"all_steps gives {what}")
-    # Step through the scenario; check the estimate and what else the filter gives at each step.
+    # Step 2: step through the scenario; check the estimate and the other numbers at each step.
+    has_single_precision = True
     for i, k in enumerate(scenario.steps):
         if i:
             state = tracker.step(scenario.model, state, data.measurements[:, i - 1], int(k), rng)
         estimate = tracker.estimate(state)
-        if i and known is not None:
-            after = known.state(i - 1)
-            of_state, of_steps = tracker.estimate(after), known.estimate
-            # One covariance of all runs may stand for equal ones.
-            known_cov, cov = (with_trailing(x.cov, 1, leading=2) for x in (of_state, estimate))
-            pairs = [(of_state.mean, estimate.mean), (known_cov, cov)]
-            pairs += [(of_steps.mean[:, i - 1], estimate.mean), (of_steps.cov[:, :, i - 1], cov)]
-            if not all(np.allclose(a, b, rtol=1e-6, atol=0.0, equal_nan=True) for a, b in pairs):
-                raise ContractError(f"all_steps gives another estimate than step at step {k}")
+        if i and all_steps is not None:
+            _compare_with_all_steps(tracker, all_steps, estimate, i, int(k))
         check_estimate(estimate, (n, n), runs)
         for name, array in (("mean", estimate.mean), ("cov", estimate.cov)):
             if np.asarray(array).dtype != np.float64:
                 raise ContractError(f"{name} at step {k} is of {np.asarray(array).dtype}")
-            is_left_out = tracker.runs_program and np.isnan(array).all()
-            if not np.isfinite(array).all() and not (name == "cov" and is_left_out):
+            is_unanswered = name == "cov" and tracker.runs_program and np.isnan(array).all()
+            if not np.isfinite(array).all() and not is_unanswered:
                 raise ContractError(f"{name} at step {k} is not finite")
-            single &= not i or np.array_equal(array, np.float32(array))
+            if i and not np.array_equal(array, np.float32(array)):
+                has_single_precision = False
         diagnostics = checked_numbers("diagnostic", tracker.diagnostics(state), runs)
-        if i and known is not None:
+        if i and all_steps is not None:
             for name, value in diagnostics.items():
-                rows = known.diagnostics.get(name)
+                rows = all_steps.diagnostics.get(name)
                 if rows is None or not np.allclose(rows[i - 1], value, equal_nan=True):
                     what = f"another {name} than step at step {k}"
                     raise ContractError(f"all_steps gives {what}")
@@ -105,23 +104,42 @@ def _check_shapes(tracker: AnyFilter, scenario: Scenario) -> None:
             raise ContractError(f"diagnostic_names is {names}, {gives}")
         if i and has_likelihood(tracker):
             checked_numbers("series", {"log_likelihood": tracker.log_likelihood(state)}, runs)
-    digits = ""
+    # Step 3: the digits of all estimates.
     if isinstance(tracker, External):
-        digits = tracker.few_digits(scenario.model, data.prior, data.measurements, first)
-    if digits:
-        raise ContractError(f"answers have {digits}: {PRINT_ALL_DIGITS}")
-    if single:
+        digits = tracker.few_digits(scenario.model, data.prior, data.measurements, first_step)
+        if digits:
+            raise ContractError(f"answers have {digits}: {PRINT_ALL_DIGITS}")
+    if has_single_precision:
         raise ContractError("the estimates have the digits of float32: compute in float64")
 
 
+def _compare_with_all_steps(
+    tracker: AnyFilter, all_steps: Steps, estimate: Gaussian, i: int, k: int
+) -> None:
+    """Raise ContractError if `all_steps` gives another estimate after ``i`` steps, at step ``k``."""
+    state_estimate = tracker.estimate(all_steps.state(i - 1))
+    # One covariance of all runs may stand for equal ones.
+    cov = with_trailing(estimate.cov, 1, leading=2)
+    pairs = [
+        (state_estimate.mean, estimate.mean),
+        (with_trailing(state_estimate.cov, 1, leading=2), cov),
+        (all_steps.estimate.mean[:, i - 1], estimate.mean),
+        (all_steps.estimate.cov[:, :, i - 1], cov),
+    ]
+    if not all(np.allclose(a, b, rtol=1e-6, atol=0.0, equal_nan=True) for a, b in pairs):
+        raise ContractError(f"all_steps gives another estimate than step at step {k}")
+
+
 def _check_purity(tracker: AnyFilter, scenario: Scenario) -> None:
+    """Check that `init` and `step` leave their arguments unchanged, and that equal steps are equal."""
     data = simulate(scenario, 5)
     prior = deepcopy(data.prior)
     state = tracker.init(scenario.model, data.prior, new_rng())
     if not _equal(prior, data.prior):
         raise ContractError("the prior is written to; make a new array")
     # The same step twice, from equal arguments.
-    z, k = data.measurements[:, 0], int(scenario.steps[1])
+    z = data.measurements[:, 0]
+    k = int(scenario.steps[1])
     before = deepcopy((state, z))
     first = tracker.estimate(tracker.step(scenario.model, state, z, k, new_rng()))
     if not _equal(before, (state, z)):
@@ -132,6 +150,7 @@ def _check_purity(tracker: AnyFilter, scenario: Scenario) -> None:
 
 
 def _equal(a: object, b: object) -> bool:
+    """Test whether two values have equal arrays, in tuples, lists and dataclasses too."""
     if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
         return bool(np.array_equal(a, b, equal_nan=a.dtype.kind == "f"))
     if isinstance(a, tuple | list) and isinstance(b, tuple | list):
@@ -142,10 +161,13 @@ def _equal(a: object, b: object) -> bool:
 
 
 def _check_repeats(tracker: AnyFilter, scenario: Scenario) -> None:
+    """Check that a second run gives equal estimates, and draws from `rng` alone."""
     data = simulate(scenario, 3)
-    before = random.getstate(), np.random.get_state(legacy=False)
-    first, second = (run_filter(tracker, scenario, data) for _ in range(2))
-    if repr(before) != repr((random.getstate(), np.random.get_state(legacy=False))):
+    before = repr((random.getstate(), np.random.get_state(legacy=False)))
+    first = run_filter(tracker, scenario, data)
+    second = run_filter(tracker, scenario, data)
+    after = repr((random.getstate(), np.random.get_state(legacy=False)))
+    if before != after:
         what = "draws from the global np.random or random"
         raise ContractError(f"{what}: noise comes from `rng` alone")
     if not np.array_equal(first.mean, second.mean, equal_nan=True):
@@ -155,28 +177,34 @@ def _check_repeats(tracker: AnyFilter, scenario: Scenario) -> None:
 
 
 def _check_independence(tracker: AnyFilter, scenario: Scenario) -> None:
+    """Check that no run depends on the measurements, the order or the number of other runs."""
     runs = 6
     data = simulate(scenario, runs)
-    whole = run_filter(tracker, scenario, data)
-    # Another measurement in the first or the last run changes this run alone.
-    for run, others in ((0, slice(1, None)), (-1, slice(None, -1))):
-        changed = data.measurements.copy()
-        changed[..., run] += 1.0
-        moved = run_filter(tracker, scenario, data._replace(measurements=changed))
-        if not np.array_equal(whole.mean[..., others], moved.mean[..., others], equal_nan=True):
+    together = run_filter(tracker, scenario, data)
+    # Step 1: another measurement in the first or the last run changes this run alone.
+    for run, other_runs in ((0, slice(1, None)), (-1, slice(None, -1))):
+        measurements = data.measurements.copy()
+        measurements[..., run] += 1.0
+        changed = run_filter(tracker, scenario, data._replace(measurements=measurements))
+        before = together.mean[..., other_runs]
+        after = changed.mean[..., other_runs]
+        if not np.array_equal(before, after, equal_nan=True):
             what = "another measurement in one run changes the estimates of the others"
             raise ContractError(what)
-    # Without random numbers neither the order of the runs nor their number matters.
-    if not whole.random:
-        turned = run_filter(tracker, scenario, simulate(scenario, runs, step=-1)).mean[..., ::-1]
-        if not np.allclose(turned, whole.mean, rtol=1e-10, atol=1e-10, equal_nan=True):
-            raise ContractError("the estimates depend on the order of the runs")
-        alone = run_filter(tracker, scenario, simulate(scenario, 1))
-        if not np.allclose(alone.mean, whole.mean[..., :1], rtol=1e-10, atol=1e-10, equal_nan=True):
-            raise ContractError("the first run has another estimate without the other runs")
+    # Step 2: without random numbers neither the order of the runs nor their number matters.
+    if together.random:
+        return
+    reversed_runs = run_filter(tracker, scenario, simulate(scenario, runs, step=-1))
+    mean = reversed_runs.mean[..., ::-1]
+    if not np.allclose(mean, together.mean, rtol=1e-10, atol=1e-10, equal_nan=True):
+        raise ContractError("the estimates depend on the order of the runs")
+    alone = run_filter(tracker, scenario, simulate(scenario, 1)).mean
+    if not np.allclose(alone, together.mean[..., :1], rtol=1e-10, atol=1e-10, equal_nan=True):
+        raise ContractError("the first run has another estimate without the other runs")
 
 
 def _check_covariance(tracker: AnyFilter, scenario: Scenario) -> None:
+    """Check that covariances are symmetric and positive definite."""
     P = run_filter(tracker, scenario, simulate(scenario, 20)).cov
     known = np.isfinite(P)
     if (known != np.swapaxes(known, 0, 1)).any():
@@ -184,60 +212,72 @@ def _check_covariance(tracker: AnyFilter, scenario: Scenario) -> None:
             "not symmetric: an entry is NaN or infinite, and its mirror image is not"
         )
     # Correlations, so that units do not matter; a component that is known or collapsed has none.
-    sd = np.sqrt(np.abs(linalg.diagonal(P)))
-    sd = np.maximum(sd, 1e-6 * np.nanmax(sd, axis=(1, 2), keepdims=True))
-    scale = np.where(sd > 0.0, sd, 1.0)
-    C = np.moveaxis(P / (scale[:, None] * scale), (0, 1), (-2, -1))
-    C = C[np.isfinite(C).all(axis=(-2, -1))]
-    asymmetry = np.abs(C - np.swapaxes(C, -2, -1)).max()
+    sigma = np.sqrt(np.abs(linalg.diagonal(P)))
+    least_sigma = 1e-6 * np.nanmax(sigma, axis=(1, 2), keepdims=True)
+    limited_sigma = np.maximum(sigma, least_sigma)
+    scale = np.where(limited_sigma > 0.0, limited_sigma, 1.0)
+    all_correlations = np.moveaxis(P / (scale[:, None] * scale), (0, 1), (-2, -1))
+    is_finite = np.isfinite(all_correlations).all(axis=(-2, -1))
+    correlations = all_correlations[is_finite]
+    asymmetry = np.abs(correlations - np.swapaxes(correlations, -2, -1)).max()
     if asymmetry > 1e-7:
         raise ContractError(f"not symmetric: correlations differ by {asymmetry:.2g}; P - K S K' is")
-    if (least := np.linalg.eigvalsh(C).min()) < -1e-7:
-        what = f"the correlations have an eigenvalue {least:.2g}"
+    least_eigenvalue = np.linalg.eigvalsh(correlations).min()
+    if least_eigenvalue < -1e-7:
+        what = f"the correlations have an eigenvalue {least_eigenvalue:.2g}"
         raise ContractError(f"not positive definite: {what}")
 
 
 def _check_gaps(tracker: AnyFilter, scenario: Scenario) -> None:
+    """Check that a missing measurement is predicted over, and not taken as a number."""
     data = simulate(scenario, 6)
     z = data.measurements
-    gaps = np.zeros(z.shape, dtype=bool)
-    gaps[:, 1, ::2] = True
+    is_gap = np.zeros(z.shape, dtype=bool)
+    is_gap[:, 1, ::2] = True
 
-    def estimates(fill: Array | float) -> Estimates:
-        filled = data._replace(measurements=np.where(gaps, fill, z))
-        of = run_filter(tracker, scenario, filled)
-        return of._replace(mean=of.mean[:, 2, ::2], cov=of.cov[:, :, 2, ::2])
+    def estimate_at_gaps(fill: Array | float) -> Estimates:
+        """Estimate the states at the gaps, whose measurements are replaced by ``fill``."""
+        filled = data._replace(measurements=np.where(is_gap, fill, z))
+        estimates = run_filter(tracker, scenario, filled)
+        return estimates._replace(mean=estimates.mean[:, 2, ::2], cov=estimates.cov[:, :, 2, ::2])
 
-    missing, measured = estimates(np.nan), estimates(z)
+    missing = estimate_at_gaps(np.nan)
+    measured = estimate_at_gaps(z)
     if not np.isfinite(missing.mean).all():
         raise ContractError("the estimate is not finite where a measurement is missing (NaN)")
     if np.array_equal(missing.mean, measured.mean):
-        return  # uses no measurement
-    # A filter with a gate ignores what is far away, and perhaps zero.
-    far_away = estimates(1e3 * (1.0 + float(np.nanmax(np.abs(z)))))
+        return  # the filter uses no measurement
+    # A filter with a gate ignores measurements that are far away, and perhaps zero.
+    far_away = estimate_at_gaps(1e3 * (1.0 + float(np.nanmax(np.abs(z)))))
     has_gate = np.array_equal(missing.mean, far_away.mean)
-    for what, fill in (("zero", 0.0), ("the one before", np.roll(z, 1, axis=1))):
-        if np.array_equal(missing.mean, estimates(fill).mean) and not has_gate:
-            nothing = "NaN" if tracker.runs_program else "NaN, or None per run"
-            raise ContractError(f"a missing measurement ({nothing}) is taken as {what}")
+    replacements: dict[str, Array | float] = {
+        "zero": 0.0,
+        "the one before": np.roll(z, 1, axis=1),
+    }
+    for name, replacement in replacements.items():
+        replaced = estimate_at_gaps(replacement)
+        if np.array_equal(missing.mean, replaced.mean) and not has_gate:
+            symbol = "NaN" if tracker.runs_program else "NaN, or None per run"
+            raise ContractError(f"a missing measurement ({symbol}) is taken as {name}")
     if np.allclose(missing.cov, measured.cov, rtol=1e-9, atol=0.0):
         what = "the covariance is the same with and without a measurement"
         raise ContractError(f"{what}: does the update reduce it?")
 
 
 def _check_interval(tracker: AnyFilter, scenario: Scenario) -> None:
+    """Check that the estimates depend on the interval between steps, and on unequal intervals."""
     if isinstance(scenario, ModelDraws):
         _check_unequal_intervals(tracker, scenario)
         return
-    problem = radar if scenario is RADAR else planar
-    data = simulate(problem(), 3)
-    first = run_filter(tracker, problem(), data)
-    others = {"the interval dt": problem(T=4.0), "intervals after the first": UNEQUAL}
-    for which, other in others.items():
-        if (other is not UNEQUAL or (scenario is PLANAR and runs_on(tracker, other))) and alike(
-            first, run_filter(tracker, other, data)
-        ):
-            what = f"the estimates do not depend on {which}: is it ignored?"
+    make_problem: Callable[..., Scenario] = radar if scenario is RADAR else planar
+    data = simulate(make_problem(), 3)
+    first = run_filter(tracker, make_problem(), data)
+    changed_problems: dict[str, Scenario] = {"the interval dt": make_problem(T=4.0)}
+    if scenario is PLANAR and runs_on(tracker, UNEQUAL):
+        changed_problems["intervals after the first"] = UNEQUAL
+    for name, problem in changed_problems.items():
+        if alike(first, run_filter(tracker, problem, data)):
+            what = f"the estimates do not depend on {name}: is it ignored?"
             raise ContractError(f"{what} A filter of one interval is checked with `--on CONFIG`")
 
 
@@ -248,40 +288,53 @@ def _check_unequal_intervals(tracker: AnyFilter, scenario: ModelDraws) -> None:
         raise LeftOutError("the steps of this problem cannot be unequal")
     if not runs_on(tracker, other):
         raise LeftOutError("the filter refuses unequal intervals")
-    brief = run_filter(tracker, other, simulate(other, 2))
-    if "mode" in brief.series:
+    two_runs = run_filter(tracker, other, simulate(other, 2))
+    if "mode" in two_runs.series:
         raise LeftOutError("has several motions: it reports the diagnostic `mode`")
-    tracker, runs = _of_many_particles(tracker), _runs_for(tracker)
-    if misfit(tracker, scenario, runs):
+    # Step 1: its errors, in comparison with reference filters.
+    precise_tracker = _with_many_particles(tracker)
+    runs = _runs_for(tracker)
+    if misfit(precise_tracker, scenario, runs):
         raise LeftOutError("the errors do not fit at equal intervals, either")
-    if what := misfit(tracker, other, runs):
+    what = misfit(precise_tracker, other, runs)
+    if what:
         raise ContractError(f"fits at equal intervals and not at unequal ones: {what}")
-    # A wrong Q alone hardly shows in the errors, but a filter that is the EKF is it at any intervals.
-    if brief.random or _off_ekf(tracker, scenario, runs):
+    # Step 2: its estimates, if it is the EKF at equal intervals. A wrong Q alone hardly shows in the
+    # errors.
+    if two_runs.random or _difference_from_ekf(precise_tracker, scenario, runs):
         return
-    if what := _off_ekf(tracker, other, runs):
+    what = _difference_from_ekf(precise_tracker, other, runs)
+    if what:
         raise ContractError(f"is the EKF at equal intervals and not at unequal ones: {what}")
 
 
 def _runs_for(tracker: AnyFilter) -> int:
-    return _LOOPED_RUNS if tracker.loops_over_runs else _RUNS
+    """Return the number of runs on which a filter is compared."""
+    if tracker.loops_over_runs:
+        return _LOOPED_RUNS
+    return _RUNS
 
 
-def _of_many_particles(tracker: AnyFilter) -> AnyFilter:
-    """Give the filter so many particles that they leave less room for mistakes."""
+def _with_many_particles(tracker: AnyFilter) -> AnyFilter:
+    """Give a particle filter so many particles that chance hides fewer mistakes."""
     if tracker.particle_count < _LEAST_N and any(f.name == "N" for f in fields(tracker)):
         return replace(tracker, N=_LEAST_N)
     return tracker
 
 
 def _check_tracks(tracker: AnyFilter, scenario: Scenario) -> None:
+    """Check that estimates follow a fast target in the plane."""
     # A filter that names no components may be one of positions or of a radar.
-    causes = [mistaken_track(tracker, p) for p in (PLANAR, PRECISE) if runs_on(tracker, p)]
-    if causes and all(causes):
-        raise ContractError(causes[0])
+    mistakes = []
+    for problem in (PLANAR, PRECISE):
+        if runs_on(tracker, problem):
+            mistakes.append(mistaken_track(tracker, problem))
+    if mistakes and all(mistakes):
+        raise ContractError(mistakes[0])
 
 
 def _check_consistency(tracker: AnyFilter, scenario: Scenario) -> None:
+    """Check errors and covariance against reference filters, on draws from the filter's model."""
     if "mode" in run_filter(tracker, scenario, simulate(scenario, 2)).series:
         raise LeftOutError("has several motions: it reports the diagnostic `mode`")
     problems = [scenario]
@@ -290,24 +343,27 @@ def _check_consistency(tracker: AnyFilter, scenario: Scenario) -> None:
         # A filter of the runner's sensor is one of a radar, too, also where the azimuth jumps.
         if runs_on(tracker, PRECISE) and not mistaken_track(tracker, PRECISE):
             problems.append(RADAR)
-    tracker = _of_many_particles(tracker)
+    precise_tracker = _with_many_particles(tracker)
     for problem in problems:
-        drawn = problem if isinstance(problem, ModelDraws) else ModelDraws(base=problem)
-        if what := misfit(tracker, drawn, _runs_for(tracker)):
+        drawn_problem = problem if isinstance(problem, ModelDraws) else ModelDraws(base=problem)
+        what = misfit(precise_tracker, drawn_problem, _runs_for(precise_tracker))
+        if what:
             raise ContractError(what)
 
 
 def _check_angles(tracker: AnyFilter, scenario: Scenario) -> None:
+    """Check that angles are wrapped where they cross their cut."""
     if scenario is PLANAR and runs_on(tracker, RADAR):
         scenario = RADAR
     problem = scenario if isinstance(scenario, ModelDraws) else ModelDraws(base=scenario)
     if not angles_of(problem):
         where = "this problem" if isinstance(scenario, ModelDraws) else "the contract's problem"
         raise LeftOutError(f"{where} has no angle; `--on CONFIG` names an experiment with one")
-    # The prior is turned as a normal distribution.
-    if needed := [name for name in tracker.all_requirements if name.startswith("prior.")]:
-        raise LeftOutError(f"needs {needed[0]}, which a turned problem has not")
-    what = mistaken_angle(_of_many_particles(tracker), problem)
+    # The prior is turned as a normal distribution, which lacks the attributes of other priors.
+    for requirement in tracker.all_requirements:
+        if requirement.startswith("prior."):
+            raise LeftOutError(f"needs {requirement}, which a turned problem has not")
+    what = mistaken_angle(_with_many_particles(tracker), problem)
     if what is None:
         why = (
             "no angle passes its cut, no reference filter runs, or the filter is far off everywhere"
@@ -318,39 +374,50 @@ def _check_angles(tracker: AnyFilter, scenario: Scenario) -> None:
 
 
 def _check_against_kalman(tracker: AnyFilter, scenario: Scenario) -> None:
+    """Check that estimates on a linear model equal those of the Kalman filter."""
     problem = UNEQUAL if runs_on(tracker, UNEQUAL) else PLANAR
     # On a linear model the EKF is the Kalman filter.
-    if what := _off_ekf(tracker, problem, _runs_for(tracker)):
+    what = _difference_from_ekf(tracker, problem, _runs_for(tracker))
+    if what:
         raise ContractError(what)
 
 
-def _off_ekf(tracker: AnyFilter, scenario: Scenario, runs: int) -> str:
+def _difference_from_ekf(tracker: AnyFilter, scenario: Scenario, runs: int) -> str:
     """Describe how far estimates are from the EKF's, beyond rounding or what chance allows."""
     if why_not(EKF(), scenario):
         return "the EKF does not run there"
     data = with_gaps(simulate(scenario, runs))
-    tested, exact = run_filter(tracker, scenario, data), run_filter(EKF(), scenario, data)
+    tested = run_filter(tracker, scenario, data)
+    exact = run_filter(EKF(), scenario, data)
     sigma = np.sqrt(linalg.diagonal(exact.cov))
     error = near(tested.mean, exact.mean, scenario.angle_rows) - exact.mean
     if tested.random:
-        return _bias(error, sigma, tracker.particle_count if tracker.particle_count > 1 else 100)
-    off = float((np.abs(error) / np.maximum(sigma, np.finfo(float).tiny)).max())
-    if off > 1e-6:
-        return f"the mean is off by up to {off:.2g} standard deviations"
-    ratio = float(np.abs(tested.cov / exact.cov - 1.0)[exact.cov != 0.0].max())
-    return f"the covariance is off by up to {100 * ratio:.2g} %" if ratio > 1e-6 else ""
+        N = tracker.particle_count if tracker.particle_count > 1 else 100
+        return _describe_bias(error, sigma, N)
+    deviation = float((np.abs(error) / np.maximum(sigma, np.finfo(float).tiny)).max())
+    if deviation > 1e-6:
+        return f"the mean is off by up to {deviation:.2g} standard deviations"
+    relative_difference = np.abs(tested.cov / exact.cov - 1.0)
+    largest = float(relative_difference[exact.cov != 0.0].max())
+    if largest > 1e-6:
+        return f"the covariance is off by up to {100 * largest:.2g} %"
+    return ""
 
 
-def _bias(error: Array, sigma: Array, N: int) -> str:
-    """Describe a bias (n, T + 1, M) of a filter with N particles that chance does not allow."""
+def _describe_bias(error: Array, sigma: Array, N: int) -> str:
+    """Describe a bias of a filter with N particles that chance does not allow; empty if it does.
+
+    ``error`` (n, T + 1, M) is the difference of the means from the exact ones, ``sigma`` (n, T + 1, M)
+    the exact standard deviation.
+    """
     stderr = error.std(axis=-1, ddof=1) / np.sqrt(error.shape[-1])
     # N particles have a bias of the order of sigma / N.
-    allowed = _MAX_DEVIATION * stderr + 3.0 * sigma.mean(axis=-1) / N
+    allowed_bias = _MAX_DEVIATION * stderr + 3.0 * sigma.mean(axis=-1) / N
     bias = np.abs(error.mean(axis=-1))
-    if not (bias > allowed).any():
+    if not (bias > allowed_bias).any():
         return ""
-    worst = float((bias / allowed).max())
-    return f"the mean is biased, by {worst:.1f} times what chance and N allow"
+    largest_ratio = float((bias / allowed_bias).max())
+    return f"the mean is biased, by {largest_ratio:.1f} times what chance and N allow"
 
 
 CHECKS: dict[str, tuple[str, Check]] = {
@@ -366,4 +433,4 @@ CHECKS: dict[str, tuple[str, Check]] = {
     "kalman": ("equals the Kalman filter on a linear model", _check_against_kalman),
     "consistency": ("errors and covariance fit reference filters", _check_consistency),
 }
-"""Checks by the name used in `contract_exemptions`: what a report calls them, and the function."""
+"""Title and function of each check, by the name used in `contract_exemptions`."""

@@ -27,10 +27,10 @@ from trackbench.models.base import LocatingSensor, has_density
 from trackbench.scenarios.base import Scenario, Simulation
 from trackbench.scenarios.tracking import Tracking
 
-_CAP = 10.0  # on a squared error in units of its expectation: a lost run counts as much, no more
-_LOST = 1.9  # of an RMSE above the reference's 1: most squared errors are beyond the cap
-_CAP_OF_DISTANCE = 2.0
-_FAR = 3.0  # standard deviations from a reference: of a run that a cause has to explain
+_CAP = 10.0  # largest squared error that counts, in units of its expectation: that of a lost run
+_CAP_OF_DISTANCE = 2.0  # largest squared distance from the reference that counts
+_LOST = 1.9  # RMSE above the reference's 1, at which most squared errors are beyond the cap
+_FAR = 3.0  # standard deviations from a reference, in a run that the cause must explain
 _MAX_DEVIATION = 6.0  # standard errors of a paired difference
 
 
@@ -38,14 +38,17 @@ class Scores(NamedTuple):
     """Means over the steps, per run (M,); squares are per component, in units of a covariance."""
 
     squared_distance: Array
-    """from the reference's mean, in the reference's covariance"""
+    """squared distance from the reference's mean, in the reference's covariance"""
     spread: Array
     """covariance in units of the reference's"""
     anees: Array
+    """squared error in the filter's own covariance"""
     anis: Array | None
+    """squared innovation in its covariance, if the filter reports it"""
     log_likelihood: Array | None
+    """log-likelihood of the measurements, if the filter reports it"""
     squared_error: Array
-    """in the reference's covariance"""
+    """squared error in the reference's covariance"""
 
 
 _SCORE_TEXTS = {
@@ -59,100 +62,129 @@ _SCORE_TEXTS = {
 
 
 def score(
-    of: Estimates, reference: Estimates, data: Simulation, angle_rows: tuple[int, ...] = ()
+    estimates: Estimates, reference: Estimates, data: Simulation, angle_rows: tuple[int, ...] = ()
 ) -> Scores:
     """Score estimates; ``angle_rows`` of a state are equal after whole turns."""
-    n, n_z, P = len(data.truth), len(data.measurements), reference.cov[:, :, 1:]
-    inverse = linalg.inverse(P)
+    n = len(data.truth)
+    n_z = len(data.measurements)
+    cov = estimates.cov[:, :, 1:]
+    reference_cov = reference.cov[:, :, 1:]
 
-    def mean_square(e: Array, cov: Array, cap: float = _CAP) -> Array:
-        squared = np.nan_to_num(distance(e[:, 1:], cov) / n, nan=cap, posinf=cap)
+    def mean_square(difference: Array, cov: Array, cap: float = _CAP) -> Array:
+        """Return the mean over the steps of e' P^-1 e / n, each of at most ``cap``."""
+        squared = np.nan_to_num(distance(difference[:, 1:], cov) / n, nan=cap, posinf=cap)
         return np.minimum(squared, cap).mean(axis=0)
 
-    # Innovations only where something is measured.
-    missing = np.isnan(data.measurements).all(axis=0)
-    series = {name: np.where(missing, np.nan, rows / n_z) for name, rows in of.series.items()}
-    error = near(of.mean, data.truth, angle_rows) - data.truth
-    from_reference = near(of.mean, reference.mean, angle_rows) - reference.mean
-    ratio = np.einsum("ij...,ji...->...", inverse, of.cov[:, :, 1:]) / n
-    anis = log_likelihood = None
+    # Step 1: errors, and distances from the reference.
+    error = near(estimates.mean, data.truth, angle_rows) - data.truth
+    from_reference = near(estimates.mean, reference.mean, angle_rows) - reference.mean
+    # Step 2: covariances, tr(P_reference^-1 P) / n.
+    inverse = linalg.inverse(reference_cov)
+    spread = np.einsum("ij...,ji...->...", inverse, cov) / n
+    # Step 3: innovations, only where something is measured.
+    is_missing = np.isnan(data.measurements).all(axis=0)
+    series = {}
+    for name, rows in estimates.series.items():
+        series[name] = np.where(is_missing, np.nan, rows / n_z)
+    anis = None
     if "nis" in series:
         anis = np.nanmean(np.minimum(series["nis"], _CAP), axis=0)
+    log_likelihood = None
     if "log_likelihood" in series:
         log_likelihood = np.nanmean(series["log_likelihood"], axis=0)
     return Scores(
-        squared_distance=mean_square(from_reference, P, _CAP_OF_DISTANCE),
-        spread=np.minimum(ratio, _CAP).mean(axis=0),
-        anees=mean_square(error, of.cov[:, :, 1:]),
+        squared_distance=mean_square(from_reference, reference_cov, _CAP_OF_DISTANCE),
+        spread=np.minimum(spread, _CAP).mean(axis=0),
+        anees=mean_square(error, cov),
         anis=anis,
         log_likelihood=log_likelihood,
-        squared_error=mean_square(error, P),
+        squared_error=mean_square(error, reference_cov),
     )
 
 
 def misfit(tracker: AnyFilter, scenario: Scenario, runs: int, seed: int = 1) -> str:
     """Describe how a filter differs from the package's on a problem drawn from its model."""
     data = with_gaps(simulate(scenario, runs, seed=seed))
-    tested, sensor = run_filter(tracker, scenario, data), scenario.model.sensor
-    # Step 1: references, with a particle filter of as many particles for a filter that draws.
-    gaussian = not (has_density(sensor) and sensor.why_no_moments())
-    filters: list[AnyFilter] = [UKF(), EKF()] if gaussian else []
-    if tested.random or not gaussian:
-        filters.append(PF(N=tracker.particle_count if tracker.particle_count > 1 else 50))
-    filters = [f for f in filters if not why_not(f, scenario)]
-    others = [run_filter(f, scenario, data) for f in filters]
-    if not others:
+    tested = run_filter(tracker, scenario, data)
+    # Step 1: references. A filter that draws is compared with a particle filter of as many particles.
+    sensor = scenario.model.sensor
+    has_moments = not (has_density(sensor) and sensor.why_no_moments())
+    reference_filters: list[AnyFilter] = [UKF(), EKF()] if has_moments else []
+    if tested.random or not has_moments:
+        particles = tracker.particle_count if tracker.particle_count > 1 else 50
+        reference_filters.append(PF(N=particles))
+    references = []
+    for reference_filter in reference_filters:
+        if not why_not(reference_filter, scenario):
+            references.append(run_filter(reference_filter, scenario, data))
+    if not references:
         return ""
     # Step 2: scores about the reference with the least error.
     rows = scenario.angle_rows
-    mean_errors = [score(one, others[0], data, rows).squared_error.mean() for one in others]
-    center = others[int(np.argmin(mean_errors))]
-    of, *bands = (score(one, center, data, rows)._asdict() for one in (tested, *others))
-    wide = 1.0 if tested.random else 0.5
-    texts, sizes = [], {}
+    mean_errors = []
+    for reference in references:
+        scores = score(reference, references[0], data, rows)
+        mean_errors.append(scores.squared_error.mean())
+    center = references[int(np.argmin(mean_errors))]
+    tested_scores = score(tested, center, data, rows)
+    reference_scores = [score(reference, center, data, rows) for reference in references]
+    # Step 3: differences from all references.
+    margin = 1.0 if tested.random else 0.5
+    texts = []
+    differences = {}
     for name, title in _SCORE_TEXTS.items():
-        theirs = [band[name] for band in bands if band[name] is not None]
-        if of[name] is None or not theirs:
+        tested_score = getattr(tested_scores, name)
+        all_scores = [getattr(scores, name) for scores in reference_scores]
+        scores_of_name = [values for values in all_scores if values is not None]
+        if tested_score is None or not scores_of_name:
             continue
-        # Step 3: a difference counts beyond a margin of every reference.
-        limits = [_limits(name, x, wide) for x in theirs]
-        over = all(_exceeds(of[name] - high) for _, high in limits)
-        under = all(_exceeds(low - of[name]) for low, _ in limits)
-        mine, other = float(of[name].mean()), float(theirs[0].mean())
+        # A difference counts beyond the limits of every reference.
+        limits = [_limits(name, values, margin) for values in scores_of_name]
+        is_above = all(_exceeds(tested_score - high) for _, high in limits)
+        is_below = all(_exceeds(low - tested_score) for low, _ in limits)
+        if not is_above and not is_below:
+            continue
+        tested_mean = float(tested_score.mean())
+        reference_mean = float(scores_of_name[0].mean())
         if name == "squared_distance":
             # The farthest reference: one of them is the center, at no distance.
-            mine = np.sqrt(mine)
-            other = np.sqrt(max(float(band.mean()) for band in theirs))
-        if over or under:
-            sizes[name] = mine - other
-            texts.append(f"{title} {mine:.3g} (a reference: {other:.3g})")
+            tested_mean = np.sqrt(tested_mean)
+            reference_mean = np.sqrt(max(float(values.mean()) for values in scores_of_name))
+        differences[name] = tested_mean - reference_mean
+        texts.append(f"{title} {tested_mean:.3g} (a reference: {reference_mean:.3g})")
     if not texts:
         return ""
     # Step 4: the likely cause.
+    text = ", ".join(texts)
     if isinstance(tracker, External):
         numbers = np.concatenate([tested.mean[:, 1:].ravel(), tested.cov[:, :, 1:].ravel()])
-        if digits := few_digits(numbers):
-            return f"{', '.join(texts)}; answers have {digits}: {PRINT_ALL_DIGITS}"
-    if "squared_distance" in sizes:
-        error, of_reference = (np.sqrt(one["squared_error"].mean()) for one in (of, bands[0]))
-        sizes["error"] = error - of_reference
+        digits = few_digits(numbers)
+        if digits:
+            return f"{text}; answers have {digits}: {PRINT_ALL_DIGITS}"
+    if "squared_distance" in differences:
+        tested_rmse = np.sqrt(tested_scores.squared_error.mean())
+        reference_rmse = np.sqrt(reference_scores[0].squared_error.mean())
+        differences["error"] = tested_rmse - reference_rmse
         if isinstance(scenario, ModelDraws):
-            wrong = deviation(tested, center, rows) > _FAR
-            unwrapped = name_of_unwrapped(tracker, scenario, data, center, wrong)
-            if unwrapped:
-                return f"{', '.join(texts)}; the innovation of {unwrapped} is not wrapped"
-    return ", ".join(texts) + _cause(tested, center.mean, sizes)
+            is_far = deviation(tested, center, rows) > _FAR
+            unwrapped_angle = name_of_unwrapped(tracker, scenario, data, center, is_far)
+            if unwrapped_angle:
+                return f"{text}; the innovation of {unwrapped_angle} is not wrapped"
+    return text + _guess_cause(tested, center.mean, differences)
 
 
-def _limits(name: str, reference: Array, wide: float) -> tuple[Array, Array]:
-    """Bound the scores that an honest filter may have, per run (M,)."""
+def _limits(name: str, reference: Array, margin: float) -> tuple[Array, Array]:
+    """Bound the scores that an honest filter may have, per run (M,).
+
+    ``reference`` are a reference's scores; ``margin`` is 1 for a filter that draws, less for others.
+    """
     if name == "squared_distance":
         return np.full_like(reference, -1.0), 3.0 * reference + 0.05
     if name == "spread":
-        return 0.9 * reference, (1.0 + 0.3 * wide) * reference
+        return 0.9 * reference, (1.0 + 0.3 * margin) * reference
     if name == "log_likelihood":
-        return reference - 0.1 * wide, reference + 0.1 * wide
-    return (1.0 - 0.3 * wide) * reference, (1.0 + 0.3 * wide) * reference
+        return reference - 0.1 * margin, reference + 0.1 * margin
+    return (1.0 - 0.3 * margin) * reference, (1.0 + 0.3 * margin) * reference
 
 
 def _exceeds(excess: Array) -> bool:
@@ -160,26 +192,31 @@ def _exceeds(excess: Array) -> bool:
     return bool(excess.mean() > _MAX_DEVIATION * excess.std(ddof=1) / np.sqrt(len(excess)))
 
 
-def _cause(of: Estimates, path: Array, sizes: dict[str, float]) -> str:
-    """Guess the cause of a difference from the path (n, T + 1, M) and of other scores."""
-    mean = of.mean[: len(path)]
+def _guess_cause(estimates: Estimates, path: Array, differences: dict[str, float]) -> str:
+    """Guess the cause of differences from the path (n, T + 1, M) of the states.
 
-    def off(other: Array) -> float:
+    ``differences`` are those of the scores, by their names.
+    """
+    mean = estimates.mean[: len(path)]
+
+    def mean_square_from(other_path: Array) -> float:
         # The median over the runs: a lost run does not count.
-        return float(np.median(np.square(mean - other)[:, 3:].mean(axis=(0, 1))))
+        squared = np.square(mean - other_path)[:, 3:]
+        return float(np.median(squared.mean(axis=(0, 1))))
 
-    if off(np.roll(path, 1, axis=1)) < 0.1 * off(path):
+    if mean_square_from(np.roll(path, 1, axis=1)) < 0.1 * mean_square_from(path):
         return "; estimates fit the truth one step earlier: returned before the update?"
-    if len(path) == 4 and off(path[[2, 3, 0, 1]]) < 0.1 * off(path):
+    if len(path) == 4 and mean_square_from(path[[2, 3, 0, 1]]) < 0.1 * mean_square_from(path):
         return "; estimates fit the truth with x and y exchanged"
-    too_large = sizes.get("spread", -sizes.get("anees", 0.0))
-    if sizes.get("error", 0.0) > _LOST:
+    if differences.get("error", 0.0) > _LOST:
         return "; an axis, a unit (degrees), a sign, dt or a gap is taken wrongly?"
-    if too_large > 0.0:
+    # A covariance that is too large makes the ANEES too small.
+    excess_of_covariance = differences.get("spread", -differences.get("anees", 0.0))
+    if excess_of_covariance > 0.0:
         return "; the covariance is too large: does the update reduce it by the gain, is R sigma^2?"
-    if too_large < 0.0:
+    if excess_of_covariance < 0.0:
         return "; the covariance is too small: sigma for sigma^2, or a noise or dt forgotten?"
-    if "squared_distance" in sizes:
+    if "squared_distance" in differences:
         return ""
     return "; are the innovation and S those before the update?"
 
@@ -187,23 +224,32 @@ def _cause(of: Estimates, path: Array, sizes: dict[str, float]) -> str:
 def mistaken_track(tracker: AnyFilter, problem: Tracking) -> str:
     """Describe how estimates miss the path of a fast target; no model is needed for it."""
     data = simulate(problem, 40)
-    of, truth, z = run_filter(tracker, problem, data), data.truth, data.measurements
-    moved = data._replace(prior=Gaussian(data.prior.mean + 100.0, data.prior.cov))
-    if np.array_equal(of.mean[:, 1], run_filter(tracker, problem, moved).mean[:, 1]):
+    estimates = run_filter(tracker, problem, data)
+    # Step 1: the prior.
+    moved_prior = Gaussian(data.prior.mean + 100.0, data.prior.cov)
+    moved_estimates = run_filter(tracker, problem, data._replace(prior=moved_prior))
+    if np.array_equal(estimates.mean[:, 1], moved_estimates.mean[:, 1]):
         return "the estimates do not depend on the mean of the prior: is it ignored?"
 
-    def off(x: Array, true: Array = truth) -> float:
-        return float(np.sqrt(np.median(np.square(x - true[::2])[:, 3:].mean(axis=(0, 1)))))
-
-    # An honest filter lies between the prediction of the start and the measured positions.
-    nothing = data._replace(measurements=np.full_like(z, np.nan))
-    predicted = run_filter(EKF(), problem, nothing).mean[::2]
+    # Step 2: positions (2, T + 1, M) of the filter, of a prediction alone, and measured.
+    z = data.measurements
+    position = estimates.mean[:4:2]
+    without_measurements = data._replace(measurements=np.full_like(z, np.nan))
+    predicted = run_filter(EKF(), problem, without_measurements).mean[::2]
     sensor = cast(LocatingSensor, problem.model.sensor)
+    true_position = data.truth[::2]
     located = [sensor.located(z[:, i], i + 1).mean for i in range(z.shape[1])]
-    measured = np.stack([truth[::2, 0], *located], axis=1)
-    mean = of.mean[:4:2]
-    late = off(mean, np.roll(truth, 1, axis=1)) < 0.3 * off(mean)
-    if off(mean) < 1.5 * max(off(predicted), off(measured)) and not late:
+    measured = np.stack([true_position[:, 0], *located], axis=1)
+
+    def rms_error(position: Array, true_position: Array = true_position) -> float:
+        squared = np.square(position - true_position)[:, 3:]
+        return float(np.sqrt(np.median(squared.mean(axis=(0, 1)))))
+
+    # Step 3: an honest filter lies between the prediction of the start and the measured positions.
+    error = rms_error(position)
+    error_from_earlier = rms_error(position, np.roll(true_position, 1, axis=1))
+    is_late = error_from_earlier < 0.3 * error
+    if error < 1.5 * max(rms_error(predicted), rms_error(measured)) and not is_late:
         return ""
-    text = f"positions are off by {off(mean):.3g} m, those measured by {off(measured):.3g} m"
-    return text + _cause(of, truth, {"squared_distance": np.inf, "error": np.inf})
+    text = f"positions are off by {error:.3g} m, those measured by {rms_error(measured):.3g} m"
+    return text + _guess_cause(estimates, data.truth, {"squared_distance": np.inf, "error": np.inf})

@@ -11,7 +11,7 @@ from typing import NamedTuple, cast
 import numpy as np
 from numpy.random import SFC64, Generator
 
-from trackbench.config.checks import has
+from trackbench.config.checks import meets_requirement
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution, per_run_moments
 from trackbench.core.random_streams import RunStreams, Streams
@@ -117,35 +117,44 @@ def planar(q: float = 25.0, sigma: float = 20.0, T: float = 2.0) -> Tracking:
 
 
 def radar(
-    q: float = 25.0, sigma: float = 40.0, T: float = 2.0, at: tuple[float, float] = (-5000.0, 20.0)
+    q: float = 25.0, sigma: float = 40.0, T: float = 2.0, x: float = -5000.0, y: float = 20.0
 ) -> Tracking:
     """Make a radar's problem; by default the target is about where the azimuth jumps by 2 pi."""
     sensor = RangeAzimuth(sigma_range=sigma, sigma_azimuth_mrad=sigma)
-    return _tracking(sensor, Launch(x=at[0], vx=150.0, y=at[1], vy=-10.0), q, T)
+    return _tracking(sensor, Launch(x=x, vx=150.0, y=y, vy=-10.0), q, T)
 
 
-PLANAR, RADAR = planar(), radar()
-PRECISE = radar(sigma=5.0, at=(4000.0, 3000.0))
+PLANAR = planar()
+RADAR = radar()
+PRECISE = radar(sigma=5.0, x=4000.0, y=3000.0)
 UNEQUAL = ModelDraws(base=PLANAR, unequal=True)
 
 
 def at_unequal_intervals(problem: Scenario) -> ModelDraws | None:
     """Vary the intervals of a config's problem from step to step; None if they cannot vary."""
-    base = problem.base if isinstance(problem, ModelDraws) else None
+    if not isinstance(problem, ModelDraws):
+        return None
+    base = problem.base
     if not isinstance(base, Tracking) or len(base.steps) < 3:
         return None
     motion = base.assume.motion or base.target.own_motion
-    equal = np.ptp(np.diff(base.times)) < 1e-9 * base.T
-    possible = equal and motion is not None and not motion.uses_time
-    return ModelDraws(base=base, unequal=True) if possible else None
+    if motion is None or motion.uses_time:
+        return None
+    has_equal_intervals = np.ptp(np.diff(base.times)) < 1e-9 * base.T
+    if not has_equal_intervals:
+        return None
+    return ModelDraws(base=base, unequal=True)
 
 
 class Estimates(NamedTuple):
-    """Mean (n_x, T + 1, M) and cov (n_x, n_x, T + 1, M) of every step; whether numbers were drawn."""
+    """Estimates of a filter at every step."""
 
     mean: Array
+    """means (n_x, T + 1, M)"""
     cov: Array
+    """covariances (n_x, n_x, T + 1, M)"""
     random: bool
+    """whether the filter drew random numbers"""
     series: dict[str, Array]
     """NIS, weight of further models and log-likelihood (T, M), of filters that have them"""
 
@@ -168,26 +177,40 @@ def run_filter(tracker: AnyFilter, scenario: Scenario, data: Simulation) -> Esti
     """
     rng = new_rng()
     state = tracker.init(scenario.model, data.prior, rng)
-    estimates, rows, ahead = [tracker.estimate(state)], [], None
+    all_steps = None
     if tracker.runs_program:
-        first = int(scenario.steps[1])
-        ahead = tracker.all_steps(scenario.model, state, data.measurements, first)
+        first_step = int(scenario.steps[1])
+        all_steps = tracker.all_steps(scenario.model, state, data.measurements, first_step)
+    # Step 1: the estimates, and the series of each step.
+    estimates = [tracker.estimate(state)]
+    rows = []
     for i, k in enumerate(scenario.steps[1:]):
-        if ahead is None:
+        if all_steps is None:
             state = tracker.step(scenario.model, state, data.measurements[:, i], int(k), rng)
         else:
-            state = ahead.state(i)
+            state = all_steps.state(i)
         estimates.append(tracker.estimate(state))
-        rows.append({n: x for n, x in tracker.diagnostics(state).items() if n in ("nis", "mode")})
-        if (log_likelihood := tracker.log_likelihood(state)) is not None:
-            rows[-1]["log_likelihood"] = log_likelihood
-    covs = np.stack([per_run_moments(g).cov for g in estimates], axis=2)
-    means = np.stack([g.mean for g in estimates], axis=1)
+        row = {}
+        for name, value in tracker.diagnostics(state).items():
+            if name in ("nis", "mode"):
+                row[name] = value
+        log_likelihood = tracker.log_likelihood(state)
+        if log_likelihood is not None:
+            row["log_likelihood"] = log_likelihood
+        rows.append(row)
+    # Step 2: stack them over the steps.
+    covs = [per_run_moments(estimate).cov for estimate in estimates]
+    means = [estimate.mean for estimate in estimates]
     series = {}
     for name in rows[-1]:
         series[name] = np.array([row[name] for row in rows])
-    drawn = _words(rng) != _words(new_rng()) or depends_on_seed(tracker, scenario)
-    return Estimates(means, covs, drawn, series)
+    has_drawn = _state_words(rng) != _state_words(new_rng())
+    return Estimates(
+        mean=np.stack(means, axis=1),
+        cov=np.stack(covs, axis=2),
+        random=has_drawn or depends_on_seed(tracker, scenario),
+        series=series,
+    )
 
 
 @lru_cache(maxsize=16)
@@ -209,7 +232,8 @@ def has_covariance(tracker: AnyFilter, scenario: Scenario) -> bool:
     return not np.isnan(run_filter(tracker, scenario, simulate(scenario, 1)).cov).all()
 
 
-def _words(rng: Generator) -> list[int]:
+def _state_words(rng: Generator) -> list[int]:
+    """Return the generator's state, which changes with every number that is drawn."""
     return rng.bit_generator.state["state"]["state"].tolist()
 
 
@@ -227,9 +251,12 @@ def runs_on(tracker: AnyFilter, scenario: Scenario) -> bool:
 
 def why_not(tracker: AnyFilter, scenario: Scenario) -> str:
     """Explain why a filter cannot run on a scenario; an empty text if it can."""
-    lacking = [n for n in tracker.all_requirements if not has(scenario, n)]
-    mistakes = [] if lacking else list(filter_conflicts(tracker, scenario).values())
-    return f"needs {lacking[0]}" if lacking else (mistakes or [""])[0]
+    for requirement in tracker.all_requirements:
+        if not meets_requirement(scenario, requirement):
+            return f"needs {requirement}"
+    for what in filter_conflicts(tracker, scenario).values():
+        return what
+    return ""
 
 
 def why_program_fails(tracker: AnyFilter, scenario: Scenario) -> str:
@@ -239,13 +266,16 @@ def why_program_fails(tracker: AnyFilter, scenario: Scenario) -> str:
     try:
         with guarded(), np.errstate(all="ignore"):
             run_filter(tracker, scenario, simulate(scenario, 2))
+    except ProgramRunError as error:
+        return in_line(error.what)
     except Exception as error:
-        return in_line(error.what if isinstance(error, ProgramRunError) else str(error))
+        return in_line(str(error))
     return ""
 
 
 def with_gaps(data: Simulation) -> Simulation:
     """Leave out some measurements, in two runs of three."""
     z = data.measurements.copy()
-    z[:, 2::4, ::3] = z[:, 3::5, 1::3] = np.nan
+    z[:, 2::4, ::3] = np.nan
+    z[:, 3::5, 1::3] = np.nan
     return data._replace(measurements=z)

@@ -69,21 +69,21 @@ def parts_of_copy(kind: str) -> dict[str, str]:
     if issubclass(cls, Filter) and cls.runs_program:
         what = f"{kind!r} is a program: `trackbench new filter NAME --language` writes one"
         raise UserError(Problem(Mark("--from"), "", what))
+    # Step 1: the source of `step`, with the imports that it needs.
     owner = next(base for base in cls.__mro__ if "step" in vars(base))
     source = dedent(inspect.getsource(vars(owner)["step"]))
     module = inspect.getmodule(owner)
     assert module is not None
-    imports = {
-        *_imports(module, source).values(),
-        ("dataclasses", "dataclass", ""),
-        ("trackbench.registry", "register", ""),
-        (cls.__module__, cls.__name__, ""),
-    }
+    imports = set(_needed_imports(module, source))
+    imports.add(("dataclasses", "dataclass", ""))
+    imports.add(("trackbench.registry", "register", ""))
+    imports.add((cls.__module__, cls.__name__, ""))
     methods = sorted(set(re.findall(r"\bself\.(\w+)\(", source)))
+    # Step 2: a scenario on which it runs. A few particles, the default of particle filters, are enough
+    # for one component, so these begin with the last one.
     keys = f", {_KEYS[kind]}" if kind in _KEYS else ""
-    # A few particles, the default of these filters, are enough for one component.
     scenarios = _SCENARIOS[::-1] if hasattr(cls, "N") else _SCENARIOS
-    scenario = _scenario(kind, keys, scenarios)
+    scenario = _find_scenario(kind, keys, scenarios)
     return {
         "@IMPORTS@": _import_lines(imports),
         "@BASE@": cls.__name__,
@@ -97,43 +97,58 @@ def parts_of_copy(kind: str) -> dict[str, str]:
     }
 
 
-def _scenario(kind: str, keys: str, scenarios: list[str]) -> str:
+def _find_scenario(kind: str, keys: str, scenarios: list[str]) -> str:
     """Find the first scenario on which the filter runs; raises UserError if it runs on none."""
-    refused = UserError()
+    last_error = UserError()
     for scenario in scenarios:
         text = f"name: a\nscenario:\n  kind: tracking\n{scenario}\nfilters:\n"
         try:
             load(parse(f"{text}  F: {{kind: {kind}{keys}}}\n", "config").data)
         except UserError as error:
-            refused = error
+            last_error = error
         else:
             return scenario
-    raise refused
+    raise last_error
 
 
-def _imports(module: ModuleType, source: str) -> dict[str, _Import]:
-    """Find the imports that a piece of a module's source needs, by name."""
-    known = {name: (module.__name__, name, "") for name in vars(module)}
+def _needed_imports(module: ModuleType, source: str) -> list[_Import]:
+    """Find the imports that a piece of a module's source needs."""
+    # Step 1: the names that the module defines or imports.
+    imports_by_name = {name: (module.__name__, name, "") for name in vars(module)}
     for node in ast.walk(ast.parse(inspect.getsource(module))):
         if isinstance(node, ast.ImportFrom | ast.Import):
-            of = str(node.module) if isinstance(node, ast.ImportFrom) else ""
-            for item in node.names:
-                known[item.asname or item.name] = (of, item.name, item.asname or "")
+            imported_module = str(node.module) if isinstance(node, ast.ImportFrom) else ""
+            for alias in node.names:
+                name_here = alias.asname or alias.name
+                imports_by_name[name_here] = (imported_module, alias.name, alias.asname or "")
+    # Step 2: the names in the source, also those in the types of casts.
     names = {node.id for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Name)}
-    names |= set(re.findall(r"\w+", " ".join(re.findall(r'cast\("([^"]*)"', source))))
-    return {name: known[name] for name in names & known.keys()}
+    for type_text in re.findall(r'cast\("([^"]*)"', source):
+        names |= set(re.findall(r"\w+", type_text))
+    return [imports_by_name[name] for name in names & imports_by_name.keys()]
 
 
 def _import_lines(imports: Iterable[_Import]) -> str:
     """Write imports, Python's own first."""
-    named: dict[str, list[str]] = {}
-    for of, name, alias in sorted(imports):
-        named.setdefault(of, []).append(f"{name} as {alias}" if alias else name)
-    lines = [(name, f"import {name}") for name in named.pop("", [])]
-    for of, names in named.items():
-        line = f"from {of} import {', '.join(names)}"
+    # Step 1: the names of each module, with their aliases.
+    names_by_module: dict[str, list[str]] = {}
+    for module, name, alias in sorted(imports):
+        text = f"{name} as {alias}" if alias else name
+        names_by_module.setdefault(module, []).append(text)
+    # Step 2: a line for each module; without a module, the name is that of one.
+    lines = [(name, f"import {name}") for name in names_by_module.pop("", [])]
+    for module, names in names_by_module.items():
+        line = f"from {module} import {', '.join(names)}"
         if len(line) > _LINE:
-            line = f"from {of} import (\n" + "".join(f"    {name},\n" for name in names) + ")"
-        lines.append((of, line))
-    own = [line for of, line in lines if of.partition(".")[0] in sys.stdlib_module_names]
-    return "\n".join([*own, "", *(line for _, line in lines if line not in own)])
+            items = "".join(f"    {name},\n" for name in names)
+            line = f"from {module} import (\n{items})"
+        lines.append((module, line))
+    # Step 3: two groups.
+    of_python = []
+    others = []
+    for module, line in lines:
+        if module.partition(".")[0] in sys.stdlib_module_names:
+            of_python.append(line)
+        else:
+            others.append(line)
+    return "\n".join([*of_python, "", *others])

@@ -21,23 +21,24 @@ def schema() -> JsonSchema:
     top = adapter(Settings, documented=True).json_schema(ref_template="#/$defs/{model}")
     definitions: JsonSchema = top.pop("$defs", {})
     for group in _GROUPS:
-        names = []
+        kind_schemas = []
         for kind, cls in kinds(group).items():
-            names.append(f"{group}.{kind}")
             definitions |= _definitions(group, kind, cls)
-        definitions[group] = {"anyOf": [*_ELSEWHERE, *({"$ref": _ref(name)} for name in names)]}
+            kind_schemas.append({"$ref": _ref(f"{group}.{kind}")})
+        definitions[group] = {"anyOf": [*_IN_FILE, *kind_schemas]}
     assume = adapter(Assume, documented=True).json_schema(ref_template="#/$defs/assume.{model}")
-    definitions |= {f"assume.{model}": part for model, part in assume.pop("$defs", {}).items()}
-    _refer_to_parts(Assume, assume["properties"])
+    for model, definition in assume.pop("$defs", {}).items():
+        definitions[f"assume.{model}"] = definition
+    _refer_to_components(Assume, assume["properties"])
     definitions["assume"] = assume
     # Step 2: in place of mappings of any keys, refer to the kinds.
     properties = top["properties"]
-    _replace(properties, "scenario", {"$ref": _ref("scenarios")})
-    laid_over = {"anyOf": [_ELSEWHERE[0], {"type": "object"}]}
-    _replace(definitions["Tuning"]["properties"], "scenario", laid_over | {"default": None})
+    _replace_schema(properties, "scenario", {"$ref": _ref("scenarios")})
+    changes_of_scenario = {"anyOf": [_IN_FILE[0], {"type": "object"}], "default": None}
+    _replace_schema(definitions["Tuning"]["properties"], "scenario", changes_of_scenario)
     for group in _TOP:
-        several = {"type": "object", "additionalProperties": {"$ref": _ref(group)}}
-        _replace(properties, group, several)
+        by_name = {"type": "object", "additionalProperties": {"$ref": _ref(group)}}
+        _replace_schema(properties, group, by_name)
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         **top,
@@ -46,7 +47,7 @@ def schema() -> JsonSchema:
     }
 
 
-_ELSEWHERE: list[JsonSchema] = [
+_IN_FILE: list[JsonSchema] = [
     {"type": "string", "description": "path of a YAML file that holds the mapping"},
     {
         "type": "object",
@@ -61,15 +62,18 @@ def _definitions(group: Group, kind: str, cls: type[Part]) -> JsonSchema:
     """Define one kind and the types that its keys refer to."""
     name = f"{group}.{kind}"
     schema = adapter(cls, documented=True).json_schema(ref_template=f"#/$defs/{name}.{{model}}")
-    inner = {f"{name}.{model}": part for model, part in schema.pop("$defs", {}).items()}
+    inner_definitions = {}
+    for model, definition in schema.pop("$defs", {}).items():
+        inner_definitions[f"{name}.{model}"] = definition
     properties = schema.setdefault("properties", {})
     for key, text in help_texts(cls).items():
         properties[key].setdefault("description", text)
     # Keys of components, presets, and `assume` of every filter.
-    _refer_to_parts(cls, properties)
+    _refer_to_components(cls, properties)
     if cls.presets:
         # A preset may give any key, and a key of a mapping in it may be changed alone.
-        schema, inner = _without_required(schema), _without_required(inner)
+        schema = _without_required(schema)
+        inner_definitions = _without_required(inner_definitions)
         properties = schema["properties"]
         text = "named set of keys to start from"
         properties["preset"] = {"enum": list(cls.presets), "description": text}
@@ -82,35 +86,44 @@ def _definitions(group: Group, kind: str, cls: type[Part]) -> JsonSchema:
     schema["required"] = ["kind", *schema.get("required", [])]
     schema["title"] = kind
     schema["description"] = " ".join((cls.__doc__ or "").split("\n\n")[0].split())
-    return {name: schema, **inner}
+    return {name: schema, **inner_definitions}
 
 
-def _refer_to_parts(cls: type, properties: JsonSchema) -> None:
+def _refer_to_components(cls: type, properties: JsonSchema) -> None:
+    """Replace the schemas of keys that hold components: a kind, its mapping, or a list of these."""
     for key, hint in hints_of(cls).items():
         group = part_group(hint)
-        if group is not None:
-            word = {"type": "string", "description": "a kind, with all keys at their defaults"}
-            one = {"anyOf": [word, {"$ref": _ref(group)}]}
-            _replace(properties, key, {"anyOf": [one, {"type": "array", "items": one}]})
+        if group is None:
+            continue
+        word = {"type": "string", "description": "a kind, with all keys at their defaults"}
+        component = {"anyOf": [word, {"$ref": _ref(group)}]}
+        components = {"type": "array", "items": component}
+        _replace_schema(properties, key, {"anyOf": [component, components]})
 
 
 def _without_required(schema: Any) -> Any:
+    """Return a schema of which no key is required."""
     if isinstance(schema, list):
-        return [_without_required(part) for part in schema]
+        return [_without_required(item) for item in schema]
     if not isinstance(schema, dict):
         return schema
-    renamed = {"oneOf": "anyOf"}  # without a required kind, several may fit
-    return {
-        renamed.get(key, key): _without_required(part)
-        for key, part in schema.items()
-        if key not in ("required", "discriminator") or not isinstance(part, list | dict)
-    }
+    optional = {}
+    for key, value in schema.items():
+        is_requirement = key in ("required", "discriminator") and isinstance(value, list | dict)
+        if is_requirement:
+            continue
+        # Without a required kind, several schemas may fit.
+        new_key = "anyOf" if key == "oneOf" else key
+        optional[new_key] = _without_required(value)
+    return optional
 
 
-def _replace(properties: JsonSchema, key: str, by: JsonSchema) -> None:
+def _replace_schema(properties: JsonSchema, key: str, schema: JsonSchema) -> None:
     """Replace a key's schema and keep its description."""
     description = properties.get(key, {}).get("description")
-    properties[key] = by | ({"description": description} if description else {})
+    properties[key] = dict(schema)
+    if description:
+        properties[key]["description"] = description
 
 
 def _ref(name: str) -> str:

@@ -6,7 +6,6 @@ A listing reads docstrings without importing what it lists.
 import dataclasses
 import inspect
 from collections.abc import Iterator, Sequence
-from itertools import chain
 from typing import TYPE_CHECKING, cast
 
 from trackbench.extension_points import Part, hooks, key_of, overridden_hooks
@@ -37,10 +36,14 @@ def groups_with_counts() -> str:
     """List the groups, with their numbers of kinds and the first ones."""
     from trackbench.config.shipped_experiments import names
 
-    known: dict[str, list[str]] = {group: [*documentation(group)] for group in GROUPS}
-    known |= {"metrics": common_metrics(), "experiments": names()}
-    sizes = {group: len(kinds) for group, kinds in known.items()} | {"metrics": len(METRICS)}
-    rows = ((g, f"{sizes[g]:>3}", ", ".join([*k[:5], "..."][: sizes[g]])) for g, k in known.items())
+    known: dict[str, list[str]] = {group: list(documentation(group)) for group in GROUPS}
+    known["metrics"] = common_metrics()
+    known["experiments"] = names()
+    rows = []
+    for group, group_names in known.items():
+        number = len(METRICS) if group == "metrics" else len(group_names)
+        first_names = ", ".join([*group_names[:5], "..."][:number])
+        rows.append((group, f"{number:>3}", first_names))
     return "\n".join(["groups (trackbench list GROUP):", *columns(rows)])
 
 
@@ -50,25 +53,36 @@ def experiments() -> str:
 
     from trackbench.config.shipped_experiments import listed
 
-    shipped = sorted(listed(), key=lambda one: (not one.paper, one.paper, one.name))
-    width = max(len(one.name) for one in shipped)
-    parts = ["experiments (trackbench run NAME; time on one processor):"]
-    for paper, several in groupby(shipped, key=lambda one: one.paper):
-        parts.append(f"\n  {paper or 'Beyond the papers'}")
-        parts += [f"    {s.name:<{width}}  {_time(s.cpu_s):>6}  {s.title}" for s in several]
-    return "\n".join(parts)
+    # Experiments without a paper come last.
+    shipped = sorted(listed(), key=lambda entry: (not entry.paper, entry.paper, entry.name))
+    width = max(len(entry.name) for entry in shipped)
+    lines = ["experiments (trackbench run NAME; time on one processor):"]
+    for paper, entries_of_paper in groupby(shipped, key=lambda entry: entry.paper):
+        lines.append(f"\n  {paper or 'Beyond the papers'}")
+        for entry in entries_of_paper:
+            time = _format_time(entry.cpu_s)
+            lines.append(f"    {entry.name:<{width}}  {time:>6}  {entry.title}")
+    return "\n".join(lines)
 
 
 def problems() -> str:
     """List the standard problems with their versions, published numbers, references and times."""
     from trackbench.config.shipped_experiments import problems
 
-    heads = ("name", "version", "numbers", "time", "reference", "title")
-    rows = [heads]
-    for p in problems():
-        rows.append((p.name, f"v{p.version}", str(p.numbers), _time(p.cpu_s), p.reference, p.title))
-    head = "standard problems (trackbench run NAME; cited as trackbench/NAME vVERSION, N runs;"
-    return "\n".join([f"{head} time on one processor):", "", *columns(rows)])
+    rows = [("name", "version", "numbers", "time", "reference", "title")]
+    for problem in problems():
+        rows.append(
+            (
+                problem.name,
+                f"v{problem.version}",
+                str(problem.numbers),
+                _format_time(problem.cpu_s),
+                problem.reference,
+                problem.title,
+            )
+        )
+    heading = "standard problems (trackbench run NAME; cited as trackbench/NAME vVERSION, N runs;"
+    return "\n".join([f"{heading} time on one processor):", "", *columns(rows)])
 
 
 def rows(groups: Sequence[str]) -> Iterator[JsonRow]:
@@ -78,28 +92,37 @@ def rows(groups: Sequence[str]) -> Iterator[JsonRow]:
     for group in groups:
         if group in ("metrics", "statistics"):
             known = METRICS if group == "metrics" else statistics_known()
-            yield from filter(None, map(facts, known))
-            continue
-        if group in ("experiments", "problems"):
+            for word in known:
+                row = facts(word)
+                if row:
+                    yield row
+        elif group in ("experiments", "problems"):
             shipped = listed() if group == "experiments" else problems()
-            yield from ({"group": group, **one._asdict()} for one in shipped)
-            continue
-        for kind, doc in documentation(cast(Group, group)).items():
-            yield {"group": group, "kind": kind, "text": _paragraphs(doc)[0]}
+            for entry in shipped:
+                yield {"group": group, **entry._asdict()}
+        else:
+            for kind, doc in documentation(cast(Group, group)).items():
+                yield {"group": group, "kind": kind, "text": _paragraphs(doc)[0]}
 
 
-def _time(seconds: float | None) -> str:
+def _format_time(seconds: float | None) -> str:
+    """Write a time in seconds or minutes; empty if it is unknown."""
     if seconds is None:
         return ""
-    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
+    if seconds < 100:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min"
 
 
 def description(kind: str) -> str:
     """Document a kind, a metric, or a group's hooks; raises UserError."""
     if kind in GROUPS:
-        return _hooks_of(kind)
-    texts = [_described(kind, group, cls) for group, cls in _classes_of(kind)]
-    return "\n\n".join([*texts, *filter(None, [described(kind)])])
+        return _describe_hooks(kind)
+    texts = [_describe_kind(kind, group, cls) for group, cls in _classes_of(kind)]
+    text_of_metric = described(kind)
+    if text_of_metric:
+        texts.append(text_of_metric)
+    return "\n\n".join(texts)
 
 
 def entries(kind: str) -> Iterator[JsonRow]:
@@ -115,10 +138,11 @@ def entries(kind: str) -> Iterator[JsonRow]:
             "text": "\n\n".join(_paragraphs(cls.__doc__ or "")),
             "keys": _as_data(_rows(group, cls)),
             "presets": cls.presets if group == "filters" else {},
-            "notes": [*_notes(group, cls)],
+            "notes": list(_notes(group, cls)),
         }
-    if metric := facts(kind):
-        yield {**metric, "keys": [], "presets": {}, "notes": []}
+    metric_facts = facts(kind)
+    if metric_facts:
+        yield {**metric_facts, "keys": [], "presets": {}, "notes": []}
 
 
 def experiment_keys() -> list[dict[str, str]]:
@@ -129,15 +153,18 @@ def experiment_keys() -> list[dict[str, str]]:
 
 
 def assume_keys() -> list[dict[str, str]]:
-    """Describe what every filter may assume: key, default and text."""
+    """Describe the keys of a filter model, which every filter has: key, default and text."""
     return _as_data(_assume_rows())
 
 
 def _assume_rows() -> list[tuple[str, str, str]]:
+    """Describe the keys of a filter model; ``late`` may stand beside ``assume``."""
     from trackbench.models.sensors.base import Assume
 
-    rows = [*_key_rows(Assume, "assume.")]
-    return [(key.replace("assume.late", "late"), default, text) for key, default, text in rows]
+    rows = []
+    for key, default, text in _key_rows(Assume, "assume."):
+        rows.append((key.replace("assume.late", "late"), default, text))
+    return rows
 
 
 def _as_data(rows: list[tuple[str, str, str]]) -> list[dict[str, str]]:
@@ -149,10 +176,13 @@ def _classes_of(kind: str) -> list[tuple[Group, type[Part]]]:
     from trackbench.config.mistakes import unknown
     from trackbench.errors import Mark, Problem, UserError
 
-    classes = [(g, kinds(g)[kind]) for g in GROUPS if kind in kinds(g)]
+    classes = [(group, kinds(group)[kind]) for group in GROUPS if kind in kinds(group)]
     if not classes and described(kind) is None:
-        known = [*GROUPS, *chain.from_iterable(map(kinds, GROUPS)), *METRICS]
-        what = f"there is no such kind; {unknown(kind, known)}"
+        known_words: list[str] = [*GROUPS]
+        for group in GROUPS:
+            known_words += kinds(group)
+        known_words += METRICS
+        what = f"there is no such kind; {unknown(kind, known_words)}"
         raise UserError(Problem(Mark("describe"), kind, what))
     return classes
 
@@ -165,22 +195,25 @@ def _rows(group: str, cls: type[Part]) -> list[tuple[str, str, str]]:
     return rows
 
 
-def _hooks_of(group: Group) -> str:
+def _describe_hooks(group: Group) -> str:
+    """List the methods that a class of the group must have, and those that it may have."""
     base = base_of(group)
     declared = list(hooks(base))
     rows = list(columns((hook.form, hook.text) for hook in declared))
-    needed = sum(hook.needed for hook in declared)  # which come first
-    must = [f"a class of the group {group} has:", *rows[:needed]]
-    may = ["and may have:", *rows[needed:]]
-    return "\n".join([_paragraphs(base.__doc__ or "")[0], "", *must, "", *may])
+    number_of_needed = sum(hook.needed for hook in declared)  # these come first
+    lines = [_paragraphs(base.__doc__ or "")[0], ""]
+    lines += [f"a class of the group {group} has:", *rows[:number_of_needed], ""]
+    lines += ["and may have:", *rows[number_of_needed:]]
+    return "\n".join(lines)
 
 
-def _described(kind: str, group: Group, cls: type[Part]) -> str:
+def _describe_kind(kind: str, group: Group, cls: type[Part]) -> str:
+    """Document a kind: its docstring, keys, presets, notes and explanation."""
     lines = [f"{kind} ({group[:-1]})", ""]
     lines += [paragraph + "\n" for paragraph in _paragraphs(cls.__doc__ or "")]
     lines += columns(_rows(group, cls))
     for name, keys in cls.presets.items():
-        values = ", ".join(f"{k}: {v}" for k, v in keys.items()) or "the defaults"
+        values = ", ".join(f"{key}: {value}" for key, value in keys.items()) or "the defaults"
         lines.append(f"\n  preset {name}: {values}")
     lines += [f"\n  {note}" for note in _notes(group, cls)]
     if cls.explain():
@@ -194,13 +227,15 @@ def _notes(group: Group, cls: type[Part]) -> Iterator[str]:
     from trackbench.scenarios.base import Scenario
     from trackbench.scenarios.targets.base import Target
 
-    if issubclass(cls, Scenario) and "required" not in map(_default, dataclasses.fields(cls)):
-        model = cls().model
-        yield f"components of the state: {','.join(model.motion.components)}"
-        yield f"components of the measurement: {','.join(model.sensor.components)}"
+    if issubclass(cls, Scenario):
+        defaults = [_default_text(field) for field in dataclasses.fields(cls)]
+        if "required" not in defaults:
+            model = cls().model
+            yield f"components of the state: {','.join(model.motion.components)}"
+            yield f"components of the measurement: {','.join(model.sensor.components)}"
     if issubclass(cls, Target) and "windows" in vars(cls):
-        words = " ".join(_paragraphs(cls.windows.__doc__ or "")).replace("``", "")
-        yield f"windows of metrics: {words.removeprefix('Select ')}"
+        text = " ".join(_paragraphs(cls.windows.__doc__ or "")).replace("``", "")
+        yield f"windows of metrics: {text.removeprefix('Select ')}"
     if issubclass(cls, SensorBase):
         yield f"components of the measurement: {','.join(cls.components)}"
     names = overridden_hooks(cls, base_of(group))
@@ -212,36 +247,47 @@ def _key_rows(cls: "type[DataclassInstance]", prefix: str) -> Iterator[tuple[str
     """Yield key, default and text of each field; nested fields follow with their path."""
     from trackbench.config.build import adapter, help_texts, hints_of
 
-    schema, texts = adapter(cls).json_schema(), help_texts(cls)
+    schema = adapter(cls).json_schema()
+    texts = help_texts(cls)
     hints = hints_of(cls)
     for field in dataclasses.fields(cls):
+        # Step 1: the key itself.
         key = key_of(field.name)
-        choices = schema["properties"][key].get("enum")
         text = texts.get(key, "")
-        text = f"{text} ({' | '.join(map(str, choices))})" if choices else text
+        choices = schema["properties"][key].get("enum")
+        if choices:
+            text += f" ({' | '.join(map(str, choices))})"
         group = part_group(hints[field.name])
         if group is not None:
-            yield prefix + key, _default(field), f"{text} (see `trackbench list {group}`)"
+            yield prefix + key, _default_text(field), f"{text} (see `trackbench list {group}`)"
             continue
-        yield prefix + key, _default(field), text
-        # The keys of a dataclass within, or of each that the key may hold.
-        nested = dataclasses_in(hints[field.name])
-        every = [list(_key_rows(one, "")) for one in nested]
-        for i, (one, rows) in enumerate(zip(nested, every, strict=True)):
-            for name, default, text in rows:
-                shared = all((name, default, text) in others for others in every)
-                of_kind = "" if shared else f"[{one.kind}]"
-                if not shared or i == 0:
-                    yield f"{prefix}{key}{of_kind}.{name}", default, text
+        yield prefix + key, _default_text(field), text
+        # Step 2: the keys of a dataclass within, or of each that the key may hold. Rows of all these
+        # dataclasses come once, without the kind of the dataclass.
+        nested_classes = dataclasses_in(hints[field.name])
+        rows_by_class = [list(_key_rows(nested, "")) for nested in nested_classes]
+        for i, nested in enumerate(nested_classes):
+            for row in rows_by_class[i]:
+                is_shared = all(row in rows for rows in rows_by_class)
+                if is_shared and i > 0:
+                    continue
+                name, default, nested_text = row
+                kind = "" if is_shared else f"[{nested.kind}]"
+                yield f"{prefix}{key}{kind}.{name}", default, nested_text
 
 
-def _default(field: "dataclasses.Field[object]") -> str:
+def _default_text(field: "dataclasses.Field[object]") -> str:
+    """Write the default of a key; ``required`` without one."""
     if field.default is dataclasses.MISSING:
         return "required" if field.default_factory is dataclasses.MISSING else "empty"
     if dataclasses.is_dataclass(field.default):
         return "as below"
-    return "none" if field.default is None else str(field.default)
+    if field.default is None:
+        return "none"
+    return str(field.default)
 
 
 def _paragraphs(doc: str) -> list[str]:
-    return [" ".join(p.split()) for p in inspect.cleandoc(doc).split("\n\n")]
+    """Split a docstring into paragraphs, each on one line."""
+    paragraphs = inspect.cleandoc(doc).split("\n\n")
+    return [" ".join(paragraph.split()) for paragraph in paragraphs]

@@ -11,7 +11,7 @@ from trackbench.metrics import METRICS, Metric, metric_of, unit_of
 
 _BETTER = {"zero": "nearer 0 is better", "one": "nearer 1 is better"}
 JsonRow: TypeAlias = dict[str, Any]
-"""A row of what `list` and `describe` print as JSON."""
+"""A row that `list` or `describe` prints as JSON."""
 WRITTEN = """\
 how it is written:
   mean(rmse[turns])         a statistic over the runs, here of a window of steps
@@ -23,12 +23,17 @@ how it is written:
 
 def metrics() -> str:
     """List every declared metric with its text, the most used ones first."""
-    first = common_metrics()
-    names = [*first, *(name for name in METRICS if name not in first)]
-    declared = [METRICS[name] for name in names]
-    rows = [(f"{m.name}[_quantity]" if m.is_family else m.name, m) for m in declared]
-    lines = [*columns((name, _facts(m, m.unit), m.help) for name, m in rows)]
-    return "\n".join(["metrics:", *lines[: len(first)], "\nfurther metrics:", *lines[len(first) :]])
+    common_names = common_metrics()
+    further_names = [name for name in METRICS if name not in common_names]
+    rows = []
+    for name in [*common_names, *further_names]:
+        metric = METRICS[name]
+        form = f"{metric.name}[_quantity]" if metric.is_family else metric.name
+        rows.append((form, _unit_and_direction(metric, metric.unit), metric.help))
+    # The columns of both lists are aligned.
+    lines = list(columns(rows))
+    number = len(common_names)
+    return "\n".join(["metrics:", *lines[:number], "\nfurther metrics:", *lines[number:]])
 
 
 def common_metrics() -> list[str]:
@@ -53,8 +58,8 @@ def described(word: str) -> str | None:
     metric, _ = metric_of(word)
     if not metric.help:
         return None
-    about = _facts(metric, unit_of(word) or metric.unit)
-    return f"{word} (metric)\n\n{metric.help}\n{about}".rstrip()
+    details = _unit_and_direction(metric, unit_of(word) or metric.unit)
+    return f"{word} (metric)\n\n{metric.help}\n{details}".rstrip()
 
 
 def facts(word: str) -> JsonRow | None:
@@ -64,8 +69,13 @@ def facts(word: str) -> JsonRow | None:
     metric, _ = metric_of(word)
     if not metric.help:
         return None
-    about = {"unit": unit_of(word) or metric.unit, "better": metric.better}
-    return {"group": "metrics", "kind": word, "text": metric.help, **about}
+    return {
+        "group": "metrics",
+        "kind": word,
+        "text": metric.help,
+        "unit": unit_of(word) or metric.unit,
+        "better": metric.better,
+    }
 
 
 def metrics_of_config(path: Path, allow_plugins: bool = False) -> str:
@@ -75,10 +85,13 @@ def metrics_of_config(path: Path, allow_plugins: bool = False) -> str:
     for row in rows_of_config(path, allow_plugins):
         names[row["group"]].append(row["kind"])
         if row["group"] == "metrics":
-            files = ", ".join(word for word in ("run", "step") if row[f"per_{word}"])
-            about = _facts(metric_of(row["kind"])[0], row["unit"])
-            rows.append((row["kind"], files if row["kept"] else "not kept", about, row["text"]))
-    parts = [
+            files = "not kept"
+            if row["kept"]:
+                files = ", ".join(word for word in ("run", "step") if row[f"per_{word}"])
+            metric, _ = metric_of(row["kind"])
+            details = _unit_and_direction(metric, row["unit"])
+            rows.append((row["kind"], files, details, row["text"]))
+    lines = [
         f"metrics of {path}, per run or per step:",
         *columns(rows),
         f"\nwindows of steps: {', '.join(names['windows']) or 'none but the whole'}",
@@ -86,7 +99,7 @@ def metrics_of_config(path: Path, allow_plugins: bool = False) -> str:
         f"numbers beside them: {', '.join(names['numbers'])}\n",
         WRITTEN,
     ]
-    return "\n".join(parts)
+    return "\n".join(lines)
 
 
 def rows_of_config(path: Path, allow_plugins: bool = False) -> Iterator[JsonRow]:
@@ -96,18 +109,20 @@ def rows_of_config(path: Path, allow_plugins: bool = False) -> Iterator[JsonRow]
     from trackbench.config.shipped_experiments import located
     from trackbench.evaluation.metric_expression import measured
 
-    note = partial(print, file=sys.stderr)
+    print_note = partial(print, file=sys.stderr)
     try:
-        experiment = load(located(path, note), allow_plugins=allow_plugins)
-    except UnknownNamesError as error:  # whoever has them wrong looks here for the right ones
+        experiment = load(located(path, print_note), allow_plugins=allow_plugins)
+    except UnknownNamesError as error:  # the list has the right names
         experiment = error.experiment
-        note(error)
+        print_note(error)
     settings = experiment.settings
     names = names_of(settings, experiment.points, experiment.left_out, with_diagnostics=True)
     stored = stored_metrics(settings, "summary.csv")
     # Metrics without statistic and window, by the file that has them.
-    per_run = {m.metric for m in map(measured, names.per_run) if m.is_row}
-    per_step = {m.metric for m in map(measured, names.per_step) if m.is_row}
+    measures_per_run = [measured(name) for name in names.per_run]
+    per_run = {measure.metric for measure in measures_per_run if measure.is_row}
+    measures_per_step = [measured(name) for name in names.per_step]
+    per_step = {measure.metric for measure in measures_per_step if measure.is_row}
     for name in sorted(per_run | per_step):
         metric, _ = metric_of(name)
         yield {
@@ -120,10 +135,13 @@ def rows_of_config(path: Path, allow_plugins: bool = False) -> Iterator[JsonRow]
             "per_step": name in per_step,
             "kept": stored is None or measured(name).base in stored,
         }
-    yield from ({"group": "windows", "kind": name} for name in sorted(names.windows) if name)
+    for name in sorted(names.windows):
+        if name:
+            yield {"group": "windows", "kind": name}
     for name, text in statistics_known().items():
         yield {"group": "statistics", "kind": name, "text": text}
-    yield from ({"group": "numbers", "kind": name} for name in sorted(names.filter_numbers))
+    for name in sorted(names.filter_numbers):
+        yield {"group": "numbers", "kind": name}
 
 
 def statistics_known() -> dict[str, str]:
@@ -131,15 +149,21 @@ def statistics_known() -> dict[str, str]:
     from trackbench.evaluation.metric_expression import TIME_MEAN
     from trackbench.statistics.over_runs import STATISTICS
 
-    over_time = "mean over a window's steps of the RMSE over runs"
-    return {name: s.help for name, s in STATISTICS.items()} | {TIME_MEAN: over_time}
+    texts = {name: statistic.help for name, statistic in STATISTICS.items()}
+    texts[TIME_MEAN] = "mean over a window's steps of the RMSE over runs"
+    return texts
 
 
-def _facts(metric: Metric, unit: str) -> str:
+def _unit_and_direction(metric: Metric, unit: str) -> str:
     """Write the unit and the better direction of a metric."""
-    better = _BETTER.get(metric.better, f"{metric.better} is better" if metric.better else "")
-    unit = {"1": "", "quantity": "unit of the quantity"}.get(unit, unit)
-    return ", ".join(filter(None, [unit, better]))
+    words = []
+    if unit == "quantity":
+        words.append("unit of the quantity")
+    elif unit and unit != "1":
+        words.append(unit)
+    if metric.better:
+        words.append(_BETTER.get(metric.better, f"{metric.better} is better"))
+    return ", ".join(words)
 
 
 def columns(rows: Iterable[tuple[str, ...]]) -> Iterator[str]:
@@ -147,5 +171,8 @@ def columns(rows: Iterable[tuple[str, ...]]) -> Iterator[str]:
     table = list(rows)
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
     for row in table:
-        cells = (f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True) if width)
+        cells = []
+        for cell, width in zip(row, widths, strict=True):
+            if width:
+                cells.append(f"{cell:<{width}}")
         yield f"  {'  '.join(cells)}".rstrip()

@@ -1,4 +1,4 @@
-"""Check what the runner takes for granted of plugin classes, before anything runs.
+"""Check, before anything runs, that plugin classes return the types and shapes that the runner needs.
 
 A mistake that these checks miss would end as a traceback, or in a wrong number.
 """
@@ -47,20 +47,24 @@ def check_words(*texts: object) -> None:
         raise WrongReturnError("conflicts", "conflicts and cautions are words, and these are not")
 
 
-def call_hook(hook: Callable[[S], T], kind: type, about: S) -> T:
-    """Call a hook; raises its error, or WrongReturnError for a wrong type."""
+def call_hook(hook: Callable[[S], T], return_type: type, argument: S) -> T:
+    """Call a hook; raises its error, or WrongReturnError for a wrong type.
+
+    For the type ``list`` it may also return a tuple.
+    """
     with guarded():
-        value = hook(about)
-    if not isinstance(value, (list, tuple) if kind is list else kind):
-        what = f"{hook.__name__} gives a {type(value).__name__}, not a {kind.__name__}"
+        value = hook(argument)
+    allowed_types = (list, tuple) if return_type is list else return_type
+    if not isinstance(value, allowed_types):
+        what = f"{hook.__name__} gives a {type(value).__name__}, not a {return_type.__name__}"
         raise WrongReturnError(hook.__name__, what)
     return value
 
 
 def check_scenario(scenario: Scenario, bounded: bool) -> None:
-    """Raise PluginError for what would stop the runner in the plugin components of a scenario.
+    """Raise PluginError for mistakes in the plugin components of a scenario that would stop a run.
 
-    ``bounded`` if its lower bounds are wanted.
+    ``bounded``: a table or figure shows its lower bounds.
     """
     plugins = foreign_parts(scenario)
     if not plugins:
@@ -96,7 +100,10 @@ def check_sensors(parts: Sequence[object]) -> None:
 
 
 def _check_sensor(sensor: SensorBase, n_x: int) -> None:
-    """Raise WrongReturnError for what is no distribution of a measurement of two states."""
+    """Raise WrongReturnError unless a sensor returns the distribution of a measurement of two states.
+
+    ``n_x`` is the number of the state's components.
+    """
     n = len(sensor.components)
     x = np.add.outer(np.arange(1.0, n_x + 1.0), np.zeros(2))
     distribution: object = sensor.measurement(x, 1)
@@ -110,18 +117,24 @@ def _check_sensor(sensor: SensorBase, n_x: int) -> None:
 @lru_cache(maxsize=4)
 def _simulate_and_score(scenario: Scenario, bounded: bool) -> None:
     """Call every hook that a run and its report call; once for equal scenarios."""
-    runs, steps = min(2, scenario.recorded_runs or 2), len(scenario.steps)
+    runs = min(2, scenario.recorded_runs or 2)
+    steps = len(scenario.steps)
+    # Step 1: properties. Those without a check are read so that an error in them is reported here.
     _check_shape("times", "times", scenario.times, (steps,))
     _check_windows(scenario.windows, steps)
-    _ = scenario.spans, scenario.cautions, scenario.marginals, scenario.lost_beyond
-    # Step 1: simulate, and check the shapes.
+    _ = scenario.spans
+    _ = scenario.cautions
+    _ = scenario.marginals
+    _ = scenario.lost_beyond
+    # Step 2: simulate, and check the shapes.
     truth, measurements, prior, *_ = scenario.simulate(RunStreams(0, range(runs)), runs)
-    n_x, n_z = len(scenario.components), len(scenario.true_sensor.components)
+    n_x = len(scenario.components)
+    n_z = len(scenario.true_sensor.components)
     _check_shape("simulate", "the truth", truth, (n_x, steps, runs))
     _check_shape("simulate", "what is measured", measurements, (n_z, steps - 1, runs))
     _check_shape("prior", "the prior's mean", prior.mean, (n_x, runs))
     _check_shape("prior", "the prior's covariance", prior.cov, (n_x, n_x), (n_x, n_x, runs))
-    # Step 2: score estimates that equal the truth.
+    # Step 3: score estimates that equal the truth.
     for name, error in scenario.errors(truth, truth).items():
         _check_shape("errors", f"the error {name!r}", error, (len(error), steps, runs))
     scenario.observables(truth)
@@ -133,18 +146,22 @@ def _simulate_and_score(scenario: Scenario, bounded: bool) -> None:
 
 
 def _check_windows(windows: Mapping[str, object], steps: int) -> None:
+    """Raise WrongReturnError unless each window is an array (steps,) of bool."""
     for name, mask in windows.items():
         if not isinstance(mask, np.ndarray) or mask.dtype != bool or mask.shape != (steps,):
             what = f"the window {name!r} is {_describe(mask)}, not an array ({steps},) of bool"
             raise WrongReturnError("windows", what)
 
 
-def _check_shape(method: str, what: str, value: object, *shapes: tuple[int, ...]) -> None:
+def _check_shape(method: str, name: str, value: object, *shapes: tuple[int, ...]) -> None:
+    """Raise WrongReturnError unless a method's value is an array of one of the shapes."""
     if not isinstance(value, np.ndarray) or value.shape not in shapes:
-        raise WrongReturnError(method, f"{what} is {_describe(value)}, not an array {shapes[0]}")
+        what = f"{name} is {_describe(value)}, not an array {shapes[0]}"
+        raise WrongReturnError(method, what)
 
 
 def _describe(value: object) -> str:
+    """Name a value's type, with the shape of an array."""
     if isinstance(value, np.ndarray):
         return f"an array {value.shape} of {value.dtype}"
     return f"a {type(value).__name__}"

@@ -8,7 +8,6 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
-from itertools import chain
 from pathlib import Path
 from traceback import walk_tb
 from types import FrameType
@@ -36,7 +35,7 @@ class PluginError(Exception):
 
 @contextmanager
 def plugin_code(*parts: object) -> Iterator[None]:
-    """Run code of these components; what it raises becomes a PluginError if a plugin is among them.
+    """Run code of these components; its errors become a PluginError if a plugin is among them.
 
     An error of the package's own components is a bug, and stays as it is. A list among the parts may
     grow meanwhile.
@@ -50,9 +49,14 @@ def plugin_code(*parts: object) -> Iterator[None]:
         foreign = foreign_parts(parts)
         if not foreign:
             raise
-        # The place is in the component that defines the method which returned something wrong.
+        # The component that defines the method with the wrong value comes first: the message names
+        # its line.
         method = getattr(error, "method", "")
-        foreign.sort(key=lambda part: all(method not in vars(c) for c in _plugin_classes(part)))
+
+        def lacks_method(part: object) -> bool:
+            return all(method not in vars(cls) for cls in _plugin_classes(part))
+
+        foreign.sort(key=lacks_method)
         raise PluginError(located_message(error, *foreign)) from error
 
 
@@ -72,42 +76,55 @@ def message_of(error: BaseException) -> str:
         if name in _EXTRAS and find_spec(name) is None:
             return f"needs {name}, which is not installed: in a clone pip install '.[{name}]'"
         return f"needs the module {error.name}, which is not installed"
+    type_name = type(error).__name__
     text = " ".join(str(error).split())
     if isinstance(error, RunError | WrongReturnError):
         return text
-    return f"{type(error).__name__}: {text}" if text else type(error).__name__
+    if not text:
+        return type_name
+    return f"{type_name}: {text}"
 
 
 def location_of(error: BaseException, *parts: object) -> str:
-    """Write ``my_filter.py:12: ``, or nothing."""
-    classes = chain.from_iterable(map(_plugin_classes, walk_parts(parts)))
-    files = set(map(_file, classes))
-    method = getattr(error, "method", None) or ""  # of a WrongReturnError, whichever it is
-    return place_within(error, files) or (_definition(method, parts[0]) if parts else "")
+    """Write ``my_filter.py:12: ``, or an empty text."""
+    files: set[str] = set()
+    for part in walk_parts(parts):
+        files.update(_file(cls) for cls in _plugin_classes(part))
+    place = place_within(error, files)
+    if place or not parts:
+        return place
+    method = getattr(error, "method", None) or ""  # every WrongReturnError has it
+    return _definition(method, parts[0])
 
 
 def foreign_line(error: BaseException) -> str | None:
     """Write ``my_target.py:12: ValueError: ...`` if plugin code was running."""
-    where = place_within(error, {_file(cls) for cls in registered_kinds() if is_foreign(cls)})
-    return where + message_of(error) if where else None
+    plugin_files = {_file(cls) for cls in registered_kinds() if is_foreign(cls)}
+    place = place_within(error, plugin_files)
+    if not place:
+        return None
+    return place + message_of(error)
 
 
 def package_line(error: BaseException) -> str:
     """Write ``columns.py:41: KeyError: 'filter'``, the last package line that was running."""
-    frames = [frame for frame, _ in walk_tb(error.__traceback__)]
-    names = [(str(f.f_globals.get("__name__", "")), f.f_code.co_filename) for f in frames]
-    package_files = {file for module, file in names if module.startswith("trackbench")}
+    package_files = set()
+    for frame, _ in walk_tb(error.__traceback__):
+        module = str(frame.f_globals.get("__name__", ""))
+        if module.startswith("trackbench"):
+            package_files.add(frame.f_code.co_filename)
     return place_within(error, package_files) + message_of(error)
 
 
 def place_within(error: BaseException, files: set[str]) -> str:
     """Find the innermost line in these files: ``my_filter.py:12: ``, or an empty text."""
-    link: BaseException | None = error
-    while link is not None:
-        for frame, line in reversed(list(walk_tb(link.__traceback__))):
+    # An error, then its cause, and so on; of each the innermost frame first.
+    linked_error: BaseException | None = error
+    while linked_error is not None:
+        for frame, line in reversed(list(walk_tb(linked_error.__traceback__))):
             if frame.f_code.co_filename in files:
                 return f"{Path(frame.f_code.co_filename).name}:{line}: "
-        link = link.__cause__ or link.__context__
+        linked_error = linked_error.__cause__ or linked_error.__context__
     if isinstance(error, SyntaxError) and error.filename in files:
         return f"{Path(str(error.filename)).name}:{error.lineno}: "
     return ""
@@ -116,30 +133,42 @@ def place_within(error: BaseException, files: set[str]) -> str:
 def _plugin_classes(part: object) -> list[type]:
     """List the plugin classes that a component is made of."""
     cls = part if isinstance(part, type) else type(part)
-    bases = getattr(cls, "one", cls).__mro__  # `one` is the class that PerRun loops over
-    pythons = sys.stdlib_module_names  # such as of `object` and `Generic`
-    return [c for c in bases if is_foreign(c) and c.__module__.partition(".")[0] not in pythons]
+    looped_cls = getattr(cls, "one", cls)  # `one` is the class that PerRun loops over
+    plugin_classes = []
+    for base in looped_cls.__mro__:
+        # Python's own bases are those such as `object` and `Generic`.
+        is_of_python = base.__module__.partition(".")[0] in sys.stdlib_module_names
+        if is_foreign(base) and not is_of_python:
+            plugin_classes.append(base)
+    return plugin_classes
 
 
 def _file(cls: type) -> str:
+    """Return the file of a class's module; empty if it has none."""
     module = sys.modules.get(cls.__module__)
-    return (module.__file__ if module else None) or ""
+    if module is None:
+        return ""
+    return module.__file__ or ""
 
 
 def _definition(method: str, part: object) -> str:
-    """Locate a method in a component's class, or the class."""
-    # The first class that defines the method, or the line of the first class.
+    """Locate a method in a component's class, or the class: ``my_filter.py:12: ``."""
+    # Step 1: the first class that defines the method.
     classes = _plugin_classes(part)
     for cls in classes:
-        function = vars(cls).get(method)
-        function = function.fget if isinstance(function, property) else function
+        attribute = vars(cls).get(method)
+        function = attribute.fget if isinstance(attribute, property) else attribute
         if inspect.isfunction(function):
             code = function.__code__
             return f"{Path(code.co_filename).name}:{code.co_firstlineno}: "
-    try:
-        return f"{Path(_file(classes[0])).name}:{inspect.getsourcelines(classes[0])[1]}: "
-    except (IndexError, OSError, TypeError):  # no class of a plugin, or no source
+    # Step 2: else the line of the first class, if there is one and it has a source.
+    if not classes:
         return ""
+    try:
+        _, line = inspect.getsourcelines(classes[0])
+    except (OSError, TypeError):
+        return ""
+    return f"{Path(_file(classes[0])).name}:{line}: "
 
 
 class Interrupted(KeyboardInterrupt):
@@ -200,17 +229,20 @@ def blocked(number: int) -> Iterator[None]:
 def postponed() -> Iterator[None]:
     """Keep signals to stop waiting until this is done; only the main thread receives them."""
     # Record the signals in place of handling them, and raise the first one afterwards.
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     received: list[int] = []
-    is_main = threading.current_thread() is threading.main_thread()
-    delayed = [number for number, handler in handlers.items() if callable(handler) and is_main]
-    for number in delayed:
+    replaced_handlers = {}
+    if threading.current_thread() is threading.main_thread():
+        for number in (signal.SIGINT, signal.SIGTERM):
+            handler = signal.getsignal(number)
+            if callable(handler):
+                replaced_handlers[number] = handler
+    for number in replaced_handlers:
         signal.signal(number, lambda number, frame: received.append(number))
     try:
         yield
     finally:
-        for number in delayed:
-            signal.signal(number, handlers[number])
+        for number, handler in replaced_handlers.items():
+            signal.signal(number, handler)
         if received:
             signal.raise_signal(received[0])
 
@@ -221,18 +253,19 @@ def _without_os_exit() -> Iterator[None]:
 
     In processes that are forked meanwhile it works as usual.
     """
-    process, leave = os.getpid(), os._exit
+    process = os.getpid()
+    real_exit = os._exit
 
-    def stay(status: int) -> NoReturn:
+    def raise_exit(status: int) -> NoReturn:
         if os.getpid() != process:
-            leave(status)
+            real_exit(status)
         raise SystemExit(status)
 
-    os._exit = stay
+    os._exit = raise_exit
     try:
         yield
     finally:
-        os._exit = leave
+        os._exit = real_exit
 
 
 @contextmanager

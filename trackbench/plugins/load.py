@@ -11,7 +11,6 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, packages_distributions, version
-from itertools import chain
 from pathlib import Path
 from types import ModuleType
 
@@ -72,10 +71,18 @@ class Plugin:
         contents, and the folder may be moved.
         """
         home = os.path.dirname(self.path)
-        files = []
-        for digests in (self.files, (*self.code, *self.opened)):
-            files.append(sorted((_path_from(home, name), digest) for name, digest in digests))
-        facts = [self.digest, self.packages, *files, self.environment, self.variables]
+
+        def named_from_home(digests: Digests) -> list[tuple[str, str]]:
+            return sorted((_path_from(home, name), digest) for name, digest in digests)
+
+        facts = [
+            self.digest,
+            self.packages,
+            named_from_home(self.files),
+            named_from_home((*self.code, *self.opened)),
+            self.environment,
+            self.variables,
+        ]
         return hashlib.sha256(repr(facts).encode()).hexdigest()
 
     @property
@@ -87,9 +94,10 @@ class Plugin:
 
     @property
     def notes(self) -> Iterator[str]:
-        """Yield what the plugin read while it was loaded and the config does not declare."""
+        """Yield a note on each file and variable that the plugin read undeclared while it was loaded."""
         data = [name for name, _ in self.opened if not name.endswith((".py", ".so", ".pyd"))]
-        for key, names in {"files": data, "environment": [n for n, _ in self.variables]}.items():
+        variables = [name for name, _ in self.variables]
+        for key, names in (("files", data), ("environment", variables)):
             for name in names:
                 yield (
                     f"{Path(self.path).name} read {name} while it was loaded; name it under "
@@ -104,12 +112,12 @@ def read_plugin(path: Path, files: Digests = (), environment: Iterable[str] = ()
     Finder.look_beside(name)
     modules, packages = imports(source, name)
     return Plugin(
-        name,
-        source,
-        tuple(_versions(packages)),
-        files,
-        _values(environment),
-        _digests(modules.values()),
+        path=name,
+        source=source,
+        packages=tuple(_versions(packages)),
+        files=files,
+        environment=_digest_variables(environment),
+        code=_digest_files(modules.values()),
     )
 
 
@@ -154,43 +162,48 @@ def _files_in(folder: Path, around: tuple[str, ...]) -> Iterator[Path]:
         yield from _files_in(inner, (*around, real))
 
 
-def _digests(files: Iterable[str]) -> Digests:
+def _digest_files(files: Iterable[str]) -> Digests:
     return tuple((file, digest_of(file)) for file in sorted(set(files)))
 
 
-def _values(variables: Iterable[str]) -> Digests:
-    """Digest environment variables: their values may be secret."""
+def _digest_variables(names: Iterable[str]) -> Digests:
+    """Digest the values of environment variables, since they may be secret."""
     digests = []
-    for name in sorted(variables):
-        text = os.environ.get(name)
-        digest = _UNSET if text is None else hashlib.sha256(text.encode()).hexdigest()
+    for name in sorted(names):
+        digest = _UNSET
+        value = os.environ.get(name)
+        if value is not None:
+            digest = hashlib.sha256(value.encode()).hexdigest()
         digests.append((name, digest))
     return tuple(digests)
 
 
 def _versions(names: Iterable[str]) -> Iterator[tuple[str, str]]:
     """Yield installed packages of these names with their versions."""
-    for name in sorted(set(names).difference(("", *_KEYED), sys.stdlib_module_names)):
+    other_names = set(names).difference(("", *_KEYED), sys.stdlib_module_names)
+    for name in sorted(other_names):
         try:
             yield name, version(name)
-        except PackageNotFoundError:  # a package need not be called as what it holds
-            for other in packages_distributions().get(name, ()):
-                yield other, version(other)
+        except PackageNotFoundError:  # a package may have another name than its modules
+            for distribution in packages_distributions().get(name, ()):
+                yield distribution, version(distribution)
 
 
 def load_plugin(plugin: Plugin, check: Callable[[type[Part]], None] | None = None) -> Plugin:
     """Run the plugin's code once in this process, so that its kinds are registered.
 
-    With ``check``, return the plugin with all that it imported and read. Raises PluginError for what
-    its code raises, and for what ``check`` finds wrong with its kinds. A worker gets plugins that are
-    checked.
+    With ``check``, which checks a class of the plugin, return the plugin with all files and variables
+    that it imported and read. A worker gets plugins that are checked, and has no ``check``. Raises
+    PluginError for errors of the plugin's code and of ``check``.
     """
+    # Step 1: a plugin whose code has run, and that has not changed since.
     Finder.look_beside(plugin.path)
-    loaded = _loaded.get(plugin.module) if plugin.module in sys.modules else None
+    loaded = _loaded_plugin(plugin.module)
     if loaded is not None and _is_current(loaded, plugin, as_now=check is not None):
         registry.reactivate(plugin.module)
         sys.modules.update(_brought[plugin.module])
         return loaded
+    # Step 2: its modules must be those of the main process, and compiled ones those that were loaded.
     modules, _ = imports(plugin.source, plugin.path)
     if check is None:
         _compare_with_main(plugin)
@@ -200,35 +213,46 @@ def load_plugin(plugin: Plugin, check: Callable[[type[Part]], None] | None = Non
                 f"{compiled.__file__} was built again after this process loaded the module {name}; "
                 "start Python again"
             )
-    before = own_values()
+    # Step 3: run its code, undo its changes of the package, and check its classes.
+    package_values = own_values()
     registry.restore_normal_exit()
     module = _new_module(plugin)
     try:
         with guarded(), recorded() as opened:
-            before_exec = os.getcwd()
+            folder_before = os.getcwd()
             exec(compile(plugin.source, plugin.path, "exec"), module.__dict__)
-            chosen = os.getcwd()
-            _working_folders[plugin.module] = chosen if chosen != before_exec else ""
-        if names := undo_patches(before):
-            raise PluginError(f"{Path(plugin.path).name}: {patch_message(names)}")
-        for _, _, cls in registry.registered(plugin.module):
-            if check is not None:
+            folder_after = os.getcwd()
+            _working_folders[plugin.module] = folder_after if folder_after != folder_before else ""
+        replaced_names = undo_patches(package_values)
+        if replaced_names:
+            raise PluginError(f"{Path(plugin.path).name}: {patch_message(replaced_names)}")
+        if check is not None:
+            for _, _, cls in registry.registered(plugin.module):
                 check(cls)
     except BaseException as error:
-        # Of a plugin that failed nothing stays.
-        undo_patches(before)
+        # Remove all traces of a plugin that failed.
+        undo_patches(package_values)
         registry.unregister(plugin.module)
         del sys.modules[plugin.module]
         if isinstance(error, PluginError) or not isinstance(error, Exception):
             raise
         if isinstance(error, InvalidHookError):
             raise PluginError(*error.args) from None
-        where = place_within(error, {plugin.path}) or f"{Path(plugin.path).name}: "
-        ended = error.__context__ if isinstance(error, RunError) else None
-        raise PluginError(where + message_of(ended or error)) from None
-    whole = _with_opened(plugin, opened) if check else plugin
-    _mark(whole)
-    return whole
+        place = place_within(error, {plugin.path}) or f"{Path(plugin.path).name}: "
+        # A RunError stands for the exception by which the code tried to end the program.
+        cause = error.__context__ if isinstance(error, RunError) else None
+        raise PluginError(place + message_of(cause or error)) from None
+    # Step 4: keep it as loaded.
+    loaded_plugin = plugin if check is None else _with_opened(plugin, opened)
+    _mark(loaded_plugin)
+    return loaded_plugin
+
+
+def _loaded_plugin(module: str) -> Plugin | None:
+    """Return the loaded plugin of a module that Python still has."""
+    if module not in sys.modules:
+        return None
+    return _loaded.get(module)
 
 
 _loaded: dict[str, Plugin] = {}
@@ -243,8 +267,11 @@ _executed: dict[str, set[str]] = {}
 
 def working_folder_of(plugins: Sequence[Plugin]) -> str:
     """Return the folder that the last of these plugins went to when it was loaded, or an empty text."""
-    folders = [_working_folders.get(plugin.module, "") for plugin in plugins]
-    return next((folder for folder in reversed(folders) if folder), "")
+    for plugin in reversed(plugins):
+        folder = _working_folders.get(plugin.module)
+        if folder:
+            return folder
+    return ""
 
 
 def forget_outdated(plugins: Sequence[Plugin], as_now: bool) -> None:
@@ -254,31 +281,37 @@ def forget_outdated(plugins: Sequence[Plugin], as_now: bool) -> None:
     forgotten with all other modules that the changed plugin brings. A plugin that shares one of them is
     executed again, too. ``as_now``: compare with the files and variables as they are now.
     """
+    # Step 1: the modules that each plugin brings, and the plugins that have changed.
     modules: dict[str, set[str]] = {}
-    again = set()
+    changed: set[str] = set()
     for plugin in plugins:
         Finder.look_beside(plugin.path)
         names, _ = imports(plugin.source, plugin.path)
-        opened = _executed.get(plugin.path, set())
-        modules[plugin.module] = {*imported_modules(names, opened)}
-        loaded = _loaded.get(plugin.module) if plugin.module in sys.modules else None
+        opened_files = _executed.get(plugin.path, set())
+        modules[plugin.module] = set(imported_modules(names, opened_files))
+        loaded = _loaded_plugin(plugin.module)
         if loaded is None or not _is_current(loaded, plugin, as_now):
             _loaded.pop(plugin.module, None)
             if plugin.path in _executed:
-                again.add(plugin.module)
-    # Step 1: find the plugins that share modules with a changed one, and so on.
-    size = -1
-    while len(again) > size:
-        size = len(again)
-        shared = set(chain.from_iterable(modules[name] for name in again))
-        again |= {name for name, brought in modules.items() if brought & shared}
-    # Step 2: forget the modules of all plugins that are executed now, but those of other plugins.
-    for name in again:
+                changed.add(plugin.module)
+    # Step 2: plugins that share modules with a changed one count as changed, and so on.
+    number_before = -1
+    while len(changed) > number_before:
+        number_before = len(changed)
+        changed_modules: set[str] = set()
+        for name in changed:
+            changed_modules |= modules[name]
+        changed |= {name for name, brought in modules.items() if brought & changed_modules}
+    for name in changed:
         _loaded.pop(name, None)
-    kept = set(chain.from_iterable(modules[name] for name in modules if name in _loaded))
+    # Step 3: forget the modules of all plugins that are executed now, except those that others share.
+    shared_modules: set[str] = set()
+    for name, brought in modules.items():
+        if name in _loaded:
+            shared_modules |= brought
     for name, brought in modules.items():
         if name not in _loaded:
-            forget_modules(brought - kept)
+            forget_modules(brought - shared_modules)
 
 
 def loaded_identities() -> list[str]:
@@ -297,8 +330,11 @@ def _is_current(loaded: Plugin, plugin: Plugin, as_now: bool) -> bool:
     """Test whether a plugin was executed with the files and variables that it has now."""
     if not as_now:
         return loaded.identity == plugin.identity
-    read = Opened((name for name, _ in loaded.opened), (name for name, _ in loaded.variables))
-    return loaded.identity == _with_opened(plugin, read).identity
+    opened = Opened(
+        read=[name for name, _ in loaded.opened],
+        variables=[name for name, _ in loaded.variables],
+    )
+    return loaded.identity == _with_opened(plugin, opened).identity
 
 
 def _new_module(plugin: Plugin) -> ModuleType:
@@ -327,19 +363,26 @@ def _mark(plugin: Plugin) -> None:
 def _with_opened(plugin: Plugin, opened: Opened) -> Plugin:
     """Add the files that a plugin opened and the variables that it read."""
     modules, packages = imports(plugin.source, plugin.path)  # it may have extended the path
-    whole = Opened()
-    whole.add(opened)
+    # Step 1: add the files and variables that its modules read when they were imported.
+    all_opened = Opened()
+    all_opened.add(opened)
     for file in (*modules.values(), *opened.files()):
-        whole.add(read_at_import(file))
-    known = {plugin.path, *(name for name, _ in (*plugin.files, *plugin.code))}
-    folders = tuple(f"{name}{os.sep}" for name, _ in plugin.files)
-    files = {f for f in (*whole.files(), *modules.values()) if not f.startswith(folders)}
-    variables = whole.variables.keys() - {name for name, _ in plugin.environment}
+        all_opened.add(read_at_import(file))
+    # Step 2: leave out those that are declared, or known as code.
+    known_files = {plugin.path}
+    known_files.update(name for name, _ in plugin.files)
+    known_files.update(name for name, _ in plugin.code)
+    declared_folders = tuple(f"{name}{os.sep}" for name, _ in plugin.files)
+    other_files = set()
+    for file in (*all_opened.files(), *modules.values()):
+        if file not in known_files and not file.startswith(declared_folders):
+            other_files.add(file)
+    declared_variables = {name for name, _ in plugin.environment}
     return replace(
         plugin,
         packages=tuple(_versions(packages)),
-        opened=_digests(files - known),
-        variables=_values(variables),
+        opened=_digest_files(other_files),
+        variables=_digest_variables(all_opened.variables.keys() - declared_variables),
     )
 
 
@@ -347,7 +390,8 @@ def _compare_with_main(plugin: Plugin) -> None:
     """Raise PluginError unless this worker has the packages and files of the main process."""
     installed = tuple(_versions(name for name, _ in plugin.packages))
     if installed != plugin.packages:
-        raise PluginError(f"this worker has {_listed(installed)}, not {_listed(plugin.packages)}")
+        here = _list_packages(installed)
+        raise PluginError(f"this worker has {here}, not {_list_packages(plugin.packages)}")
     for name, digest in (*plugin.files, *plugin.code, *plugin.opened):
         if not os.path.exists(name):
             raise PluginError(f"this worker has no {name}, which {Path(plugin.path).name} reads")
@@ -355,5 +399,5 @@ def _compare_with_main(plugin: Plugin) -> None:
             raise PluginError(f"{name} is not as it was when the run began; start again")
 
 
-def _listed(packages: Digests) -> str:
+def _list_packages(packages: Digests) -> str:
     return ", ".join(f"{name} {number}" for name, number in packages) or "nothing that it imports"

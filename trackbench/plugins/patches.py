@@ -6,13 +6,14 @@ replaced would make numbers of another source under that key.
 
 import sys
 from collections.abc import Iterator
-from itertools import chain
 from types import FunctionType, ModuleType
 from typing import Any, TypeAlias
 
-_ROOTS = ("trackbench", "numpy", "scipy")
+_PACKAGES = ("trackbench", "numpy", "scipy")
 _BODY = ("__code__", "__defaults__", "__kwdefaults__")
+"""Attributes of a function that its results depend on."""
 _MISSING = object()
+"""Value of a name that does not exist."""
 
 Names: TypeAlias = list[tuple[Any, dict[str, Any]]]
 """Modules and classes, each with the values of its names."""
@@ -23,67 +24,92 @@ OwnValues: TypeAlias = tuple[Names, Bodies]
 
 def own_values() -> OwnValues:
     """Record the values of the modules and classes of the package, numpy and scipy."""
-    names = [(holder, dict(vars(holder))) for holder in _holders()]
-    values = chain.from_iterable(of_holder.values() for _, of_holder in names)
-    return names, {v: _body(v) for v in values if isinstance(v, FunctionType)}
+    names = []
+    bodies = {}
+    for holder in _modules_and_classes():
+        values = dict(vars(holder))
+        names.append((holder, values))
+        for value in values.values():
+            if isinstance(value, FunctionType):
+                bodies[value] = _function_body(value)
+    return names, bodies
 
 
-def _holders() -> Iterator[Any]:
-    """Yield the imported modules, and the classes that the package's define."""
-    for module in [*sys.modules.values()]:
-        root = str(getattr(module, "__name__", "")).partition(".")[0]
-        if root in _ROOTS and isinstance(module, ModuleType):
-            yield module
-            for value in [*vars(module).values()] if root == _ROOTS[0] else ():
+def _modules_and_classes() -> Iterator[Any]:
+    """Yield the imported modules of the three packages, and the classes that trackbench's define."""
+    for module in list(sys.modules.values()):
+        package = str(getattr(module, "__name__", "")).partition(".")[0]
+        if package not in _PACKAGES or not isinstance(module, ModuleType):
+            continue
+        yield module
+        if package == "trackbench":
+            for value in list(vars(module).values()):
                 if isinstance(value, type) and value.__module__ == module.__name__:
                     yield value
 
 
-def _body(function: FunctionType) -> tuple[Any, ...]:
+def _function_body(function: FunctionType) -> tuple[Any, ...]:
     return tuple(getattr(function, attribute) for attribute in _BODY)
 
 
 def undo_patches(before: OwnValues) -> list[str]:
     """Restore replaced values; return their names, such as ``trackbench.core.kalman.condition``."""
     names, bodies = before
-    changed = [function for function, body in bodies.items() if _body(function) != body]
-    replaced = [f"{function.__module__}.{function.__qualname__}" for function in changed]
-    for function in changed:
-        for attribute, value in zip(_BODY, bodies[function], strict=True):
-            setattr(function, attribute, value)
+    replaced = []
+    # Step 1: functions whose code or defaults changed.
+    for function, body in bodies.items():
+        if _function_body(function) != body:
+            replaced.append(f"{function.__module__}.{function.__qualname__}")
+            for attribute, value in zip(_BODY, body, strict=True):
+                setattr(function, attribute, value)
+    # Step 2: names of modules and classes with other values.
     for holder, values in names:
-        now = dict(vars(holder))
-        for name in {**values, **now} if now != values else ():
-            if _is_patched(holder, values.get(name, _MISSING), now.get(name, _MISSING), name):
-                is_class = isinstance(holder, type)
-                prefix = (
-                    f"{holder.__module__}.{holder.__qualname__}" if is_class else holder.__name__
-                )
-                replaced.append(f"{prefix}.{name}")
-                if name in values:
-                    setattr(holder, name, values[name])
-                else:
-                    delattr(holder, name)
+        values_now = dict(vars(holder))
+        if values_now == values:
+            continue
+        for name in {**values, **values_now}:
+            value = values.get(name, _MISSING)
+            value_now = values_now.get(name, _MISSING)
+            if not _is_patched(holder, name, value, value_now):
+                continue
+            replaced.append(f"{_full_name(holder)}.{name}")
+            if name in values:
+                setattr(holder, name, values[name])
+            else:
+                delattr(holder, name)
     return replaced
 
 
-def _is_patched(holder: Any, before: Any, now: Any, name: str) -> bool:
+def _full_name(holder: Any) -> str:
+    """Return the name of a module, or of a class with its module."""
+    if isinstance(holder, type):
+        return f"{holder.__module__}.{holder.__qualname__}"
+    return str(holder.__name__)
+
+
+def _is_patched(holder: Any, name: str, value: Any, value_now: Any) -> bool:
     """Test whether a name has another value; of numpy and scipy only functions count.
 
     Importing a submodule or using a class adds names, which are no patches.
     """
-    if now is before:
+    if value_now is value:
         return False
-    if not holder.__name__.startswith(_ROOTS[1:]) or isinstance(holder, type):
-        is_internal = name.startswith("__") and not callable(now)
-        return before is not _MISSING or not (isinstance(now, ModuleType) or is_internal)
-    return before is not _MISSING and callable(before)
+    is_new = value is _MISSING
+    is_library = holder.__name__.startswith(("numpy", "scipy")) and not isinstance(holder, type)
+    if is_library:
+        return not is_new and callable(value)
+    if not is_new:
+        return True
+    is_internal = name.startswith("__") and not callable(value_now)
+    return not isinstance(value_now, ModuleType) and not is_internal
 
 
 def patch_message(names: list[str]) -> str:
     """Explain why a plugin that replaces these names is refused, and what to do."""
-    more = f" and {len(names) - 1} more" if len(names) > 1 else ""
+    replaced = names[0]
+    if len(names) > 1:
+        replaced += f" and {len(names) - 1} more"
     return (
-        f"replaces {names[0]}{more}, which filters of the package use, too; a plugin may only add: "
+        f"replaces {replaced}, which filters of the package use, too; a plugin may only add: "
         "write the changed function into a filter of its own"
     )

@@ -16,7 +16,6 @@ from importlib import invalidate_caches
 from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
 from importlib.metadata import distributions
 from importlib.util import source_from_cache
-from itertools import chain
 from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any
@@ -25,8 +24,17 @@ import trackbench
 
 _HOME = Path(trackbench.__file__).parent
 _PYTHON = [Path(sysconfig.get_path(name)) for name in ("stdlib", "platstdlib")]
-_OF_THE_SYSTEM = [*map(Path, ("/dev", "/etc", "/proc", "/sys", "/usr/lib", "/usr/share"))]
-_OF_THE_USER = [Path("~/.cache").expanduser(), Path("~/.config").expanduser()]
+_UNRELATED_FOLDERS = (
+    Path("/dev"),
+    Path("/etc"),
+    Path("/proc"),
+    Path("/sys"),
+    Path("/usr/lib"),
+    Path("/usr/share"),
+    Path("~/.cache").expanduser(),
+    Path("~/.config").expanduser(),
+)
+"""Folders of the system and of the user's settings, whose files are no part of a plugin."""
 _EXTENSIONS = (".so", ".pyd")
 
 
@@ -42,17 +50,20 @@ def is_installed(file: str) -> bool:
     if path.is_relative_to(_HOME) or not path.is_absolute():  # such as <string>
         return True
     for folder in path.parents:
-        if recorded := _recorded(str(folder)):
-            return path.relative_to(folder).as_posix() in recorded
+        installed_files = _installed_files(str(folder))
+        if installed_files:
+            return path.relative_to(folder).as_posix() in installed_files
     return any(path.is_relative_to(root) for root in _PYTHON)
 
 
 @cache
-def _recorded(folder: str) -> frozenset[str]:
+def _installed_files(folder: str) -> frozenset[str]:
     """List the files that the packages installed in a folder have in their RECORD."""
-    packages = distributions(path=[folder])
-    lines = ((package.read_text("RECORD") or "").splitlines() for package in packages)
-    return frozenset(line.partition(",")[0] for line in chain.from_iterable(lines))
+    files: set[str] = set()
+    for package in distributions(path=[folder]):
+        record = package.read_text("RECORD") or ""
+        files.update(line.partition(",")[0] for line in record.splitlines())
+    return frozenset(files)
 
 
 class Finder:
@@ -75,8 +86,10 @@ class Finder:
     def find_spec(
         cls, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """Return the spec of a file beside a plugin."""
-        return PathFinder.find_spec(name, cls.folders) if path is None else None
+        """Return the spec of a file beside a plugin; None for a module within a package."""
+        if path is not None:
+            return None
+        return PathFinder.find_spec(name, cls.folders)
 
 
 _python_get_code = SourceFileLoader.get_code
@@ -113,60 +126,80 @@ def _get_code(loader: SourceFileLoader, fullname: str) -> CodeType | None:
 def imports(source: bytes, plugin: str) -> tuple[dict[str, str], set[str]]:
     """Find modules outside installed packages, each with its file, and names of other packages.
 
-    They are those that a plugin's source imports anywhere, and that these modules import in turn.
-    Nothing is run.
+    They are the modules that a plugin's source imports anywhere, and that these modules import in turn.
+    Nothing is run. ``plugin`` is the plugin's own file.
     """
     modules: dict[str, str] = {}
     packages: set[str] = set()
-    waiting = [(source, "")]
-    while waiting:
-        text, parent = waiting.pop()
-        for spec in chain.from_iterable(map(_specs, _names(text, parent))):
-            file = spec.origin if spec.has_location else None
-            if file is None or is_installed(file):
-                packages.add(spec.name.partition(".")[0])
-            elif spec.name not in modules and file != plugin:
-                modules[spec.name] = os.path.abspath(file)
-                inner = spec.name if spec.submodule_search_locations else spec.parent or ""
-                with suppress(OSError):
-                    if not file.endswith(_EXTENSIONS):
-                        waiting.append((Path(file).read_bytes(), inner))
+    # Sources to read, each with the name of the package that it is in.
+    sources = [(source, "")]
+    while sources:
+        text, parent = sources.pop()
+        for name in _imported_names(text, parent):
+            for spec in _find_specs(name):
+                file = spec.origin if spec.has_location else None
+                if file is None or is_installed(file):
+                    packages.add(spec.name.partition(".")[0])
+                elif spec.name not in modules and file != plugin:
+                    modules[spec.name] = os.path.abspath(file)
+                    is_package = bool(spec.submodule_search_locations)
+                    inner_parent = spec.name if is_package else spec.parent or ""
+                    with suppress(OSError):
+                        if not file.endswith(_EXTENSIONS):
+                            sources.append((Path(file).read_bytes(), inner_parent))
     return modules, packages
 
 
-def _names(source: bytes, parent: str) -> Iterator[str]:
-    """Yield the names of modules that a source imports, anywhere in it."""
+def _imported_names(source: bytes, parent: str) -> Iterator[str]:
+    """Yield the names of modules that a source imports, anywhere in it.
+
+    ``parent`` is the name of the package that it is in, from which relative imports count.
+    """
     try:
-        nodes = [*ast.walk(ast.parse(source))]
+        nodes = list(ast.walk(ast.parse(source)))
     except (SyntaxError, ValueError):  # reported when it runs
         return
     for node in nodes:
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
+            for alias in node.names:
+                yield alias.name
         elif isinstance(node, ast.ImportFrom):
-            around = parent.split(".")[: len(parent.split(".")) - node.level + 1]
-            start = ".".join(around) if node.level else ""
-            name = ".".join(part for part in (start, node.module) if part)
-            yield from (f"{name}.{alias.name}" for alias in node.names)
+            words = []
+            if node.level:  # one dot for the package itself, a further one for each around it
+                packages = parent.split(".")
+                words += packages[: len(packages) - node.level + 1]
+            if node.module:
+                words.append(node.module)
+            name = ".".join(word for word in words if word)
+            for alias in node.names:
+                yield f"{name}.{alias.name}"
 
 
-def _specs(name: str) -> Iterator[ModuleSpec]:
+def _find_specs(name: str) -> Iterator[ModuleSpec]:
     """Yield the specs of the packages around a module and of the module, without importing them."""
-    path: Sequence[str] | None = None
-    inner = ""
-    for part in name.split("."):
-        inner = f"{inner}.{part}".lstrip(".")
+    search_path: Sequence[str] | None = None
+    inner_name = ""
+    for word in name.split("."):
+        inner_name = f"{inner_name}.{word}".lstrip(".")
         try:
-            found = (finder.find_spec(inner, path, None) for finder in [*sys.meta_path])
-            spec = next((spec for spec in found if spec is not None), None)
+            spec = _find_spec(inner_name, search_path)
         except (ImportError, ValueError, AttributeError):
             return
         if spec is None:
             return
         yield spec
-        path = spec.submodule_search_locations
-        if path is None:
+        search_path = spec.submodule_search_locations
+        if search_path is None:
             return
+
+
+def _find_spec(name: str, search_path: Sequence[str] | None) -> ModuleSpec | None:
+    """Return the spec of the first finder that knows the module."""
+    for finder in list(sys.meta_path):
+        spec = finder.find_spec(name, search_path, None)
+        if spec is not None:
+            return spec
+    return None
 
 
 def imported_modules(names: Collection[str], files: Collection[str]) -> dict[str, ModuleType]:
@@ -231,11 +264,13 @@ class Opened:
             if path.suffix == ".pyc":
                 with suppress(ValueError):
                     path = Path(source_from_cache(name))
-            roots = (*_OF_THE_SYSTEM, *_OF_THE_USER)
-            apart = any(path.is_relative_to(root) for root in roots) or is_installed(str(path))
-            if path.is_file() and not apart and str(path) not in self.written:
+            if any(path.is_relative_to(folder) for folder in _UNRELATED_FOLDERS):
+                continue
+            if is_installed(str(path)) or str(path) in self.written:
+                continue
+            if path.is_file():
                 paths[str(path)] = None
-        return [*paths]
+        return list(paths)
 
 
 def _is_unchanged(name: str, digest: str) -> bool:
@@ -246,15 +281,15 @@ def _is_unchanged(name: str, digest: str) -> bool:
 
 _recorders: list[Opened] = []
 _read_at_import: dict[str, Opened] = {}
-"""What the code of each module's file read when a plugin imported it."""
+"""Files and variables that each module's code read when a plugin imported it, by the module's file."""
 
 
 def read_at_import(file: str) -> Opened:
-    """Return what a module's code read when a plugin imported it, by the module's file."""
+    """Return the files and variables that a module's code read when a plugin imported it."""
     return _read_at_import.get(file, Opened())
 
 
-def _hear(event: str, arguments: tuple[Any, ...]) -> None:
+def _note_opened_file(event: str, arguments: tuple[Any, ...]) -> None:
     """Note a file that is opened; Python calls this for each event of its audit."""
     if not _recorders or event not in ("open", "sqlite3.connect", "ctypes.dlopen"):
         return
@@ -282,16 +317,17 @@ def _note_update(name: str) -> None:
     _recorders.clear()  # the digest opens the file, too
     try:
         with suppress(OSError):
-            digest = digest_of(name) if os.path.isfile(name) else ""
-            for recorder in recorders if digest else ():
-                recorder.updated.setdefault(name, digest)
+            if os.path.isfile(name):
+                digest = digest_of(name)
+                for recorder in recorders:
+                    recorder.updated.setdefault(name, digest)
     finally:
         _recorders.extend(recorders)
 
 
 @cache
-def _listen() -> None:
-    sys.addaudithook(_hear)
+def _add_audit_hook() -> None:
+    sys.addaudithook(_note_opened_file)
 
 
 @contextmanager
@@ -300,15 +336,17 @@ def recorded() -> Iterator[Opened]:
 
     A record within a record is part of both.
     """
-    _listen()
+    _add_audit_hook()
     opened = Opened()
-    restore = [] if _recorders else [*_note_variables()]
+    replaced_functions: list[tuple[Any, Callable[[Any], Any]]] = []
+    if not _recorders:
+        replaced_functions = list(_note_variables())
     _recorders.append(opened)
     try:
         yield opened
     finally:
         _recorders.remove(opened)
-        for environment, encode in restore:
+        for environment, encode in replaced_functions:
             environment.encodekey = encode
 
 
@@ -320,7 +358,8 @@ def _note_variables() -> Iterator[tuple[Any, Callable[[Any], Any]]]:
     for environment in environments:
         encode = environment.encodekey
 
-        def noted(key: Any, encode: Callable[[Any], Any] = encode) -> Any:
+        def encode_and_note(key: Any, encode: Callable[[Any], Any] = encode) -> Any:
+            # The code that reads the variable, and not Python's own around it.
             frame = sys._getframe(1)
             while frame.f_back is not None and frame.f_globals["__name__"] in _READERS:
                 frame = frame.f_back
@@ -329,7 +368,7 @@ def _note_variables() -> Iterator[tuple[Any, Callable[[Any], Any]]]:
                     recorder.variables[os.fsdecode(key)] = None
             return encode(key)
 
-        environment.encodekey = noted
+        environment.encodekey = encode_and_note
         yield environment, encode
 
 

@@ -9,7 +9,7 @@ tuning.csv: every trial, a row per key, and conclusions about the keys.
 import csv
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import chain, product, starmap
+from itertools import product
 from math import inf, isfinite, nan, prod
 from pathlib import Path
 from types import MappingProxyType
@@ -28,26 +28,30 @@ Values: TypeAlias = tuple[Any, ...]
 Rank: TypeAlias = tuple[int, float]
 """Runs lost, and the objective of the others: the smaller, the better."""
 Shares: TypeAlias = tuple[float, ...]
-Asking: TypeAlias = Generator[list[Values], Mapping[Values, Rank], None]
-"""Gives values to try, any of them at once, and is sent their ranks."""
+Requests: TypeAlias = Generator[list[Values], Mapping[Values, Rank], None]
+"""Yields values to try, any of them at once, and receives their ranks."""
 
-_ALL_OVER = 4  # points per key before the simplex
-_RATIOS = (
-    *(1.618033988749895, 1.324717957244746, 1.2207440846057596),
-    *(1.1673039782614187, 1.1347241384015194),
+_SPREAD_POINTS = 4  # points per key before the simplex
+_GOLDEN_RATIOS = (
+    1.618033988749895,
+    1.324717957244746,
+    1.2207440846057596,
+    1.1673039782614187,
+    1.1347241384015194,
 )
 """Generalized golden ratios, ``x^(d + 1) = x + 1``, of one key to five."""
-_STEP = 0.1  # share of an axis between the corners of the first simplex
-_SMALL = 2e-3  # share within which the simplex has come together
-_AROUND = ((-0.03, 0.03), (-0.08, 0.08), (-0.2, 0.2))
-"""Shares of an axis at which a key is varied around the best, near then far."""
-_WORST = 1e300
-_LOST = 1e12  # what a lost run counts: more than any objective
+_SIMPLEX_STEP = 0.1  # share of an axis between the corners of the first simplex
+_SIMPLEX_TOLERANCE = 2e-3  # share of an axis: a smaller simplex has converged
+_NEIGHBOR_STEPS = ((-0.03, 0.03), (-0.08, 0.08), (-0.2, 0.2))
+"""Shares of an axis by which a key is varied around the best, near then far."""
+_WORST_OBJECTIVE = 1e300
+_LOST_RUN = 1e12  # weight of a lost run in the simplex: more than any objective
 
 
-def looked_around(axes: Sequence[Axis], budget: int) -> int:
-    """Reserve a part of the budget for the neighbors of the best trial."""
-    return min(2 * len(_AROUND) * sum(not axis.choices for axis in axes), budget // 3)
+def neighbor_budget(axes: Sequence[Axis], budget: int) -> int:
+    """Return the part of the budget that is reserved for the neighbors of the best trial."""
+    numeric_axes = sum(not axis.choices for axis in axes)
+    return min(2 * len(_NEIGHBOR_STEPS) * numeric_axes, budget // 3)
 
 
 class Search:
@@ -55,117 +59,147 @@ class Search:
 
     def __init__(self, axes: Sequence[Axis], start: Shares, budget: int) -> None:
         self.ranks: dict[Values, Rank] = {}
-        self._axes, self._start, self._left = axes, start, budget
+        self._axes = axes
+        self._start = start
+        self._remaining_budget = budget
         self._places: dict[Values, Shares] = {}
-        self._numbers = [i for i, axis in enumerate(axes) if not axis.choices]
-        self._reserved = looked_around(axes, budget)
+        self._numeric_axes = [i for i, axis in enumerate(axes) if not axis.choices]
+        self._reserved_budget = neighbor_budget(axes, budget)
 
     @property
     def best(self) -> Values:
         """Values of the smallest rank; among equal ones the first."""
         return min(self.ranks, key=lambda values: self.ranks[values])
 
-    def run(self) -> Asking:
+    def run(self) -> Requests:
         """Try choices at the start's numbers, numbers at the best choice, neighbors, choices."""
-        yield from self._ask([self._start, *self._with_each_choice(self._start)])
-        if self._numbers:
-            yield from self._ask(self._all_over(self._places[self.best]))
-            yield from self._simplex(self._places[self.best])
-            yield from self._look_around()
-            yield from self._ask(self._with_each_choice(self._places[self.best]))
+        yield from self._request([self._start, *self._with_each_choice(self._start)])
+        if self._numeric_axes:
+            yield from self._request(self._spread_places(self._places[self.best]))
+            yield from self._run_simplex(self._places[self.best])
+            yield from self._vary_best()
+            yield from self._request(self._with_each_choice(self._places[self.best]))
 
-    def _ask(self, places: Iterable[Shares]) -> Asking:
-        """Yield the unknown values at these places within the budget."""
-        new: dict[Values, Shares] = {}
+    def _request(self, places: Iterable[Shares]) -> Requests:
+        """Yield the unknown values at these places within the budget, and store their ranks."""
+        new_places: dict[Values, Shares] = {}
         for place in places:
-            values = self._values(place)
+            values = self._values_at(place)
             if values not in self.ranks:
-                new.setdefault(values, place)
-        wanted = list(new)[: self._left]
-        if wanted:
-            self._left -= len(wanted)
-            self._places |= new
-            self.ranks |= yield wanted
+                new_places.setdefault(values, place)
+        requested = list(new_places)[: self._remaining_budget]
+        if requested:
+            self._remaining_budget -= len(requested)
+            self._places |= new_places
+            self.ranks |= yield requested
 
-    def _values(self, place: Shares) -> Values:
+    def _values_at(self, place: Shares) -> Values:
         return tuple(axis.at(share) for axis, share in zip(self._axes, place, strict=True))
 
     def _with_each_choice(self, place: Shares) -> list[Shares]:
         """Try every combination of choices at the place; of many, each changed alone."""
-        choices = []
-        for i, n in enumerate(len(axis.choices) for axis in self._axes):
-            choices += [[(i, (k + 0.5) / n) for k in range(n)]] if n else []
-        changes: Iterable[tuple[tuple[int, float], ...]] = product(*choices)
-        if prod(map(len, choices)) > self._left // 2:
-            changes = zip(chain.from_iterable(choices), strict=True)
-        shares = dict(enumerate(place))
-        return [tuple((shares | dict(change)).values()) for change in changes]
+        # Step 1: the shares of each axis of choices, at the middle of each choice.
+        choice_axes = [i for i, axis in enumerate(self._axes) if axis.choices]
+        choice_shares = []
+        for i in choice_axes:
+            n = len(self._axes[i].choices)
+            choice_shares.append([(k + 0.5) / n for k in range(n)])
+        # Step 2: every combination, or one axis at a time.
+        changes: list[dict[int, float]] = []
+        if prod(len(shares) for shares in choice_shares) <= self._remaining_budget // 2:
+            for combination in product(*choice_shares):
+                changes.append(dict(zip(choice_axes, combination, strict=True)))
+        else:
+            for i, shares in zip(choice_axes, choice_shares, strict=True):
+                changes += [{i: share} for share in shares]
+        return [_with_shares(place, change) for change in changes]
 
-    def _all_over(self, place: Shares) -> list[Shares]:
+    def _spread_places(self, place: Shares) -> list[Shares]:
         """Spread points: multiples of powers of the generalized golden ratio, modulo one."""
-        d = len(self._numbers)
-        steps = np.cumprod(np.full(d, 1.0 / _RATIOS[d - 1]))
-        return [self._at(place, (0.5 + n * steps) % 1.0) for n in range(1, _ALL_OVER * d + 1)]
+        d = len(self._numeric_axes)
+        steps = np.cumprod(np.full(d, 1.0 / _GOLDEN_RATIOS[d - 1]))
+        places = []
+        for n in range(1, _SPREAD_POINTS * d + 1):
+            places.append(self._with_numbers(place, (0.5 + n * steps) % 1.0))
+        return places
 
-    def _simplex(self, place: Shares) -> Asking:
+    def _run_simplex(self, place: Shares) -> Requests:
         """Run the simplex, replayed from its first corner after each answer."""
-        corners = [np.array([place[i] for i in self._numbers])]
-        for n, i in enumerate(self._numbers):
-            corner = corners[0].copy()
-            step = max(_STEP, self._axes[i].grain)
-            corner[n] += step if corner[n] < 0.5 else -step
+        # Step 1: the corners of the first simplex: the place, and one along each axis.
+        first_corner = np.array([place[i] for i in self._numeric_axes])
+        corners = [first_corner]
+        for n, i in enumerate(self._numeric_axes):
+            corner = first_corner.copy()
+            step = max(_SIMPLEX_STEP, self._axes[i].grain)
+            if corner[n] < 0.5:
+                corner[n] += step
+            else:
+                corner[n] -= step
             corners.append(corner)
-        yield from self._ask([self._at(place, corner) for corner in corners])
-        while self._left > self._reserved:
-            wanted = self._next_corner(place, np.array(corners))
-            if wanted is None:
+        yield from self._request([self._with_numbers(place, corner) for corner in corners])
+        # Step 2: one point after the other.
+        while self._remaining_budget > self._reserved_budget:
+            next_place = self._next_simplex_place(place, np.array(corners))
+            if next_place is None:
                 return
-            yield from self._ask([wanted])
+            yield from self._request([next_place])
 
-    def _next_corner(self, place: Shares, corners: Array) -> Shares | None:
-        """Find the next unknown point of the simplex; None if it has converged."""
+    def _next_simplex_place(self, place: Shares, corners: Array) -> Shares | None:
+        """Find the next unknown point of the simplex; None if it has converged.
+
+        ``place`` has the shares of the choices, ``corners`` those of the numbers.
+        """
         from scipy.optimize import minimize
 
-        def rank(x: Array) -> float:
-            values = self._values(self._at(place, x))
+        def rank(numbers: Array) -> float:
+            place_of_numbers = self._with_numbers(place, numbers)
+            values = self._values_at(place_of_numbers)
             if values not in self.ranks:
-                raise _UnknownError(self._at(place, x))
+                raise _UnknownRankError(place_of_numbers)
             lost, objective = self.ranks[values]
-            return min(_LOST * lost + objective, _WORST)
+            return min(_LOST_RUN * lost + objective, _WORST_OBJECTIVE)
 
-        options = {"initial_simplex": corners, "xatol": _SMALL, "fatol": np.inf}
-        bounds = [(0.0, 1.0)] * len(self._numbers)
+        options = {"initial_simplex": corners, "xatol": _SIMPLEX_TOLERANCE, "fatol": np.inf}
+        bounds = [(0.0, 1.0)] * len(self._numeric_axes)
         try:
             minimize(rank, corners[0], method="Nelder-Mead", bounds=bounds, options=options)
-        except _UnknownError as unknown:
-            wanted: Shares = unknown.args[0]
-            return wanted
+        except _UnknownRankError as error:
+            return error.place
         return None
 
-    def _at(self, place: Shares, numbers: Array) -> Shares:
+    def _with_numbers(self, place: Shares, numbers: Array) -> Shares:
         """Return the place with other shares of the numeric axes."""
-        changed = dict(zip(self._numbers, numbers.tolist(), strict=True))
-        return tuple(changed.get(i, share) for i, share in enumerate(place))
+        return _with_shares(place, dict(zip(self._numeric_axes, numbers.tolist(), strict=True)))
 
-    def _look_around(self) -> Asking:
+    def _vary_best(self) -> Requests:
         """Vary each key alone around the best to find its good range."""
-        for pair in _AROUND:
-            place, places = self._places[self.best], []
-            for i, step in product(self._numbers, pair):
+        for steps in _NEIGHBOR_STEPS:
+            place = self._places[self.best]
+            neighbors = []
+            for i, step in product(self._numeric_axes, steps):
                 share = min(max(place[i] + step, 0.0), 1.0)
-                places.append((*place[:i], share, *place[i + 1 :]))
-            yield from self._ask(places)
+                neighbors.append(_with_shares(place, {i: share}))
+            yield from self._request(neighbors)
 
 
-class _UnknownError(Exception):
+def _with_shares(place: Shares, changes: Mapping[int, float]) -> Shares:
+    """Return a place with other shares of some axes, by the axes' numbers."""
+    return tuple(changes.get(i, share) for i, share in enumerate(place))
+
+
+class _UnknownRankError(Exception):
     """Request for a place whose rank is unknown."""
+
+    def __init__(self, place: Shares) -> None:
+        super().__init__(place)
+        self.place = place
 
 
 HEADER = ["filter", "trial", "key", "value", "objective", "stderr", "lost"]
 _DIGITS = 7
-_FLAT = 0.9  # share of an axis: what lies within a standard error on so much of it hangs on nothing
+_FLAT = 0.9  # share of an axis: a key that is good on so much of it hardly matters
 _END = 0.005  # share of an axis next to its end
-_FAILED = 1 << 30  # as if so many runs were lost: more than any filter loses
+_FAILED = 1 << 30  # number of lost runs of a failed filter: more than any filter loses
 
 
 class Trial(NamedTuple):
@@ -185,12 +219,15 @@ class Trial(NamedTuple):
 
     def rounded(self) -> "Trial":
         """Return the trial rounded as in tuning.csv."""
-        return self._replace(objective=_rounded(self.objective), stderr=_rounded(self.stderr))
+        return self._replace(
+            objective=_round_number(self.objective), stderr=_round_number(self.stderr)
+        )
 
     @property
     def rank(self) -> tuple[int, float]:
         """Sort key of trials: fewer lost runs first, then the smaller objective."""
-        return self.lost, self.objective if isfinite(self.objective) else inf
+        objective = self.objective if isfinite(self.objective) else inf
+        return self.lost, objective
 
 
 @dataclass
@@ -219,30 +256,47 @@ class Record:
         their best, the objective is interpolated linearly between trials; any other trial as good
         widens the range. Values outside the trials are left out.
         """
+        # Step 1: the trials that are good enough.
         best = self.best
-        limit = best.objective + (best.stderr if isfinite(best.stderr) else 0.0)
-        line = [(axis.share(t.values[axis.key]) or 0.0, t) for t in self.beside(axis)]
+        limit = best.objective
+        if isfinite(best.stderr):
+            limit += best.stderr
         good = [t for t in self.trials if t.lost == best.lost and t.objective <= limit]
         if axis.choices:
-            accepted = {t.values[axis.key] for t in good}
-            return [choice for choice in axis.choices if choice in accepted]
-        middle = axis.share(best.values[axis.key]) or 0.0
-        below = sorted((-x, t.objective) for x, t in line if x <= middle)
-        above = sorted((x, t.objective) for x, t in line if x >= middle)
-        shares = [axis.share(t.values[axis.key]) or 0.0 for t in good]
-        low = min([*shares, -_reach(below, limit)])
-        high = max([*shares, _reach(above, limit)])
+            good_choices = {trial.values[axis.key] for trial in good}
+            return [choice for choice in axis.choices if choice in good_choices]
+
+        def share_of(trial: Trial) -> float:
+            return axis.share(trial.values[axis.key]) or 0.0
+
+        # Step 2: follow the axis from the best to both sides, as far as the objective stays good.
+        # Below the best, shares have a minus, so that both lines rise.
+        best_share = share_of(best)
+        below = []
+        above = []
+        for trial in self.beside(axis):
+            share = share_of(trial)
+            if share <= best_share:
+                below.append((-share, trial.objective))
+            if share >= best_share:
+                above.append((share, trial.objective))
+        low = -_follow_while_good(sorted(below), limit)
+        high = _follow_while_good(sorted(above), limit)
+        # Step 3: other good trials widen the range.
+        good_shares = [share_of(trial) for trial in good]
+        low = min([*good_shares, low])
+        high = max([*good_shares, high])
         return [axis.at(low), axis.at(high)]
 
     def beside(self, axis: Axis) -> list[Trial]:
         """Find the trials that differ from the best in at most this key and lose as many runs."""
         best = self.best
-        out = []
+        trials = []
         for trial in self.trials:
             differing = {a.key for a in self.axes if trial.values[a.key] != best.values[a.key]}
             if differing <= {axis.key} and trial.lost == best.lost:
-                out.append(trial)
-        return out
+                trials.append(trial)
+        return trials
 
     def remarks(self, runs: int) -> Iterator[str]:
         """Yield remarks on lost runs, keys at an end of their range, keys without effect."""
@@ -251,14 +305,19 @@ class Record:
             yield "no value that was tried keeps a single training run"
             return
         number = len(self.trials)
-        if self.trials.index(best) >= number - looked_around(self.axes, number):
+        if self.trials.index(best) >= number - neighbor_budget(self.axes, number):
             yield "the best values came last, looking around: more evaluations may find better ones"
         if best.lost:
             yield f"{best.lost} of {runs} training runs are lost with the best values"
-        for axis in (axis for axis in self.axes if not axis.choices):
-            value, (low, high) = best.values[axis.key], self.within(axis)
-            share, first, last = (axis.share(x) or 0.0 for x in (value, low, high))
-            if last - first >= _FLAT:
+        for axis in self.axes:
+            if axis.choices:
+                continue
+            value = best.values[axis.key]
+            low, high = self.within(axis)
+            share = axis.share(value) or 0.0
+            low_share = axis.share(low) or 0.0
+            high_share = axis.share(high) or 0.0
+            if high_share - low_share >= _FLAT:
                 yield (
                     f"{axis.key} hardly matters: from {low:g} to {high:g} nothing is more than "
                     "a standard error from the best"
@@ -273,10 +332,11 @@ def write_tuning(path: Path, records: Mapping[str, Record]) -> None:
     rows: list[list[Any]] = []
     for label, record in records.items():
         for n, trial in enumerate(record.trials):
-            _, objective, stderr, lost = trial.rounded()
-            numbers = [objective, stderr, "" if lost == _FAILED else lost]
+            rounded = trial.rounded()
+            lost = "" if trial.lost == _FAILED else trial.lost
             for axis in record.axes:
-                rows.append([label, n, axis.key, trial.values[axis.key], *numbers])
+                value = trial.values[axis.key]
+                rows.append([label, n, axis.key, value, rounded.objective, rounded.stderr, lost])
     write_csv(path, HEADER, rows)
 
 
@@ -289,31 +349,43 @@ def read_tuning(
 
     ``taken`` are the values of these keys that the config's tuned filters have.
     """
-    trials: dict[tuple[str, str], list[dict[str, str]]] = {}
+    # Step 1: the rows of each trial, one for each key.
+    rows_by_trial: dict[tuple[str, str], list[dict[str, str]]] = {}
     for row in csv.DictReader(file):
-        trials.setdefault((row["filter"], row["trial"]), []).append(row)
-    out = {
-        label: Record(tuple(starmap(read_axis, keys.items())), taken=taken.get(label))
-        for label, keys in tune.items()
-    }
-    for (label, _), rows in trials.items():
-        values = {row["key"]: scalar(row["value"]) for row in rows}
-        objective, stderr = (float(rows[0][name]) for name in ("objective", "stderr"))
-        lost = int(rows[0]["lost"]) if rows[0]["lost"] else _FAILED
-        out[label].trials.append(Trial(values, objective, stderr, lost))
-    return {label: record for label, record in out.items() if record.trials}
+        rows_by_trial.setdefault((row["filter"], row["trial"]), []).append(row)
+    # Step 2: a record for each filter, with its trials.
+    records = {}
+    for label, keys in tune.items():
+        axes = tuple(read_axis(key, written) for key, written in keys.items())
+        records[label] = Record(axes=axes, taken=taken.get(label))
+    for (label, _), rows in rows_by_trial.items():
+        numbers = rows[0]
+        trial = Trial(
+            values={row["key"]: scalar(row["value"]) for row in rows},
+            objective=float(numbers["objective"]),
+            stderr=float(numbers["stderr"]),
+            lost=int(numbers["lost"]) if numbers["lost"] else _FAILED,
+        )
+        records[label].trials.append(trial)
+    return {label: record for label, record in records.items() if record.trials}
 
 
-def _reach(line: list[tuple[float, float]], limit: float) -> float:
-    """Follow a line (share, objective) from its first point as far as it stays below the limit."""
-    reached, height = line[0]
-    for x, y in line[1:]:
-        if not y <= limit:
-            share = (limit - height) / (y - height) if isfinite(y) else 0.0
-            return reached + (x - reached) * share
-        reached, height = x, y
-    return reached
+def _follow_while_good(line: list[tuple[float, float]], limit: float) -> float:
+    """Follow a line (share, objective) from its first point as far as it stays below the limit.
+
+    Returns the share at which the line, interpolated linearly, reaches the limit.
+    """
+    share, objective = line[0]
+    for next_share, next_objective in line[1:]:
+        if not next_objective <= limit:
+            fraction = 0.0
+            if isfinite(next_objective):
+                fraction = (limit - objective) / (next_objective - objective)
+            return share + (next_share - share) * fraction
+        share = next_share
+        objective = next_objective
+    return share
 
 
-def _rounded(x: float) -> float:
-    return float(f"{x:.{_DIGITS}g}")
+def _round_number(number: float) -> float:
+    return float(f"{number:.{_DIGITS}g}")

@@ -6,7 +6,6 @@ blocks in their order. So the result does not depend on workers, interruptions o
 
 from collections.abc import Iterator, Mapping
 from contextlib import closing
-from itertools import chain
 from math import ceil
 from typing import Any
 
@@ -57,12 +56,15 @@ def tune(
                 break
             task, result = next(finished)
             if isinstance(result, Exception):
-                for gone in queue.give_up(task, result):
-                    _tell(tuners, gone, None)
+                for dropped_task in queue.give_up(task, result):
+                    for tuner in tuners:
+                        tuner.receive(dropped_task, None)
             else:
                 blocks.put(task, result)
-                _tell(tuners, task, stored_block(store, task))
-        next(finished, None)  # nothing comes any more: the workers may go
+                block = stored_block(store, task)
+                for tuner in tuners:
+                    tuner.receive(task, block)
+        next(finished, None)  # no block is left: the workers may end
     return {tuner.label: tuner.record for tuner in tuners}
 
 
@@ -70,11 +72,14 @@ class _SessionBlocks:
     """View of the store, or only of the blocks of this session."""
 
     def __init__(self, store: BlockStore, fresh: bool) -> None:
-        self._store, self._fresh = store, fresh
+        self._store = store
+        self._fresh = fresh
         self._finished: set[BlockTask] = set()
 
     def get(self, task: BlockTask) -> BlockResult | None:
-        return None if self._fresh and task not in self._finished else self._store.get(task)
+        if self._fresh and task not in self._finished:
+            return None
+        return self._store.get(task)
 
     def put(self, task: BlockTask, results: dict[int, BlockResult]) -> None:
         self._store.put(task, results)
@@ -85,63 +90,67 @@ class _Tuner:
     """Search of one filter with the blocks that it waits for."""
 
     def __init__(self, experiment: Experiment, label: str, blocks: _SessionBlocks) -> None:
-        self.label, self.budget = label, experiment.settings.tuning.evaluations
+        self.label = label
+        self.budget = experiment.settings.tuning.evaluations
         self.training = Training(experiment, label)
         self.record = Record(experiment.tuned[label])
         self.missing: set[BlockTask] = set()
         self._blocks = blocks
         self._search = Search(self.training.axes, self.training.start, self.budget)
-        self._asking = self._search.run()
+        self._search_requests = self._search.run()
         self._requested: dict[Values, list[BlockTask]] = {}
         self._results: dict[BlockTask, BlockResult | None] = {}
-        self._ask(next(self._asking))
+        self._request(next(self._search_requests))
 
     def advance(self) -> int:
         """Continue as far as finished blocks allow; return the number of scored trials."""
-        before = len(self.record.trials)
+        trials_before = len(self.record.trials)
+        keys = [axis.key for axis in self.record.axes]
         while self._requested and not self.missing:
-            keys = [axis.key for axis in self.record.axes]
+            # Step 1: score the requested trials, as all of their blocks are complete.
             trials = {}
             for values, tasks in self._requested.items():
-                of_keys = dict(zip(keys, values, strict=True))
-                trials[values] = Trial.of(of_keys, self._score(tasks))
+                value_by_key = dict(zip(keys, values, strict=True))
+                trials[values] = Trial.of(value_by_key, self._score(tasks))
             self.record.trials += trials.values()
-            blocks = filter(None, self._results.values())
-            self.record.cpu_s += sum(block.cpu_s for block in blocks)
+            self.record.cpu_s += sum(block.cpu_s for block in self._results.values() if block)
             self._results.clear()
+            # Step 2: send their ranks to the search, and request its next values.
+            ranks = {values: trial.rank for values, trial in trials.items()}
             try:
-                ranks = {values: trial.rank for values, trial in trials.items()}
-                self._ask(self._asking.send(ranks))
+                self._request(self._search_requests.send(ranks))
             except StopIteration:
                 self._requested = {}
-        return len(self.record.trials) - before
+        return len(self.record.trials) - trials_before
 
-    def tell(self, task: BlockTask, result: BlockResult | None) -> None:
+    def receive(self, task: BlockTask, result: BlockResult | None) -> None:
         """Record the results of a block, or that its filter failed."""
         if task in self.missing:
             self.missing.remove(task)
             self._results[task] = result
 
-    def _ask(self, wanted: list[Values]) -> None:
-        self._requested = {values: self.training.tasks(values) for values in wanted}
-        for task in chain.from_iterable(self._requested.values()):
-            result = self._blocks.get(task)
-            if result is None:
-                self.missing.add(task)
-            else:
-                self._results[task] = result
+    def _request(self, trial_values: list[Values]) -> None:
+        """Take the blocks of these trials from the store; those that it lacks are missing."""
+        self._requested = {values: self.training.tasks(values) for values in trial_values}
+        for tasks in self._requested.values():
+            for task in tasks:
+                result = self._blocks.get(task)
+                if result is None:
+                    self.missing.add(task)
+                else:
+                    self._results[task] = result
 
     def _score(self, tasks: list[BlockTask]) -> RunEstimate | None:
         """Score a trial's blocks; None for an invalid or failed filter."""
-        results = [block for block in map(self._results.get, tasks) if block is not None]
-        if not tasks or len(results) < len(tasks):
+        blocks = []
+        for task in tasks:
+            block = self._results.get(task)
+            if block is None:
+                return None
+            blocks.append(block)
+        if not blocks:
             return None
-        return self.training.score(merge(results).per_run)
-
-
-def _tell(tuners: list[_Tuner], task: BlockTask, result: BlockResult | None) -> None:
-    for tuner in tuners:
-        tuner.tell(task, result)
+        return self.training.score(merge(blocks).per_run)
 
 
 class Training:
@@ -149,7 +158,8 @@ class Training:
 
     def __init__(self, experiment: Experiment, label: str) -> None:
         self.axes: tuple[Axis, ...] = experiment.tuned[label]
-        self._experiment, self._label = experiment, label
+        self._experiment = experiment
+        self._label = label
         assert experiment.training is not None
         self._point = experiment.training
         self._scenario = self._point.scenario.training or self._point.scenario
@@ -161,8 +171,11 @@ class Training:
     def start(self) -> Shares:
         """Shares of the config's own values; the middle for values outside the axes."""
         configured = given_values(self._experiment, self._label)
-        shares = (axis.share(configured.get(axis.key)) for axis in self.axes)
-        return tuple(0.5 if share is None else share for share in shares)
+        shares = []
+        for axis in self.axes:
+            share = axis.share(configured.get(axis.key))
+            shares.append(0.5 if share is None else share)
+        return tuple(shares)
 
     def tasks(self, values: Values) -> list[BlockTask]:
         """Make the blocks of a trial, as few as its particles allow; none of an invalid filter."""
@@ -171,29 +184,33 @@ class Training:
         trial = tuned_entries.make_trial(self._experiment.source, self._point, self._label, chosen)
         if not isinstance(trial, tuned_entries.Trial):
             return []
-        return [self._block(trial, i) for i in range(self._blocks(trial))]
+        return [self._block_task(trial, i) for i in range(self._number_of_blocks(trial))]
 
     def score(self, per_run: Mapping[str, Array]) -> RunEstimate:
-        """Return the score that a trial's values per run give it.
+        """Return the score of a trial from its values per run.
 
         Raises UserError if a metric of the objective is missing.
         """
         for name in self.objective.metrics:
-            if name not in per_run:  # of recorded data it is not known beforehand what there is
+            if name not in per_run:  # the metrics of recorded data are not all known beforehand
                 what = f"{self._label} has no {name!r} here"
                 raise UserError(self._experiment.source.problem(("tuning", "metric"), what))
         return self.objective.score(per_run)
 
-    def _blocks(self, trial: tuned_entries.Trial) -> int:
-        width = self._experiment.settings.block
-        most = width if isinstance(width, int) else block_width(trial.filter, self._scenario)
-        return ceil(self._experiment.settings.tuning.runs / most)
+    def _number_of_blocks(self, trial: tuned_entries.Trial) -> int:
+        """Return the number of blocks of a trial, each as wide as the config or the filter allows."""
+        widest = self._experiment.settings.block
+        if not isinstance(widest, int):
+            widest = block_width(trial.filter, self._scenario)
+        return ceil(self._experiment.settings.tuning.runs / widest)
 
-    def _block(self, trial: tuned_entries.Trial, number: int) -> BlockTask:
+    def _block_task(self, trial: tuned_entries.Trial, number: int) -> BlockTask:
         """Make a block: all but the last are full, and none is wider than necessary."""
         settings = self._experiment.settings
-        width = ceil(settings.tuning.runs / self._blocks(trial))
-        measured = any(name.startswith("rmsd") for name in self.objective.metrics)
+        width = ceil(settings.tuning.runs / self._number_of_blocks(trial))
+        uses_reference = any(name.startswith("rmsd") for name in self.objective.metrics)
+        # Metrics without their windows.
+        metric_names = [name.partition("[")[0] for name in self.objective.metrics]
         return BlockTask(
             scenario=self._scenario,
             filter=trial.filter,
@@ -202,11 +219,9 @@ class Training:
             index=-1 - number,
             width=width,
             runs_used=min(width, settings.tuning.runs - number * width),
-            reference=self._point.filters[settings.reference or ""] if measured else None,
+            reference=self._point.filters[settings.reference or ""] if uses_reference else None,
             reference_assume=self._point.assumed.get(settings.reference or ""),
-            predictive_metrics=predictions_for(
-                name.partition("[")[0] for name in self.objective.metrics
-            ),
+            predictive_metrics=predictions_for(metric_names),
             hold_out=settings.hold_out,
         )
 
@@ -214,16 +229,21 @@ class Training:
 def given_values(experiment: Experiment, label: str) -> dict[str, Any]:
     """List the values of a filter's own keys by path, with presets and defaults."""
     point = experiment.points[0]
-    config = as_config((point.filters | experiment.left_out)[label])
+    filters = point.filters | experiment.left_out
+    config = as_config(filters[label])
     if label in point.assumed:
         assumed = as_config(point.assumed[label])
-        config |= {"late": assumed.pop("late", None), "assume": assumed}
-    return dict(_flat(config))
+        config["late"] = assumed.pop("late", None)
+        config["assume"] = assumed
+    return dict(_walk_values(config))
 
 
-def _flat(part: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    if not isinstance(part, dict | list):
-        yield path, part
+def _walk_values(data: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the path and value of every scalar within plain data."""
+    if not isinstance(data, dict | list):
+        yield path, data
         return
-    for key, value in part.items() if isinstance(part, dict) else enumerate(part):
-        yield from _flat(value, f"{path}.{key}" if path else str(key))
+    items = data.items() if isinstance(data, dict) else enumerate(data)
+    for key, value in items:
+        inner_path = f"{path}.{key}" if path else str(key)
+        yield from _walk_values(value, inner_path)
