@@ -89,11 +89,12 @@ def run_each(configs: Sequence[Config], options: Options, sweep: bool = False) -
         return
 
     def more(i: int, outcome: Outcome) -> Plan | None:
-        bigger = next_batch(jobs[i].experiment, jobs[i].most, outcome)
-        if bigger is None:
+        batch = next_batch(jobs[i].experiment, jobs[i].most, outcome)
+        if batch is None:
             return None
-        plan = plan_of(bigger, jobs[i].most, options)
-        jobs[i] = jobs[i]._replace(experiment=bigger, plan=plan)
+        outcome.least_precise = batch.least_precise
+        plan = plan_of(batch.experiment, jobs[i].most, options)
+        jobs[i] = jobs[i]._replace(experiment=batch.experiment, plan=plan)
         return plan
 
     if most_drawers(options) > 1:
