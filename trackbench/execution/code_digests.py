@@ -154,16 +154,17 @@ def uses_numpy_arithmetic(*parts: Any) -> bool:
     return False
 
 
-def _uses_own_arithmetic_only(part: Any) -> bool:
-    is_program = isinstance(part, Filter) and part.runs_program
-    if is_program or not type(part).__module__.startswith("trackbench."):
+def _uses_own_arithmetic_only(component: Any) -> bool:
+    """Test whether a filter, scenario or part of it never calls numpy's own functions."""
+    is_program = isinstance(component, Filter) and component.runs_program
+    if is_program or not type(component).__module__.startswith("trackbench."):
         return False
     motion = None
     with suppress(InvalidKeyError):  # where every filter assumes a motion of its own
-        if isinstance(part, Scenario):
-            motion = part.model.motion
-        elif isinstance(part, Motion):
-            motion = part.sampled(1.0)
+        if isinstance(component, Scenario):
+            motion = component.model.motion
+        elif isinstance(component, Motion):
+            motion = component.sampled(1.0)
     return not isinstance(motion, GammaMotion) or random_streams.is_erlang(motion.noise.shape)
 
 

@@ -224,8 +224,10 @@ _DIMENSIONS = {
         "100ns": 1e-7,
     },
 }
-UNITS = {unit: value for units in _DIMENSIONS.values() for unit, value in units.items()}
+UNITS: dict[str, float] = {}
 """SI value of each unit."""
+for _units in _DIMENSIONS.values():
+    UNITS.update(_units)
 _DIMENSION_OF = {
     **dict.fromkeys(("time", "subsecond"), "time"),
     **dict.fromkeys(("x", "y", "z", "altitude", "range"), "length"),
@@ -505,9 +507,9 @@ class Columns:
                 return name
         return None
 
-    def mistake(self, what: str) -> DataError:
+    def mistake(self, message: str) -> DataError:
         """Report a mistake of the table as a whole."""
-        return DataError(Place(self.path, 1, 1, what))
+        return DataError(Place(self.path, 1, 1, message))
 
     def read(self) -> Table:
         """Read the table, codes of "not available" as NaN. Raises DataError for impossible values."""

@@ -146,9 +146,9 @@ class Gathered:
             way = "x = y = 0: say where that is, `origin: [latitude, longitude]`"
             raise InvalidKeyError(f"{what} {way}", *path)
 
-    def place(self, rows: Rows, i: int, what: str) -> Place:
-        """Report a mistake at a row."""
-        return Place(self.files[rows.file[i]], int(rows.line[i]), 1, what)
+    def place(self, rows: Rows, i: int, message: str) -> Place:
+        """Report a mistake at row i."""
+        return Place(self.files[rows.file[i]], int(rows.line[i]), 1, message)
 
     def timed(self, columns: Columns, table: Table, clock: str, parts: Sequence[str] = ()) -> Array:
         """Read times of a table's rows; all tables have clocks of one kind. ``parts`` are added."""

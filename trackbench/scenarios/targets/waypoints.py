@@ -185,8 +185,8 @@ class RecordedPath(FromFiles, Naming, Flown):
         object.__setattr__(self, "_notices", tuple(gathered.notices))
         return path.time[whole], path.values[:, whole]
 
-    def _mistake(self, what: str) -> DataError:
-        return DataError(Place(self.file, 1, 1, what))
+    def _mistake(self, message: str) -> DataError:
+        return DataError(Place(self.file, 1, 1, message))
 
     @property
     def patterns(self) -> tuple[str, ...]:
