@@ -157,7 +157,7 @@ def test_an_infinite_error_is_a_lost_run() -> None:
         squares = {n: np.ones((7, 3)) for n in ("squared_position", "squared_velocity")}
         squares["outside_region"] = np.zeros((7, 3))
         squares[name][4:6, 1] = square
-        sums = SeriesSums.of(squares, LINEAR.windows, ())
+        sums = SeriesSums.from_series(squares, LINEAR.windows, ())
         got = per_run_metrics(LINEAR, squares, sums, np.ones(3, dtype=bool))
         np.testing.assert_array_equal(got["lost"], [NOT_LOST, NOT_FINITE, NOT_LOST])
         assert np.isfinite(got["rmse_position"][[0, 2]]).all()

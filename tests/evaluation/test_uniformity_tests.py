@@ -6,7 +6,12 @@ from scipy import stats
 
 from trackbench.core.arrays import Array
 from trackbench.evaluation.consistency_and_calibration import TENTHS, in_tenths
-from trackbench.evaluation.uniformity_tests import at_step, kolmogorov_band, over_steps, places_of
+from trackbench.evaluation.uniformity_tests import (
+    at_step,
+    kolmogorov_band,
+    number_of_places,
+    over_steps,
+)
 
 
 def shares(u: Array) -> Array:
@@ -16,7 +21,7 @@ def shares(u: Array) -> Array:
 
 def shares_of_ranks(ranks: Array) -> Array:
     """Shares (TENTHS, M) of the places of ranks (T, M)."""
-    return np.mean([in_tenths(row, places_of(ranks.ravel())) for row in ranks], axis=0)
+    return np.mean([in_tenths(row, number_of_places(ranks.ravel())) for row in ranks], axis=0)
 
 
 def correlated(rng: np.random.Generator, steps: int, runs: int, spread: float = 1.0) -> Array:
@@ -99,8 +104,8 @@ def test_ranks_that_are_wrong_are_found(N: int) -> None:
 def test_places_are_counted_where_there_are_some() -> None:
     rng = np.random.default_rng(10)
     for N in (2, 10, 99, 1999):
-        assert places_of((rng.integers(N + 1, size=500) + 0.5) / (N + 1)) == N + 1
-    assert places_of(rng.random(500)) == places_of(np.full(3, 0.5)) == 0
+        assert number_of_places((rng.integers(N + 1, size=500) + 0.5) / (N + 1)) == N + 1
+    assert number_of_places(rng.random(500)) == number_of_places(np.full(3, 0.5)) == 0
 
 
 def test_the_share_of_a_place_in_each_tenth_by_hand() -> None:

@@ -295,7 +295,7 @@ def test_shares_of_refused_measurements_count_measurements() -> None:
     np.testing.assert_array_equal(shares["accepted_bad"][:, 0], [np.nan, 0.0, np.nan, np.nan])
     short = replace(CLEAN, last=3)
     values = {"rejected_good": shares["rejected_good"], "squared": np.ones((4, 1))}
-    sums = SeriesSums.of(values, short.windows, ())
+    sums = SeriesSums.from_series(values, short.windows, ())
     weights = {"rejected_good": numbers["rejected_good"]}
     got = per_run_metrics(short, values, sums, np.ones(1, dtype=bool), weights=weights)
     assert got["rejected_good"][0] == 0.25  # one of four good measurements

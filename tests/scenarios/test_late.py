@@ -28,7 +28,7 @@ from trackbench.evaluation.block import BlockResult, BlockTask
 from trackbench.evaluation.run_block import run_block, run_stack
 from trackbench.evaluation.run_filter import FilterOutput, prior_of, run_filter
 from trackbench.evaluation.timing import Measured, measure
-from trackbench.execution.plan import _states
+from trackbench.execution.plan import _kept_states
 from trackbench.filters.base import AnyFilter
 from trackbench.filters.external import External
 from trackbench.filters.kf import KF
@@ -355,7 +355,7 @@ def test_costs_count_the_repeated_steps(tmp_path: Path) -> None:
     assert isinstance(one, Measured)
     assert isinstance(other, Measured)
     assert one.covariances == pytest.approx(factor * float(other.covariances or 0.0))
-    states = {label: _states(point.filters[label], point, label) for label in FILTERS}
+    states = {label: _kept_states(point.filters[label], point, label) for label in FILTERS}
     assert states == {"drop": 1, "apply": 1, "refilter": 7, "three": 4, "bound": 1}
 
 

@@ -90,11 +90,12 @@ def run_each(configs: Sequence[Config], options: Options, sweep: bool = False) -
 
     def plan_more(i: int, outcome: Outcome) -> Plan | None:
         """Plan the next batch of runs of the i-th job; None if it has enough."""
-        bigger = next_batch(jobs[i].experiment, jobs[i].most, outcome)
-        if bigger is None:
+        batch = next_batch(jobs[i].experiment, jobs[i].most, outcome)
+        if batch is None:
             return None
-        plan = plan_of(bigger, jobs[i].most, options)
-        jobs[i] = jobs[i]._replace(experiment=bigger, plan=plan)
+        outcome.least_precise = batch.least_precise
+        plan = plan_of(batch.experiment, jobs[i].most, options)
+        jobs[i] = jobs[i]._replace(experiment=batch.experiment, plan=plan)
         return plan
 
     if most_drawers(options) > 1:

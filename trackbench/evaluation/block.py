@@ -1,7 +1,7 @@
-"""A block of runs: what is to be computed of it, its data, and what comes of it.
+"""A block of runs: its task, its simulated data, its results.
 
-A block is always computed whole and then trimmed to the runs that are wanted, so run m comes out the
-same in a batch of 10 or of 10 000.
+A block is always computed whole and then trimmed to the requested runs. So run m has the same bytes in a
+batch of 10 as in one of 10 000.
 """
 
 from dataclasses import dataclass, field, replace
@@ -51,14 +51,14 @@ class BlockTask:
     keep_steps: tuple[str, ...] = ()
     """series kept per run and step, for their medians"""
     assume: Assume | None = None
-    """what the filter assumes that is not the scenario's"""
+    """parts of the filter's model that differ from the scenario's"""
     predictive_metrics: tuple[Kind, ...] = ()
-    """what the filter is asked beside its estimate: of measurements before it is given them, and of
-    where in its posterior the truth lies"""
+    """metrics computed from more than the estimates: from the filter's predictions of measurements, and
+    from the place of the truth in its posterior"""
     hold_out: int | None = None
     """every so many-th measurement of a run is not given to the filter"""
     extra_run_counts: tuple[int, ...] = field(default=(), compare=False)
-    """numbers of the block's runs over which it is reduced, too: a batch may stop there, or go on"""
+    """further numbers of runs over which the block is reduced: a batch may stop there, or go on"""
     stacked: int = 1
     """blocks from this one outwards that are filtered side by side, each with its own random numbers"""
     copies: int = 1
@@ -72,7 +72,9 @@ class BlockTask:
     @property
     def first_run(self) -> int:
         """Number of the block's first run."""
-        return self.index * self.width if self.index >= 0 else (self.index + 1) * self.width - 1
+        if self.index >= 0:
+            return self.index * self.width
+        return (self.index + 1) * self.width - 1
 
     @property
     def runs(self) -> int:
@@ -88,7 +90,8 @@ class BlockTask:
     @property
     def data(self) -> Simulation:
         """Data of the whole block, or stack of blocks."""
-        scenario, width = self.scenario.without_scoring, self.stacked * self.width
+        scenario = self.scenario.without_scoring
+        width = self.stacked * self.width
         if self.copies == 1:
             return simulate(scenario, self.seed, self.first_run, width)
         return simulate_copies(scenario, self.seed, self.first_run, width, self.copies)
@@ -96,11 +99,13 @@ class BlockTask:
     @property
     def filtering_key(self) -> "BlockTask":
         """Task that is equal for all tasks of which the filter makes the same estimates."""
-        alone = BlockTask(
-            self.scenario.without_scoring, self.filter, self.seed, self.index, self.width, 0
-        )
-        return replace(
-            alone,
+        return BlockTask(
+            scenario=self.scenario.without_scoring,
+            filter=self.filter,
+            seed=self.seed,
+            index=self.index,
+            width=self.width,
+            runs_used=0,
             assume=self.assume,
             predictive_metrics=self.predictive_metrics,
             hold_out=self.hold_out,
@@ -122,12 +127,16 @@ class BlockTask:
         scenario = self.scenario.without_faults
         if scenario is self.scenario:
             return None
-        assume = None if self.assume is None else replace(self.assume, faults=None)
+        assume = self.assume
+        if assume is not None:
+            assume = replace(assume, faults=None)
         return replace(self.filtering_key, scenario=scenario.without_scoring, assume=assume)
 
     def runs_with_tracks_among(self, used: int) -> int:
         """Count the block's first ``used`` runs whose whole tracks are stored."""
-        return 0 if self.index < 0 else max(0, min(self.runs_with_tracks - self.first_run, used))
+        if self.index < 0:
+            return 0
+        return max(0, min(self.runs_with_tracks - self.first_run, used))
 
 
 class Tracks(NamedTuple):
@@ -142,14 +151,19 @@ class Tracks(NamedTuple):
 
 
 class BlockResult(NamedTuple):
-    """Metrics of the block's used runs; no particles, no tracks but the shown ones."""
+    """Metrics of the block's used runs, and the tracks of the runs that figures show."""
 
     per_run: dict[str, Array]
+    """metrics per run (M,)"""
     steps: dict[str, StepSums]
+    """sums over the runs at each step, by series"""
     run_series: dict[str, Array]
+    """series (T + 1, M) that are stored per run and step"""
     tracks: Tracks | None
     cpu_s: float
+    """CPU seconds of the filter for all runs of the block"""
     width: int
+    """number of runs that the CPU time is for"""
 
 
 def _simulate(scenario: Scenario, seed: int, first_run: int, width: int) -> Simulation:
@@ -169,13 +183,23 @@ def _simulate_copies(
     """Repeat the same runs several times, with the prior's moments."""
     data = simulate(scenario, seed, first_run, width)
 
-    def repeated(rows: Any) -> Any:
+    def repeat_runs(rows: Any) -> Any:
         return np.concatenate([rows] * copies, axis=-1)
 
-    mean, cov = data.prior.mean, data.prior.cov
-    prior = Gaussian(repeated(mean), repeated(cov) if cov.ndim > 2 else cov)
-    arrival = None if data.arrival is None else repeated(data.arrival)
-    return freeze(Simulation(repeated(data.truth), repeated(data.measurements), prior, arrival))
+    # A covariance (n, n) is shared by all runs.
+    cov = data.prior.cov
+    if cov.ndim > 2:
+        cov = repeat_runs(cov)
+    arrival = data.arrival
+    if arrival is not None:
+        arrival = repeat_runs(arrival)
+    copied = Simulation(
+        truth=repeat_runs(data.truth),
+        measurements=repeat_runs(data.measurements),
+        prior=Gaussian(repeat_runs(data.prior.mean), cov),
+        arrival=arrival,
+    )
+    return freeze(copied)
 
 
 simulate_copies = LatestResults(_simulate_copies, size=1)

@@ -12,13 +12,12 @@ requests them of (`core.posterior_scores` defines them for a Gaussian, for parti
                       for a Gaussian the chi-square distribution function of the NEES
 ``coverage_<p>``      1 if the truth is within that region of p percent, else 0
 ``nci``               log NEES less its mean if calibrated, dB (Li, Zhao & Jilkov 2002, eqs. 4, 6)
-``rank_<of>_<b>``     share of ``pit_<of>``'s place that is in the b-th tenth: the rank histogram's bars
+``rank_<q>_<b>``      share of ``pit_<q>``'s place that is in the b-th tenth: the rank histogram's bars
 ``crps_<component>``  continuous ranked probability score
 ``likelihood_ratio``          likelihood of the measurements so far over the reference's
 """
 
-from collections.abc import Iterable, Mapping, Sequence
-from itertools import chain
+from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import numpy as np
@@ -37,7 +36,8 @@ from trackbench.evaluation.validate_output import checked_numbers
 from trackbench.filters.base import Filter, State, has_expectations
 from trackbench.scenarios.base import Scenario
 
-_ENOUGH = 4096  # runs times steps: a call on so many is worth its price, and they stay in the cache
+_AT_ONCE = 4096
+"""Runs times steps that one call scores: enough to pay for the call, and they stay in the cache."""
 
 
 class ConsistencySeries:
@@ -48,12 +48,17 @@ class ConsistencySeries:
     """
 
     def __init__(self, scenario: Scenario, mean: Array, truth: Array) -> None:
-        self._mean, self._truth, self._angles = mean, truth, scenario.angle_rows
-        self._parts = {f"nees_{name}": as_slice(p) for name, p in scenario.marginals.items()}
-        self._at_a_time = max(1, _ENOUGH // mean.shape[-1])
+        self._mean = mean
+        self._truth = truth
+        self._angles = scenario.angle_rows
+        # Rows of the state that each series is computed from.
+        self._rows: dict[str, slice | Sequence[int]] = {"nees": slice(None)}
+        for name, rows in scenario.marginals.items():
+            self._rows[f"nees_{name}"] = as_slice(rows)
+        self._at_a_time = max(1, _AT_ONCE // mean.shape[-1])
         self._waiting: list[Array] = []
         self._scored = 0
-        self._series = {name: np.empty(mean.shape[1:]) for name in ("nees", *self._parts)}
+        self._series = {name: np.empty(mean.shape[1:]) for name in self._rows}
         self._unused: dict[str, Array] = {}
 
     def add(self, cov: Array) -> None:
@@ -71,11 +76,11 @@ class ConsistencySeries:
     def series(self) -> dict[str, Array]:
         """Return values (T, M) by the name of their series, after the last step."""
         self._reduce_waiting()
-        unused = {
-            name: np.where(np.isnan(self._series[name.removeprefix("unused_")]), np.nan, number)
-            for name, number in self._unused.items()
-        }
-        return self._series | unused
+        series = dict(self._series)
+        for name, number in self._unused.items():
+            nees = self._series[name.removeprefix("unused_")]
+            series[name] = np.where(np.isnan(nees), np.nan, number)
+        return series
 
     def _reduce_waiting(self) -> None:
         if self._waiting:
@@ -83,20 +88,20 @@ class ConsistencySeries:
             self._waiting.clear()
 
     def _reduce(self, cov: Array) -> None:
-        # Score S steps in one call: errors (n, S, M).
-        part = slice(self._scored, self._scored + cov.shape[2])
-        truth = near(self._truth[:, part], self._mean[:, part], self._angles)
-        error = self._mean[:, part] - truth
-        # Marginals: the part's rows of the error, its rows and columns of the covariance.
-        for name, rows in {"nees": slice(None), **self._parts}.items():
+        """Score the next S steps, with covariances (n, n, S, M), in one call."""
+        steps = slice(self._scored, self._scored + cov.shape[2])
+        truth = near(self._truth[:, steps], self._mean[:, steps], self._angles)
+        error = self._mean[:, steps] - truth
+        # Marginals: some rows of the error, the same rows and columns of the covariance.
+        for name, rows in self._rows.items():
+            n = len(error[rows])
             squared, rank = distance_in_range(error[rows], cov[rows][:, rows], truth[rows])
-            if rank is not None and not (rank == len(error[rows])).all():
-                n = len(error[rows])
+            if rank is not None and not (rank == n).all():
                 unused = self._unused.setdefault(f"unused_{name}", np.zeros(self._mean.shape[1:]))
-                unused[part] = n - rank
+                unused[steps] = n - rank
                 squared = np.where(rank == 0, np.nan, squared * (n / np.maximum(rank, 1)))
-            self._series[name][part] = squared
-        self._scored = part.stop
+            self._series[name][steps] = squared
+        self._scored = steps.stop
 
 
 def side_by_side(covs: Sequence[Array]) -> Array:
@@ -111,44 +116,55 @@ def side_by_side(covs: Sequence[Array]) -> Array:
     return np.stack(covs, axis=2)
 
 
-def observed(
+def observable_errors(
     scenario: Scenario, tracker: Filter[State], state: State, truth: Array
 ) -> dict[str, Array]:
     """Return errors (M,) of the observables at one step by series; truth is (n_x, M)."""
-    out: dict[str, Array] = {}
-    exact = scenario.observables(truth) if has_expectations(tracker) else {}
+    if not has_expectations(tracker):
+        return {}
+    exact = scenario.observables(truth)
     if not exact:
-        return out
+        return {}
     expectations = tracker.expectation(state, scenario.observables)
+    errors: dict[str, Array] = {}
     for name, value in checked_numbers("expectation", expectations, truth.shape[1]).items():
         error = value - exact[name]
-        out[f"squared_{name}"], out[f"error_{name}"] = np.square(error), error
-    return out
+        errors[f"squared_{name}"] = np.square(error)
+        errors[f"error_{name}"] = error
+    return errors
 
 
 def sizes(scenario: Scenario) -> dict[str, int]:
     """Count the components of each NEES series, by its name; the whole state has no name."""
-    parts = {name: len(part) for name, part in scenario.marginals.items()}
-    return {"": len(scenario.components)} | parts
+    counts = {"": len(scenario.components)}
+    for name, rows in scenario.marginals.items():
+        counts[name] = len(rows)
+    return counts
 
 
 Kind = Literal["calibration", "ranks", "crps", "likelihood_ratio"]
-"""What is wanted: pit, coverage and nci; with these the tenths; the others by their names."""
+"""Requested series: pit, coverage and nci; the tenths of each pit; others by their names."""
 LEVELS = (50, 90, 99)
-"""Percent of the regions."""
+"""Probabilities of the regions, percent."""
 TENTHS = 10
-_NEES, _SCORE = "nees", "log_likelihood"
+_NEES = "nees"
+_SCORE = "log_likelihood"
 _ROUNDING = 1e-9  # of a sum of weights
 _EULER = 0.5772156649015329
 
 
 def calibration_series(components: Sequence[str], exact: bool) -> list[str]:
-    """Name all series on request; ``exact``: with the likelihood of a reference."""
+    """Name all series on request; ``exact``: there is a reference with a likelihood."""
     quantities = (*components, _NEES)
-    out = [f"pit_{q}" for q in quantities] + [f"coverage_{p}" for p in LEVELS] + ["nci"]
-    out += [f"crps_{c}" for c in components]
-    out += chain.from_iterable(map(bars, quantities))
-    return out + (["likelihood_ratio"] if exact else [])
+    names = [f"pit_{quantity}" for quantity in quantities]
+    names += [f"coverage_{percent}" for percent in LEVELS]
+    names.append("nci")
+    names += [f"crps_{component}" for component in components]
+    for quantity in quantities:
+        names += bars(quantity)
+    if exact:
+        names.append("likelihood_ratio")
+    return names
 
 
 def bars(quantity: str) -> list[str]:
@@ -165,7 +181,7 @@ class Calibration:
         self.disabled = not self._wanted
         self._rows: dict[str, list[Array]] = {}
         self._places: list[int] = []
-        self._excess: list[Array | None] = []
+        self._log_excess: list[Array | None] = []
 
     def add(self, posterior: Posterior | None, estimate: Gaussian, truth: Array) -> None:
         """Add a step's posterior, estimate of the truth's components, and truth (n_x, M)."""
@@ -177,63 +193,80 @@ class Calibration:
             # PIT of each component and of the whole state, coverage, log excess for the NCI.
             within = posterior.within(truth)
             self._places.append(posterior.places)
-            self._excess.append(posterior.log_excess(truth))
-            self._note("pit", self._components, posterior.uniform(posterior.below(truth)))
-            self._note("pit", [_NEES], posterior.uniform(within)[None])
-            self._note("coverage", map(str, LEVELS), [_covered(within, p / 100.0) for p in LEVELS])
+            self._log_excess.append(posterior.log_excess(truth))
+            pits = posterior.uniform(posterior.below(truth))
+            for component, pit in zip(self._components, pits, strict=True):
+                self._add_row(f"pit_{component}", pit)
+            self._add_row(f"pit_{_NEES}", posterior.uniform(within))
+            for percent in LEVELS:
+                self._add_row(f"coverage_{percent}", _covered(within, percent / 100.0))
         if "crps" in self._wanted:
-            self._note("crps", self._components, posterior.crps(truth))
+            scores = posterior.crps(truth)
+            for component, score in zip(self._components, scores, strict=True):
+                self._add_row(f"crps_{component}", score)
 
     def series(self, consistency: Mapping[str, Array]) -> dict[str, Array]:
         """Return values (T + 1, M) by the name of their series, from those of `ConsistencySeries`."""
         rows = {name: np.stack(values) for name, values in self._rows.items()}
-        pits = [(name, row) for name, row in rows.items() if name.startswith("pit_")]
+        pits = {name: row for name, row in rows.items() if name.startswith("pit_")}
         if "calibration" in self._wanted:
             # NCI by the posterior's own log excess, or by the NEES of a Gaussian.
             n = len(self._components)
             rank = rank_of("nees", consistency, n)
             gaussian = noncredibility(consistency["nees"], n, rank)
-            steps = zip(self._excess, gaussian, strict=True)
-            nci = [row if excess is None else _decibels(excess) for excess, row in steps]
+            nci = []
+            for excess, gaussian_nci in zip(self._log_excess, gaussian, strict=True):
+                nci.append(gaussian_nci if excess is None else _decibels(excess))
             rows["nci"] = np.stack(nci)
-        for name, row in pits if "ranks" in self._wanted else ():
-            # Shares (T + 1, TENTHS, M) of each transform in the tenths: a series per bar.
-            shares = np.stack([in_tenths(*each) for each in zip(row, self._places, strict=True)])
-            rows |= zip(bars(name.removeprefix("pit_")), shares.swapaxes(0, 1), strict=True)
+        if "ranks" in self._wanted:
+            for name, pit in pits.items():
+                # Shares (T + 1, TENTHS, M) of each transform in the tenths: a series per bar.
+                steps = zip(pit, self._places, strict=True)
+                shares = np.stack([in_tenths(at_step, places) for at_step, places in steps])
+                names = bars(name.removeprefix("pit_"))
+                rows |= zip(names, shares.swapaxes(0, 1), strict=True)
         return rows
 
-    def _note(self, head: str, quantities: Iterable[str], values: Iterable[Array]) -> None:
-        for quantity, row in zip(quantities, values, strict=True):
-            self._rows.setdefault(f"{head}_{quantity}", []).append(row)
+    def _add_row(self, name: str, row: Array) -> None:
+        self._rows.setdefault(name, []).append(row)
 
 
 def likelihood_ratio(scores: Mapping[str, Array], exact: Mapping[str, Array]) -> dict[str, Array]:
-    """Compare both filters' likelihoods of all measurements so far: their ratio (T + 1, M).
+    """Compare a filter's likelihood of all measurements so far with the reference's: (T + 1, M).
 
-    A particle filter's estimate of the likelihood is unbiased, so that its mean is one (Del Moral 2004,
-    section 7.4.2); what weighs or moves particles otherwise is not. Nothing if either has no likelihood.
+    ``scores`` and ``exact`` are the series of the filter and of the reference. A particle filter's
+    estimate of the likelihood is unbiased, so that the mean of the ratio is one (Del Moral 2004, section
+    7.4.2). Filters that weigh or move particles in another way are biased. Without a likelihood of both
+    there is no series.
     """
     if _SCORE not in scores or _SCORE not in exact:
         return {}
-    a, b = scores[_SCORE], exact[_SCORE]
-    # prod p_a(z_k) / p_b(z_k); a step at which neither has a likelihood counts as 1.
-    ratio = exp(np.add.accumulate(np.where(np.isnan(a) & np.isnan(b), 0.0, a - b), axis=0))
+    log_p = scores[_SCORE]
+    log_p_exact = exact[_SCORE]
+    # prod p(z_k) / p_exact(z_k); a step at which neither has a likelihood counts as 1.
+    neither = np.isnan(log_p) & np.isnan(log_p_exact)
+    log_ratio = np.add.accumulate(np.where(neither, 0.0, log_p - log_p_exact), axis=0)
+    ratio = exp(log_ratio)
     ratio[0] = np.nan
     return {"likelihood_ratio": ratio}
 
 
 def noncredibility(nees: Array, n: int, rank: Array | None = None) -> Array:
-    """Return ``10 log10 NEES`` minus its Gaussian mean; positive means overconfident."""
+    """Return ``10 log10 NEES`` minus its Gaussian mean; positive means overconfident.
 
-    def of_rank(squared: Array, r: int) -> Array:
+    The NEES (T, M) has n components; ``rank`` (T, M) is the number of them with spread, None for all.
+    """
+
+    def noncredibility_of_rank(squared: Array, r: int) -> Array:
         # psi(r / 2) by psi(1) = -gamma, psi(1 / 2) = -gamma - 2 log 2, psi(x + 1) = psi(x) + 1 / x
-        digamma = -_EULER - (2.0 * float(log(2.0)) if r % 2 else 0.0)
-        for i in range(r % 2 or 2, r, 2):
+        is_odd = r % 2 == 1
+        digamma = -_EULER - (2.0 * float(log(2.0)) if is_odd else 0.0)
+        for i in range(1 if is_odd else 2, r, 2):
             digamma += 2.0 / i
         # E log NEES = log 2 + psi(r / 2) for chi-square of r degrees of freedom
         return _decibels(log(squared * (r / n)) - float(log(2.0)) - digamma)
 
-    return by_rank(of_rank, nees, n, rank)
+    return by_rank(noncredibility_of_rank, nees, n, rank)
 
 
 def rank_of(nees: str, series: Mapping[str, Array], n: int) -> Array | None:
@@ -253,13 +286,13 @@ def _covered(within: Array, level: float) -> Array:
 def in_tenths(pit: Array, places: int = 0) -> Array:
     """Share (TENTHS, M) of each transform (M,) in each tenth; NaN of NaN.
 
-    A rank among so many places has a place ``1 / places`` wide. So each tenth has a tenth of the ranks
-    in the mean where their number is no multiple of ten.
+    A rank among so many places has a place ``1 / places`` wide; 0 places stand for a density. So each
+    tenth has a tenth of the ranks in the mean, even if their number is no multiple of ten.
     """
     if places:
         # A rank fills its place: its share in a tenth is the part of the place between both edges.
         edges = np.arange(TENTHS + 1)[:, None] * (places / TENTHS)
         below = np.clip(edges - (pit * places - 0.5), 0.0, 1.0)
         return np.round(below[1:] - below[:-1], 9)
-    which = np.clip(np.floor(pit * TENTHS), 0, TENTHS - 1)
-    return np.where(np.isnan(pit), np.nan, which == np.arange(TENTHS)[:, None])
+    tenth = np.clip(np.floor(pit * TENTHS), 0, TENTHS - 1)
+    return np.where(np.isnan(pit), np.nan, tenth == np.arange(TENTHS)[:, None])

@@ -35,7 +35,9 @@ class _FixedNormals:
     """Streams of fixed normal variates: ``variates`` returns the rows j (J, M) of all runs."""
 
     def __init__(self, variates: Callable[[Index], Array]) -> None:
-        self._variates, self.drawn = variates, 0
+        self._variates = variates
+        self.drawn = 0
+        """number of rows drawn so far"""
 
     def standard_normal(self, size: tuple[int, ...]) -> Array:
         rows = np.arange(self.drawn, self.drawn + prod(size[:-1]))
@@ -49,7 +51,10 @@ class _FixedNormals:
     standard_gamma = beside = random
 
 
-def _run(task: BlockTask, streams: _FixedNormals, runs: int) -> tuple[Simulation, FilterOutput]:
+def _run_with_streams(
+    task: BlockTask, streams: _FixedNormals, runs: int
+) -> tuple[Simulation, FilterOutput]:
+    """Simulate and filter runs whose noise comes from these streams."""
     data = freeze(task.scenario.simulate(cast(RunStreams, streams), runs))
     return data, run_filter(replace(task, width=runs, runs_used=runs), data)
 
@@ -66,7 +71,7 @@ def why_not_exact(task: BlockTask) -> str | None:
     if task.scenario.recorded_runs is not None:
         return "the measurements are recorded: nothing of them is random"
     try:
-        data, output = _run(task, _FixedNormals(_dense), 4)
+        data, output = _run_with_streams(task, _FixedNormals(_dense), 4)
     except NotImplementedError:
         what = (
             "its scenario draws more than normal noise: `detection`, `outliers`, a random `delay`"
@@ -75,13 +80,16 @@ def why_not_exact(task: BlockTask) -> str | None:
     if not np.isfinite(output.mean).all():
         return "its estimates leave the numbers"
     numbers = {"states": data.truth, "measurements": data.measurements, "estimates": output.mean}
-    bent = (name for name, x in numbers.items() if not _is_affine(x))
-    return next((f"{name} are not linear in the noise of motion and sensor" for name in bent), None)
+    for name, values in numbers.items():
+        if not _is_affine(values):
+            return f"{name} are not linear in the noise of motion and sensor"
+    return None
 
 
 def _dense(rows: Index) -> Array:
     """Return variates (J, 4): zeros, two vectors a and b, and a + b."""
-    a, b = (37 * rows % 11 - 5) / 3.0, (23 * rows % 7 - 3) / 2.0
+    a = (37 * rows % 11 - 5) / 3.0
+    b = (23 * rows % 7 - 3) / 2.0
     return np.stack([np.zeros(len(rows)), a, b, a + b], axis=1)
 
 
@@ -96,20 +104,41 @@ def _is_affine(x: Array) -> bool:
 def exact_series(task: BlockTask) -> dict[str, Array]:
     """Return the mean (T + 1,) over all possible runs of each quadratic series, by its name."""
     means: dict[str, Array] = {}
-    first, streams = 0, _FixedNormals(_dense)
-    while not first or first < streams.drawn:
+    first = 0
+    drawn = 1  # rows of noise that a run draws: unknown before the first pass
+    while first < drawn:
         # Step 1: filter no noise (u = 0), each unit vector u_j and its negative.
-        places = np.append(-1, np.arange(first, first + _UNITS).repeat(2))
-        u = np.array([0.0, *([1.0, -1.0] * _UNITS)])
-        streams = _FixedNormals(lambda rows: np.where(rows[:, None] == places, u, 0.0))  # noqa: B023
-        data, output = _run(task, streams, len(u))
-        rank = rank_of("nees", output.diagnostics, len(data.truth))
-        values = series(task.scenario, data.truth, output.mean, output.nees, None, rank)
+        streams = _unit_vectors(first)
+        runs = 1 + 2 * _UNITS
+        data, output = _run_with_streams(task, streams, runs)
+        drawn = streams.drawn
+        values = series(
+            task.scenario,
+            truth=data.truth,
+            mean=output.mean,
+            nees=output.nees,
+            exact=None,
+            rank=rank_of("nees", output.diagnostics, len(data.truth)),
+        )
         # Step 2: E q = q(0) + sum_j [ (q(u_j) + q(-u_j)) / 2 - q(0) ]
         for name, q in (values | output.diagnostics).items():
-            if name.partition("_")[0] in QUADRATIC:
-                at_zero, up, down = q[:, :1], q[:, 1::2], q[:, 2::2]
-                means.setdefault(name, at_zero[:, 0].copy())
-                means[name] += total(0.5 * (up + down) - at_zero)
+            if name.partition("_")[0] not in QUADRATIC:
+                continue
+            at_zero = q[:, :1]
+            at_unit = q[:, 1::2]
+            at_negative = q[:, 2::2]
+            if name not in means:
+                means[name] = at_zero[:, 0].copy()
+            means[name] += total(0.5 * (at_unit + at_negative) - at_zero)
         first += _UNITS
     return means
+
+
+def _unit_vectors(first: int) -> _FixedNormals:
+    """Return streams without noise in run 0, with u_j in run 1 and -u_j in run 2, and so on.
+
+    j counts from ``first``; u_j has a one in row j of the noise.
+    """
+    row_of_run = np.append(-1, np.arange(first, first + _UNITS).repeat(2))
+    value_of_run = np.array([0.0, *([1.0, -1.0] * _UNITS)])
+    return _FixedNormals(lambda rows: np.where(rows[:, None] == row_of_run, value_of_run, 0.0))

@@ -7,7 +7,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.random import Generator
 
-from trackbench.core.arrays import Array, Index, freeze
+from trackbench.core.arrays import Array, Index, Mask, freeze
 from trackbench.core.random_streams import position_of, put_back
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.predictive_scores import after_first, visible_to_filter
@@ -24,7 +24,8 @@ class Deliveries:
     """
 
     def __init__(self, task: BlockTask, data: Simulation) -> None:
-        assumed, arrival = task.assumed_scenario, data.arrival
+        assumed = task.assumed_scenario
+        arrival = data.arrival
         late = assumed.late
         assert arrival is not None
         assert late is not None
@@ -32,6 +33,7 @@ class Deliveries:
         z = visible_to_filter(assumed.assumed_measurements(data.measurements), task.hold_out)
         exists = np.stack([~np.isnan(z[rows]).all(axis=0) for rows in self._rows])
         T = z.shape[1]
+        # Step of each measurement; it is late if it arrives at a later step.
         due = np.broadcast_to(np.arange(T)[:, None], exists.shape)
         self._late = exists & (arrival > due)
         # Step at which a filter learns of each measurement, T for never.
@@ -44,60 +46,68 @@ class Deliveries:
         self._given = np.where(exists & ~self._late, due, -1)
         if late.kind == "apply":
             self._apply(T)
-        self._arrival, self.refilters = arrival, late.kind == "refilter"
+        self._arrival = arrival
+        self.refilters = late.kind == "refilter"
+        """True if the filter repeats its last steps when a measurement arrives late"""
 
     def _apply(self, T: int) -> None:
         """Give each late measurement at the step of its arrival, the newest of several."""
         late = np.nonzero(self._late & (self.learned < T))
-        at = late[0], self.learned[late], late[2]
-        np.maximum.at(self._given, at, late[1])
-        superseded = tuple(index[self._given[at] != late[1]] for index in late)
-        self.learned[superseded] = T
+        sensor, due, run = late
+        delivery = (sensor, self.learned[late], run)
+        np.maximum.at(self._given, delivery, due)
+        # A measurement that is not given at its arrival is superseded by a newer one.
+        is_superseded = self._given[delivery] != due
+        self.learned[sensor[is_superseded], due[is_superseded], run[is_superseded]] = T
 
     def given(self, z: Array) -> Array:
         """Arrange measurements (n_z, T, M) by the step at which the filter gets them."""
-        out = np.empty_like(z)
+        arranged = np.empty_like(z)
         for rows, number in zip(self._rows, self._given, strict=True):
             taken = np.take_along_axis(z[rows], np.maximum(number, 0)[None], axis=1)
-            out[rows] = np.where(number >= 0, taken, np.nan)
-        return freeze(out)
+            arranged[rows] = np.where(number >= 0, taken, np.nan)
+        return freeze(arranged)
 
     def known(self, z: Array, first: int, last: int) -> Array:
         """Blank the measurements of steps ``first`` to ``last`` - 1 that arrive after ``last``."""
-        out = z[:, first:last].copy()
+        known = z[:, first:last].copy()
         for rows, learned in zip(self._rows, self.learned[:, first:last], strict=True):
-            out[rows][:, learned > last] = np.nan
-        return freeze(out)
+            known[rows][:, learned > last] = np.nan
+        return freeze(known)
 
     @property
-    def again_from(self) -> Index:
+    def first_repeated(self) -> Index:
         """First step (T, M) that a filter repeats at each step, the step itself for none."""
         T, runs = self._late.shape[1:]
-        out = np.repeat(np.arange(T)[:, None], runs, axis=1)
-        _, j, m = late = np.nonzero(self._late & (self.learned < T))
-        np.minimum.at(out, (self.learned[late], m), j)
-        return out
+        first = np.repeat(np.arange(T)[:, None], runs, axis=1)
+        late = np.nonzero(self._late & (self.learned < T))
+        _, due, run = late
+        np.minimum.at(first, (self.learned[late], run), due)
+        return first
 
     def counts(self) -> dict[str, Array]:
         """Count measurements that arrive late, and the dropped ones of them, by step (T + 1, M)."""
-        T, runs = self._late.shape[1:]
+        T = self._late.shape[1]
         arrived = self._late & (self._arrival < T)
-        out = {}
-        for name, which in {
-            "arrived_late": arrived,
-            "late_dropped": arrived & (self.learned == T),
-        }.items():
-            number = np.zeros((T, runs))
-            np.add.at(number, (self._arrival[which], np.nonzero(which)[2]), 1.0)
-            out[name] = after_first(number)
-        return out
+        dropped = arrived & (self.learned == T)
+        return {
+            "arrived_late": self._number_by_arrival(arrived),
+            "late_dropped": self._number_by_arrival(dropped),
+        }
+
+    def _number_by_arrival(self, counted: Mask) -> Array:
+        """Count the marked measurements (S, T, M) by the step (T + 1, M) of their arrival."""
+        number = np.zeros(counted.shape[1:])
+        run = np.nonzero(counted)[2]
+        np.add.at(number, (self._arrival[counted], run), 1.0)
+        return after_first(number)
 
     @property
     def steps_per_step(self) -> float:
         """Mean number of steps that a filter makes at a step of a run."""
         if not self.refilters:
             return 1.0
-        first = self.again_from
+        first = self.first_repeated
         return 1.0 + float((np.arange(len(first))[:, None] - first).mean())
 
 
@@ -120,7 +130,7 @@ class Refilter:
     def __init__(
         self,
         z: Array,
-        of: Deliveries,
+        delivered: Deliveries,
         repeat: Callable[[Any, Array, int], Iterable[Any]],
         copy: Callable[[Any], Any],
         rng: Generator,
@@ -129,28 +139,36 @@ class Refilter:
         """Begin with no state.
 
         ``repeat`` yields the states after measurements (n_z, L, M) from a state and a step on; ``copy``
-        protects a state from the filter's next step; ``clock`` times what is repeated.
+        protects a state from the filter's next step; ``clock`` times the repeated steps.
         """
-        self._z, self._of, self._repeat, self._copy, self._rng = z, of, repeat, copy, rng
+        self._z = z
+        self._delivered = delivered
+        self._repeat = repeat
+        self._copy = copy
+        self._rng = rng
         self._clock = clock
-        self._again_from = of.again_from.min(axis=1)
+        self._first_repeated = delivered.first_repeated.min(axis=1)
         # Earliest state that this or any later step goes back to.
-        self._needed = np.minimum.accumulate(self._again_from[::-1])[::-1]
+        self._needed = np.minimum.accumulate(self._first_repeated[::-1])[::-1]
+        # Copy of the state before each step, and the place in the stream of random numbers.
         self._before: dict[int, tuple[Any, Any]] = {}
 
     def state_before(self, i: int, state: Any) -> Any:
         """Update the state before step i: filter again if a measurement has just arrived late."""
-        first = int(self._again_from[i])
+        first = int(self._first_repeated[i])
         with self._clock:
             self._store(i, state)
             if first < i:
                 begin, position = self._before[first]
                 put_back(self._rng, position)
-                z = self._of.known(self._z, first, i)
-                for j, state in enumerate(self._repeat(self._copy(begin), z, first), first + 1):
+                z = self._delivered.known(self._z, first, i)
+                repeated = self._repeat(self._copy(begin), z, first)
+                for j, state in enumerate(repeated, first + 1):
                     self._store(j, state)
-        self._before = {j: each for j, each in self._before.items() if j >= self._needed[i]}
+        # Keep only the states that this or a later step goes back to.
+        needed = self._needed[i]
+        self._before = {j: stored for j, stored in self._before.items() if j >= needed}
         return state
 
     def _store(self, i: int, state: Any) -> None:
-        self._before[i] = self._copy(state), position_of(self._rng)
+        self._before[i] = (self._copy(state), position_of(self._rng))

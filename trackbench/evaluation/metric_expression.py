@@ -5,9 +5,9 @@
 ``rmse@20``, ``rmse@last``     a metric at a step
 ``rmse@3..last``               at each of these steps
 ``efficiency``                 the reference's RMSE over the filter's, from its distance to it
-``anees``, ``cpu_s_per_run``   what summary.csv and timing.csv call so; a filter's key
+``anees``, ``cpu_s_per_run``   a number of that name in summary.csv or timing.csv; a filter's key
 ``gain(mean(rmse), PF)``       percent below the filter PF; ``ratio`` to it, ``minus`` it
-``win_rate(rmse, PF)``            share of the runs in which the metric is below PF's
+``win_rate(rmse, PF)``         share of the runs in which the metric is below PF's
 ``controlled(rms(rmse), KF)``  with KF, of which the exact error is known, as control variate
 =============================  ==================================================================
 """
@@ -15,8 +15,7 @@
 import re
 from collections.abc import Iterable
 from functools import cache
-from itertools import chain
-from typing import Annotated, Any, Literal, NamedTuple, get_args
+from typing import Annotated, Any, Literal, NamedTuple, TypeAlias, cast, get_args
 
 from trackbench.field_types import annotations_of
 from trackbench.metrics import Metric, in_window, joined, metric_of
@@ -34,6 +33,10 @@ _GRAMMAR = re.compile(
 )
 
 
+Relation: TypeAlias = Literal["gain", "ratio", "minus", "win_rate", "controlled", ""]
+"""How an expression compares a filter with another; nothing if there is no other."""
+
+
 class Steps(NamedTuple):
     """Step numbers from first to last, one if there is no last; ``last`` is the run's last step."""
 
@@ -41,7 +44,9 @@ class Steps(NamedTuple):
     last: str = ""
 
     def __str__(self) -> str:
-        return f"@{self.first}" + (f"..{self.last}" if self.last else "")
+        if self.last:
+            return f"@{self.first}..{self.last}"
+        return f"@{self.first}"
 
     def among(self, steps: Iterable[int]) -> list[int]:
         """Select the steps of the expression among the given ones."""
@@ -58,21 +63,28 @@ class Measure(NamedTuple):
     statistic: str = ""
     """over the runs; nothing if the metric itself is meant"""
     steps: Steps | None = None
-    relation: Literal["gain", "ratio", "minus", "win_rate", "controlled", ""] = ""
+    relation: Relation = ""
     other: str = ""
     """label of the filter that it is related to"""
     filter: str = ""
-    """label of the filter that it is of, once that is known"""
+    """label of the measured filter, once that is known"""
 
     def __str__(self) -> str:
         """Write the expression without its filter."""
-        text = f"{self.statistic}({self.name})" if self.statistic else self.name
-        return f"{self.relation}({text}, {self.other})" if self.relation else text
+        text = self.name
+        if self.statistic:
+            text = f"{self.statistic}({text})"
+        if self.relation:
+            text = f"{self.relation}({text}, {self.other})"
+        return text
 
     @property
     def name(self) -> str:
         """Metric over its window or at its step, as per_run.csv has it."""
-        return in_window(self.metric, self.window) + str(self.steps or "")
+        name = in_window(self.metric, self.window)
+        if self.steps is not None:
+            name += str(self.steps)
+        return name
 
     @property
     def plain(self) -> "Measure":
@@ -86,13 +98,15 @@ class Measure(NamedTuple):
 
     @property
     def base(self) -> str:
-        """Metric without statistic, window and step."""
+        """Name of the stored metric: no statistic, window or step; ``pit_x`` for a bar ``rank_x_1``."""
         spec, quantity = self.family
-        if spec.name == "rank":  # a bar of a histogram: kept with what it is of
+        if spec.name == "rank":  # a bar of a histogram is stored with its transform
             return joined("pit", quantity.rpartition("_")[0])
-        if spec.name == "unused":  # components of a statistic: kept with it
+        if spec.name == "unused":  # missing components of a statistic are stored with it
             return quantity
-        return joined(spec.series, quantity) if spec.per_component else self.metric
+        if spec.per_component:
+            return joined(spec.series, quantity)
+        return self.metric
 
     @property
     def is_row(self) -> bool:
@@ -117,9 +131,10 @@ class Measure(NamedTuple):
 
     def made_of(self) -> tuple["Measure", "Measure"]:
         """Return the parts of an efficiency: the reference's RMSE, the filter's difference from it."""
-        quantity = self.family[1]
-        rmse, distance = (joined(name, quantity) for name in ("rmse", "rmsd"))
-        return self._replace(metric=rmse), self._replace(metric=distance)
+        _, quantity = self.family
+        rmse = self._replace(metric=joined("rmse", quantity))
+        rmsd = self._replace(metric=joined("rmsd", quantity))
+        return rmse, rmsd
 
     @property
     def is_over_runs(self) -> bool:
@@ -144,7 +159,7 @@ class Measure(NamedTuple):
         return self.steps is not None and bool(self.steps.last)
 
     def of(self, label: str) -> "Measure":
-        """Name the filter that the expression is of."""
+        """Return the expression for one filter, by its label."""
         return self._replace(filter=label)
 
     def beside(self, relation: Literal["gain", "ratio", "minus"], other: str) -> "Measure":
@@ -179,13 +194,20 @@ def measure(text: str) -> Measure:
     if groups["statistic"] and groups["statistic"] not in (*STATISTICS, TIME_MEAN):
         known = ", ".join((*STATISTICS, TIME_MEAN))
         raise ValueError(f"{groups['statistic']!r} is no statistic; known: {known}")
-    words = {
-        key: groups[key] or "" for key in ("metric", "window", "statistic", "relation", "other")
-    }
     # The step stands inside the statistic's parentheses or after them.
-    at = groups["at"] or groups["step"]
-    steps = Steps(*at.split("..")) if at else None
-    return Measure(**words, steps=steps)  # type: ignore[arg-type]
+    numbers = groups["at"] or groups["step"]
+    steps = None
+    if numbers:
+        first, _, last = numbers.partition("..")
+        steps = Steps(first=first, last=last)
+    return Measure(
+        metric=groups["metric"],
+        window=groups["window"] or "",
+        statistic=groups["statistic"] or "",
+        steps=steps,
+        relation=cast(Relation, groups["relation"] or ""),
+        other=groups["other"] or "",
+    )
 
 
 def measured(name: str) -> Measure:
@@ -205,15 +227,22 @@ OfRank = Annotated[Measure, "rank"]
 OfSummary = Annotated[Measure, "summary"]
 """A key that names a row of summary.csv, a time, or a filter's key."""
 Expression = Annotated[Measure, "expression"]
-"""A key that says what is measured in any of these ways."""
+"""A key that names a number in any of these ways."""
 Comparison = Annotated[Measure, "comparison"]
-"""The same over a grid; without one the metric per run, of which filters are compared."""
+"""An expression over a grid; without a grid the metric per run whose values are compared."""
 
 
 def role_of(hint: object) -> str:
-    """Return the role of a key's type: a file's metric, an expression, a comparison."""
-    roles = (str(role) for role in annotations_of(hint) if role in _ROLES)
-    return next(chain(roles, filter(None, map(role_of, get_args(hint)))), "")
+    """Return the role of a key's type: a file's metric, an expression, a comparison; else nothing."""
+    for annotation in annotations_of(hint):
+        if annotation in _ROLES:
+            return str(annotation)
+    # The type may be a part of the hint, as in `tuple[OfRun, ...]`.
+    for argument in get_args(hint):
+        role = role_of(argument)
+        if role:
+            return role
+    return ""
 
 
 _ROLES = ("per_run", "per_step", "rank", "summary", "expression", "comparison")

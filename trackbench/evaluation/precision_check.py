@@ -1,9 +1,9 @@
 """Stopping rule: requested standard errors, and the numbers of runs at which they are checked.
 
-The rule is sequential with a fixed width (Chow & Robbins 1965; Law 2015, section 9.4.1): what is looked
-at is how exact a number is, never what it says. Runs whose rare far ones have not been drawn look exact.
-Nothing in them shows that, so the first look is late, and two in a row have to succeed
-(docs/statistics.md has bias and coverage).
+The rule is sequential with a fixed width (Chow & Robbins 1965; Law 2015, section 9.4.1): it depends on
+the standard error of a number, never on its value. Before the first rare, very large error is drawn, a
+standard error is too small, and nothing in the runs shows it. So the first check is late, and two checks
+in a row have to succeed (docs/statistics.md has bias and coverage).
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,7 +14,7 @@ from trackbench.evaluation.metric_expression import measured
 from trackbench.evaluation.summary import FilterResult, SummaryRow, summary_rows
 from trackbench.statistics import intervals as inference
 
-_GROWTH = 1.5  # from one number of runs at which the errors are tried to the next
+_GROWTH = 1.5  # from one number of runs at which the errors are checked to the next
 
 
 class PrecisionTarget(NamedTuple):
@@ -33,14 +33,16 @@ class PrecisionTarget(NamedTuple):
 
     def share(self, row: SummaryRow) -> float:
         """Return the standard error as a share of the target; NaN if the target is zero."""
-        # The requested error: a share of the value, or a number in its unit.
-        most = self.error * abs(row.value) if self.relative else self.error
+        target = self.error
+        if self.relative:
+            target = self.error * abs(row.value)
         stderr = row.stderr
-        if (
-            stderr == 0.0 and measured(row.metric).is_share
-        ):  # of an event, that of its exact interval
+        if stderr == 0.0 and measured(row.metric).is_share:
+            # All runs agree on an event: take the standard error of its exact interval.
             stderr = inference.share_stderr(round(row.value * row.runs), row.runs)
-        return stderr / most if most > 0.0 else float("nan")
+        if target > 0.0:
+            return stderr / target
+        return float("nan")
 
 
 class PrecisionCheck(NamedTuple):
@@ -67,10 +69,19 @@ def checkpoints(least: int, most: int) -> Iterator[int]:
 
 
 def exact_after(stops: Sequence[int], exact: Sequence[bool]) -> int | None:
-    """Return the number of runs of the first success after another; the last one needs no other."""
-    before = [False, *exact]
-    confirmed = (n for n, now, then in zip(stops, exact, before, strict=False) if now and then)
-    return next(confirmed, stops[-1] if exact[-1] and len(exact) == len(stops) else None)
+    """Return the number of runs at which the rule stops; None if it never does.
+
+    ``exact`` says for each of the ``stops`` whether the errors are small enough. Two in a row have to
+    be; the last stop needs no other.
+    """
+    was_exact = False
+    for runs, is_exact in zip(stops, exact, strict=False):
+        if is_exact and was_exact:
+            return runs
+        was_exact = is_exact
+    if len(exact) == len(stops) and exact[-1]:
+        return stops[-1]
+    return None
 
 
 def check_precision(
@@ -82,24 +93,26 @@ def check_precision(
 ) -> list[PrecisionCheck]:
     """Compare the standard errors of one filter after its first ``runs`` runs with the targets."""
     # Only the metrics behind the requested numbers, and only the first ``runs`` runs.
-    names = {w.metric for w in wanted}
-    parts = {_values(name) for name in names} | {_values("lost")}
+    names = {target.metric for target in wanted}
+    needed = {_per_run_values(name) for name in names}
+    needed.add(_per_run_values("lost"))
     per_run: dict[str, Array] = {
         metric: values[:runs]
         for metric, values in result.per_run.items()
-        if _values(metric) in parts
+        if _per_run_values(metric) in needed
     }
     # Summarize them as summary.csv does.
     rows = summary_rows(result._replace(per_run=per_run, steps={}), sizes, windows)
     by_metric = {row.metric: row for row in rows if row.metric in names}
-    return [
-        PrecisionCheck(w, by_metric[w.metric], w.share(by_metric[w.metric]))
-        for w in wanted
-        if w.metric in by_metric
-    ]
+    checks = []
+    for target in wanted:
+        if target.metric in by_metric:
+            row = by_metric[target.metric]
+            checks.append(PrecisionCheck(wanted=target, row=row, share=target.share(row)))
+    return checks
 
 
-def _values(metric: str) -> tuple[str, str]:
+def _per_run_values(metric: str) -> tuple[str, str]:
     """Return the values of per_run.csv behind a number of the summary: metric and window."""
     m = measured(metric)
     return m.base, m.window

@@ -1,6 +1,6 @@
 """Predictive scores: how well a filter predicts measurements, without a truth.
 
-Series (T + 1, M) beside those of `metrics`, for whoever asks for them:
+Series (T + 1, M) on request, beside those of `metrics`:
 
 ``log_likelihood``   log p(z_k | z_1..k-1) by the filter's own method of that name
 ``squared_predicted_<component>``, ``error_predicted_<component>``  z_k minus its prediction
@@ -10,15 +10,14 @@ Series (T + 1, M) beside those of `metrics`, for whoever asks for them:
 ``held_log_likelihood``, ``squared_held_<component>``, ``error_held_<component>``  the same of
                      measurements that the filter is not given (``hold_out``)
 
-Any filter can be asked for a prediction: it is a step without a measurement, and the measurement's
-moments are those that its estimate gives by cubature (Bar-Shalom, Li & Kirubarajan 2001, section 5.4,
-judge innovations). A filter that answers a mean alone has prediction errors, and no ``anis``.
-Whoever is asked goes on from where it was, with the noise that it would have drawn.
+A prediction of any filter is a step without a measurement. The moments of the measurement follow from
+its estimate by cubature (Bar-Shalom, Li & Kirubarajan 2001, section 5.4, judge innovations). A filter
+that returns a mean without a covariance has prediction errors, and no ``anis``. The filter then goes on
+from its state before the prediction, and draws the same noise as without it.
 """
 
 from collections.abc import Iterator, Sequence
 from copy import deepcopy
-from itertools import product
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -37,10 +36,11 @@ from trackbench.models.base import Model
 from trackbench.models.gaussian_steps import SensorOfSteps, predicted_innovation
 
 Kind = Literal["score", "prediction"]
-"""What is wanted: the filters' own log-likelihoods; all that a prediction of each measurement tells."""
+"""Requested series: the filters' own log-likelihoods; all series from predictions of measurements."""
 LAGS = 10
 _SCORE = "log_likelihood"
-_AT_ONCE = 65_536  # numbers in the covariances of predictions whose innovations are one call
+_AT_ONCE = 65_536
+"""Numbers in the covariances of the predictions whose innovations are computed in one call."""
 
 
 def held_out(measurements: Array, every: int) -> Mask:
@@ -58,22 +58,31 @@ def visible_to_filter(measurements: Array, hold_out: int | None) -> Array:
 
 def predictive_series(components: Sequence[str], scores: bool, hold_out: int | None) -> list[str]:
     """Return names of all predictive series; ``scores``: the filter has a log-likelihood."""
-    out = [_SCORE] if scores else []
-    out += ["anis", "innovations", *(f"autocovariance_{lag}" for lag in range(1, LAGS + 1))]
-    heads = ["predicted"] + (["held"] if hold_out else [])
-    if scores and hold_out:
-        out.append(f"held_{_SCORE}")
-    errors = product(heads, components, ("squared", "error"))
-    return out + [f"{error}_{head}_{component}" for head, component, error in errors]
+    names = [_SCORE] if scores else []
+    names += ["anis", "innovations"]
+    names += [f"autocovariance_{lag}" for lag in range(1, LAGS + 1)]
+    heads = ["predicted"]
+    if hold_out:
+        heads.append("held")
+        if scores:
+            names.append(f"held_{_SCORE}")
+    for head in heads:
+        for component in components:
+            names += [f"squared_{head}_{component}", f"error_{head}_{component}"]
+    return names
 
 
 class Step(NamedTuple):
-    """One step: state before and after, the whole estimate, the step, and what a gate refused."""
+    """One step of a filter."""
 
     before: Any
+    """state before the step"""
     after: Any
+    """state after the step"""
     estimate: Gaussian
+    """estimate after the step, with all components of the filter's state"""
     k: int
+    """number of the step"""
     refused: Array | Mask | None = None
     """1 for each run (M,), or each component (n_z, M), whose measurement was not used"""
 
@@ -90,12 +99,16 @@ class PredictionScorer:
         hold_out: int | None,
         rng: Generator,
     ) -> None:
-        self._tracker, self._model, self._rng = tracker, model, rng
+        self._tracker = tracker
+        self._model = model
+        self._rng = rng
         self._wanted = {"score", "prediction"}.intersection(wanted)
         self._all = measurements
         self._held_out = held_out(measurements, hold_out) if hold_out else None
         self.visible = visible_to_filter(measurements, hold_out)
-        self._predicted, self._held = _Innovations(model), _Innovations(model)
+        """measurements (n_z, T, M) that the filter is given"""
+        self._predicted = _Innovations(model)
+        self._held = _Innovations(model)
         self._refused: list[Mask] = []
         self._scores: list[Array] = []
         self._held_scores: list[Array] = []
@@ -133,35 +146,42 @@ class PredictionScorer:
             self._held_steps.append(i)
             if self._has_likelihood:
                 # Log-likelihood by a step aside that is given the measurement.
-                after = self._aside(step, z)
+                after = self._step_aside(step, z)
                 self._held_scores += self._log_likelihoods(after, z.shape[1])
 
-    def add_steps(self, ahead: Steps, part: slice, steps: Sequence[int]) -> bool:
-        """Add the steps that used the measurements of a part; False if each must be added alone."""
+    def add_steps(self, many: Steps, piece: slice, steps: Sequence[int]) -> bool:
+        """Add many steps of one call; False if each must be added alone.
+
+        ``piece`` are the indices of their measurements, ``steps`` the numbers of the steps.
+        """
         if self.disabled:
             return True
-        if not self._has_predictions or ahead.together is None or ahead.before is None:
+        if not self._has_predictions or many.together is None or many.before is None:
             return False
-        state, z = ahead.together(), self.visible[:, part]
+        state = many.together()
+        z = self.visible[:, piece]
         predicted = _finite(state.prediction)
         if predicted is None:
             return False
         if "score" in self._wanted:
             self._scores += self._log_likelihoods(state, *z.shape[1:])
         if "prediction" in self._wanted:
+            n_z, count, runs = z.shape
             self._predicted.add_steps(predicted, z, steps)
-            self._refused.extend(np.zeros((z.shape[1], *z.shape[::2]), dtype=np.bool_))
-        if self._held_out is not None and self._held_out[part].any():
-            at = np.flatnonzero(self._held_out[part].any(axis=1))
-            z = np.where(self._held_out[part][at], self._all[:, part][:, at], np.nan)
-            estimate = Gaussian(ahead.estimate.mean[:, at], ahead.estimate.cov[:, :, at])
-            self._held.add_steps(estimate, z, np.take(steps, at).tolist())
-            self._held_steps += (at + part.start).tolist()
+            self._refused.extend(np.zeros((count, n_z, runs), dtype=np.bool_))
+        if self._held_out is not None and self._held_out[piece].any():
+            is_held = self._held_out[piece]
+            index = np.flatnonzero(is_held.any(axis=1))  # steps at which any run has a held-out one
+            held = np.where(is_held[index], self._all[:, piece][:, index], np.nan)
+            estimate = Gaussian(many.estimate.mean[:, index], many.estimate.cov[:, :, index])
+            self._held.add_steps(estimate, held, np.take(steps, index).tolist())
+            self._held_steps += (index + piece.start).tolist()
             if self._has_likelihood:
-                z = freeze(z.reshape(len(z), -1))
-                before = ahead.before(at)
-                after = self._tracker.step(self._model, before, z, steps[0], self._rng)
-                self._held_scores += self._log_likelihoods(after, z.shape[1])
+                # The runs of these steps are filtered side by side.
+                side_by_side_z = freeze(held.reshape(len(held), -1))
+                before = many.before(index)
+                after = self._tracker.step(self._model, before, side_by_side_z, steps[0], self._rng)
+                self._held_scores += self._log_likelihoods(after, side_by_side_z.shape[1])
         return True
 
     def series(self) -> dict[str, Array]:
@@ -170,22 +190,24 @@ class PredictionScorer:
         if self._scores:
             rows[_SCORE] = np.where(_measured(self.visible), np.stack(self._scores), np.nan)
         if "prediction" in self._wanted:
-            rows |= self._of_predictions()
+            rows |= self._innovation_series()
         if self._held_out is not None:
-            rows |= self._of_held_out(self._held_out)
+            rows |= self._held_out_series(self._held_out)
         return {name: after_first(values) for name, values in rows.items()}
 
-    def _aside(self, step: Step, z: Array) -> Any:
+    def _step_aside(self, step: Step, z: Array) -> Any:
         """Return the state after a step with other measurements."""
         before = self.snapshot(step.before)
         return self._tracker.step(self._model, before, z, step.k, self._rng)
 
     def _prediction(self, step: Step, z: Array) -> Gaussian:
         """Return the estimate after a step without a measurement."""
-        if self._has_predictions and (stored := _finite(getattr(step.after, "prediction", None))):
-            return stored
-        nothing = freeze(np.full_like(z, np.nan))
-        return _copy(self._tracker.estimate(self._aside(step, nothing)))
+        if self._has_predictions:
+            stored = _finite(getattr(step.after, "prediction", None))
+            if stored is not None:
+                return stored
+        no_measurement = freeze(np.full_like(z, np.nan))
+        return _copy(self._tracker.estimate(self._step_aside(step, no_measurement)))
 
     def _log_likelihoods(self, state: Any, *batch: int) -> list[Array]:
         """Return the rows (M,) of the increments (*batch) of one or many steps."""
@@ -195,7 +217,7 @@ class PredictionScorer:
         checked = checked_numbers("series", {_SCORE: increments}, *batch)
         return [*checked[_SCORE].reshape(-1, self._all.shape[2])]
 
-    def _of_predictions(self) -> dict[str, Array]:
+    def _innovation_series(self) -> dict[str, Array]:
         """Return the series (T, M) of the innovations, all steps at once."""
         nu, S = self._predicted.joined(self._all.shape[2])
         # Step 1: whiten, e = L^-1 nu with S = L L'; missing and refused components have no e, nor do
@@ -208,32 +230,40 @@ class PredictionScorer:
         if (refused.any(axis=0) & (number > 0)).any():
             # The measurements of other sensors are used: theirs is the covariance without the refused.
             S = kalman.drop_missing_cov(S, refused)
-        rows = linalg.whiten(linalg.cholesky(S), np.where(missing, 0.0, nu))
-        white = np.where(missing, np.nan, np.stack(list(rows)))
+        whitened = list(linalg.whiten(linalg.cholesky(S), np.where(missing, 0.0, nu)))
+        e = np.where(missing, np.nan, np.stack(whitened))
+        series = self._errors("predicted", nu)
         # Step 2: NIS = e' e, over the number of measured components.
-        anis = _sum_of_known(np.square(white)) / number
-        counts = {"anis": anis, "innovations": np.where(number, number, np.nan)}
+        series["anis"] = _sum_of_known(np.square(e)) / number
+        series["innovations"] = np.where(number, number, np.nan)
         # Step 3: products with the whitened innovations of the last LAGS measurements.
-        products = enumerate(_lagged_products(white, missing), 1)
-        lagged = {f"autocovariance_{lag}": _sum_of_known(rows) for lag, rows in products}
-        return self._errors("predicted", nu) | counts | lagged
+        for lag, products in enumerate(_lagged_products(e, missing), 1):
+            series[f"autocovariance_{lag}"] = _sum_of_known(products)
+        return series
 
-    def _of_held_out(self, held_out: Mask) -> dict[str, Array]:
+    def _held_out_series(self, held_out: Mask) -> dict[str, Array]:
         """Return the series (T, M) of held-out measurements, NaN of the others."""
-        nu, scores = np.full(self._all.shape, np.nan), np.full(held_out.shape, np.nan)
+        nu = np.full(self._all.shape, np.nan)
         if self._held_steps:
-            nu[:, self._held_steps] = self._held.joined(self._all.shape[2])[0]
-        rows = self._errors("held", nu)
+            held_nu, _ = self._held.joined(self._all.shape[2])
+            nu[:, self._held_steps] = held_nu
+        series = self._errors("held", nu)
         if self._has_likelihood:
+            scores = np.full(held_out.shape, np.nan)
             if self._held_scores:
                 scores[self._held_steps] = self._held_scores
-            rows[f"held_{_SCORE}"] = np.where(held_out, scores, np.nan)
-        return rows
+            series[f"held_{_SCORE}"] = np.where(held_out, scores, np.nan)
+        return series
 
     def _errors(self, head: str, nu: Array) -> dict[str, Array]:
-        names = self._model.sensor.components
-        squares = {f"squared_{head}_{c}": e * e for c, e in zip(names, nu, strict=True)}
-        return squares | {f"error_{head}_{c}": e for c, e in zip(names, nu, strict=True)}
+        """Return squared and signed innovations of each component; ``head``: predicted or held."""
+        components = self._model.sensor.components
+        series: dict[str, Array] = {}
+        for component, innovation in zip(components, nu, strict=True):
+            series[f"squared_{head}_{component}"] = innovation * innovation
+        for component, innovation in zip(components, nu, strict=True):
+            series[f"error_{head}_{component}"] = innovation
+        return series
 
 
 class _Innovations:
@@ -265,7 +295,8 @@ class _Innovations:
         self._compute_waiting()
         nu = np.concatenate([i.nu for i in self._computed], axis=1)
         S = np.concatenate([i.S for i in self._computed], axis=2)
-        return nu.reshape(len(nu), -1, runs), S.reshape(len(nu), len(nu), -1, runs)
+        n_z = len(nu)
+        return nu.reshape(n_z, -1, runs), S.reshape(n_z, n_z, -1, runs)
 
     def _compute_waiting(self) -> None:
         if self._waiting:
@@ -277,16 +308,16 @@ class _Innovations:
 
 
 def _innovation(model: Model, predicted: Gaussian, z: Array, k: int) -> Innovation:
-    """Compare z (n_z, B) with a prediction; one that is a mean alone has an innovation and no S.
+    """Compare z (n_z, B) with a prediction; a mean without a covariance has an innovation and no S.
 
     The measurement is then predicted by the sensor at the mean, ``h(F x)``.
     """
-    alone = np.isnan(predicted.cov).any(axis=(0, 1)) & ~np.isnan(predicted.mean).any(axis=0)
-    if not alone.any():
+    mean_only = np.isnan(predicted.cov).any(axis=(0, 1)) & ~np.isnan(predicted.mean).any(axis=0)
+    if not mean_only.any():
         return predicted_innovation(model, predicted, z, k)
-    known = Gaussian(predicted.mean, np.where(alone, 0.0, predicted.cov))
-    innovation = predicted_innovation(model, known, z, k)
-    return innovation._replace(S=np.where(alone, np.nan, innovation.S))
+    without_spread = Gaussian(predicted.mean, np.where(mean_only, 0.0, predicted.cov))
+    innovation = predicted_innovation(model, without_spread, z, k)
+    return innovation._replace(S=np.where(mean_only, np.nan, innovation.S))
 
 
 def _copy(estimate: Gaussian) -> Gaussian:
@@ -317,9 +348,9 @@ def _lagged_products(white: Array, missing: Mask) -> Iterator[Array]:
     order = np.argsort(missing, axis=1, kind="stable")
     known = np.take_along_axis(white, order, axis=1)
     for lag in range(1, LAGS + 1):
+        lagged = known[:, lag:] * known[:, :-lag]
         products = np.full_like(white, np.nan)
-        of_known = known[:, lag:] * known[:, :-lag]
-        np.put_along_axis(products, order[:, lag:], of_known, axis=1)
+        np.put_along_axis(products, order[:, lag:], lagged, axis=1)
         yield products
 
 

@@ -1,4 +1,4 @@
-"""From a task to its numbers: the block's data, the filter's way through them, its errors as metrics."""
+"""Compute the metrics of a block: simulate its runs, run the filter over them, reduce the errors."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -57,31 +57,41 @@ def run_stack(blocks: Sequence[BlockTask]) -> list[dict[int, BlockResult]]:
     or have the same runs and filters of one structure (`JoinableFilter`).
     """
     keep_freed_memory()
-    stack = _stack_of(blocks)
-    covariances = stack.runs_with_tracks_among(stack.runs) if stack.keep_covariance else 0
-    if covariances and stack.copies > 1:
-        covariances = stack.runs  # each copy has its first runs
-    with np.errstate(all="ignore"):  # a run that leaves the numbers is counted, not warned about
+    stack = _join_blocks(blocks)
+    # Number of runs whose covariances are stored.
+    covariances = 0
+    if stack.keep_covariance:
+        covariances = stack.runs_with_tracks_among(stack.runs)
+        if covariances and stack.copies > 1:
+            covariances = stack.runs  # each copy has its first runs
+    with np.errstate(all="ignore"):  # a run that is no longer finite is counted, not warned about
         # The reference first, so that the filter's output is the one that stays cached.
         run_reference.size = max(run_reference.size, len(blocks))
         for block in blocks:
             if block.reference is not None:
-                _reference_of(block)
-        # A filter that is the others' reference may have been run.
-        cached = [run_reference.cached(block.filtering_key) for block in blocks]
-        known = [output for output in cached if output is not None]
-        if len(known) == len(blocks) and not covariances:
-            return [_reduce(b, b.data, output) for b, output in zip(blocks, known, strict=True)]
-        data, output = stack.data, run_filter_cached(stack.filtering_key, covariances)
+                _reference_output(block)
+        # If the filter is itself the reference, its output is cached already.
+        if not covariances:
+            cached = [run_reference.cached(block.filtering_key) for block in blocks]
+            outputs = [output for output in cached if output is not None]
+            if len(outputs) == len(blocks):
+                return [
+                    _reduce(block, block.data, output)
+                    for block, output in zip(blocks, outputs, strict=True)
+                ]
+        data = stack.data
+        output = run_filter_cached(stack.filtering_key, covariances)
         if len(blocks) == 1:
             return [_reduce(stack, data, output)]
-        return [
-            _reduce(block, *_cut(data, output, first, block.width))
-            for block, first in zip(blocks, range(0, stack.runs, stack.width), strict=True)
-        ]
+        results = []
+        for block, first in zip(blocks, range(0, stack.runs, stack.width), strict=True):
+            block_data = _cut_data(data, first, block.width)
+            block_output = _cut_output(output, first, block.width)
+            results.append(_reduce(block, block_data, block_output))
+        return results
 
 
-def _reference_of(task: BlockTask) -> FilterOutput:
+def _reference_output(task: BlockTask) -> FilterOutput:
     """Return the reference's output, NaN if it fails: the filter keeps its other numbers."""
     reference = task.reference_task
     # The reference among the filters reports its own failure.
@@ -101,8 +111,11 @@ def _reference_of(task: BlockTask) -> FilterOutput:
 
 
 def _unknown_output(task: BlockTask) -> FilterOutput:
+    """Return an output of NaN, in place of that of a reference that failed."""
     unknown = np.full(task.data.truth.shape, np.nan)
-    scores = {"log_likelihood": unknown[0]} if task.predictive_metrics else {}
+    scores: dict[str, Array] = {}
+    if task.predictive_metrics:
+        scores["log_likelihood"] = unknown[0]
     return FilterOutput(mean=unknown, nees=unknown[0], cov=None, diagnostics=scores, cpu_s=0.0)
 
 
@@ -110,69 +123,70 @@ _unknown_references = LatestResults(_unknown_output, size=MOST_STACKED)
 """Outputs of references that failed: each is run once for all filters of a block."""
 
 
-def _stack_of(blocks: Sequence[BlockTask]) -> BlockTask:
+def _join_blocks(blocks: Sequence[BlockTask]) -> BlockTask:
     """Return the task of all blocks side by side."""
-    first, filters = blocks[0], [block.filter for block in blocks]
+    first = blocks[0]
+    filters = [block.filter for block in blocks]
     if len(set(filters)) == 1:
         return replace(first, stacked=len(blocks))
     joined = cast(JoinableFilter[Any], first.filter).joined(filters, first.width)
     return replace(first, filter=joined, copies=len(blocks))
 
 
-def _cut(
-    data: Simulation, output: FilterOutput, first: int, width: int
-) -> tuple[Simulation, FilterOutput]:
-    """Return a block's share of a stack: sums over contiguous copies have the order of a lone block."""
-    share = width / output.mean.shape[-1]
-
-    def runs_of(rows: Any) -> Any:
-        return np.ascontiguousarray(rows[..., first : first + width])
-
-    return (
-        data._replace(
-            truth=runs_of(data.truth),
-            measurements=runs_of(data.measurements),
-            arrival=None if data.arrival is None else runs_of(data.arrival),
-        ),
-        FilterOutput(
-            mean=runs_of(output.mean),
-            nees=runs_of(output.nees),
-            cov=_runs_of(output.cov, first, width),
-            diagnostics={name: runs_of(rows) for name, rows in output.diagnostics.items()},
-            cpu_s=output.cpu_s * share,
-            particles=_runs_of(output.particles, first, width),
-            refused=_runs_of(output.refused, first, width),
-        ),
+def _cut_data(data: Simulation, first: int, width: int) -> Simulation:
+    """Return the data of one block of a stack: ``width`` runs from run ``first`` of the stack on."""
+    return data._replace(
+        truth=_cut_runs(data.truth, first, width),
+        measurements=_cut_runs(data.measurements, first, width),
+        arrival=None if data.arrival is None else _cut_runs(data.arrival, first, width),
     )
 
 
-def _runs_of(rows: Any, first: int, width: int) -> Any:
+def _cut_output(output: FilterOutput, first: int, width: int) -> FilterOutput:
+    """Return the output for one block of a stack, with its share of the CPU time."""
+    share = width / output.mean.shape[-1]
+    return FilterOutput(
+        mean=_cut_runs(output.mean, first, width),
+        nees=_cut_runs(output.nees, first, width),
+        cov=_view_runs(output.cov, first, width),
+        diagnostics={
+            name: _cut_runs(rows, first, width) for name, rows in output.diagnostics.items()
+        },
+        cpu_s=output.cpu_s * share,
+        particles=_view_runs(output.particles, first, width),
+        refused=_view_runs(output.refused, first, width),
+    )
+
+
+def _cut_runs(rows: Any, first: int, width: int) -> Any:
+    """Copy some runs: sums over contiguous copies are added in the order of a lone block."""
+    return np.ascontiguousarray(rows[..., first : first + width])
+
+
+def _view_runs(rows: Any, first: int, width: int) -> Any:
+    """Return a view of some runs; None if there are no rows."""
     return None if rows is None else rows[..., first : first + width]
 
 
 def _reduce(task: BlockTask, data: Simulation, output: FilterOutput) -> dict[int, BlockResult]:
     """Return the block's metrics by the number of runs that they are reduced over."""
     check_names(task.filter.summed_diagnostics)
-    exact = None if task.reference is None else _reference_of(task)
+    exact_mean: Array | None = None
     predictive = dict(output.diagnostics)
-    weights = dict[str, Array]()
-    if exact is not None and "likelihood_ratio" in task.predictive_metrics:
-        predictive |= likelihood_ratio(predictive, exact.diagnostics)
-    twin_task, twin_mean = task.twin_task, None
+    if task.reference is not None:
+        exact = _reference_output(task)
+        exact_mean = exact.mean
+        if "likelihood_ratio" in task.predictive_metrics:
+            predictive |= likelihood_ratio(predictive, exact.diagnostics)
+    twin_task = task.twin_task
+    twin_mean: Array | None = None
+    weights: dict[str, Array] = {}
     if twin_task is not None:
         if task.scenario.has_truth:
             twin_mean = run_twin(twin_task).mean
-        z, clean = data.measurements, twin_task.data.measurements
-        if delivered := deliveries(task, data):
-            z, clean = delivered.given(z), delivered.given(clean)
-        if output.refused is None:
-            predictive |= rejections(z, clean, output.diagnostics)
-        else:
-            sensors = rows_of(cast(Sensors, task.scenario.true_sensor))
-            decided, weights = sensor_rejections(z, clean, output.refused, sensors)
-            predictive |= decided
+        decisions, weights = _gate_decisions(task, twin_task, data, output)
+        predictive |= decisions
     # Step 1: error series (T + 1, M), then the filter's diagnostics and the likelihood ratio.
-    exact_mean = None if exact is None else exact.mean
     values, sums = _series_and_sums(task, data, output, predictive, exact_mean, twin_mean)
     # Step 2: over the whole block, then trimmed: numpy adds up a single column in another order.
     finite = _stayed_finite(output.mean)
@@ -184,12 +198,35 @@ def _reduce(task: BlockTask, data: Simulation, output: FilterOutput) -> dict[int
             bad_truth |= np.isnan(data.truth)
         finite_truth = ~np.asarray(bad_truth.any(axis=(0, 1)))
     per_run = per_run_metrics(task.scenario, values, sums, finite, finite_truth, weights)
-    lost = (per_run["lost"] != NOT_LOST).any()
-    known = {task.width: {} if lost else sums.over_runs()}
-    return {
-        used: _trimmed(task, data, output, values, per_run, used, known.get(used, {}))
-        for used in {task.runs_used, task.width, *task.extra_run_counts}
-    }
+    # Without lost runs the sums over all runs at each step are known already.
+    whole_sums: dict[str, StepSums] = {}
+    if not (per_run["lost"] != NOT_LOST).any():
+        whole_sums = sums.over_runs()
+    results = {}
+    for used in {task.runs_used, task.width, *task.extra_run_counts}:
+        known_sums = whole_sums if used == task.width else {}
+        results[used] = _trimmed_result(task, data, output, values, per_run, used, known_sums)
+    return results
+
+
+def _gate_decisions(
+    task: BlockTask, twin_task: BlockTask, data: Simulation, output: FilterOutput
+) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Return series of the gate's wrong decisions, and the weights of their steps.
+
+    ``twin_task`` has the same runs without faults. Its measurements show which measurements are bad.
+    Only the series of several sensors have weights.
+    """
+    z = data.measurements
+    clean = twin_task.data.measurements
+    delivered = deliveries(task, data)
+    if delivered is not None:
+        z = delivered.given(z)
+        clean = delivered.given(clean)
+    if output.refused is None:
+        return rejections(z, clean, output.diagnostics), {}
+    sensors = rows_of(cast(Sensors, task.scenario.true_sensor))
+    return sensor_rejections(z, clean, output.refused, sensors)
 
 
 def _series_and_sums(
@@ -200,28 +237,40 @@ def _series_and_sums(
     exact_mean: Array | None,
     twin_mean: Array | None,
 ) -> tuple[dict[str, Array], SeriesSums]:
-    """Return the series of errors and those that are told, and their sums.
+    """Return the series of errors, those of ``predictive``, and the sums of all of them.
 
+    ``exact_mean`` is the mean of the reference, ``twin_mean`` that of the same filter without faults.
     The steps are taken in pieces, whose series are added up while they are in the cache.
     """
-    values, whole = dict[str, Array](), {"nees": output.nees} | predictive
+    values: dict[str, Array] = {}
+    # Series that exist already for all steps.
+    whole = {"nees": output.nees} | predictive
     sums = SeriesSums(task.scenario.windows, task.filter.summed_diagnostics | LATE_COUNTS)
     steps, runs = output.nees.shape
     at_a_time = max(1, _COLUMNS // runs)
     rank = rank_of("nees", predictive, len(data.truth))
+
     for first in range(0, steps, at_a_time):
-        part = slice(first, first + at_a_time)
-        mean, truth, nees = output.mean[:, part], data.truth[:, part], output.nees[part]
-        exact = None if exact_mean is None else exact_mean[:, part]
-        of_part = None if rank is None else rank[part]
-        twin = None if twin_mean is None else twin_mean[:, part]
-        rows = series(task.scenario, truth, mean, nees, exact, of_part, twin)
-        for name, row in (rows | {name: whole[name][part] for name in predictive}).items():
-            if name not in values:
-                values[name] = whole[name] if name in whole else np.empty((steps, runs))
-            if name not in whole:
-                values[name][part] = row
-            sums.add(name, row, first)
+        piece = slice(first, first + at_a_time)
+        rows_by_name = series(
+            task.scenario,
+            truth=data.truth[:, piece],
+            mean=output.mean[:, piece],
+            nees=output.nees[piece],
+            exact=None if exact_mean is None else exact_mean[:, piece],
+            rank=None if rank is None else rank[piece],
+            twin=None if twin_mean is None else twin_mean[:, piece],
+        )
+        for name, rows in predictive.items():
+            rows_by_name[name] = rows[piece]
+        for name, rows in rows_by_name.items():
+            if name in whole:
+                values[name] = whole[name]
+            else:
+                if name not in values:
+                    values[name] = np.empty((steps, runs))
+                values[name][piece] = rows
+            sums.add(name, rows, first)
     return values, sums
 
 
@@ -234,45 +283,60 @@ def _stayed_finite(mean: Array) -> Mask:
     return np.asarray(finite[estimated].all(axis=(0, 1)) & estimated.any())
 
 
-def _trimmed(
+def _trimmed_result(
     task: BlockTask,
     data: Simulation,
-    result: FilterOutput,
+    output: FilterOutput,
     values: dict[str, Array],
     per_run: dict[str, Array],
     used: int,
-    known: dict[str, StepSums],
+    known_sums: dict[str, StepSums],
 ) -> BlockResult:
+    """Return the results of the block's first ``used`` runs.
+
+    ``values`` are the series (T + 1, M) and ``per_run`` the metrics (M,) of all runs; ``known_sums`` are
+    sums over the used runs at each step, of the series for which they are known.
+    """
     # Keep the first ``used`` runs of every series and metric.
-    values = {name: rows[:, :used] for name, rows in values.items()}
-    per_run = {name: numbers[:used] for name, numbers in per_run.items()}
-    series = [name for name in task.keep_steps if name in values]
-    # Whole tracks of the first runs, for figures.
-    tracks, shown = None, task.runs_with_tracks_among(used)
-    if shown:
-        cov = None if result.cov is None else _first_runs(result.cov, shown)
-        clouds = None if result.particles is None else _first_runs(result.particles, shown)
-        truth, measurements = _first_runs(data.truth, shown), _first_runs(data.measurements, shown)
-        tracks = Tracks(truth, measurements, _first_runs(result.mean, shown), cov, clouds)
-    # Sums per step; training runs (index < 0) have none.
-    steps = {
-        name: known[name] if name in known else step_sums(rows, per_run["lost"])
-        for name, rows in values.items()
-        if task.index >= 0
+    used_values = {name: rows[:, :used] for name, rows in values.items()}
+    used_per_run = {name: numbers[:used] for name, numbers in per_run.items()}
+    lost = used_per_run["lost"]
+    run_series = {
+        name: np.where(lost == NOT_LOST, used_values[name], np.nan)
+        for name in task.keep_steps
+        if name in used_values
     }
+    # Whole tracks of the first runs, for figures.
+    tracks = None
+    shown = task.runs_with_tracks_among(used)
+    if shown:
+        tracks = Tracks(
+            truth=_first_runs(data.truth, shown),
+            measurements=_first_runs(data.measurements, shown),
+            mean=_first_runs(output.mean, shown),
+            cov=None if output.cov is None else _first_runs(output.cov, shown),
+            particles=None if output.particles is None else _first_runs(output.particles, shown),
+        )
+    # Sums per step; training runs (index < 0) have none.
+    steps: dict[str, StepSums] = {}
+    if task.index >= 0:
+        for name, rows in used_values.items():
+            steps[name] = known_sums[name] if name in known_sums else step_sums(rows, lost)
     return BlockResult(
-        per_run=per_run,
+        per_run=used_per_run,
         steps=with_unused(steps),
-        run_series={n: np.where(per_run["lost"] == NOT_LOST, values[n], np.nan) for n in series},
+        run_series=run_series,
         tracks=tracks,
-        cpu_s=result.cpu_s,
+        cpu_s=output.cpu_s,
         width=task.width,
     )
 
 
 def _first_runs(rows: Array, number: int) -> Array:
     """Return the first runs as a copy, because a view would keep the other runs in memory."""
-    return rows if rows.shape[-1] == number else rows[..., :number].copy()
+    if rows.shape[-1] == number:
+        return rows
+    return rows[..., :number].copy()
 
 
 @lru_cache(maxsize=1)

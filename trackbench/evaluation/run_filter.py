@@ -19,7 +19,7 @@ from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.consistency_and_calibration import (
     Calibration,
     ConsistencySeries,
-    observed,
+    observable_errors,
 )
 from trackbench.evaluation.late_measurements import Deliveries, Refilter, deliveries
 from trackbench.evaluation.predictive_scores import PredictionScorer, Step, after_first
@@ -40,47 +40,62 @@ from trackbench.models.priors import augment_prior
 from trackbench.models.sensors.base import Sensors, rows_of
 from trackbench.scenarios.base import Simulation
 
-_AT_ONCE = (
-    32_768  # runs times steps that a filter may take in one call: the arrays stay in the cache
-)
-
-
+_AT_ONCE = 32_768
+"""Runs times steps that a filter may take in one call, so that the arrays stay in the cache."""
 Series: TypeAlias = dict[str, Array] | None
 """Arrays (T + 1, M) by name; None before the first step."""
 
 
 class FilterOutput(NamedTuple):
-    """mean (n_x, T + 1, M), nees (T + 1, M), cov of the first runs, diagnostics (T + 1, M), CPU s.
-
-    And the first runs' particles (n_x + 2, S, N, r), with weights and parents, if S steps are shown. Of
-    several sensors with a gate each also the refused components (n_z, T, M).
-    """
+    """Estimates and diagnostics of one filter over one block of M runs and T steps."""
 
     mean: Array
+    """estimates (n_x, T + 1, M), the first from the prior"""
     nees: Array
+    """normalized error squared (T + 1, M)"""
     cov: Array | None
+    """covariances (n_x, n_x, T + 1, r) of the first r runs"""
     diagnostics: dict[str, Array]
+    """series (T + 1, M) by name"""
     cpu_s: float
+    """CPU seconds of the filter"""
     particles: Array | None = None
+    """particles (n_x + 2, S, N, r) of the first r runs, weights and parents, if S steps are shown"""
     refused: Mask | None = None
+    """refused components (n_z, T, M), if several sensors have a gate each"""
 
 
 @explain_read_only_errors()
 def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> FilterOutput:
     """Run the filter over the block's data; estimates of every step, the prior's included.
 
-    Only the filter is timed. Covariances are recorded of the first runs only. Raises ValueError if the
-    filter writes to what it is given, or gives back what is no estimate.
+    Only the filter is timed. ``covariances`` is the number of first runs whose covariances are recorded.
+    Raises ValueError if the filter writes to what it is given, or gives back what is no estimate.
     """
-    tracker, model = task.filter, freeze(task.assumed_scenario.model)
-    rng, aside = (_stream_of(task, stream) for stream in (block_stream, aside_stream))
-    delivered, clock = deliveries(task, data), _Clock()
-    data, wanted = _as_assumed(task, data), task.predictive_metrics
-    scorer = PredictionScorer(tracker, model, data.measurements, wanted, task.hold_out, aside)
-    refilter = _refilter(task, model, delivered, scorer.visible, rng, clock)
-    scorer.visible = delivered.given(scorer.visible) if delivered else scorer.visible
-    prior, recorder = prior_of(data, model), _Recorder(task, data, model, covariances)
-    with _sealed(task, data, scorer.visible, prior, model):
+    tracker = task.filter
+    model = freeze(task.assumed_scenario.model)
+    rng = _join_streams(task, block_stream)
+    # Steps aside, for scores, have random numbers of their own: those of the filter stay as they are.
+    aside = _join_streams(task, aside_stream)
+    clock = _Clock()
+    delivered = deliveries(task, data)
+    assumed_data = _assumed_data(task, data)
+    scorer = PredictionScorer(
+        tracker,
+        model,
+        assumed_data.measurements,
+        task.predictive_metrics,
+        task.hold_out,
+        aside,
+    )
+    refilter = None
+    if delivered is not None and delivered.refilters:
+        refilter = _make_refilter(task, model, delivered, scorer.visible, rng, clock)
+    if delivered is not None:
+        scorer.visible = delivered.given(scorer.visible)
+    prior = prior_of(assumed_data, model)
+    recorder = _Recorder(task, assumed_data, model, covariances)
+    with _sealed(task, assumed_data, scorer.visible, prior, model):
         with clock:
             # Step 1: initialize from the prior.
             state = tracker.init(model, prior, rng)
@@ -90,36 +105,40 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
             recorder.add(state, estimate)
         check_axes(estimate, prior.mean)
         # Step 2: one timed step per measurement, or many in one call; recording is not timed.
-        steps, at_once = task.scenario.steps[1:].tolist(), max(1, _AT_ONCE // task.runs)
-        one_by_one = tracker.smooths or recorder.needs_states
+        steps = task.scenario.steps[1:].tolist()
+        at_once = max(1, _AT_ONCE // task.runs)
+        step_by_step = tracker.smooths or recorder.needs_states
         for first in range(0, len(steps), at_once):
-            part = slice(first, first + at_once)
+            piece = slice(first, first + at_once)
+            many: Steps | None = None
             with clock:
-                z = scorer.visible[:, part]
-                ahead = None if refilter else _steps_ahead(tracker, model, state, z, steps[first])
-            if ahead and not one_by_one and scorer.add_steps(ahead, part, steps[part]):
-                recorder.add_steps(ahead)
-                state = ahead.state(-1)
+                z = scorer.visible[:, piece]
+                if refilter is None:
+                    many = _filter_many(tracker, model, state, z, steps[first])
+            if many and not step_by_step and scorer.add_steps(many, piece, steps[piece]):
+                recorder.add_steps(many)
+                state = many.state(-1)
                 continue
-            for i, k in enumerate(steps[part], first):
+            for i, k in enumerate(steps[piece], first):
                 if refilter is not None:
                     state = refilter.state_before(i, state)
                 before = state if scorer.disabled else scorer.snapshot(state)
                 with clock:
-                    if ahead is None:
+                    if many is None:
                         state = tracker.step(model, state, scorer.visible[:, i], k, rng)
                     else:
-                        state = ahead.state(i - first)
+                        state = many.state(i - first)
                     estimate = tracker.estimate(state)
-                recorder.note(diagnostics := tracker.diagnostics(state))
+                diagnostics = tracker.diagnostics(state)
+                recorder.add_diagnostics(diagnostics)
                 refused = tracker.refused(state)
-                recorder.note_refused(refused)
-                not_used = diagnostics.get("gated") if refused is None else refused
+                recorder.add_refused(refused)
                 if tracker.smooths:
                     states.append(state)
                 else:
                     recorder.add(state, estimate)
                 # The state before the step predicts the measurement.
+                not_used = diagnostics.get("gated") if refused is None else refused
                 scorer.add(Step(before, state, estimate, k, not_used), i)
         if tracker.smooths:
             with clock:
@@ -127,34 +146,37 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
                 states = tracker.smoothed(model, states, int(task.scenario.steps[0]), rng)
             for state in states:
                 recorder.add(state, tracker.estimate(state))
-        late = delivered.counts() if delivered else {}
-        return recorder.filtered(scorer.visible, scorer.series() | late, clock.cpu_s)
+        predictive = scorer.series()
+        if delivered is not None:
+            predictive |= delivered.counts()
+        return recorder.output(scorer.visible, predictive, clock.cpu_s)
 
 
-def _stream_of(task: BlockTask, stream: Callable[[int, int], Generator]) -> Generator:
-    """Return a stream of the blocks; the scores' own leaves the filter's random numbers as they are."""
+def _join_streams(task: BlockTask, stream: Callable[[int, int], Generator]) -> Generator:
+    """Join the random streams of the task's blocks; ``stream`` makes one from the seed and a block."""
     return side_by_side([stream(task.seed, block) for block in task.blocks], task.width)
 
 
-def _refilter(
+def _make_refilter(
     task: BlockTask,
     model: Model,
-    delivered: Deliveries | None,
+    delivered: Deliveries,
     z: Array,
     rng: Generator,
     clock: "_Clock",
-) -> Refilter | None:
-    """Return the states to go back to, if the filter goes back."""
-    if delivered is None or not delivered.refilters:
-        return None
-    tracker, steps = task.filter, task.scenario.steps[1:].tolist()
+) -> Refilter:
+    """Prepare a filter that repeats steps when a measurement of z (n_z, T, M) arrives late."""
+    tracker = task.filter
+    steps = task.scenario.steps[1:].tolist()
 
     def repeat(state: Any, z: Array, first: int) -> Iterator[Any]:
-        ahead = _steps_ahead(tracker, model, state, z, steps[first])
+        many = _filter_many(tracker, model, state, z, steps[first])
         for i in range(z.shape[1]):
-            if ahead is None:
+            if many is None:
                 state = tracker.step(model, state, z[:, i], steps[first + i], rng)
-            yield state if ahead is None else ahead.state(i)
+                yield state
+            else:
+                yield many.state(i)
 
     def copy(state: Any) -> Any:
         # A step of a program, and one of a plugin that breaks the contract, changes its state.
@@ -164,17 +186,19 @@ def _refilter(
     return Refilter(z, delivered, repeat, copy, rng, clock)
 
 
-def _as_assumed(task: BlockTask, data: Simulation) -> Simulation:
+def _assumed_data(task: BlockTask, data: Simulation) -> Simulation:
     """Return the data with the filter's prior, and without the errors of faults that it knows."""
     assumed = task.assumed_scenario
-    prior, z = assumed.assumed_prior(data.truth.shape[-1]), data.measurements
-    return freeze(
-        data._replace(prior=prior or data.prior, measurements=assumed.assumed_measurements(z))
-    )
+    prior = assumed.assumed_prior(data.truth.shape[-1]) or data.prior
+    measurements = assumed.assumed_measurements(data.measurements)
+    return freeze(data._replace(prior=prior, measurements=measurements))
 
 
-def _steps_ahead(tracker: AnyFilter, model: Model, state: Any, z: Array, k: int) -> Steps | None:
-    """Return the steps with the measurements z (n_z, T, M); None without the hook `all_steps`."""
+def _filter_many(tracker: AnyFilter, model: Model, state: Any, z: Array, k: int) -> Steps | None:
+    """Filter the measurements z (n_z, T, M) in one call; None if the filter has no `all_steps`.
+
+    ``k`` is the number of the first of these steps.
+    """
     steps = tracker.all_steps(model, state, z, k)
     if steps is not None and steps.estimate.mean.shape[1:] != z.shape[1:]:
         what = f"gives {steps.estimate.mean.shape[1]} states for {z.shape[1]} measurements"
@@ -184,9 +208,9 @@ def _steps_ahead(tracker: AnyFilter, model: Model, state: Any, z: Array, k: int)
 
 @contextmanager
 def _sealed(task: BlockTask, *shared: Any) -> Iterator[None]:
-    """Raise WrongReturnError if code of a plugin writes to what filters share, and undo it.
+    """Raise WrongReturnError if code of a plugin writes to the shared arrays, and undo it.
 
-    numpy cannot write to it; a library that takes an array's address can.
+    numpy cannot write to these arrays; a library that takes an array's address can.
     """
     if not foreign_parts((task.filter, task.scenario, task.assume)):
         yield
@@ -208,13 +232,14 @@ def prior_of(data: Simulation, model: Model) -> Distribution:
 
 
 def _run_filter(task: BlockTask, covariances: int) -> FilterOutput:
+    """Run the filter over the block's own data; the output is read-only."""
     try:
         output = run_filter(task, task.data, covariances)
     except ProgramRunError as error:
         raise error.after(task.first_run) from None
-    for a in (output.mean, output.nees, output.cov, *output.diagnostics.values()):
-        if a is not None:
-            a.flags.writeable = False  # without a copy: no filter sees it
+    for values in (output.mean, output.nees, output.cov, *output.diagnostics.values()):
+        if values is not None:
+            values.flags.writeable = False  # without a copy: no filter sees it
     return output
 
 
@@ -227,36 +252,43 @@ run_twin = LatestResults(lambda task: _run_filter(task, 0), size=1)
 
 
 class _Recorder:
-    """Recorder of copies, step by step, since the filter may write to its own arrays."""
+    """Recorder of copies, step by step, since the filter may write to its own arrays.
+
+    ``covariances`` is the number of first runs whose covariances are recorded.
+    """
 
     def __init__(self, task: BlockTask, data: Simulation, model: Model, covariances: int) -> None:
-        self._task, self._data, self._covariances = task, data, covariances
-        self._sizes = len(data.truth), len(model.motion.components)
+        scenario = task.scenario
+        self._task = task
+        self._data = data
+        self._covariances = covariances
+        # Components of the truth, and of the motion that the filter assumes.
+        self._sizes = (len(data.truth), len(model.motion.components))
         self._mean = np.empty(data.truth.shape)
         self._covs: list[Array] = []
-        self._noted: Series = None
-        self._observed: Series = None
+        self._diagnostics: Series = None
+        self._observables: Series = None
         self._refused: list[Mask] = []
-        self._has_several_sensors = len(rows_of(cast(Sensors, task.scenario.true_sensor))) > 1
-        self._next_note, self._next = 1, 0  # the first state has no diagnostics
-        scenario, tracker = task.scenario, task.filter
+        self._has_several_sensors = len(rows_of(cast(Sensors, scenario.true_sensor))) > 1
+        self._next_step = 0
+        self._next_diagnostics = 1  # the first state has no diagnostics
         self._consistency = ConsistencySeries(scenario, self._mean, data.truth)
         wanted = task.predictive_metrics if scenario.has_truth else ()
-        self._judged = Calibration(scenario.components, wanted)
+        self._calibration = Calibration(scenario.components, wanted)
         self._angles = scenario.angle_rows
-        self._clouds = _ParticleRecorder(task, self._sizes[0])
-        self.needs_states = has_expectations(tracker) or not self._judged.disabled
-        """whether what is recorded depends on more than estimates and diagnostics"""
+        self._particles = _ParticleRecorder(task, self._sizes[0])
+        self.needs_states = has_expectations(task.filter) or not self._calibration.disabled
+        """True if the recorded series depend on more than estimates and diagnostics"""
 
-    def note(self, diagnostics: dict[str, Array]) -> None:
+    def add_diagnostics(self, diagnostics: dict[str, Array]) -> None:
         """Record the diagnostics of a step."""
         check_numbers("diagnostic", diagnostics, self._task.runs)
-        if self._noted is None:
+        if self._diagnostics is None:
             check_names(diagnostics)
-        self._noted = self._filled(self._noted, self._next_note, diagnostics)
-        self._next_note += 1
+        self._diagnostics = self._filled(self._diagnostics, self._next_diagnostics, diagnostics)
+        self._next_diagnostics += 1
 
-    def note_refused(self, refused: Mask | None) -> None:
+    def add_refused(self, refused: Mask | None) -> None:
         """Record which components (n_z, M) the gates of several sensors refused at a step."""
         if refused is not None and self._has_several_sensors:
             self._refused.append(refused)
@@ -264,74 +296,79 @@ class _Recorder:
     def add(self, state: Any, estimate: Gaussian) -> None:
         """Record a step's state and estimate; score the truth's components of the estimate."""
         check_estimate(estimate, self._sizes, self._task.runs)
-        k, n = self._next, self._sizes[0]
+        k = self._next_step
+        n = self._sizes[0]
         # Drop the components that only the filter's motion has: the truth has none of them.
         if len(estimate.mean) > n:
             estimate = Gaussian(estimate.mean[:n], estimate.cov[:n, :n])
         posterior = None
-        if self._angles or self._clouds.wanted or not self._judged.disabled:
+        if self._angles or self._particles.steps or not self._calibration.disabled:
             posterior = self._task.filter.posterior(state)
         if self._angles and isinstance(posterior, ParticlePosterior):
             # Particles on both sides of an angle's cut have their mean direction.
-            cloud = posterior.particles
-            cloud = cloud._replace(x=cloud.x[:n])
-            together = particles_together(cloud, estimate.mean, self._angles)
-            estimate, posterior = (
-                moments_together(estimate, cloud, together),
-                ParticlePosterior(together),
-            )
-        self._clouds.add(state, posterior, int(self._task.scenario.steps[k]))
+            particles = posterior.particles
+            particles = particles._replace(x=particles.x[:n])
+            together = particles_together(particles, estimate.mean, self._angles)
+            estimate = moments_together(estimate, particles, together)
+            posterior = ParticlePosterior(together)
+        self._particles.add(state, posterior, int(self._task.scenario.steps[k]))
         self._mean[:, k] = estimate.mean
         self._consistency.add(estimate.cov)
         if self.needs_states:
             truth = near(self._data.truth[:, k], estimate.mean, self._angles)
-            self._judged.add(posterior, estimate, truth)
-            rows = observed(self._task.scenario, self._task.filter, state, truth)
-            self._observed = self._filled(self._observed, k, rows)
+            self._calibration.add(posterior, estimate, truth)
+            rows = observable_errors(self._task.scenario, self._task.filter, state, truth)
+            self._observables = self._filled(self._observables, k, rows)
         if self._covariances:
             self._covs.append(per_run_moments(estimate).cov[..., : self._covariances].copy())
-        self._next += 1
+        self._next_step += 1
 
     def add_steps(self, steps: Steps) -> None:
         """Record the estimates and diagnostics of many steps."""
         check_estimate(steps.estimate, self._sizes, *steps.estimate.mean.shape[1:])
-        mean, cov = (a[: self._sizes[0]] for a in (steps.estimate.mean, steps.estimate.cov))
-        n, count, runs = mean.shape
+        # The truth's components.
+        n = self._sizes[0]
+        mean = steps.estimate.mean[:n]
+        cov = steps.estimate.cov[:n, :n]
+        _, count, runs = mean.shape
         check_numbers("diagnostic", steps.diagnostics, count, runs)
-        part = slice(self._next, self._next + count)
-        self._noted = self._filled(self._noted, part, steps.diagnostics)
-        self._mean[:, part] = mean
-        self._consistency.add_steps(cov[:, :n])
+        piece = slice(self._next_step, self._next_step + count)
+        self._diagnostics = self._filled(self._diagnostics, piece, steps.diagnostics)
+        self._mean[:, piece] = mean
+        self._consistency.add_steps(cov)
         if self._covariances:
-            per_run = np.broadcast_to(cov[:, :n], (n, n, count, runs))
+            per_run = np.broadcast_to(cov, (n, n, count, runs))
             self._covs += [*np.moveaxis(per_run[..., : self._covariances], 2, 0).copy()]
-        self._next = self._next_note = part.stop
+        self._next_step = piece.stop
+        self._next_diagnostics = piece.stop
 
-    def filtered(self, z: Array, predictive: dict[str, Array], cpu_s: float) -> FilterOutput:
+    def output(self, z: Array, predictive: dict[str, Array], cpu_s: float) -> FilterOutput:
         """Return the output, with the predictive series; z (n_z, T, M) are the measurements."""
-        errors = self._consistency.series()
-        errors |= self._judged.series(errors)
+        series = self._consistency.series()
+        series |= self._calibration.series(series)
         if not self._data.prior.cov.any():
-            for rows in errors.values():
-                rows[0] = np.nan  # the first state is known exactly: there is nothing to judge
-        nees = errors.pop("nees")
-        nis = (self._noted or {}).get("nis")
+            for rows in series.values():
+                rows[0] = np.nan  # the first state is known exactly: its error has no distribution
+        nees = series.pop("nees")
+        diagnostics = self._diagnostics or {}
+        nis = diagnostics.get("nis")
         refused = np.stack(self._refused, axis=1) if self._refused else None
         if nis is not None and (any_nan(z) or (refused is not None and refused.any())):
             # Components that the NIS of a step lacks, where it has any.
-            unused = np.isnan(z) if refused is None else np.isnan(z) | refused
-            missing = after_first(unused.sum(axis=0).astype(float))
-            errors["unused_nis"] = np.where(np.isnan(nis), np.nan, missing)
+            unused = np.isnan(z)
+            if refused is not None:
+                unused |= refused
+            number = after_first(unused.sum(axis=0).astype(float))
+            series["unused_nis"] = np.where(np.isnan(nis), np.nan, number)
         # Covariances of the shown runs (n, n, T + 1, r).
         cov = np.stack(self._covs, axis=2) if self._covs else None
-        series = (self._noted or {}) | errors | (self._observed or {}) | predictive
         return FilterOutput(
             mean=self._mean,
             nees=nees,
             cov=cov,
-            diagnostics=series,
+            diagnostics=diagnostics | series | (self._observables or {}) | predictive,
             cpu_s=cpu_s,
-            particles=self._clouds.recorded(),
+            particles=self._particles.recorded(),
             refused=refused,
         )
 
@@ -348,43 +385,49 @@ class _ParticleRecorder:
     """Recorder of the first runs' particles at the steps of figures, each with its weight and parent.
 
     A parent is the place (0, 1, ...) among the step before of the particle that this one is moved from.
+    ``n`` is the number of the truth's components.
     """
 
     def __init__(self, task: BlockTask, n: int) -> None:
         first, last = task.particle_steps or (0, -1)
-        self._runs, self._n = task.runs_with_tracks_among(task.runs), n
-        self.wanted = range(first, last + 1) if self._runs else range(0)
-        self._clouds: list[Array] = []
-        self._origin: Array | None = None
+        self._runs = task.runs_with_tracks_among(task.runs)
+        self._n = n
+        self.steps = range(first, last + 1) if self._runs else range(0)
+        """numbers of the steps whose particles are recorded"""
+        self._recorded: list[Array] = []
+        self._parents: Array | None = None
 
     def add(self, state: Any, posterior: Posterior | None, k: int) -> None:
         """Record the state at step k; any other than one of particles is left out."""
         if posterior is None or not isinstance(posterior, ParticlePosterior):
             return  # `isinstance` of a Protocol's subclass takes as long as a small step
-        if k in self.wanted:
-            x, w = (a[..., : self._runs, :] for a in posterior.particles)
-            unknown = np.full(w.shape, np.nan)
-            parents = unknown if self._origin is None else self._origin[: self._runs]
-            self._clouds.append(np.concatenate([x[: self._n], w[None], parents[None]]))
-        self._origin = None
-        if k + 1 in self.wanted and isinstance(state, PFState) and state.origin is not None:
+        if k in self.steps:
+            x = posterior.particles.x[..., : self._runs, :]
+            w = posterior.particles.w[..., : self._runs, :]
+            parents = np.full(w.shape, np.nan)
+            if self._parents is not None:
+                parents = self._parents[: self._runs]
+            self._recorded.append(np.concatenate([x[: self._n], w[None], parents[None]]))
+        self._parents = None
+        if k + 1 in self.steps and isinstance(state, PFState) and state.origin is not None:
             # Flat indices count on from run to run.
             runs, N = posterior.particles.w.shape
-            self._origin = state.origin - float(N) * np.arange(runs)[:, None]
+            self._parents = state.origin - float(N) * np.arange(runs)[:, None]
 
     def recorded(self) -> Array | None:
         """Return what was recorded (n_x + 2, S, N, r), NaN where a step had fewer particles."""
-        if not self._clouds:
+        if not self._recorded:
             return None
-        most = max(cloud.shape[-1] for cloud in self._clouds)
-        out = np.full((*self._clouds[0].shape[:-1], most, len(self._clouds)), np.nan)
-        for i, cloud in enumerate(self._clouds):
-            out[..., : cloud.shape[-1], i] = cloud
-        return np.ascontiguousarray(out.transpose(0, 3, 2, 1))
+        most = max(particles.shape[-1] for particles in self._recorded)
+        shape = (*self._recorded[0].shape[:-1], most, len(self._recorded))
+        filled = np.full(shape, np.nan)
+        for i, particles in enumerate(self._recorded):
+            filled[..., : particles.shape[-1], i] = particles
+        return np.ascontiguousarray(filled.transpose(0, 3, 2, 1))
 
 
 class _Clock:
-    """Adds up the CPU time of the blocks it is entered for."""
+    """Adds up the CPU time of the blocks it is entered for, that of programs included."""
 
     cpu_s = 0.0
 

@@ -1,6 +1,9 @@
-"""One filter over all runs: merged blocks, rows of summary.csv, contributions of runs to a number."""
+"""Summarize one filter over all runs: merge its blocks, compute the rows of summary.csv.
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+The last part computes what each run contributes to a number over steps.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -40,7 +43,7 @@ class FilterResult(NamedTuple):
     tracks: Tracks | None
     timing: list[Timing]
     measured: Measured | None = None
-    """its CPU times beside the other filters'"""
+    """CPU times of repeated steps, measured in turns with the other filters"""
 
 
 def merge(blocks: Iterable[BlockResult]) -> FilterResult:
@@ -72,16 +75,17 @@ def merge(blocks: Iterable[BlockResult]) -> FilterResult:
 
 
 def _merged_tracks(parts: list[Tracks]) -> Tracks | None:
+    """Join the tracks of several blocks along the runs."""
     if not parts:
         return None
-    covs = [p.cov for p in parts if p.cov is not None]
-    clouds = [p.particles for p in parts if p.particles is not None]
+    covs = [tracks.cov for tracks in parts if tracks.cov is not None]
+    particles = [tracks.particles for tracks in parts if tracks.particles is not None]
     return Tracks(
-        truth=np.concatenate([p.truth for p in parts], axis=-1),
-        measurements=np.concatenate([p.measurements for p in parts], axis=-1),
-        mean=np.concatenate([p.mean for p in parts], axis=-1),
+        truth=np.concatenate([tracks.truth for tracks in parts], axis=-1),
+        measurements=np.concatenate([tracks.measurements for tracks in parts], axis=-1),
+        mean=np.concatenate([tracks.mean for tracks in parts], axis=-1),
         cov=np.concatenate(covs, axis=-1) if covs else None,
-        particles=np.concatenate(clouds, axis=-1) if clouds else None,
+        particles=np.concatenate(particles, axis=-1) if particles else None,
     )
 
 
@@ -112,54 +116,67 @@ def summary_rows(
     """Yield ``mean(rmse)``, ``variance(rmse)``, ``rms(rmse)``, ``median(rmse)``, ..., and ``anees``.
 
     ``sizes`` is the number of components by the name of each NEES. ``time-mean(rmse)`` is the mean over
-    a window's steps of the RMSE over runs. Its standard error is that of the runs' shares, where there
-    are any; where nothing asks for it, no more than an upper bound is given, the mean of the steps' own,
-    because errors that are correlated in time cannot add up to more.
+    a window's steps of the RMSE over runs. Its standard error is computed from the runs' shares if they
+    are stored. Otherwise it is an upper bound, the mean of the steps' own standard errors, because
+    errors that are correlated in time cannot add up to more.
     """
     lost = int((result.per_run["lost"] != NOT_LOST).sum())
     for metric, values in result.per_run.items():
-        finite, of = values[~np.isnan(values)], measured(metric)
-        share = of.statistic == TIME_MEAN
-        if share and not result.steps:  # read back: it is all that is known
-            yield SummaryRow(metric, *mean(finite), len(finite), lost)
-        if share or of.metric == "lost":
+        m = measured(metric)
+        if m.metric == "lost":
+            continue
+        finite = values[~np.isnan(values)]
+        runs = len(finite)
+        if m.statistic == TIME_MEAN:
+            # Shares of a time mean. Results that were read from files have no sums per step: then the
+            # mean of the shares is the time mean.
+            if not result.steps:
+                value, stderr = mean(finite)
+                yield SummaryRow(metric, value, stderr, runs, lost)
             continue
         # Every statistic of the runs' values, lost runs left out.
         for name, statistic in STATISTICS.items():
-            yield SummaryRow(f"{name}({metric})", *statistic(finite), len(finite), lost)
+            value, stderr = statistic(finite)
+            yield SummaryRow(f"{name}({metric})", value, stderr, runs, lost)
         # Means per component, such as ANEES = NEES / n.
-        for row, n in per_component(of, sizes):
+        for row, n in per_component(m, sizes):
             value, stderr = mean(finite)
-            yield SummaryRow(row, value / n, stderr / n, len(finite), lost)
+            yield SummaryRow(row, value / n, stderr / n, runs, lost)
     yield from _time_means(result, windows, lost)
 
 
-def per_component(of: Measure, sizes: Mapping[str, int]) -> Iterator[tuple[str, int]]:
-    """Yield rows: mean of a metric per run over a number of components, and that number."""
-    for metric, name in metrics_of(of.metric) if of.steps is None else ():
+def per_component(m: Measure, sizes: Mapping[str, int]) -> Iterator[tuple[str, int]]:
+    """Yield rows that are the mean of a metric per run over a number of components, and that number."""
+    if m.steps is not None:
+        return
+    for metric, name in metrics_of(m.metric):
         if metric.per_component:
-            yield in_window(name, of.window), sizes[of.family[1]]
+            yield in_window(name, m.window), sizes[m.family[1]]
 
 
 def _time_means(
     result: FilterResult, windows: Mapping[str, Mask], lost: int
 ) -> Iterator[SummaryRow]:
-    for series, (errors, squares, number) in result.steps.items():
-        for metric, name in metrics_of(series):
-            if metric.name != "rmse":
-                continue
+    """Yield the mean over each window's steps of the RMSE over the runs."""
+    for series, sums in result.steps.items():
+        names = [name for metric, name in metrics_of(series) if metric.name == "rmse"]
+        for name in names:
             for window, mask in windows.items():
-                valid = mask & (number > 0)
-                if valid.any():
-                    row = f"{TIME_MEAN}({in_window(name, window)})"
-                    # RMSE over the runs at each step, then its mean over the steps.
-                    steps = rooted(mean_from_sums(errors[valid], squares[valid], number[valid]))
-                    value, stderr = average(np.stack(steps)).tolist()
-                    # The runs' shares give the standard error; without shares it is an upper bound.
-                    shares = result.per_run.get(row)
-                    if shares is not None:
-                        stderr = mean(shares[~np.isnan(shares)]).stderr
-                    yield SummaryRow(row, value, stderr, int(number[mask].max()), lost)
+                valid = mask & (sums.number > 0)
+                if not valid.any():
+                    continue
+                row = f"{TIME_MEAN}({in_window(name, window)})"
+                # RMSE over the runs at each step, then its mean over the steps.
+                mean_squares = mean_from_sums(
+                    sums.total[valid], sums.squares[valid], sums.number[valid]
+                )
+                rmse = rooted(mean_squares)
+                value, stderr = average(np.stack([rmse.value, rmse.stderr])).tolist()
+                # The runs' shares give the standard error; without shares it is an upper bound.
+                shares = result.per_run.get(row)
+                if shares is not None:
+                    stderr = mean(shares[~np.isnan(shares)]).stderr
+                yield SummaryRow(row, value, stderr, int(sums.number[mask].max()), lost)
 
 
 def step_columns(result: FilterResult, sizes: Mapping[str, int]) -> Iterator[StepColumns]:
@@ -170,17 +187,21 @@ def step_columns(result: FilterResult, sizes: Mapping[str, int]) -> Iterator[Ste
         # From the sums: metrics at the steps where any run has a value.
         known = np.flatnonzero(sums.number)
         metrics = {
-            metric: Estimates(of_all.value[known], of_all.stderr[known])
-            for metric, of_all in _step_metrics(name, sums, sizes)
+            metric: Estimates(value=estimates.value[known], stderr=estimates.stderr[known])
+            for metric, estimates in _step_metrics(name, sums, sizes)
         }
-        yield StepColumns(known, metrics, sums.number[known].astype(int))
+        yield StepColumns(positions=known, metrics=metrics, runs=sums.number[known].astype(int))
     # From the stored series of all runs: medians.
     for name, rows in result.run_series.items():
         number = (~np.isnan(rows)).sum(axis=1)
         known = np.flatnonzero(number)
         medians = [median(row[~np.isnan(row)]) for row in rows[known]]
-        over_steps = Estimates(*np.array(medians).reshape(-1, 2).T)
-        yield StepColumns(known, {f"median({name})": over_steps}, number[known])
+        values = np.array([estimate.value for estimate in medians])
+        stderrs = np.array([estimate.stderr for estimate in medians])
+        over_steps = Estimates(value=values, stderr=stderrs)
+        yield StepColumns(
+            positions=known, metrics={f"median({name})": over_steps}, runs=number[known]
+        )
 
 
 def bound_summary(
@@ -192,15 +213,17 @@ def bound_summary(
 
     The standard error is from the bounds ``without`` each batch of simulated paths.
     """
+    reductions: dict[str, Callable[[Array], Array]] = {"rms": _root_mean_square, TIME_MEAN: average}
     for window, mask in windows.items():
         for quantity, bound in bounds.items():
             metric = in_window(joined("rmse", quantity), window)
-            others = [b[quantity][mask] for b in without]
-            for statistic, over_steps in (("rms", _root_mean_square), (TIME_MEAN, average)):
-                stderr = _jackknife([over_steps(b) for b in others])
+            for statistic, over_steps in reductions.items():
                 value = float(over_steps(bound[mask]))
+                stderr = _jackknife([over_steps(others[quantity][mask]) for others in without])
                 # A bound has no runs: both counts are zero.
-                yield SummaryRow(f"{statistic}({metric})", value, float(stderr), 0, 0)
+                yield SummaryRow(
+                    f"{statistic}({metric})", value=value, stderr=float(stderr), runs=0, lost=0
+                )
 
 
 def bound_steps(
@@ -208,9 +231,12 @@ def bound_steps(
 ) -> Iterator[StepColumns]:
     """Yield a scenario's lower bounds at every step, as `step_columns` has the RMSE."""
     for quantity, bound in bounds.items():
-        stderr = np.full_like(bound, _jackknife([b[quantity] for b in without]))
-        metrics = {joined("rmse", quantity): Estimates(bound, stderr)}
-        yield StepColumns(np.arange(len(bound)), metrics, np.zeros(len(bound), dtype=int))
+        stderr = np.full_like(bound, _jackknife([others[quantity] for others in without]))
+        yield StepColumns(
+            positions=np.arange(len(bound)),
+            metrics={joined("rmse", quantity): Estimates(value=bound, stderr=stderr)},
+            runs=np.zeros(len(bound), dtype=int),
+        )
 
 
 def _root_mean_square(x: Array) -> Array:
@@ -222,9 +248,10 @@ def _jackknife(without: Sequence[Array]) -> Array:
 
     ``sqrt((B - 1) / B sum (b_i - mean b)^2)`` (Efron & Stein 1981); NaN without any.
     """
-    b, B = np.array(without), len(without)
+    B = len(without)
     if not B:
         return np.array(np.nan)
+    b = np.array(without)
     return np.sqrt((B - 1) / B * total(np.square(b - average(b, 0)), 0))
 
 
@@ -233,36 +260,41 @@ def exact_rows(
 ) -> tuple[list[SummaryRow], list[StepColumns]]:
     """Return what follows from exact means (T + 1,) of series, over runs and at every step."""
     columns = {name: values[:, None] for name, values in means.items()}
-    per_run, steps = {"lost": np.zeros(1)} | over_windows(columns, windows, ()), {}
+    per_run = {"lost": np.zeros(1)} | over_windows(columns, windows, ())
+    steps = {}
     for name, values in means.items():
         # Sums as of two equal runs; the mean square of a signed error gives its spread.
-        squares, known = means.get(name.replace("error", "squared", 1), values), ~np.isnan(values)
-        steps[name] = StepSums(2.0 * np.where(known, values, 0.0), 2.0 * squares, 2.0 * known)
-    result = FilterResult(per_run, steps, {}, None, [])
-    over_runs = [r for r in summary_rows(result, sizes, windows) if is_exact(measured(r.metric))]
-    return over_runs, [*step_columns(result, sizes)]
+        squares = means.get(name.replace("error", "squared", 1), values)
+        known = ~np.isnan(values)
+        steps[name] = StepSums(
+            total=2.0 * np.where(known, values, 0.0), squares=2.0 * squares, number=2.0 * known
+        )
+    result = FilterResult(per_run=per_run, steps=steps, run_series={}, tracks=None, timing=[])
+    rows = [row for row in summary_rows(result, sizes, windows) if is_exact(measured(row.metric))]
+    return rows, list(step_columns(result, sizes))
 
 
-def is_exact(of: Measure) -> bool:
+def is_exact(m: Measure) -> bool:
     """Test whether a measure follows from means of squares; ``mean(rmse)``, of roots, does not."""
-    m = of.family[0]
-    return (m.series or m.name) in QUADRATIC and of.statistic in ("", TIME_MEAN, m.over_steps)
+    metric, _ = m.family
+    is_quadratic = (metric.series or metric.name) in QUADRATIC
+    return is_quadratic and m.statistic in ("", TIME_MEAN, metric.over_steps)
 
 
 def _step_metrics(
-    name: str, sums: StepSums, sizes: Mapping[str, int]
+    series: str, sums: StepSums, sizes: Mapping[str, int]
 ) -> Iterator[tuple[str, Estimates]]:
     """Yield the metrics of one series at every step (T + 1,), NaN where no run has a value."""
     # The metric's definition decides: root of a mean square, spread, or mean per component.
-    average = mean_from_sums(*sums)
-    for metric, full in metrics_of(name):
-        n = sizes[metric_of(name)[1]] if metric.per_component else 1
+    average = mean_from_sums(sums.total, sums.squares, sums.number)
+    for metric, name in metrics_of(series):
         if metric.over_runs == "rms":
-            yield full, rooted(average)
+            yield name, rooted(average)
         elif metric.over_runs == "std":
-            yield full, _spread(*sums)
+            yield name, _spread(sums.total, sums.squares, sums.number)
         elif metric.over_runs:
-            yield full, Estimates(average.value / n, average.stderr / n)
+            n = sizes[metric_of(series)[1]] if metric.per_component else 1
+            yield name, Estimates(value=average.value / n, stderr=average.stderr / n)
 
 
 def _spread(total: Array, squares: Array, number: Array) -> Estimates:
@@ -288,17 +320,23 @@ def series_of(m: Measure) -> str | None:
     """Name of the series that a share of this measure is made of; None if it has no shares."""
     family, quantity = m.family
     if m.statistic == TIME_MEAN and not m.steps:
-        return joined(family.series, quantity) if family.name == "rmse" else None
+        if family.name != "rmse":
+            return None
+        return joined(family.series, quantity)
     if m.statistic or not m.steps or family.name == "efficiency":
         return None
-    return joined(family.series, quantity) if family.series else m.metric
+    if family.series:
+        return joined(family.series, quantity)
+    return m.metric
 
 
 def statistic_of(m: Measure) -> str | None:
     """Return the statistic over runs of its shares that a measure is; None if it has no shares."""
     if series_of(m) is None:
         return None
-    return "mean" if m.statistic else m.family[0].over_runs or "mean"
+    if m.statistic:
+        return "mean"
+    return m.family[0].over_runs or "mean"
 
 
 def with_shares(
@@ -313,36 +351,40 @@ def with_shares(
     ``windows`` are masks (T + 1,) by name, ``steps`` the T + 1 numbers of the steps, ``sizes`` how
     many components each NEES has.
     """
-    shares = {}
+    shares: dict[str, Array] = {}
     for m in wanted:
         rows = result.run_series.get(series_of(m) or "")
-        if rows is not None:
-            shares[str(m)] = _share(m, rows, result, windows, steps, sizes)
-    existing = {name: values for name, values in shares.items() if values is not None}
-    return result._replace(per_run=result.per_run | existing)
+        if rows is None:
+            continue
+        share = None
+        if m.steps is not None:
+            share = _errors_at_step(m, rows, steps, sizes)
+        elif m.window in windows:
+            not_lost = result.per_run["lost"] == NOT_LOST
+            share = time_mean_shares(rows[windows[m.window]], not_lost)
+        if share is not None:
+            shares[str(m)] = share
+    return result._replace(per_run=result.per_run | shares)
 
 
-def _share(
-    m: Measure,
-    rows: Array,
-    result: FilterResult,
-    windows: Mapping[str, Mask],
-    steps: Sequence[int],
-    sizes: Mapping[str, int],
+def _errors_at_step(
+    m: Measure, rows: Array, steps: Sequence[int], sizes: Mapping[str, int]
 ) -> Array | None:
-    if m.steps is None:
-        # A time mean: each run's share of it, over the window's steps.
-        mask = windows.get(m.window)
-        not_lost = result.per_run["lost"] == NOT_LOST
-        return None if mask is None else time_mean_shares(rows[mask], not_lost)
-    # At a step: each run's error there; a squared one is rooted.
+    """Return each run's error (M,) at the measure's step; None if there is no such step.
+
+    ``rows`` (T + 1, M) is the series. A squared error is rooted.
+    """
+    assert m.steps is not None
     number = steps[-1] if m.steps.first == "last" else int(m.steps.first)
     if number not in steps:
         return None
-    row, (metric, quantity) = rows[steps.index(number)], m.family
+    row = rows[steps.index(number)]
+    metric, quantity = m.family
     if metric.over_runs == "rms":
         return np.sqrt(row)
-    return row / sizes[quantity] if metric.per_component else row
+    if metric.per_component:
+        return row / sizes[quantity]
+    return row
 
 
 @np.errstate(all="ignore")
@@ -356,12 +398,15 @@ def time_mean_shares(squared: Array, not_lost: Mask) -> Array:
     number = counted.sum(axis=1)
     # Leave out the steps at which no run has an error.
     with_error = number > 0
-    counted, number = counted[with_error], number[with_error]
+    counted = counted[with_error]
+    number = number[with_error]
     squares = np.where(counted, squared[with_error], 0.0)
     # MSE_k and RMSE_k over the runs with an error at step k
     mse = total(squares) / number
     rmse = np.sqrt(mse)
     # d mean_k RMSE_k: sum_k (e_km^2 - MSE_k) M / (2 N_k RMSE_k K) for run m
-    weight = np.where(rmse > 0.0, not_lost.sum() / (2.0 * number * rmse), 0.0) / len(number)
+    K = len(number)
+    weight = np.where(rmse > 0.0, not_lost.sum() / (2.0 * number * rmse), 0.0) / K
     influences = np.where(counted, squares - mse[:, None], 0.0) * weight[:, None]
-    return np.where(not_lost & bool(len(number)), average(rmse) + total(influences, axis=0), np.nan)
+    shares = average(rmse) + total(influences, axis=0)
+    return np.where(not_lost & bool(K), shares, np.nan)

@@ -24,10 +24,16 @@ from trackbench.evaluation.run_block import keep_freed_memory
 from trackbench.evaluation.run_filter import prior_of
 
 REPEATS = 15
-_KEPT, _EARLY = 5, 2
-"""How many steps are repeated, spread over the run, and the number of the first of them."""
-_REPEAT_S, _QUICK_S, _PASS_S = 0.003, 0.1, 0.5
-"""CPU seconds of a repeat, of a pass that is made twice, and of one that is cut short."""
+_REPEATED_STEPS = 5
+"""Number of steps that are repeated, spread over the run."""
+_FIRST_REPEATED = 2
+"""Index of the first of these steps."""
+_REPEAT_S = 0.003
+"""CPU seconds of a repeat."""
+_QUICK_S = 0.1
+"""CPU seconds of a pass, below which it is made twice."""
+_PASS_S = 0.5
+"""CPU seconds after which a pass is cut short."""
 _LEAST = 1e-7
 """Least seconds of a step: a coarse clock may show none."""
 _COUNTED = 2000
@@ -38,18 +44,17 @@ _clock = time.perf_counter if _coarse else time.process_time
 
 
 class Measured(NamedTuple):
-    """CPU seconds of a run, one of each repeat, and operations per run and step.
-
-    They are None for a filter that uses no kernel which notes them.
-    """
+    """CPU seconds of a run, one of each repeat, and operations per run and step."""
 
     seconds: list[float]
     likelihoods: float | None
+    """likelihoods per run and step; None if the filter uses no kernel that counts them"""
     covariances: float | None
+    """covariance updates per run and step; None if the filter uses no kernel that counts them"""
 
 
 Guard: TypeAlias = Callable[[], AbstractContextManager[None]]
-"""Opens what code that is not the package's own is run in."""
+"""Opens the context in which a plugin's code runs."""
 
 
 def measure(
@@ -62,23 +67,30 @@ def measure(
     ``tick`` is called after each filter's pass and after each of the `REPEATS` turns.
     """
     keep_freed_memory()
-    # A program outside of Python is not stopped and repeated: its blocks have its times.
     passes: list[_Pass | Measured | Exception] = []
     for task in tasks:
-        is_program = task.filter.runs_program
-        passes.append(Measured([], None, None) if is_program else _tried(guard, _Pass, task))
+        if task.filter.runs_program:
+            # A program outside of Python is not stopped and repeated: its blocks have its times.
+            passes.append(Measured(seconds=[], likelihoods=None, covariances=None))
+        else:
+            passes.append(_call_guarded(guard, _Pass, task))
         tick()
     for repeat in range(REPEATS):
         # A B C, then C B A
-        for i in range(len(tasks))[:: -1 if repeat % 2 else 1]:
-            if isinstance(one := passes[i], _Pass):
-                passes[i] = _tried(guard, one.repeated)
+        turn = list(range(len(tasks)))
+        if repeat % 2:
+            turn.reverse()
+        for i in turn:
+            filter_pass = passes[i]
+            if isinstance(filter_pass, _Pass):
+                passes[i] = _call_guarded(guard, filter_pass.repeated)
         tick()
     simulate.cache_clear()  # a plugin may have written to the data
-    return [p.measured() if isinstance(p, _Pass) else p for p in passes]
+    return [each.measured() if isinstance(each, _Pass) else each for each in passes]
 
 
-def _tried(guard: Guard, function: Any, *arguments: Any) -> Any:
+def _call_guarded(guard: Guard, function: Any, *arguments: Any) -> Any:
+    """Return the function's result, or its exception."""
     try:
         with guard(), np.errstate(all="ignore"):
             return function(*arguments)
@@ -90,40 +102,50 @@ class _Pass:
     """A filter's pass through its block, with the states before the steps that are repeated."""
 
     def __init__(self, task: BlockTask) -> None:
-        self._task, self._model = task, freeze(task.assumed_scenario.model)
-        self._data, self._steps = task.data, task.scenario.steps[1:].tolist()
+        self._task = task
+        self._model = freeze(task.assumed_scenario.model)
+        self._data = task.data
+        self._steps = task.scenario.steps[1:].tolist()
         self._operations = operations(task)
         # A filter that goes back for a late measurement makes some steps more than once.
+        self._steps_per_step = 1.0
         delivered = deliveries(task, self._data)
-        self._repeats = 1.0 if delivered is None else delivered.steps_per_step
         if delivered is not None:
+            self._steps_per_step = delivered.steps_per_step
             given = delivered.given(self._data.measurements)
             self._data = self._data._replace(measurements=given)
-        self._kept: dict[int, Any] = {}
-        self._spent = self._passed()
+        self._states: dict[int, Any] = {}
+        """state before each step that is repeated"""
+        self._spent = self._time_steps()
+        """CPU seconds of each step"""
         if self._spent.sum() < _QUICK_S:
             # Of two times of a step, the one that was disturbed less. The second pass may be cut.
-            again = self._passed()
+            again = self._time_steps()
             self._spent[: len(again)] = np.minimum(self._spent[: len(again)], again)
         self._seconds: list[float] = []
+        """CPU seconds of each repeat"""
 
-    def _passed(self) -> Array:
+    def _time_steps(self) -> Array:
         """Step through the block, or its beginning; return each step's CPU seconds."""
-        T, rng = len(self._steps), block_stream(self._task.seed, 0)
-        wanted = {min(max(_EARLY, j * T // _KEPT), T - 1) for j in range(_KEPT)}
+        T = len(self._steps)
+        rng = block_stream(self._task.seed, 0)
+        evenly_spaced = [j * T // _REPEATED_STEPS for j in range(_REPEATED_STEPS)]
+        repeated = {min(max(_FIRST_REPEATED, i), T - 1) for i in evenly_spaced}
         spent: list[float] = []
         state = self._task.filter.init(self._model, prior_of(self._data, self._model), rng)
-        while len(spent) < T and not (self._kept and sum(spent) > _PASS_S):
+        while len(spent) < T and not (self._states and sum(spent) > _PASS_S):
             i = len(spent)
-            if i in wanted:
-                self._kept[i] = self._copy(state)
+            if i in repeated:
+                self._states[i] = self._copy(state)
             started = _clock()
-            state = self._stepped(state, i, rng)
+            state = self._step(state, i, rng)
             spent.append(_clock() - started)
         return np.maximum(spent, _LEAST)
 
-    def _stepped(self, state: Any, i: int, rng: Any) -> Any:
-        tracker, z = self._task.filter, self._data.measurements[:, i]
+    def _step(self, state: Any, i: int, rng: Any) -> Any:
+        """Make the step of measurement i and its estimate; return the state after it."""
+        tracker = self._task.filter
+        z = self._data.measurements[:, i]
         state = tracker.step(self._model, state, z, self._steps[i], rng)
         tracker.estimate(state)
         return state
@@ -136,39 +158,50 @@ class _Pass:
 
     def repeated(self) -> "_Pass":
         """Time one of the steps, several times if it is short; the next one in the next turn."""
-        i, state = [*self._kept.items()][len(self._seconds) % len(self._kept)]
-        rng, number = block_stream(self._task.seed, 0), int(_REPEAT_S / self._spent[i]) + 1
+        stored = list(self._states.items())
+        i, state = stored[len(self._seconds) % len(stored)]
+        rng = block_stream(self._task.seed, 0)
+        number = int(_REPEAT_S / self._spent[i]) + 1
         # Copies of the state come first, so that only the steps are timed.
         states = [self._copy(state) for _ in range(number)]
         started = _clock()
-        for state in states:
-            self._stepped(state, i, rng)
+        for copied in states:
+            self._step(copied, i, rng)
         self._seconds.append((_clock() - started) / number)
         return self
 
     def measured(self) -> Measured:
         """Return each repeat as a run's time, and the mean operations of a step.
 
-        A repeat stands for all steps by how far it is from the median of its own.
+        A repeat stands for all steps: its time over the median time of its step is how much slower the
+        whole run is.
         """
-        turns, seconds = np.arange(len(self._seconds)) % len(self._kept), np.array(self._seconds)
+        seconds = np.array(self._seconds)
+        # Index of the repeated step of each repeat.
+        turns = np.arange(len(seconds)) % len(self._states)
         medians = np.array([np.median(seconds[turns == j]) for j in range(turns.max() + 1)])
         # Seconds of the block = those of the pass, slower or faster as its repeated steps.
-        passed = self._spent[[*self._kept][: len(medians)]]
-        of_block = self._spent.sum() * medians.sum() / passed.sum()
-        of_block /= _weights(self._operations, len(self._steps))[: len(self._spent)].sum()
-        of_block *= self._repeats
-        of_run = of_block / self._task.width * seconds / np.maximum(medians, _LEAST**2)[turns]
-        # Mean operations of a step; a filter that notes none has none.
-        likelihoods, covariances = (self._repeats * self._operations.mean(axis=1)).tolist()
-        hidden = not self._operations.any()
-        noted = (None, None) if hidden else (likelihoods, covariances)
-        return Measured(of_run.tolist(), *noted)
+        repeated_steps = list(self._states)[: len(medians)]
+        in_pass = self._spent[repeated_steps]
+        pass_seconds = self._spent.sum() * medians.sum() / in_pass.sum()
+        # A pass that was cut short is extrapolated by the operations of the other steps.
+        weights = _weights(self._operations, len(self._steps))
+        block_seconds = pass_seconds / weights[: len(self._spent)].sum() * self._steps_per_step
+        median_of_repeat = np.maximum(medians, _LEAST**2)[turns]
+        run_seconds = block_seconds / self._task.width * seconds / median_of_repeat
+        if not self._operations.any():
+            return Measured(run_seconds.tolist(), likelihoods=None, covariances=None)
+        # Mean operations of a step.
+        means = self._steps_per_step * self._operations.mean(axis=1)
+        return Measured(
+            run_seconds.tolist(), likelihoods=float(means[0]), covariances=float(means[1])
+        )
 
 
 def _weights(counts: Array, T: int) -> Array:
     """Return the share (T,) of each step in a run's work by its operations (2, steps)."""
-    weights, of_step = np.full(T, 1.0 / T), counts.sum(axis=0)
+    weights = np.full(T, 1.0 / T)
+    of_step = counts.sum(axis=0)
     if of_step.all():
         weights[: len(of_step)] *= of_step / of_step.mean()
     return weights
@@ -176,10 +209,12 @@ def _weights(counts: Array, T: int) -> Array:
 
 def operations(task: BlockTask) -> Array:
     """Return likelihoods and covariance updates (2, steps) of one run: the same on every machine."""
-    tracker, model = task.filter, freeze(task.assumed_scenario.model)
+    tracker = task.filter
+    model = freeze(task.assumed_scenario.model)
     data = simulate(task.scenario.without_scoring, task.seed, 0, 1)
-    rng, numbers = block_stream(task.seed, 0), []
+    rng = block_stream(task.seed, 0)
     state = tracker.init(model, prior_of(data, model), rng)
+    numbers = []
     # Count the operations of the first steps of one run.
     for i, k in enumerate(task.scenario.steps[1 : _COUNTED + 1].tolist()):
         with counting() as counts:

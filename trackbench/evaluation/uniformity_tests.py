@@ -1,8 +1,8 @@
-"""Are probability integral transforms uniform, as those of a calibrated filter are?
+"""Tests of whether probability integral transforms are uniform, as those of a calibrated filter are.
 
-At a step the runs are independent, and the tests are the classical ones. The steps of a run are not:
-over them each run has a share in each tenth, and the test takes the covariance of these from the runs,
-whatever the correlation in time.
+At a step the runs are independent, and the tests are the classical ones. The steps of a run are
+correlated. Over them each run has a share in each tenth, and the test takes the covariance of the shares
+from the runs, whatever the correlation in time.
 """
 
 from itertools import product
@@ -20,18 +20,20 @@ _OFF_A_PLACE = 1e-3  # files have seven digits
 
 
 class Histogram(NamedTuple):
-    """Shares (TENTHS,) of the truths in each tenth, their standard errors, and how many runs there are.
-
-    ``distance`` is Kolmogorov's, between the transforms' distribution and the uniform one; ``p`` and
-    ``p_distance`` are the p-values of a uniform histogram and distribution, NaN if there is no test.
-    """
+    """Rank histogram of transforms, and the tests of whether they are uniform."""
 
     shares: Array
+    """shares (TENTHS,) of the truths in each tenth"""
     stderr: Array
+    """standard errors (TENTHS,) of the shares"""
     runs: int
+    """number of runs"""
     distance: float = np.nan
+    """Kolmogorov's distance between the distribution of the transforms and the uniform one"""
     p_distance: float = np.nan
+    """p-value of a uniform distribution; NaN if there is no test"""
     p: float = np.nan
+    """p-value of a uniform histogram; NaN if there is no test"""
 
 
 def at_step(pit: Array) -> Histogram:
@@ -43,11 +45,12 @@ def at_step(pit: Array) -> Histogram:
 
     # Step 1: shares of the tenths, with binomial standard errors sqrt(p (1 - p) / M).
     pit = pit[~np.isnan(pit)]
-    M, places = len(pit), places_of(pit)
+    M = len(pit)
+    places = number_of_places(pit)
     shares = total(in_tenths(pit, places)) / max(M, 1)
     stderr = np.sqrt(shares * (1.0 - shares) / max(M, 1))
     if M < TENTHS:
-        return Histogram(shares, stderr, M)
+        return Histogram(shares=shares, stderr=stderr, runs=M)
     # Step 2: Pearson's test; a group of ranks expects runs in proportion to its places.
     cells = places or TENTHS
     groups = min(cells, TENTHS)
@@ -57,7 +60,14 @@ def at_step(pit: Array) -> Histogram:
     p = float(chdtrc(groups - 1, float(total(np.square(counts - expected) / expected))))
     # Step 3: Kolmogorov's test of the whole distribution.
     distance = kolmogorov(pit, places)
-    return Histogram(shares, stderr, M, distance, kolmogorov_p(distance, M), p)
+    return Histogram(
+        shares=shares,
+        stderr=stderr,
+        runs=M,
+        distance=distance,
+        p_distance=kolmogorov_p(distance, M),
+        p=p,
+    )
 
 
 def over_steps(shares: Array) -> Histogram:
@@ -72,40 +82,48 @@ def over_steps(shares: Array) -> Histogram:
     shares = shares[:, ~np.isnan(shares).any(axis=0)]
     M = shares.shape[1]
     if M <= TENTHS:
-        return Histogram(np.full(TENTHS, np.nan), np.full(TENTHS, np.nan), M)
+        unknown = np.full(TENTHS, np.nan)
+        return Histogram(shares=unknown, stderr=unknown, runs=M)
     center = mean(shares)
-    off = shares - center[:, None]
-    products = [float(total(a * b)) for a, b in product(off, repeat=2)]
-    covariance = np.array(products).reshape(len(off), len(off)) / (M - 1.0)
+    deviations = shares - center[:, None]
+    products = [float(total(a * b)) for a, b in product(deviations, repeat=2)]
+    covariance = np.array(products).reshape(TENTHS, TENTHS) / (M - 1.0)
     variance = linalg.diagonal(covariance)
     # Step 2: Kolmogorov's distance, at the edges of the tenths.
     edges = np.add.accumulate(center) - np.arange(1, TENTHS + 1) / TENTHS
     distance = float(np.abs(edges).max())
-    # Step 3: Hotelling's test of all tenths but the last.
-    n, p = TENTHS - 1, 0.0  # the last share is what is left of one
-    if (variance > 0.0).all():  # each tenth has some truth
+    # Step 3: Hotelling's test of all tenths but the last, whose share is what is left of one.
+    n = TENTHS - 1
+    S = covariance[:n, :n]
+    if not (variance > 0.0).all():
+        p = 0.0  # a tenth without any truth
+    elif linalg.is_singular(S):
         p = np.nan  # fewer than ten places: their shares in tenths depend on each other
-        if not linalg.is_singular(covariance[:n, :n]):
-            # T^2 = M (c - 1/10)' S^-1 (c - 1/10); (M - n) T^2 / (n (M - 1)) is F(n, M - n).
-            T2 = M * float(linalg.mahalanobis(center[:n] - 1.0 / TENTHS, covariance[:n, :n]))
-            p = float(fdtrc(n, M - n, T2 * (M - n) / (n * (M - 1.0))))
-    return Histogram(center, np.sqrt(variance / M), M, distance, p=p)
+    else:
+        # T^2 = M (c - 1/10)' S^-1 (c - 1/10); (M - n) T^2 / (n (M - 1)) is F(n, M - n).
+        T2 = M * float(linalg.mahalanobis(center[:n] - 1.0 / TENTHS, S))
+        p = float(fdtrc(n, M - n, T2 * (M - n) / (n * (M - 1.0))))
+    return Histogram(shares=center, stderr=np.sqrt(variance / M), runs=M, distance=distance, p=p)
 
 
-def places_of(pit: Array) -> int:
+def number_of_places(pit: Array) -> int:
     """Find N + 1, the number of places with the values (M,) as middles; 0 if they are no such ranks."""
     if len(pit) < TENTHS:
         return 0
     sizes = np.arange(3, _MOST_PLACES)
-    # Try all sizes on ten values, and those that remain on all values.
-    few = _are_middles(pit[:TENTHS, None], sizes).all(axis=0)  # leaves few sizes
-    return next((int(size) for size in sizes[few] if _are_middles(pit, size).all()), 0)
+    # Try all sizes on ten values, and the few that remain on all values.
+    remaining = sizes[_are_middles(pit[:TENTHS, None], sizes).all(axis=0)]
+    for size in remaining:
+        if _are_middles(pit, size).all():
+            return int(size)
+    return 0
 
 
 def _are_middles(pit: Array, sizes: Index) -> Mask:
+    """Test which values are the middle of a place, if there are so many places."""
     # u = (i + 0.5) / N is the middle of place i, so that u N - 0.5 is whole.
-    at = pit * sizes - 0.5
-    return np.abs(at - np.rint(at)) < _OFF_A_PLACE
+    i = pit * sizes - 0.5
+    return np.abs(i - np.rint(i)) < _OFF_A_PLACE
 
 
 def kolmogorov(pit: Array, places: int = 0) -> float:
@@ -120,8 +138,9 @@ def kolmogorov(pit: Array, places: int = 0) -> float:
         ends = np.arange(1, places + 1) / places
         return float(np.abs(np.add.accumulate(shares) - ends).max())
     # Otherwise sup |F_M - u| is reached just before or at one of the sorted values.
-    ordered, steps = np.sort(pit), np.arange(M + 1) / M
-    return float(np.maximum(steps[1:] - ordered, ordered - steps[:-1]).max())
+    ordered = np.sort(pit)
+    F_M = np.arange(M + 1) / M
+    return float(np.maximum(F_M[1:] - ordered, ordered - F_M[:-1]).max())
 
 
 def _cells(pit: Array, cells: int) -> Index:
@@ -144,5 +163,6 @@ def kolmogorov_p(distance: float, M: int) -> float:
 
 
 def _stephens(M: int) -> float:
+    """Return the factor that makes the distance of M values comparable with the limit distribution."""
     root = np.sqrt(M)
     return root + 0.12 + 0.11 / root

@@ -70,11 +70,12 @@ def decode(content: bytes, key: str) -> BlockResult | None:
 
 
 def _arrays(result: BlockResult) -> Iterator[tuple[_ArrayPath, Array]]:
+    """Yield the arrays of a block, each with its place in the result."""
     for name, values in result.per_run.items():
         yield ("per_run", name), values
     for name, sums in result.steps.items():
-        for part, array in sums._asdict().items():
-            yield ("steps", name, part), array
+        for field, array in sums._asdict().items():
+            yield ("steps", name, field), array
     for name, values in result.run_series.items():
         yield ("kept", name), values
     if result.tracks is not None:
@@ -84,22 +85,26 @@ def _arrays(result: BlockResult) -> Iterator[tuple[_ArrayPath, Array]]:
 
 
 def _result(header: dict[str, Any], raw: bytes) -> BlockResult:
+    """Build the block from the arrays in ``raw``, whose places and shapes are in the header."""
     per_run: dict[str, Array] = {}
     run_series: dict[str, Array] = {}
     tracks: dict[str, Array] = {}
     sums: dict[str, dict[str, Array]] = {}
-    at = 0
+    offset = 0
     for path, shape in header["arrays"]:
         number = int(np.prod(shape))
-        array = np.frombuffer(raw, dtype="<f8", count=number, offset=at).reshape(shape)
-        at += 8 * number
+        array = np.frombuffer(raw, dtype="<f8", count=number, offset=offset).reshape(shape)
+        offset += 8 * number
         if path[0] == "steps":
-            sums.setdefault(path[1], {})[path[2]] = array
+            _, name, field = path
+            sums.setdefault(name, {})[field] = array
         else:
-            {"per_run": per_run, "kept": run_series, "tracks": tracks}[path[0]][path[1]] = array
+            group, name = path
+            arrays = {"per_run": per_run, "kept": run_series, "tracks": tracks}[group]
+            arrays[name] = array
     return BlockResult(
         per_run=per_run,
-        steps={name: StepSums(**parts) for name, parts in sums.items()},
+        steps={name: StepSums(**fields) for name, fields in sums.items()},
         run_series=run_series,
         tracks=Tracks(**{"cov": None, **tracks}) if tracks else None,  # type: ignore[arg-type]
         cpu_s=header["cpu_s"],

@@ -3,7 +3,7 @@
 ``$TRACKBENCH_CACHE`` or ``.trackbench/`` in the working directory contains
 ``blocks/<code>/<key>.block``. Blocks are content-addressed: two runs that write the same block write
 the same bytes. ``figures/`` beside it caches drawn figures, ``times/`` measured CPU times. A marker
-file tells that the folder is a cache: without it nothing is deleted.
+file shows that the folder is a cache: without it nothing is deleted.
 """
 
 import hashlib
@@ -16,7 +16,6 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache, lru_cache
-from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -34,39 +33,46 @@ from trackbench.field_types import require_regular_file
 def block_key(task: BlockTask, used: int) -> str:
     """Digest everything that a block of ``used`` runs depends on: its file name in the cache."""
     shown = task.runs_with_tracks_among(used)
-    facts = [
-        _part(task.scenario),
-        _part(task.filter),
-        [
-            _part(part) if part is not None else None
-            for part in (task.reference, task.reference_assume, task.assume)
-        ],
+    facts: list[Any] = [
+        _facts_of(task.scenario),
+        _facts_of(task.filter),
+        [_facts_of(task.reference), _facts_of(task.reference_assume), _facts_of(task.assume)],
         [task.seed, task.index, task.width, used],
         [shown, task.keep_covariance and shown > 0, task.keep_steps],
         [task.predictive_metrics, task.hold_out],
-        *([task.particle_steps] if shown and task.particle_steps else []),
-        [code_digest(), code_digests.own_arithmetic()],
     ]
+    if shown and task.particle_steps:
+        facts.append(task.particle_steps)
+    facts.append([code_digest(), code_digests.own_arithmetic()])
     return hashlib.sha256(json.dumps(facts).encode()).hexdigest()
 
 
 @lru_cache(maxsize=1000)
-def _part(part: Any) -> list[Any]:
-    """Return the keys of a filter or scenario, digests of its data files and plugin code."""
-    parts = [inner for inner in walk_parts(part) if not isinstance(inner, type)]
+def _facts_of(component: Any) -> list[Any] | None:
+    """Return the keys of a filter or scenario, digests of its data files and plugin code.
+
+    None has no facts.
+    """
+    if component is None:
+        return None
     code: list[str] = []
-    read: dict[str, str] = {}
-    for inner in parts:
+    contents: dict[str, str] = {}
+    for inner in walk_parts(component):
+        if isinstance(inner, type):
+            continue
         code += _foreign_code(type(inner))
-        read |= inner.contents if isinstance(inner, Part) else {}
-    # What was read makes the numbers: the file itself may have been edited since.
-    keys = as_config(part, lambda path: read.get(path) or _content_digest(path))
-    uses_numpy = bool(code) or code_digests.uses_numpy_arithmetic(part)
-    return [keys, code, code_digests.numpy_arithmetic() if uses_numpy else None]
+        if isinstance(inner, Part):
+            contents |= inner.contents
 
+    def content_digest(path: str) -> str:
+        # The content that was read makes the numbers: the file may have been edited since.
+        return contents.get(path) or hashlib.sha256(Path(path).read_bytes()).hexdigest()
 
-def _content_digest(path: str) -> str:
-    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+    keys = as_config(component, content_digest)
+    arithmetic = None
+    if code or code_digests.uses_numpy_arithmetic(component):
+        arithmetic = code_digests.numpy_arithmetic()
+    return [keys, code, arithmetic]
 
 
 def _foreign_code(cls: type[Any]) -> Iterator[str]:
@@ -76,8 +82,9 @@ def _foreign_code(cls: type[Any]) -> Iterator[str]:
         if name.partition(".")[0] in ("trackbench", "builtins", "typing"):
             continue
         module = sys.modules[name]
-        marks = (getattr(module, f"__plugin_{mark}__", "") for mark in ("digest", "brought"))
-        yield "".join(marks) or _package_digest(name.partition(".")[0])
+        digest = getattr(module, "__plugin_digest__", "")
+        digest += getattr(module, "__plugin_brought__", "")
+        yield digest or _package_digest(name.partition(".")[0])
 
 
 @cache
@@ -171,18 +178,23 @@ class FolderSize(NamedTuple):
     bytes: int
 
     @classmethod
-    def of(cls, folders: Iterable[Path]) -> "FolderSize":
+    def measure(cls, folders: Iterable[Path]) -> "FolderSize":
         """Count the files of some folders."""
-        paths = chain.from_iterable(folder.rglob("*.*") for folder in folders)
-        sizes = [path.stat().st_size for path in paths if path.is_file()]
-        return cls(len(sizes), sum(sizes))
+        sizes = []
+        for folder in folders:
+            for path in folder.rglob("*.*"):
+                if path.is_file():
+                    sizes.append(path.stat().st_size)
+        return cls(number=len(sizes), bytes=sum(sizes))
 
 
 class CacheSize(NamedTuple):
-    """Size of a cache folder: blocks of this code version, of other versions, and figures."""
+    """Size of a cache folder."""
 
     blocks: FolderSize
+    """blocks of this version of the code"""
     old_blocks: FolderSize
+    """blocks of other versions"""
     figures: FolderSize
 
 
@@ -191,7 +203,11 @@ def cache_size(root: Path) -> CacheSize:
     now = code_digest()[:_CODE_DIGITS]
     current = [folder for folder in _versions(root) if folder.name == now]
     old = [folder for folder in _versions(root) if folder.name != now]
-    return CacheSize(FolderSize.of(current), FolderSize.of(old), FolderSize.of([root / "figures"]))
+    return CacheSize(
+        blocks=FolderSize.measure(current),
+        old_blocks=FolderSize.measure(old),
+        figures=FolderSize.measure([root / "figures"]),
+    )
 
 
 _MARKER = ".trackbench-cache"
@@ -213,9 +229,11 @@ def mark_cache(root: Path) -> bool:
     marker = root / _MARKER
     with suppress(OSError):
         return require_regular_file(marker).read_text(encoding="utf-8") == _MARK
-    names = (path.relative_to(root).as_posix() for path in root.rglob("*") if not path.is_dir())
-    if not all(_WRITTEN.fullmatch(name) or _BESIDE.fullmatch(name) for name in names):
-        return False
+    for path in root.rglob("*"):
+        name = path.relative_to(root).as_posix()
+        is_own = _WRITTEN.fullmatch(name) or _BESIDE.fullmatch(name)
+        if not is_own and not path.is_dir():
+            return False
     write_text(marker, _MARK)
     return True
 
@@ -234,8 +252,11 @@ def clear_cache(root: Path, old_only: bool = False) -> None:
         )
         raise UserError(Problem(Mark(f"{root}/"), "", what))
     now = code_digest()[:_CODE_DIGITS]
-    versions = [f for f in _versions(root) if not (old_only and f.name == now)]
-    for folder in (root / "figures", root / "times", *versions):
+    folders = [root / "figures", root / "times"]
+    for version in _versions(root):
+        if not (old_only and version.name == now):
+            folders.append(version)
+    for folder in folders:
         _delete_written(root, folder)
 
 
@@ -250,5 +271,8 @@ def _delete_written(root: Path, folder: Path) -> None:
 
 
 def _versions(root: Path) -> list[Path]:
+    """List the folders of blocks, one for each version of the code."""
     blocks = root / "blocks"
-    return sorted(f for f in blocks.iterdir() if f.is_dir()) if os.path.isdir(blocks) else []
+    if not os.path.isdir(blocks):
+        return []
+    return sorted(folder for folder in blocks.iterdir() if folder.is_dir())

@@ -12,7 +12,6 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from functools import cache
 from importlib.metadata import version
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -30,8 +29,17 @@ from trackbench.models.base import GammaMotion, Motion
 from trackbench.scenarios.base import Scenario
 
 _SOURCES = (
-    *("core", "models", "scenarios", "filters", "adapters", "evaluation"),
-    *("extension_points.py", "field_types.py", "metrics.py", "registry.py", "execution/worker.py"),
+    "core",
+    "models",
+    "scenarios",
+    "filters",
+    "adapters",
+    "evaluation",
+    "extension_points.py",
+    "field_types.py",
+    "metrics.py",
+    "registry.py",
+    "execution/worker.py",
 )
 _AFTER_BLOCKS = "computes with finished blocks; a worker never imports it"
 _ERRORS = "decides how a failure is reported; a failed block is not stored"
@@ -76,7 +84,9 @@ def block_sources(home: Path) -> Iterator[Path]:
 
 def python_files(source: Path) -> list[Path]:
     """Return a source file, or all in a folder in the order of their names, those of C included."""
-    return sorted([*source.rglob("*.py"), *source.rglob("*.c")]) if source.is_dir() else [source]
+    if not source.is_dir():
+        return [source]
+    return sorted([*source.rglob("*.py"), *source.rglob("*.c")])
 
 
 def add_sources(digest: "hashlib._Hash", home: Path, files: Iterable[Path]) -> None:
@@ -90,7 +100,8 @@ def add_sources(digest: "hashlib._Hash", home: Path, files: Iterable[Path]) -> N
 def own_arithmetic() -> str:
     """Return the digest of the package's own arithmetic on this machine."""
     x, y = _inputs()
-    square, runs = x[:64].reshape(8, 8), RunStreams(1, range(3))
+    square = x[:64].reshape(8, 8)
+    runs = RunStreams(1, range(3))
     stream = block_stream(1, 0)
     # Elementary functions, sums, matrices, then random variates.
     results: list[NDArray[np.floating[Any]]] = [
@@ -136,28 +147,34 @@ def uses_numpy_arithmetic(*parts: Any) -> bool:
 
     Plugins do, and so does gamma noise of a shape that numpy draws.
     """
-    inner_parts = chain.from_iterable(map(walk_parts, parts))
-    return not all(map(_uses_own_arithmetic_only, inner_parts))
+    for part in parts:
+        for inner in walk_parts(part):
+            if not _uses_own_arithmetic_only(inner):
+                return True
+    return False
 
 
-def _uses_own_arithmetic_only(part: Any) -> bool:
-    is_program = isinstance(part, Filter) and part.runs_program
-    if is_program or not type(part).__module__.startswith("trackbench."):
+def _uses_own_arithmetic_only(component: Any) -> bool:
+    """Test whether a filter, scenario or part of it never calls numpy's own functions."""
+    is_program = isinstance(component, Filter) and component.runs_program
+    if is_program or not type(component).__module__.startswith("trackbench."):
         return False
     motion = None
     with suppress(InvalidKeyError):  # where every filter assumes a motion of its own
-        if isinstance(part, Scenario):
-            motion = part.model.motion
-        elif isinstance(part, Motion):
-            motion = part.sampled(1.0)
+        if isinstance(component, Scenario):
+            motion = component.model.motion
+        elif isinstance(component, Motion):
+            motion = component.sampled(1.0)
     return not isinstance(motion, GammaMotion) or random_streams.is_erlang(motion.noise.shape)
 
 
 def _inputs() -> tuple[Array, Array]:
     """Return two fixed arrays (8192,) of numbers inside (0, 1)."""
     n = np.arange(8192, dtype=np.uint64)
-    words = (n * np.uint64(k) % np.uint64(2**32) for k in (2654435761, 2246822519))
-    x, y = ((w.astype(float) + 0.5) / 2.0**32 for w in words)
+    x_words = n * np.uint64(2654435761) % np.uint64(2**32)
+    y_words = n * np.uint64(2246822519) % np.uint64(2**32)
+    x = (x_words.astype(float) + 0.5) / 2.0**32
+    y = (y_words.astype(float) + 0.5) / 2.0**32
     return x, y
 
 

@@ -68,7 +68,7 @@ def pool(
     """Open a pool of processes that first call ``begun``; an error terminates them at once."""
     start_forkserver()
     first = ({**os.environ}, begun, *arguments)
-    processes = _Pool(workers, _context(), _start, first)
+    processes = _Pool(workers, _context(), _start_worker, first)
     try:
         yield processes
     except BaseException:
@@ -180,10 +180,12 @@ def _can_fork() -> bool:
 
 
 def _context() -> Any:
-    return multiprocessing.get_context("forkserver" if _can_fork() else "spawn")
+    """Return the way in which worker processes are started."""
+    method = "forkserver" if _can_fork() else "spawn"
+    return multiprocessing.get_context(method)
 
 
-def _start(
+def _start_worker(
     environment: dict[str, str], begun: Callable[..., None] | None = None, *arguments: Any
 ) -> None:
     """Ignore Ctrl-C in a worker, and end it with its parent, even after kill -9.
@@ -196,13 +198,14 @@ def _start(
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     parent = multiprocessing.parent_process()
     if parent is not None:
-        threading.Thread(target=_follow, args=(parent,), daemon=True).start()
+        threading.Thread(target=_exit_after, args=(parent,), daemon=True).start()
     if begun is not None:
         begun(*arguments)
 
 
-def _follow(parent: "multiprocessing.process.BaseProcess") -> None:
-    # The pool's pipes do not tell: every worker holds both of their ends.
+def _exit_after(parent: "multiprocessing.process.BaseProcess") -> None:
+    """Wait for the parent process to end, then end this one."""
+    # The pool's pipes do not show it: every worker has both of their ends.
     parent.join()
     _leave(1)
 
@@ -243,7 +246,9 @@ class SerialExecutor(Executor):
 
 def cpu_count() -> int:
     """Count the processors that this process may use."""
-    return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
+    if sys.platform == "linux":
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def check_address_space() -> None:
@@ -311,4 +316,5 @@ def _dask(workers: int, scheduler: str | None) -> Iterator[Executor]:
     with client:
         # pure=False: a block is asked for once, and its result is not to stay in the cluster.
         threads: dict[str, int] = client.nthreads()
-        yield ClusterExecutor(client.get_executor(pure=False), sum(threads.values()))
+        executor = client.get_executor(pure=False)
+        yield ClusterExecutor(executor, workers=sum(threads.values()))

@@ -58,22 +58,23 @@ class Plan:
 
     def first(self, runs: int) -> "Plan":
         """Return the plan reduced to its first ``runs`` runs, with the same blocks."""
-
-        def used(task: BlockTask) -> BlockTask:
-            return replace(task, runs_used=min(task.runs_used, runs - task.first_run))
-
         tasks: dict[Key, list[BlockTask]] = {}
         for key, blocks in self.tasks.items():
-            tasks[key] = [used(task) for task in blocks if task.first_run < runs]
+            tasks[key] = []
+            for block in blocks:
+                if block.first_run < runs:
+                    used = min(block.runs_used, runs - block.first_run)
+                    tasks[key].append(replace(block, runs_used=used))
         return replace(self, tasks=tasks)
 
     def of_shard(self, shard: int, shards: int) -> "Plan":
         """Return one of so many parts: consecutive blocks, so that each has blocks of all filters."""
         n = len(self.unique)
-        mine = set(self.unique[n * (shard - 1) // shards : n * shard // shards])
+        in_shard = set(self.unique[n * (shard - 1) // shards : n * shard // shards])
         tasks: dict[Key, list[BlockTask]] = {}
         for key, blocks in self.tasks.items():
-            if chosen := [task for task in blocks if task in mine]:
+            chosen = [block for block in blocks if block in in_shard]
+            if chosen:
                 tasks[key] = chosen
         return replace(self, tasks=tasks)
 
@@ -81,15 +82,14 @@ class Plan:
 def make_plan(experiment: Experiment, save_tracks: bool = False, looks: Sequence[int] = ()) -> Plan:
     """Split every filter's runs into blocks; ``looks`` are the numbers of runs to stop at."""
     settings = experiment.settings
-    shown = settings.runs if save_tracks else min(experiment.shown_runs, settings.runs)
-    series, predictions = _kept_series(experiment), requested_predictions(experiment)
-    particles, covariances = experiment.shown_particles, experiment.shown_covariances or save_tracks
+    kept_series = _kept_series(experiment)
+    predictions = requested_predictions(experiment)
     tasks: dict[Key, list[BlockTask]] = {}
     for i, point in enumerate(experiment.points):
         reference = point.filters.get(settings.reference) if settings.reference else None
         for label, tracker in point.filters.items():
             # Consecutive blocks of this width; the last one may be trimmed.
-            width = _width(settings, tracker, point.scenario)
+            width = _block_width_of(settings, tracker, point.scenario)
             first = BlockTask(
                 scenario=point.scenario,
                 filter=tracker,
@@ -100,10 +100,10 @@ def make_plan(experiment: Experiment, save_tracks: bool = False, looks: Sequence
                 runs_used=width,
                 reference=None if label == settings.reference else reference,
                 reference_assume=point.assumed.get(settings.reference or ""),
-                runs_with_tracks=shown,
-                keep_covariance=covariances,
-                particle_steps=particles,
-                keep_steps=series,
+                runs_with_tracks=_runs_with_tracks(experiment, save_tracks),
+                keep_covariance=experiment.shown_covariances or save_tracks,
+                particle_steps=experiment.shown_particles,
+                keep_steps=kept_series,
                 predictive_metrics=predictions,
                 hold_out=settings.hold_out,
             )
@@ -116,18 +116,26 @@ def make_plan(experiment: Experiment, save_tracks: bool = False, looks: Sequence
     return Plan(tasks, experiment.plugins, settings.name)
 
 
+def _runs_with_tracks(experiment: Experiment, save_tracks: bool) -> int:
+    """Return the number of first runs whose whole tracks are stored."""
+    if save_tracks:
+        return experiment.settings.runs
+    return min(experiment.shown_runs, experiment.settings.runs)
+
+
 def _kept_series(experiment: Experiment) -> tuple[str, ...]:
     """Return the series stored per run and step, for medians and shares of time averages."""
-    return tuple(
-        dict.fromkeys([*experiment.settings.medians, *requested_contributions(experiment).series])
-    )
+    names = [*experiment.settings.medians, *requested_contributions(experiment).series]
+    return tuple(dict.fromkeys(names))
 
 
-def _width(settings: Settings, tracker: AnyFilter, scenario: Scenario) -> int:
+def _block_width_of(settings: Settings, tracker: AnyFilter, scenario: Scenario) -> int:
+    """Return the number of runs per block, as the key `block` requests it."""
     if isinstance(settings.block, int):
         return settings.block
     width = block_width(tracker, scenario)
     if settings.block == "fit":
+        # As many blocks, with equal numbers of runs.
         return ceil(settings.runs / ceil(settings.runs / width))
     return width
 
@@ -161,8 +169,9 @@ def stack_limit(task: BlockTask) -> int:
 
 def _run_limit(tracker: AnyFilter) -> int:
     """Return how many runs' particles fit in the cache."""
-    N, boosted = tracker.particle_count, tracker.max_particle_count
-    return min(_PARTICLES_AT_A_TIME // N, _BOOSTED_AT_A_TIME // boosted)
+    usual = _PARTICLES_AT_A_TIME // tracker.particle_count
+    boosted = _BOOSTED_AT_A_TIME // tracker.max_particle_count
+    return min(usual, boosted)
 
 
 if sys.platform == "win32":
@@ -180,9 +189,8 @@ else:
     def memory() -> int:
         """Return the bytes of memory that the machine has, or the container if it may use less."""
         of_machine = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-        return min(
-            [of_machine, *container_limits(Path("/proc/self/cgroup"), Path("/sys/fs/cgroup"))]
-        )
+        limits = container_limits(Path("/proc/self/cgroup"), Path("/sys/fs/cgroup"))
+        return min([of_machine, *limits])
 
 
 def container_limits(groups: Path, root: Path) -> Iterator[int]:
@@ -196,7 +204,8 @@ def container_limits(groups: Path, root: Path) -> Iterator[int]:
     except (OSError, UnicodeDecodeError):
         return
     for line in lines:
-        _, controllers, path = (*line.split(":", 2), "", "")[:3]
+        _, _, rest = line.partition(":")
+        controllers, _, path = rest.partition(":")
         if controllers == "":
             home = root
             name = "memory.max"
@@ -219,17 +228,22 @@ def check_memory(experiment: Experiment, save_tracks: bool = False) -> None:
     A step has at least the particles with their weights before and after it, a block its estimates;
     how much more it takes is measured.
     """
-    settings, series = experiment.settings, len(_kept_series(experiment))
-    shown = settings.runs if save_tracks else min(experiment.shown_runs, settings.runs)
+    settings = experiment.settings
+    series = len(_kept_series(experiment))
+    shown = _runs_with_tracks(experiment, save_tracks)
     for point in experiment.points:
-        n_x, steps = len(point.scenario.components), len(point.scenario.steps)
-        per_track = n_x * (n_x if save_tracks else 1)
+        n_x = len(point.scenario.components)
+        steps = len(point.scenario.steps)
+        # Numbers that are stored of all runs, and of the tracks that are shown.
+        per_step = n_x * n_x if save_tracks else n_x
         of_runs = settings.runs * (_PER_RUN + series * steps)
-        stored = of_runs + shown * per_track * steps * len(point.filters)
+        of_tracks = shown * per_step * steps * len(point.filters)
         for label, tracker in point.filters.items():
-            particles = tracker.max_particle_count * _states(tracker, point, label)
+            # Numbers of one run while its block is filtered.
+            particles = tracker.max_particle_count * _kept_states(tracker, point, label)
             of_run = 2 * (n_x + 1) * particles + n_x * steps
-            needed = 8 * (_width(settings, tracker, point.scenario) * of_run + stored)
+            width = _block_width_of(settings, tracker, point.scenario)
+            needed = 8 * (width * of_run + of_runs + of_tracks)
             if needed > memory():
                 what = (
                     f"needs at least {needed / 1e9:.1f} GB of memory and this machine has "
@@ -239,11 +253,12 @@ def check_memory(experiment: Experiment, save_tracks: bool = False) -> None:
                 raise UserError(Problem(mark, f"filters.{label}", what))
 
 
-def _states(tracker: AnyFilter, point: Point, label: str) -> int:
+def _kept_states(tracker: AnyFilter, point: Point, label: str) -> int:
     """Return how many states a filter keeps: a smoother's of all steps, and those to go back to."""
-    steps, late = len(point.scenario.steps), point.assumed_scenario(label).late
+    steps = len(point.scenario.steps)
     if tracker.smooths:
         return steps
+    late = point.assumed_scenario(label).late
     if late is None or late.kind != "refilter":
         return 1
     return min(steps, 1 + point.scenario.longest_delay, 1 + (late.memory or steps))
@@ -252,28 +267,38 @@ def _states(tracker: AnyFilter, point: Point, label: str) -> int:
 def announced(experiment: Experiment, plan: Plan, workers: int, kept: int = 0) -> str:
     """Return one line that announces the run; ``kept`` blocks are finished already."""
     settings = experiment.settings
-    steps = max(len(p.scenario.steps) - 1 for p in experiment.points)
-    most, tuning = "up to " if settings.until else "", settings.tuning
-    tuned = f"tunes {', '.join(experiment.tuned)} by {tuning.evaluations} trials on {tuning.runs} runs, "
-    counts = [counted(len(experiment.points), "point")] if len(experiment.points) > 1 else []
-    counts += [
-        counted(len(experiment.points[0].filters), "filter"),
-        most + counted(settings.runs, "run"),
-        counted(steps, "step"),
-    ]
-    return (
-        f"{settings.name}: {tuned if experiment.tuned else ''}{' x '.join(counts)}, "
-        f"{counted(len(plan.unique), 'block')}{f' ({kept} kept)' if kept else ''} on "
-        f"{counted(workers, 'worker')}"
-    )
+    tuned = ""
+    if experiment.tuned:
+        tuning = settings.tuning
+        labels = ", ".join(experiment.tuned)
+        tuned = f"tunes {labels} by {tuning.evaluations} trials on {tuning.runs} runs, "
+    counts = []
+    if len(experiment.points) > 1:
+        counts.append(counted(len(experiment.points), "point"))
+    counts.append(counted(len(experiment.points[0].filters), "filter"))
+    runs = counted(settings.runs, "run")
+    counts.append(f"up to {runs}" if settings.until else runs)
+    steps = max(len(point.scenario.steps) - 1 for point in experiment.points)
+    counts.append(counted(steps, "step"))
+    blocks = counted(len(plan.unique), "block")
+    if kept:
+        blocks += f" ({kept} kept)"
+    size = " x ".join(counts)
+    return f"{settings.name}: {tuned}{size}, {blocks} on {counted(workers, 'worker')}"
 
 
 def cautions(points: Iterable[Point]) -> list[str]:
     """Return the cautions of scenarios and filters, each once with the labels of its filters."""
-    said: dict[str, dict[str, None]] = {}
+    labels_by_text: dict[str, list[str]] = {}
     for point in points:
-        said |= {text: {} for text in point.scenario.cautions}
+        for text in point.scenario.cautions:
+            labels_by_text[text] = []
         for label, tracker in point.filters.items():
             for text in tracker.cautions(point.assumed_scenario(label)):
-                said.setdefault(text, {})[label] = None
-    return [f"{', '.join(labels)}: {text}" if labels else text for text, labels in said.items()]
+                labels = labels_by_text.setdefault(text, [])
+                if label not in labels:
+                    labels.append(label)
+    lines = []
+    for text, labels in labels_by_text.items():
+        lines.append(f"{', '.join(labels)}: {text}" if labels else text)
+    return lines

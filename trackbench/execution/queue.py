@@ -37,7 +37,7 @@ _SCHEDULER_SECONDS = 0.004
 """Time that a cluster's scheduler takes for a task."""
 
 BlockOutcome: TypeAlias = dict[int, BlockResult] | Exception
-"""A block's results by the number of runs used, or why there are none; empty if they are stored."""
+"""A block's results by the number of runs used, or its error; empty if the results are stored."""
 Stack: TypeAlias = list[BlockTask]
 """Adjacent blocks of one filter, or one block of several, which a worker filters side by side."""
 
@@ -67,24 +67,28 @@ class Queue:
 
         Several workers get at least two stacks each.
         """
-        most = len(tasks) // (2 * self._workers) if self._workers > 1 else len(tasks)
-        last: dict[BlockTask, Stack] = {}
+        most = len(tasks)
+        if self._workers > 1:
+            most = len(tasks) // (2 * self._workers)
+        last_stack: dict[BlockTask, Stack] = {}  # by filter
         stacks: list[Stack] = []
         for task in tasks:
             if task in self._plugins:
                 continue
             self._plugins[task] = plugins
             of_filter = replace(task, index=0, runs_used=0)
-            stack = last.get(of_filter)
+            stack = last_stack.get(of_filter)
+            # A stack has adjacent blocks of one filter.
             if (
                 stack is None
                 or len(stack) >= min(most, stack_limit(task))
                 or abs(task.index) != abs(stack[-1].index) + 1
             ):
-                last[of_filter] = stack = []
+                stack = []
+                last_stack[of_filter] = stack
                 stacks.append(stack)
             stack.append(task)
-        self._waiting.extend(_joined(stacks, most))
+        self._waiting.extend(_join_filters(stacks, most))
 
     def run(self, open_engine: OpenEngine) -> Generator[tuple[BlockTask, BlockOutcome]]:
         """Yield tasks with their results as they finish; raises RunError if no worker starts."""
@@ -95,7 +99,8 @@ class Queue:
                     shared = None if isinstance(executor, SerialExecutor) else token
                     least_seconds = 0.0
                     if isinstance(executor, ClusterExecutor):
-                        self._workers, self._remote = max(self._workers, executor.workers), True
+                        self._workers = max(self._workers, executor.workers)
+                        self._remote = True
                         # The scheduler is idle half of the time.
                         least_seconds = max(_TASK_SECONDS, 2.0 * _SCHEDULER_SECONDS * self._workers)
                     yield from self._drain(executor, least_seconds, shared)
@@ -107,34 +112,48 @@ class Queue:
 
     def give_up(self, task: BlockTask, error: Exception) -> list[BlockTask]:
         """Record why a task's filter failed; return the filter's blocks that are dropped."""
-        lost = algorithm(task)
-        last = task.first_run + (task.runs_used - 1) * (1 if task.index >= 0 else -1)
-        runs = f"runs {task.first_run} to {last}"
-        why = str(error) if isinstance(error, FilterError) else message_of(error)
+        failed = algorithm(task)
+        step = 1 if task.index >= 0 else -1  # training runs count down
+        last_run = task.first_run + (task.runs_used - 1) * step
+        reason = str(error) if isinstance(error, FilterError) else message_of(error)
         # Report the block of the lowest runs, whichever fails first.
-        if abs(task.first_run) <= self._first_failed.get(lost, inf):
-            self._first_failed[lost] = abs(task.first_run)
-            self.failed[lost] = in_line(f"{why} ({runs})")
-        left_out = []
-        for _ in range(len(self._waiting)):
-            stack = self._waiting.popleft()
-            left_out += [t for t in stack if algorithm(t) == lost]
-            if others := [t for t in stack if algorithm(t) != lost]:
-                self._waiting.append(others)
-        return [task, *left_out]
+        if abs(task.first_run) <= self._first_failed.get(failed, inf):
+            self._first_failed[failed] = abs(task.first_run)
+            self.failed[failed] = in_line(f"{reason} (runs {task.first_run} to {last_run})")
+        dropped = [task]
+        waiting: deque[Stack] = deque()
+        for stack in self._waiting:
+            others = []
+            for block in stack:
+                if algorithm(block) == failed:
+                    dropped.append(block)
+                else:
+                    others.append(block)
+            if others:
+                waiting.append(others)
+        self._waiting = waiting
+        return dropped
 
     def _drain(
         self, executor: Executor, least_seconds: float, shared: Path | None
     ) -> Iterator[tuple[BlockTask, BlockOutcome]]:
+        """Submit batches and yield the results of their blocks until all are done.
+
+        ``least_seconds`` is the least time that a batch should take; ``shared`` is a file in the
+        store's folder by which a worker detects that it shares the folder.
+        """
         expected = environment_digests()
         # Not concurrent.futures.wait: a signal within it leaves futures locked, and the pool hangs.
         finished: SimpleQueue[Future[list[Computed]]] = SimpleQueue()
         while self._waiting or self._running:
             while self._waiting and len(self._running) < self._limit():
-                batch = self._batch(least_seconds)
-                plugins, files = self._plugins[batch[0][0]], self._store.files
+                batch = self._next_batch(least_seconds)
+                plugins = self._plugins[batch[0][0]]
                 restore_modules(plugins)  # in which pickle looks for the classes of the tasks
-                works = [Work(pickle.dumps(stack), [*map(files, stack)]) for stack in batch]
+                works = []
+                for stack in batch:
+                    files = [self._store.files(task) for task in stack]
+                    works.append(Work(stack=pickle.dumps(stack), files=files))
                 future = executor.submit(compute_batch, works, plugins, expected, shared)
                 self._running[future] = [self._waiting.popleft() for _ in batch]
                 with postponed():
@@ -144,14 +163,14 @@ class Queue:
             future = finished.get()
             if future not in self._running:
                 continue  # taken back
-            outcomes = _results(future)
+            outcomes = _result_of(future)
             batch = self._running.pop(future)
             if isinstance(outcomes, Exception):
                 if len(batch) > 1:  # each stack alone
                     self._waiting.extendleft(reversed(batch))
                     least_seconds = 0.0
                     continue
-                outcomes = [Computed(outcomes, nan, 0)]
+                outcomes = [Computed(results=outcomes, seconds=nan, memory=0)]
             for stack, computed in zip(batch, outcomes, strict=True):
                 yield from self._finish(stack, computed)
             if len(self._running) > self._limit():
@@ -159,30 +178,34 @@ class Queue:
 
     def _take_back(self) -> None:
         """Let tasks that no worker has begun wait again, in their order."""
-        for future in [*self._running][::-1]:
+        for future in reversed(list(self._running)):
             with postponed():
                 taken_back = future.cancel()
             if taken_back:
                 self._waiting.extendleft(reversed(self._running.pop(future)))
 
     def _finish(self, stack: Stack, computed: Computed) -> Iterator[tuple[BlockTask, BlockOutcome]]:
+        """Yield a stack's blocks with their results; queue each block alone if the stack failed."""
         # Memory that a worker has taken once stays with it: the first block of a filter counts.
         if self.hungriest is None or computed.memory > 1.05 * self.hungriest[1]:
-            self.hungriest = stack[0], computed.memory
+            self.hungriest = (stack[0], computed.memory)
         if not isinstance(computed.results, Exception):
-            self._seconds |= {algorithm(t): computed.seconds / len(stack) for t in stack}
+            for task in stack:
+                self._seconds[algorithm(task)] = computed.seconds / len(stack)
             yield from zip(stack, computed.results, strict=True)
         elif len(stack) == 1:
             yield stack[0], computed.results
         else:  # each alone: only the failing block's runs are at fault
             self._waiting.extendleft([task] for task in reversed(stack))
 
-    def _batch(self, least_seconds: float) -> list[Stack]:
+    def _next_batch(self, least_seconds: float) -> list[Stack]:
         """Return the next stack, or as many of the same plugins as take so many seconds.
 
-        Every worker gets at least two batches of what waits.
+        Every worker gets at least two batches of the waiting stacks.
         """
-        most = 1 if self.deaths else max(len(self._waiting) // (2 * self._workers), 1)
+        most = 1
+        if not self.deaths:
+            most = max(len(self._waiting) // (2 * self._workers), 1)
         batch: list[Stack] = []
         seconds = 0.0
         for stack in islice(self._waiting, most):
@@ -199,32 +222,41 @@ class Queue:
 
         Every worker has tasks in advance, unless the memory is too small for all of them.
         """
-        stacks = [*chain(*self._running.values()), *list(self._waiting)[:1]]
+        stacks = list(chain.from_iterable(self._running.values()))
+        if self._waiting:
+            stacks.append(self._waiting[0])
         if any(self.deaths[task] for task in chain.from_iterable(stacks)):
             return 1
-        return _AHEAD * self._workers if self.fitting == self._workers else self.fitting
+        if self.fitting == self._workers:
+            return _AHEAD * self._workers
+        return self.fitting
 
     @property
     def fitting(self) -> int:
         """Number of workers of this machine that have memory side by side; all of a cluster's."""
-        peak = self.hungriest[1] if self.hungriest else 0
+        peak = 0
+        if self.hungriest is not None:
+            _, peak = self.hungriest
         if self._remote or peak * self._workers <= memory():
             return self._workers
         return max(1, memory() // peak)
 
     def _after_death(self) -> Iterator[tuple[BlockTask, Exception]]:
-        # Nothing runs in a pool that never began: its first stack is suspected.
-        suspects = [*chain(*self._running.values())] or [self._waiting.popleft()]
+        """Queue the running blocks again, one at a time; yield those that killed too many workers."""
+        suspects = list(chain.from_iterable(self._running.values()))
+        if not suspects:
+            # Nothing runs in a pool that never began: its first stack is suspected.
+            suspects = [self._waiting.popleft()]
         for task in chain.from_iterable(suspects):
             self.deaths[task] += 1
             if self.deaths[task] < _MOST_DEATHS:
                 self._waiting.appendleft([task])
             else:
-                yield task, RunError(_why_dead(task))
+                yield task, RunError(_death_message(task))
         self._running.clear()
 
 
-def _why_dead(task: BlockTask) -> str:
+def _death_message(task: BlockTask) -> str:
     keys = "`block` or `N`" if "N" in field_values(task.filter) else "`block`"
     return (
         f"its worker died {_MOST_DEATHS} times (killed, or out of memory?) over "
@@ -237,25 +269,30 @@ def algorithm(task: BlockTask) -> tuple[object, ...]:
     return task.scenario, task.filter, task.assume, task.reference, task.width
 
 
-def _joined(stacks: Sequence[Stack], most: int) -> list[Stack]:
-    """Return the stacks, lone blocks of filters that differ in numbers only as one stack."""
-    out: list[Stack] = []
-    alike: dict[tuple[Hashable, BlockTask], Stack] = {}
+def _join_filters(stacks: Sequence[Stack], most: int) -> list[Stack]:
+    """Join lone blocks of filters that differ in numbers only into one stack; others stay.
+
+    ``most`` is the largest number of blocks of a stack.
+    """
+    joined: list[Stack] = []
+    open_stacks: dict[tuple[Hashable, BlockTask], Stack] = {}
     for stack in stacks:
         task = stack[0]
         if len(stack) > 1 or not isinstance(task.filter, JoinableFilter):
-            out.append(stack)
+            joined.append(stack)
             continue
+        structure = task.filter.structure(task.assumed_scenario)
         without_filter = replace(task, filter=cast(Any, None), runs_used=0)
-        key = task.filter.structure(task.assumed_scenario), without_filter
-        if len(alike.get(key, ())) not in range(1, min(most, stack_limit(task))):
-            alike[key] = []
-            out.append(alike[key])
-        alike[key].append(task)
-    return out
+        key = (structure, without_filter)
+        limit = min(most, stack_limit(task))
+        if key not in open_stacks or len(open_stacks[key]) >= limit:
+            open_stacks[key] = []
+            joined.append(open_stacks[key])
+        open_stacks[key].append(task)
+    return joined
 
 
-def _results(future: Future[list[Computed]]) -> list[Computed] | Exception:
+def _result_of(future: Future[list[Computed]]) -> list[Computed] | Exception:
     """Return the stacks' results or the task's error; raises if the engine failed."""
     try:
         return future.result()
@@ -270,18 +307,23 @@ def _results(future: Future[list[Computed]]) -> list[Computed] | Exception:
 def progress_bar(total: int, unit: str, wanted: bool, **keys: Any) -> Any:
     """Return a progress bar of ``total`` units; ``keys`` are tqdm's. Off a terminal it prints lines."""
     if wanted and not sys.stderr.isatty() and not _in_notebook():
-        return _Lines(total, unit, **keys)
-    return _kind()(total=total, unit=unit, disable=not wanted, **keys)
+        return _ProgressLines(total, unit, **keys)
+    bar_class = _bar_class()
+    return bar_class(total=total, unit=unit, disable=not wanted, **keys)
 
 
-class _Lines:
-    """Progress into a file: a line each tenth of what takes long."""
+class _ProgressLines:
+    """Progress into a file: a line after each tenth of the units, if they take long."""
 
     def __init__(self, total: int, unit: str, initial: int = 0, desc: str = "") -> None:
-        self.total, self._unit, self._n, self._what = total, unit, initial, desc
-        self._began, self._tenths = time.monotonic(), 10 * initial // max(total, 1)
+        self.total = total
+        self._unit = unit
+        self._done = initial
+        self._name = desc
+        self._began = time.monotonic()
+        self._tenths = 10 * initial // max(total, 1)
 
-    def __enter__(self) -> "_Lines":
+    def __enter__(self) -> "_ProgressLines":
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -289,18 +331,19 @@ class _Lines:
 
     def update(self, n: int = 1) -> None:
         """Count units as done."""
-        self._n += n
-        tenths, seconds = 10 * self._n // max(self.total, 1), time.monotonic() - self._began
+        self._done += n
+        tenths = 10 * self._done // max(self.total, 1)
+        seconds = time.monotonic() - self._began
         if tenths > self._tenths and seconds >= _LONG_S:
             self._tenths = tenths
-            units = f"{self._n} of {counted(self.total, self._unit)}"
-            print(f"{self._what}: {units}, {seconds:.0f} s", file=sys.stderr, flush=True)
+            units = f"{self._done} of {counted(self.total, self._unit)}"
+            print(f"{self._name}: {units}, {seconds:.0f} s", file=sys.stderr, flush=True)
 
     def set_postfix_str(self, text: str) -> None:
         """Leave out what a bar shows beside the count."""
 
 
-def _kind() -> Any:
+def _bar_class() -> Any:
     """Return the bar's class: the notebook's where it can be shown."""
     import tqdm
 

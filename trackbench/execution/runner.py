@@ -1,11 +1,11 @@
 """Run plans: compute missing blocks, store each, and continue if one filter fails."""
 
 import time
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from math import inf, isfinite
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 from trackbench.config.experiment import Experiment
 from trackbench.errors import counted
@@ -33,18 +33,22 @@ class Outcome:
     plan: Plan
     store: BlockStore
     failures: dict[Key, str] = field(default_factory=dict)
+    """reasons why filters failed"""
     missing: set[BlockTask] = field(default_factory=set)
     """blocks that are still to be computed"""
     computed: int = 0
+    """number of blocks that this run computed"""
     reused: int = 0
+    """number of blocks that an earlier run stored"""
     damaged: int = 0
+    """number of blocks whose file was damaged"""
     deaths: int = 0
-    """blocks over which a worker died"""
+    """number of blocks over which a worker died"""
     crowding: str = ""
     """why some workers had to wait for memory"""
     wall_s: float = 0.0
-    still: str = ""
-    """what it goes on for, if its runs end by precision: the number that is farthest from it"""
+    least_precise: str = ""
+    """the number that is farthest from its requested error, if the runs end by precision"""
 
     def results(self) -> Iterator[tuple[Key, FilterResult]]:
         """Yield each filter's merged results, so that one filter is in memory at a time.
@@ -70,7 +74,7 @@ def stored_block(store: BlockStore, task: BlockTask) -> BlockResult:
 
 
 More: TypeAlias = Callable[[int, Outcome], Plan | None]
-"""The plan that the one of this number goes on with when its blocks are there, if it does."""
+"""Returns the plan of more runs with which the plan of this number continues; None if it ends."""
 
 
 def execute(
@@ -92,21 +96,21 @@ def execute(
     outcomes = [Outcome(plan, store) for plan in plans]
     queue = Queue(workers, store)
     for outcome in outcomes:
-        _enqueue(outcome, queue, _missing(outcome, fresh))
+        _enqueue(outcome, queue, _missing_blocks(outcome, fresh))
     with closing(queue.run(open_engine)) as finished:
         for i, outcome in enumerate(outcomes):
             started = time.perf_counter()
-            with _bar(outcome, progress) as bar:
-                going_on = True
-                while going_on:
+            with _progress_bar(outcome, progress) as bar:
+                while True:
                     while outcome.missing:
                         before = len(outcome.missing)
-                        _record_result(outcomes, queue, *next(finished))
+                        task, computed = next(finished)
+                        _record_result(outcomes, queue, task, computed)
                         bar.update(before - len(outcome.missing))
                     bigger = more(i, outcome)
-                    going_on = bigger is not None
-                    if bigger is not None:
-                        _extend_plan(outcome, bigger, queue, bar)
+                    if bigger is None:
+                        break
+                    _extend_plan(outcome, bigger, queue, bar)
             if outcome is outcomes[-1]:
                 next(finished, None)  # nothing comes any more: the workers may go
             outcome.failures = _failures(outcome.plan, queue)
@@ -116,9 +120,8 @@ def execute(
             yield outcome
 
 
-def _enqueue(outcome: Outcome, queue: Queue, tasks: Iterable[BlockTask]) -> None:
+def _enqueue(outcome: Outcome, queue: Queue, missing: Sequence[BlockTask]) -> None:
     """Queue missing blocks of the plan."""
-    missing = list(tasks)
     queue.add(missing, outcome.plan.plugins)
     outcome.missing.update(missing)
 
@@ -127,16 +130,20 @@ def _extend_plan(outcome: Outcome, bigger: Plan, queue: Queue, bar: Any) -> None
     """Continue with more runs; blocks computed a moment ago are not computed again."""
     before = set(outcome.plan.unique)
     outcome.plan = bigger
-    new = (task for task in bigger.unique if task not in before)
-    _enqueue(outcome, queue, (task for task in new if outcome.store.get(task) is None))
+    new = [task for task in bigger.unique if task not in before and outcome.store.get(task) is None]
+    _enqueue(outcome, queue, new)
     bar.total = len(bigger.unique)
-    bar.set_postfix_str(outcome.still)
+    bar.set_postfix_str(outcome.least_precise)
 
 
 def _failures(plan: Plan, queue: Queue) -> dict[Key, str]:
     """Return why filters of the plan failed."""
-    reasons = {key: queue.failed.get(algorithm(tasks[0])) for key, tasks in plan.tasks.items()}
-    return {key: why for key, why in reasons.items() if why is not None}
+    failures = {}
+    for key, tasks in plan.tasks.items():
+        reason = queue.failed.get(algorithm(tasks[0]))
+        if reason is not None:
+            failures[key] = reason
+    return failures
 
 
 def _crowding(plan: Plan, queue: Queue, workers: int) -> str:
@@ -144,20 +151,27 @@ def _crowding(plan: Plan, queue: Queue, workers: int) -> str:
     if queue.hungriest is None or queue.fitting >= workers:
         return ""
     task, peak = queue.hungriest
-    labels = [key[1] for key, tasks in plan.tasks.items() if task in tasks]
+    labels = [label for (_, label), tasks in plan.tasks.items() if task in tasks]
+    names = " and ".join(labels) or "another experiment"
     return (
-        f"{' and '.join(labels) or 'another experiment'} took {peak / 1e9:.1f} GB of memory in blocks "
+        f"{names} took {peak / 1e9:.1f} GB of memory in blocks "
         f"of {counted(task.width, 'run')}, so {queue.fitting} of {workers} workers ran side by side"
     )
 
 
-def _missing(outcome: Outcome, fresh: bool) -> Iterator[BlockTask]:
+def _missing_blocks(outcome: Outcome, fresh: bool) -> list[BlockTask]:
+    """List the blocks to compute; count the stored and the damaged ones in the outcome."""
+    if fresh:
+        return outcome.plan.unique
+    missing = []
     for task in outcome.plan.unique:
-        if not fresh and outcome.store.get(task) is not None:
+        if outcome.store.get(task) is not None:
             outcome.reused += 1
-            continue
-        outcome.damaged += not fresh and outcome.store.has_file(task)
-        yield task
+        else:
+            if outcome.store.has_file(task):
+                outcome.damaged += 1
+            missing.append(task)
+    return missing
 
 
 def _record_result(
@@ -165,17 +179,18 @@ def _record_result(
 ) -> None:
     """Store a finished block for all plans that wait for it, or give up its filter."""
     if isinstance(computed, Exception):
-        gone = queue.give_up(task, computed)
-    else:
-        outcomes[0].store.put(task, computed)
-        gone = [task]
+        dropped = queue.give_up(task, computed)
+        for outcome in outcomes:
+            outcome.missing.difference_update(dropped)
+        return
+    outcomes[0].store.put(task, computed)
     for outcome in outcomes:
-        finished = outcome.missing.intersection(gone)
-        outcome.missing -= finished
-        outcome.computed += 0 if isinstance(computed, Exception) else len(finished)
+        if task in outcome.missing:
+            outcome.missing.remove(task)
+            outcome.computed += 1
 
 
-def _bar(outcome: Outcome, progress: bool) -> Any:
+def _progress_bar(outcome: Outcome, progress: bool) -> Any:
     total = len(outcome.plan.unique)
     begun = total - len(outcome.missing)
     return progress_bar(total, "block", progress, initial=begun, desc=outcome.plan.name)
@@ -194,38 +209,51 @@ def first_batch(experiment: Experiment) -> Experiment:
     return with_runs(experiment, next(checkpoints(settings.min_runs, settings.runs)))
 
 
-def next_batch(experiment: Experiment, most: int, outcome: Outcome) -> Experiment | None:
+class NextBatch(NamedTuple):
+    """Experiment with the runs of the next checkpoint."""
+
+    experiment: Experiment
+    least_precise: str
+    """the number that is farthest from its requested error, for the progress bar"""
+
+
+def next_batch(experiment: Experiment, most: int, outcome: Outcome) -> NextBatch | None:
     """Return the experiment with the runs of the next checkpoint.
 
-    Returns None after two good checkpoints in a row, or after the last. Writes the least precise number
-    into the outcome, for the progress bar.
+    Returns None after two good checkpoints in a row, or after the last. ``most`` is the largest number
+    of runs.
     """
     settings = experiment.settings
     if not settings.until:
         return None
     stops = list(checkpoints(settings.min_runs, most))
-    done = [runs for runs in stops if runs <= settings.runs]
-    if len(done) == len(stops):
+    passed = [runs for runs in stops if runs <= settings.runs]
+    if len(passed) == len(stops):
         return None
-
-    def share(check: PrecisionCheck) -> float:
-        return check.share if isfinite(check.share) else inf
-
-    left, *earlier = [[*imprecise(experiment, outcome, runs)] for runs in done[:-3:-1]]
-    if not left and earlier and not earlier[0]:
-        return None
-    worst = max((check for _, check in left), key=share, default=None)
-    outcome.still = f"{worst.wanted.metric}: {worst.share:.2g} x the error wanted" if worst else ""
-    return with_runs(experiment, stops[len(done)])
+    # Stop if no number was imprecise at the last checkpoint, nor at the one before.
+    last = [check for _, check in imprecise(experiment, outcome, passed[-1])]
+    if not last and len(passed) > 1:
+        before_last = list(imprecise(experiment, outcome, passed[-2]))
+        if not before_last:
+            return None
+    least_precise = ""
+    if last:
+        worst = max(last, key=lambda check: check.share if isfinite(check.share) else inf)
+        least_precise = f"{worst.wanted.metric}: {worst.share:.2g} x the error wanted"
+    bigger = with_runs(experiment, stops[len(passed)])
+    return NextBatch(experiment=bigger, least_precise=least_precise)
 
 
 def imprecise(
     experiment: Experiment, outcome: Outcome, runs: int | None = None
 ) -> Iterator[tuple[Key, PrecisionCheck]]:
     """Yield the numbers that are not precise enough after ``runs`` runs, by default all."""
-    targets = [PrecisionTarget.read(*item) for item in experiment.settings.until.items()]
+    targets = []
+    for metric, error in experiment.settings.until.items():
+        targets.append(PrecisionTarget.read(metric, error))
     for key, result in outcome.results():
-        scenario = experiment.points[key[0]].scenario
+        point, _ = key
+        scenario = experiment.points[point].scenario
         for check in check_precision(targets, result, sizes(scenario), scenario.windows, runs):
             if not check.enough:
                 yield key, check
@@ -235,12 +263,15 @@ def stop_reason(experiment: Experiment, most: int, outcome: Outcome) -> Iterator
     """Yield why the runs ended, if the config has `until`."""
     if not experiment.settings.until:
         return
-    runs, left = experiment.settings.runs, list(imprecise(experiment, outcome))
-    if not left:
+    runs = experiment.settings.runs
+    checks = list(imprecise(experiment, outcome))
+    if not checks:
         yield f"{runs} of at most {most} runs: every number is as exact as `until` asks"
-    for key, check in left:
+    for key, check in checks:
         target = check.wanted
-        error = f"{target.error:.3g}" if not target.relative else f"{100 * target.error:g} %"
+        error = f"{target.error:.3g}"
+        if target.relative:
+            error = f"{100 * target.error:g} %"
         yield (
             f"note: {experiment.title_of(key)}: after all {runs} runs the standard error of "
             f"{target.metric} is {check.share:.3g} times the {error} that `until` asks"

@@ -22,18 +22,23 @@ from trackbench.plugins.patches import own_values, patch_message, undo_patches
 
 
 class Environment(NamedTuple):
-    """Digests of what a block's numbers depend on: code, own arithmetic, numpy's arithmetic."""
+    """Digests of what a block's numbers depend on."""
 
     code: str
+    """source code and versions of libraries"""
     arithmetic: str
+    """the package's own arithmetic"""
     numpy: str
+    """numpy's arithmetic"""
 
 
 @cache
 def environment_digests() -> Environment:
     """Digest this process, to compare it with the process that sends the work."""
     return Environment(
-        code_digest(), code_digests.own_arithmetic(), code_digests.numpy_arithmetic()
+        code=code_digest(),
+        arithmetic=code_digests.own_arithmetic(),
+        numpy=code_digests.numpy_arithmetic(),
     )
 
 
@@ -61,8 +66,8 @@ def compute(
             "numpy computes otherwise on this worker (another processor or C library), and this "
             "filter or scenario takes its functions: use workers of one kind"
         )
-    parts = (block.scenario, block.filter, block.reference, block.assume)
-    before = own_values() if foreign_parts(parts) else ([], {})
+    components = (block.scenario, block.filter, block.reference, block.assume)
+    before = own_values() if foreign_parts(components) else ([], {})
     try:
         with guarded(), working_folder(working_folder_of(plugins)):
             results = run_stack(blocks)
@@ -78,20 +83,23 @@ def compute(
 
 
 class Work(NamedTuple):
-    """A pickled stack of tasks, and its blocks' files by number of runs used."""
+    """A stack of tasks for a worker."""
 
     stack: bytes
+    """the pickled tasks"""
     files: list[dict[int, BlockFile]]
+    """files of each block by number of runs used"""
 
 
 class Computed(NamedTuple):
-    """A stack's results by number of runs used, or its error, the seconds and the peak of memory.
+    """Results of a stack, the seconds that it took, and the peak of memory.
 
     The results of a stored block are empty: the message stays short enough for a pipe to take it
     whole, so that a worker that is killed leaves none that others wait for in vain.
     """
 
     results: list[dict[int, BlockResult]] | Exception
+    """results of each block by number of runs used, or the error"""
     seconds: float
     memory: int
     """largest memory of the process so far, bytes"""
@@ -108,10 +116,10 @@ def compute_batch(
     The blocks are stored if this process sees the file ``shared`` in their folder. Raises WriteError.
     """
     stores = shared is not None and shared.exists()
-    return [_compute(work, plugins, expected, stores) for work in batch]
+    return [_compute_stack(work, plugins, expected, stores) for work in batch]
 
 
-def _compute(
+def _compute_stack(
     work: Work, plugins: tuple[Plugin, ...], expected: Environment, stores: bool
 ) -> Computed:
     started = time.perf_counter()
@@ -128,7 +136,8 @@ def _compute(
         raise
     except Exception as error:
         results = error
-    return Computed(results, time.perf_counter() - started, _peak_memory())
+    seconds = time.perf_counter() - started
+    return Computed(results=results, seconds=seconds, memory=_peak_memory())
 
 
 def _peak_memory() -> int:

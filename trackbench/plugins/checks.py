@@ -139,7 +139,7 @@ def _simulate_and_score(scenario: Scenario, bounded: bool) -> None:
         _check_shape("errors", f"the error {name!r}", error, (len(error), steps, runs))
     scenario.observables(truth)
     values = series(scenario, truth, truth, np.zeros((steps, runs)), None)
-    sums = SeriesSums.of(values, scenario.windows, ())
+    sums = SeriesSums.from_series(values, scenario.windows, ())
     per_run_metrics(scenario, values, sums, np.ones(runs, dtype=bool))
     if bounded:
         scenario.bounds()

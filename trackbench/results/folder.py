@@ -4,7 +4,6 @@ from collections.abc import Container, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import chain
 from math import isfinite
 from pathlib import Path
 from types import MappingProxyType
@@ -82,9 +81,11 @@ class ResultsFolder:
     @property
     def citation(self) -> str:
         """``trackbench/ungm v1, 400 runs`` of a standard problem; else an empty text."""
-        config, problem = self.config, self.config.get("problem")
-        runs = counted(config["runs"], "run")
-        return f"trackbench/{config['name']} v{problem['version']}, {runs}" if problem else ""
+        problem = self.config.get("problem")
+        if not problem:
+            return ""
+        runs = counted(self.config["runs"], "run")
+        return f"trackbench/{self.config['name']} v{problem['version']}, {runs}"
 
     @property
     def figure_configs(self) -> dict[str, dict[str, Any]]:
@@ -93,36 +94,46 @@ class ResultsFolder:
 
     def unavailable_kinds(self, group: Group) -> dict[str, str]:
         """Return names and kinds of tables or figures whose plugin is not loaded."""
-        parts = self.config.get(group) or {}
-        named = {name: part.get("kind") for name, part in parts.items()}
-        known = kinds(group) if self.config.get("plugins") else named.values()
-        return {name: kind for name, kind in named.items() if kind not in known}
+        if not self.config.get("plugins"):
+            return {}
+        known = kinds(group)
+        unavailable = {}
+        for name, exhibit in (self.config.get(group) or {}).items():
+            kind = exhibit.get("kind")
+            if kind not in known:
+                unavailable[name] = kind
+        return unavailable
 
     @cached_property
     def published(self) -> Published:
         """Published numbers and claims that the results are compared with."""
-        paths, mark = self.config.get("published", []), self.source.mark(("published",))
+        paths = self.config.get("published", [])
+        mark = self.source.mark(("published",))
         return read_published(self.folder, paths, self.config["name"], mark=mark)
 
     @property
     def labels(self) -> list[str]:
         """Filter labels in the config's order, each before its exact errors; the bound's last."""
-        bound = self.config.get("bound")
         labels: list[str] = []
         for label in self.filters:
-            exact = exact_label(label)
-            labels += [label, exact] if exact in self.exact else [label]
-        return [*labels, *([bound] if bound else [])]
+            labels.append(label)
+            if exact_label(label) in self.exact:
+                labels.append(exact_label(label))
+        bound = self.config.get("bound")
+        if bound:
+            labels.append(bound)
+        return labels
 
     @cached_property
     def exact(self) -> list[str]:
         """Labels of exact errors."""
-        return [*map(exact_label, self.config.get("exact", []))]
+        return [exact_label(label) for label in self.config.get("exact", [])]
 
     def chosen(self, wanted: Container[str] | None, exact: bool = False) -> list[str]:
         """Return the labels that a table or figure shows: those it names, or all, perhaps the exact."""
-        every = [label for label in self.labels if exact or label not in self.exact]
-        return every if wanted is None else [label for label in self.labels if label in wanted]
+        if wanted is not None:
+            return [label for label in self.labels if label in wanted]
+        return [label for label in self.labels if exact or label not in self.exact]
 
     @property
     def filters(self) -> list[str]:
@@ -144,11 +155,11 @@ class ResultsFolder:
     def grid_points(self) -> list[dict[str, Any]]:
         """All points of the config's grid, also those where every filter failed."""
         config = self.config
-        grid, every = config["grid"], config.get("product", True)
-        places = combinations(grid, config["filters"], config.get("reference"), every)
+        grid = config["grid"]
+        is_product = config.get("product", True)
         points = []
-        for at in places:
-            points.append({path: grid[path][i] for path, i in zip(grid, at, strict=True)})
+        for places in combinations(grid, config["filters"], config.get("reference"), is_product):
+            points.append({path: grid[path][i] for path, i in zip(grid, places, strict=True)})
         return points
 
     @cached_property
@@ -170,11 +181,14 @@ class ResultsFolder:
         An older version stored fewer: then no value has more digits than usual.
         """
         usual = DIGITS["per_run.csv"]
-        columns = chain.from_iterable(of_point.items() for of_point in self._runs.values())
-        of_label = [runs.tolist() for (name, _), runs in columns if name == label]
-        values = chain.from_iterable(of_label)
-        has_more = any(isfinite(x) and float(f"{x:.{usual}g}") != x for x in values)
-        return EXACT_DIGITS if has_more else usual
+        for runs in self._runs.values():
+            for (filter_label, _), values in runs.items():
+                if filter_label != label:
+                    continue
+                for value in values.tolist():
+                    if isfinite(value) and float(f"{value:.{usual}g}") != value:
+                        return EXACT_DIGITS
+        return usual
 
     @property
     def loops_over_runs(self) -> list[str]:
@@ -188,10 +202,10 @@ class ResultsFolder:
 
     def facts(self, point: GridPoint) -> PointFacts:
         """Return the facts about a point beside numbers: scenario, filters, components, shading."""
-        facts = next((f for f in self._facts if same_point(f.values, point)), None)
-        if facts is None:
-            raise UserError(f"{self.folder / POINTS_FILE}: {point} is not in it: {RUN_AGAIN}")
-        return facts
+        for facts in self._facts:
+            if same_point(facts.values, point):
+                return facts
+        raise UserError(f"{self.folder / POINTS_FILE}: {point} is not in it: {RUN_AGAIN}")
 
     @cached_property
     def _facts(self) -> tuple[PointFacts, ...]:
@@ -244,16 +258,25 @@ class ResultsFolder:
         point.
         """
         i = self.index_of(point)
-        prefix = array_prefix(i or 0, len(self.grid_points))
+        if i is None:
+            return {}
+        arrays: dict[str, Array] = {}
+        if every_run:
+            arrays = self.saved
+        if not arrays:
+            arrays = self.shown
+        prefix = array_prefix(i, len(self.grid_points))
         return {
             name.removeprefix(prefix): array
-            for name, array in ((self.saved if every_run else {}) or self.shown).items()
-            if i is not None and name.startswith(prefix)
+            for name, array in arrays.items()
+            if name.startswith(prefix)
         }
 
     def steps(self, point: GridPoint) -> int:
         """Return the number of steps of a run at a point."""
-        steps, i = self.manifest.get("steps"), self.index_of(point) or 0
+        steps = self.manifest.get("steps")
+        i = self.index_of(point) or 0
+        # A list has the numbers of all points, where they differ.
         number = steps[i] if isinstance(steps, list) and i < len(steps) else steps
         if not isinstance(number, int) or number < 1:
             what = "does not say how many steps a run has"
@@ -293,8 +316,10 @@ class ResultsFolder:
 
     def index_of(self, point: GridPoint) -> int | None:
         """Return a point's number in the config's grid; None if the grid does not have it."""
-        places = (i for i, given in enumerate(self.grid_points) if same_point(given, point))
-        return next(places, None)
+        for i, config_point in enumerate(self.grid_points):
+            if same_point(config_point, point):
+                return i
+        return None
 
     def columns(self, name: str, point: Mapping[str, Any] = MappingProxyType({})) -> Columns:
         """Return rows of `summary`, `per_step` or `timing`, at one grid point or at all."""
@@ -312,13 +337,15 @@ class ResultsFolder:
         if not (self.folder / "tuning.csv").is_file():
             return {}
         with self.reading("tuning.csv") as path, path.open(encoding="utf-8", newline="") as file:
-            tune, taken = self.config.get("tune", {}), {}
+            tune = self.config.get("tune", {})
+            # Values of the tuned keys that the config takes.
+            taken = {}
             for label, keys in tune.items():
                 prefix = f"filters.{tuned_label(label)}"
-                taken[label] = {key: self._at(f"{prefix}.{key}") for key in keys}
+                taken[label] = {key: self._config_value(f"{prefix}.{key}") for key in keys}
             return read_tuning(file, tune, taken)
 
-    def _at(self, path: str) -> Any:
+    def _config_value(self, path: str) -> Any:
         """Look up a value of the config; nothing if it is not there."""
         value: Any = self.config
         for key in split_path(self.source, path):
@@ -329,5 +356,8 @@ class ResultsFolder:
 
 def same_point(point: GridPoint, read_back: dict[str, Any]) -> bool:
     """Return whether a point of the config is one of a CSV file, where null and lists are texts."""
-    pairs = ((value, read_back[path]) for path, value in point.items())
-    return all(a == b or ("" if a is None else str(a)) == str(b) for a, b in pairs)
+    for path, value in point.items():
+        text = "" if value is None else str(value)
+        if value != read_back[path] and text != str(read_back[path]):
+            return False
+    return True

@@ -26,9 +26,12 @@ from trackbench.yaml_source import read
 
 FORMAT = 3
 """Number of the folder's format: it grows when older code would misread a folder."""
-MANIFEST, MACHINE = "manifest.json", "run/machine.json"
-"""Facts and digests of the results, and those of the one run that wrote them."""
-TIMING, TIME_VERDICTS = "run/timing.csv", "run/time_verdicts.csv"
+MANIFEST = "manifest.json"
+"""Facts and digests of the results."""
+MACHINE = "run/machine.json"
+"""Facts and digests of the one run that wrote the results."""
+TIMING = "run/timing.csv"
+TIME_VERDICTS = "run/time_verdicts.csv"
 DATA_FILES = ("per_run.csv", "per_step.csv", "shown.npz")
 """Large files, of which git keeps the digests."""
 ARRIVALS = "arrivals.csv"
@@ -36,10 +39,17 @@ ARRIVALS = "arrivals.csv"
 RUN_FILES = (*DATA_FILES, "summary.csv", "points.json", ARRIVALS, TIMING)
 """Files that a run writes. Tables, figures and verdicts are made from them and from the config."""
 DERIVED_FILES = (
-    *("tracks.npz", "paired.csv", "comparison.csv", "comparison.md", "claims.csv"),
-    *(TIME_VERDICTS, "sweep.csv", "tuning.csv", "report.html"),
+    "tracks.npz",
+    "paired.csv",
+    "comparison.csv",
+    "comparison.md",
+    "claims.csv",
+    TIME_VERDICTS,
+    "sweep.csv",
+    "tuning.csv",
+    "report.html",
 )
-"""Files that are made from these, beside tables and figures."""
+"""Files that are made from the files of a run, beside tables and figures."""
 _OLD_FILES = ("timing.csv", "time_verdicts.csv", *(f"{name}.xz" for name in RUN_FILES))
 """Files of older versions, which a run removes."""
 COLUMNS = {
@@ -47,14 +57,21 @@ COLUMNS = {
     "per_step.csv": ["filter", "step", "time", "metric", "value", "stderr", "runs"],
     "summary.csv": ["filter", "metric", "value", "stderr", "runs", "lost"],
     "timing.csv": [
-        *("filter", "runs", "cpu_s", "cpu_s_per_run", "stderr"),
-        *("repeats", "likelihoods", "covariances"),
+        "filter",
+        "runs",
+        "cpu_s",
+        "cpu_s_per_run",
+        "stderr",
+        "repeats",
+        "likelihoods",
+        "covariances",
     ],
 }
 """Headings of the CSV files of a run, after those of the grid."""
 ARRIVAL_COLUMNS = ["run", "sensor", "step", "arrived"]
 """Headings of `ARRIVALS`, after those of the grid."""
-TABLE_FORMS, FIGURE_FORMS = ("csv", "md", "tex"), ("png", "svg", "pdf")
+TABLE_FORMS = ("csv", "md", "tex")
+FIGURE_FORMS = ("png", "svg", "pdf")
 DEFAULT = "results"
 """Name of the table and of the figure of a config that asks for none."""
 TRACK = "track"
@@ -62,15 +79,26 @@ TRACK = "track"
 _NAMED = {"tables": TABLE_FORMS, "figures": FIGURE_FORMS}
 """Folders of files that the config names, and their formats."""
 _FORMS = {
-    **_NAMED,
-    **{f"run/{group}": forms for group, forms in _NAMED.items()},
+    "tables": TABLE_FORMS,
+    "figures": FIGURE_FORMS,
+    "run/tables": TABLE_FORMS,
+    "run/figures": FIGURE_FORMS,
     "published": ("csv",),
 }
+"""Formats of the files in each folder."""
 _PARTIAL = re.compile(r"\.(.+)\.[0-9]+\.part")
 """Name of a file that is being written: that of the whole file, and the process id."""
-_OF_RESULTS = (
-    *("experiment", "seed", "runs", "steps", "loops_over_runs", "deterministic"),
-    *("training_holds_out", "plugins", "failed", "format"),
+_FACTS_OF_RESULTS = (
+    "experiment",
+    "seed",
+    "runs",
+    "steps",
+    "loops_over_runs",
+    "deterministic",
+    "training_holds_out",
+    "plugins",
+    "failed",
+    "format",
 )
 """Facts in the manifest; ``run/machine.json`` has all others."""
 DIGITS = {"per_run.csv": 7, "per_step.csv": 6, "summary.csv": 7}
@@ -80,10 +108,12 @@ EXACT_DIGITS = 15
 
 
 class Damage(NamedTuple):
-    """Names of files that are missing although git keeps them, and of files with another digest."""
+    """Damaged files of a results folder."""
 
     missing: list[str]
+    """names of files that are missing although git keeps them"""
     changed: list[str]
+    """names of files with another digest"""
 
 
 def is_of_one_run(name: str) -> bool:
@@ -103,9 +133,10 @@ def remove_outputs(folder: Path, keep: Collection[str]) -> None:
     The manifest names these files. The config names those of an interrupted run, whose manifest lists
     only the data or is missing. ``keep`` are names of files that the next run reads.
     """
-    named = {*_recorded(folder), *_named_by_config(folder)}
-    names = {*named, *RUN_FILES, *DERIVED_FILES, *_OLD_FILES, MACHINE}.difference(keep)
-    paths = [folder / name for name in names]
+    names = {*RUN_FILES, *DERIVED_FILES, *_OLD_FILES, MACHINE}
+    names.update(_named_by_manifests(folder))
+    names.update(_named_by_config(folder))
+    paths = [folder / name for name in names.difference(keep)]
     # Half-written files of a killed process: the caller has locked the folder.
     for inner in ("", "run", *_FORMS):
         for path in (folder / inner).glob(".*.part"):
@@ -125,7 +156,7 @@ def _is_output(path: PurePosixPath) -> bool:
     return str(path) in known or path.suffix.removeprefix(".") in forms
 
 
-def _recorded(folder: Path) -> Iterator[str]:
+def _named_by_manifests(folder: Path) -> Iterator[str]:
     """Yield names in the manifests that a run can have written: a manifest may be edited or forged."""
     for manifest in (MANIFEST, MACHINE):
         with suppress(OSError, ValueError, LookupError, TypeError, RecursionError):
@@ -138,10 +169,13 @@ def _named_by_config(folder: Path) -> Iterator[str]:
     """Yield names of the tables and figures that the config asks for."""
     with suppress(UserError):
         config = read(folder / "config.yaml").data
+        if not isinstance(config, dict):
+            return
         for group, forms in _NAMED.items():
-            names = config.get(group) if isinstance(config, dict) else None
-            every = [*names, DEFAULT] if isinstance(names, dict) else []
-            safe = [name for name in every if "/" not in str(name)]
+            exhibits = config.get(group)
+            if not isinstance(exhibits, dict):
+                continue
+            safe = [name for name in (*exhibits, DEFAULT) if "/" not in str(name)]
             for place, name, form in product(("", "run/"), safe, forms):
                 yield f"{place}{group}/{name}.{form}"
 
@@ -149,10 +183,13 @@ def _named_by_config(folder: Path) -> Iterator[str]:
 def read_manifest(folder: Path) -> dict[str, Any]:
     """Read the facts and digests of both manifests; those of the run may be missing."""
     facts: dict[str, Any] = {}
+    files: dict[str, str] = {}
     for name in (MACHINE, MANIFEST):
         if name == MANIFEST or (folder / name).is_file():
-            part = printable_json((folder / name).read_text(encoding="utf-8"))
-            facts = {**facts, **part, "files": {**facts.get("files", {}), **part["files"]}}
+            content = printable_json((folder / name).read_text(encoding="utf-8"))
+            facts = {**facts, **content}
+            files = {**files, **content["files"]}
+            facts["files"] = files
     return facts
 
 
@@ -164,26 +201,37 @@ def write_manifest(folder: Path, facts: Mapping[str, Any], written: Iterable[Pat
         digests.pop(name, None)
         if path.is_file() and name not in (MACHINE, MANIFEST):
             digests[name] = _digest(path)
-    facts = {**facts, "format": FORMAT}
-    for name in (MACHINE, MANIFEST):
-        of_run = name == MACHINE
-        content: dict[str, Any] = {k: v for k, v in facts.items() if (k in _OF_RESULTS) != of_run}
-        content["files"] = {k: v for k, v in sorted(digests.items()) if is_of_one_run(k) == of_run}
-        if of_run:
-            ensure_folder(within(folder, "run"))
-        write_text(folder / name, json.dumps(content, indent=2) + "\n")
+    # Each fact and each file stands in one of both manifests.
+    of_run: dict[str, Any] = {}
+    of_results: dict[str, Any] = {}
+    for key, value in {**facts, "format": FORMAT}.items():
+        manifest = of_results if key in _FACTS_OF_RESULTS else of_run
+        manifest[key] = value
+    of_run["files"] = {}
+    of_results["files"] = {}
+    for name, digest in sorted(digests.items()):
+        manifest = of_run if is_of_one_run(name) else of_results
+        manifest["files"][name] = digest
+    ensure_folder(within(folder, "run"))
+    write_text(folder / MACHINE, json.dumps(of_run, indent=2) + "\n")
+    write_text(folder / MANIFEST, json.dumps(of_results, indent=2) + "\n")
 
 
 def check_digests(folder: Path, recorded: Mapping[str, str]) -> Damage:
     """Find which of the recorded files are missing or changed."""
-    present = {name for name in recorded if (folder / name).is_file()}
-    return Damage(
-        [name for name in recorded if name not in present and is_in_git(name)],
-        [name for name in recorded if name in present and _digest(folder / name) != recorded[name]],
-    )
+    missing = []
+    changed = []
+    for name, digest in recorded.items():
+        if not (folder / name).is_file():
+            if is_in_git(name):
+                missing.append(name)
+        elif _digest(folder / name) != digest:
+            changed.append(name)
+    return Damage(missing=missing, changed=changed)
 
 
 def _digest(path: Path) -> str:
+    """Return a file's digest; a word in place of it if the file cannot be read."""
     with suppress(OSError), path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
     return "unreadable"  # in place of a digest
@@ -216,6 +264,7 @@ _DIGITS = 20  # more than a process id has
 
 
 def _acquire(path: Path, say: Callable[[str], None]) -> int:
+    """Open and lock a file; return its descriptor. While another process has it, wait."""
     waiting = False
     while True:
         descriptor = os.open(path, _FLAGS, 0o644)
@@ -252,6 +301,7 @@ def _holder(descriptor: int) -> str:
 
 
 def _is_current(descriptor: int, path: Path) -> bool:
+    """Test whether the open file still has this path."""
     try:
         return os.path.samestat(os.fstat(descriptor), path.lstat())
     except FileNotFoundError:
@@ -270,7 +320,8 @@ if sys.platform == "win32":
             os.lseek(descriptor, _FAR, os.SEEK_SET)
             try:
                 # LK_LOCK gives up after ten seconds.
-                msvcrt.locking(descriptor, msvcrt.LK_LOCK if wait else msvcrt.LK_NBLCK, 1)
+                mode = msvcrt.LK_LOCK if wait else msvcrt.LK_NBLCK
+                msvcrt.locking(descriptor, mode, 1)
                 return
             except OSError as error:
                 if not wait:
@@ -281,4 +332,5 @@ else:
 
     def _lock(descriptor: int, wait: bool) -> None:
         """Lock an open file against other processes; raises BlockingIOError unless it may wait."""
-        fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+        operation = fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB
+        fcntl.flock(descriptor, operation)

@@ -41,8 +41,11 @@ class Columns:
     @classmethod
     def of(cls, frame: "pd.DataFrame") -> "Columns":
         """Return the columns of a data frame; words are Python's strings."""
-        types = {name: None if frame[name].dtype.kind in "ifb" else object for name in frame}
-        return cls({name: fixed(frame[name].to_numpy(types[name])) for name in frame})
+        arrays = {}
+        for name in frame:
+            is_number = frame[name].dtype.kind in "ifb"
+            arrays[name] = fixed(frame[name].to_numpy(None if is_number else object))
+        return cls(arrays)
 
     def __len__(self) -> int:
         return len(next(iter(self.arrays.values())))
@@ -79,7 +82,7 @@ class Columns:
 
         if name not in self._codes:
             codes, words = pd.factorize(self[name])
-            self._codes[name] = codes, {word: i for i, word in enumerate(words)}
+            self._codes[name] = (codes, {word: i for i, word in enumerate(words)})
         codes, numbers = self._codes[name]
         return np.asarray(codes == numbers.get(value, -2))
 
@@ -118,11 +121,18 @@ def read_pieces(path: Path, needed: Collection[str]) -> Iterator["pd.DataFrame"]
                 raise ValueError(f"has no column {missing[0]!r}")
             if not isinstance(piece.index, pd.RangeIndex):
                 raise ValueError(f"has rows of more than {len(piece.columns)} cells")
-            for name in (name for name in piece if _TYPES.get(name, str) is str):
-                for text in piece[name].unique():
-                    if what := unprintable_reason(text):
-                        raise ValueError(what)
+            for name in piece:
+                if _TYPES.get(name, str) is str:
+                    _check_printable(piece[name].unique())
             yield piece
+
+
+def _check_printable(texts: Iterable[str]) -> None:
+    """Raise ValueError for a text with control characters."""
+    for text in texts:
+        reason = unprintable_reason(text)
+        if reason:
+            raise ValueError(reason)
 
 
 def read_frame(path: Path, needed: Collection[str] = ()) -> "pd.DataFrame":
@@ -132,14 +142,15 @@ def read_frame(path: Path, needed: Collection[str] = ()) -> "pd.DataFrame":
     frame = pd.concat(read_pieces(path, needed), ignore_index=True)
     for name in set(frame) - _TYPES.keys():
         texts = frame[name].unique()
-        values = dict(zip(texts, map(_parse_of(texts), texts), strict=True))
+        parse = _choose_parse(texts)
+        values = {text: parse(text) for text in texts}
         frame[name] = frame[name].map(values)
     return frame
 
 
-def _parse_of(texts: Collection[str]) -> Parse:
+def _choose_parse(texts: Collection[str]) -> Parse:
     """Find the first type that all texts have: whole numbers, numbers, truth values, words."""
-    for parse in (int, float, _truth):
+    for parse in (int, float, _parse_truth):
         with suppress(ValueError, KeyError):
             for text in texts:
                 parse(text)
@@ -147,11 +158,11 @@ def _parse_of(texts: Collection[str]) -> Parse:
     return str
 
 
-def _truth(text: str) -> bool:
+def _parse_truth(text: str) -> bool:
     return {"True": True, "False": False}[text]
 
 
-_PARSES: dict[str, Parse] = {"i": int, "f": float, "b": _truth}
+_PARSES: dict[str, Parse] = {"i": int, "f": float, "b": _parse_truth}
 """Conversion of texts to the values of a column, by its type in numpy."""
 
 
@@ -167,11 +178,12 @@ def read_runs(path: Path, summary: Columns, grid: list[str], labels: Collection[
         # A filter's values of a metric stand together.
         starts = np.flatnonzero((words[1:] != words[:-1]).any(axis=1)) + 1
         values = np.split(of_filters["value"].to_numpy(), starts)
-        for (*texts, label, metric), run in zip(words[[0, *starts]], values, strict=True):
-            pieces.setdefault(tuple(texts), {}).setdefault((label, metric), []).append(run)
+        for (*texts, label, metric), run_values in zip(words[[0, *starts]], values, strict=True):
+            of_point = pieces.setdefault(tuple(texts), {})
+            of_point.setdefault((label, metric), []).append(run_values)
     parses = [_PARSES.get(summary[path].dtype.kind, str) for path in grid]
-    out: PointRuns = {}
+    point_runs: PointRuns = {}
     for texts, runs in pieces.items():
         point = tuple(parse(text) for parse, text in zip(parses, texts, strict=True))
-        out[point] = {key: fixed(np.concatenate(parts)) for key, parts in runs.items()}
-    return out
+        point_runs[point] = {key: fixed(np.concatenate(arrays)) for key, arrays in runs.items()}
+    return point_runs

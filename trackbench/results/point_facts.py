@@ -33,8 +33,9 @@ def printable_json(text: str) -> Any:
     """
     content = json.loads(text)
     for word in _texts(content):
-        if what := unprintable_reason(word):
-            raise ValueError(what)
+        reason = unprintable_reason(word)
+        if reason:
+            raise ValueError(reason)
     return content
 
 
@@ -42,9 +43,11 @@ def _texts(content: object) -> Iterator[str]:
     """Yield all texts in the content of a JSON file, names of keys included."""
     if isinstance(content, str):
         yield content
-    elif isinstance(content, dict | list):
-        inner = [*content, *content.values()] if isinstance(content, dict) else content
-        for value in inner:
+    elif isinstance(content, dict):
+        for value in (*content, *content.values()):
+            yield from _texts(value)
+    elif isinstance(content, list):
+        for value in content:
             yield from _texts(value)
 
 
@@ -74,21 +77,26 @@ class PointFacts:
     def accepted_nis(self, label: str) -> AcceptedNis | None:
         """Return the law of the NIS of what a filter's gate accepts; None without a gate."""
         keys = self.filters.get(label, {})
-        keys = keys["filter"] if isinstance(keys.get("filter"), dict) else keys
+        if isinstance(keys.get("filter"), dict):
+            keys = keys["filter"]
         gate = keys.get("gate")
         if not isinstance(gate, float) or not 0.0 < gate < 1.0 or not self.measured:
             return None
         sizes = [len(self.measured)]
         if isinstance(self.scenario.get("sensor"), list):
             # Components of several sensors begin with the sensor's number.
-            sizes = [*Counter(name.partition(".")[0] for name in self.measured).values()]
+            numbers = [name.partition(".")[0] for name in self.measured]
+            sizes = list(Counter(numbers).values())
         return AcceptedNis(gate, tuple(sizes), each=keys.get("gate_by") == "sensor")
 
     def component(self, c: int) -> tuple[str, str]:
         """Name component c of the truth, and its unit; empty where none is known."""
         name = self.components[c]
-        is_angle = name in (self.angles or ())
-        return without_unit(name)[0], unit_of(f"rmse_{name}") or "rad" * is_angle
+        plain_name, _ = without_unit(name)
+        unit = unit_of(f"rmse_{name}")
+        if not unit and name in (self.angles or ()):
+            unit = "rad"
+        return plain_name, unit
 
 
 def facts_of_point(point: Point, shown: Callable[[str], str] = str) -> PointFacts:
@@ -100,17 +108,19 @@ def facts_of_point(point: Point, shown: Callable[[str], str] = str) -> PointFact
     judged = None
     if scenario.recorded_runs == 1:
         steps = scenario.steps[scenario.windows[""]]
-        judged = [int(steps[0]), int(steps[-1])] if len(steps) else []
+        judged = []
+        if len(steps):
+            judged = [int(steps[0]), int(steps[-1])]
     return PointFacts(
-        dict(point.values),
-        as_config(scenario, shown),
-        filters,
-        list(scenario.components),
-        list(scenario.true_sensor.components),
-        dict(sizes(scenario)),
-        [[*map(float, span)] for span in scenario.spans],
-        [*scenario.angles] or None,
-        judged,
+        values=dict(point.values),
+        scenario=as_config(scenario, shown),
+        filters=filters,
+        components=list(scenario.components),
+        measured=list(scenario.true_sensor.components),
+        sizes=dict(sizes(scenario)),
+        spans=[[float(begin), float(end)] for begin, end in scenario.spans],
+        angles=list(scenario.angles) or None,
+        judged=judged,
     )
 
 
@@ -119,13 +129,16 @@ def points_text(points: Sequence[Point], folder: Path) -> str:
 
     Paths of data files are relative to ``folder``.
     """
-    facts = (facts_of_point(point, partial(path_from, folder=folder)) for point in points)
     first: dict[str, Any] = {}
     lines = []
-    for one in facts:
-        known = {key: value for key, value in asdict(one).items() if value is not None}
-        lines.append(json.dumps(_changed(first, known) if first else known))
-        first = first or known
+    for point in points:
+        facts = asdict(facts_of_point(point, partial(path_from, folder=folder)))
+        known = {key: value for key, value in facts.items() if value is not None}
+        if first:
+            lines.append(json.dumps(_differences(first, known)))
+        else:
+            first = known
+            lines.append(json.dumps(known))
     return "[" + ",\n".join(lines) + "]\n"
 
 
@@ -141,6 +154,7 @@ def same_points(stored: str, computed: str) -> bool:
 
 
 def _is_part(stored: Any, computed: Any) -> bool:
+    """Test whether all keys of the stored content have the computed values."""
     if isinstance(stored, dict) and isinstance(computed, dict):
         return all(k in computed and _is_part(value, computed[k]) for k, value in stored.items())
     if isinstance(stored, list) and isinstance(computed, list):
@@ -157,13 +171,20 @@ def points_in(text: str) -> Iterator[PointFacts]:
         yield PointFacts(**{**first, **other, "filters": filters})
 
 
-def _changed(first: dict[str, Any], other: dict[str, Any]) -> dict[str, Any]:
-    """Keep the facts that differ; of filters, label by label."""
-    filters = {b: keys for b, keys in other["filters"].items() if keys != first["filters"].get(b)}
-    out = {key: value for key, value in other.items() if value != first.get(key)}
-    return {**out, "filters": filters} if filters else out
+def _differences(first: dict[str, Any], other: dict[str, Any]) -> dict[str, Any]:
+    """Keep the facts of the other point that differ; of filters, label by label."""
+    differences = {key: value for key, value in other.items() if value != first.get(key)}
+    filters = {}
+    for label, keys in other["filters"].items():
+        if keys != first["filters"].get(label):
+            filters[label] = keys
+    if filters:
+        differences["filters"] = filters
+    return differences
 
 
 def array_prefix(i: int, points: int) -> str:
     """Prefix the array names of the ``i``-th of so many points of a grid."""
-    return f"point{i}/" if points > 1 else ""
+    if points <= 1:
+        return ""
+    return f"point{i}/"

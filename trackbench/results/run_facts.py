@@ -9,7 +9,6 @@ from contextlib import suppress
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, distribution, version
 from importlib.resources import files
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -31,10 +30,13 @@ def facts_of_run(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
     """Collect the content of both manifests but for the format and the digests of the files."""
     filters = experiment.points[0].filters
     steps = [len(point.scenario.steps) - 1 for point in experiment.points]
-    recorded = all(point.scenario.recorded_runs is not None for point in experiment.points)
-    fixed = [label for label, f in filters.items() if f.deterministic and recorded]
-    looped = [label for label, f in filters.items() if f.loops_over_runs]
-    return {
+    packages = {name: version(name) for name in _PACKAGES}
+    for plugin in experiment.plugins:
+        packages.update(plugin.packages)
+    failed = []
+    for (i, label), reason in outcome.failures.items():
+        failed.append({**experiment.points[i].values, "filter": label, "reason": reason})
+    facts: dict[str, Any] = {
         "trackbench": trackbench.__version__,
         "commit": _commit(),
         "date": datetime.now(UTC).date().isoformat(),
@@ -45,8 +47,7 @@ def facts_of_run(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
         "python": sys.version.split()[0],
         "platform": platform.platform(),
         "processor": _processor(),
-        "packages": {name: version(name) for name in _PACKAGES}
-        | dict(chain.from_iterable(plugin.packages for plugin in experiment.plugins)),
+        "packages": packages,
         "lock": compare_lock(),
         "plugins": {Path(plugin.path).name: plugin.digest for plugin in experiment.plugins},
         "code": code_digest(),
@@ -55,49 +56,58 @@ def facts_of_run(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
             "numpy": code_digests.numpy_arithmetic(),
             "compiled": compiled.kernels is not None,
         },
-        "failed": [
-            {**experiment.points[i].values, "filter": label, "reason": why}
-            for (i, label), why in outcome.failures.items()
-        ],
+        "failed": failed,
         "blocks": {"computed": outcome.computed, "reused": outcome.reused},
         "wall_s": round(outcome.wall_s, 3),
-        **({"loops_over_runs": looped} if looped else {}),
-        **({"deterministic": fixed} if fixed else {}),
     }
+    looped = [label for label, tracker in filters.items() if tracker.loops_over_runs]
+    if looped:
+        facts["loops_over_runs"] = looped
+    deterministic = [label for label, tracker in filters.items() if tracker.deterministic]
+    is_recorded = all(point.scenario.recorded_runs is not None for point in experiment.points)
+    if deterministic and is_recorded:
+        facts["deterministic"] = deterministic
+    return facts
 
 
 def lock_file() -> Path:
     """Locate the lock file: beside the code in a wheel, in requirements/ in a checkout."""
     package = Path(str(files("trackbench")))
     in_wheel = package / "requirements.txt"
-    return in_wheel if in_wheel.is_file() else package.parent / "requirements" / "run.txt"
+    if in_wheel.is_file():
+        return in_wheel
+    return package.parent / "requirements" / "run.txt"
 
 
 def compare_lock() -> dict[str, Any]:
     """Digest the lock file; find the packages that are installed in another version."""
     content = lock_file().read_bytes()
     pins = dict(_PIN.findall(content.decode()))
-    installed = {name: _installed(name) for name in pins}
+    installed = {name: _installed_version(name) for name in pins}
     other = {name: now for name, now in installed.items() if now not in (pins[name], None)}
     digest = hashlib.sha256(content).hexdigest()
     return {"file": "requirements/run.txt", "sha256": digest, "other": other}
 
 
-def _installed(name: str) -> str | None:
+def _installed_version(name: str) -> str | None:
     """Look up a package's version; None if it is not installed, as a tool of the build may be."""
     try:
         text = distribution(name).read_text("METADATA")
     except PackageNotFoundError:
         return None
     line = _VERSION.search(text or "")  # `version` would parse the whole text, thirty times
-    return line.group(1) if line else version(name)
+    if line is None:
+        return version(name)
+    return line.group(1)
 
 
 def _processor() -> str:
     """Name the processor; Python reports none on Linux."""
     with suppress(OSError):
         line = _PROCESSOR.search(Path("/proc/cpuinfo").read_text(encoding="utf-8"))
-        return line.group(1) if line else platform.machine()
+        if line is None:
+            return platform.machine()
+        return line.group(1)
     return platform.processor()
 
 
@@ -115,4 +125,6 @@ def _commit() -> str | None:
     except (OSError, subprocess.CalledProcessError):
         return None
     prefix, commit, _ = answer.stdout.splitlines()
-    return commit if prefix == f"{package.name}/" else None
+    if prefix != f"{package.name}/":
+        return None
+    return commit

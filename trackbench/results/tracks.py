@@ -1,6 +1,5 @@
 """Tracks of runs as npz files: ``tracks.npz`` with all of them, ``shown.npz`` with those of figures."""
 
-from itertools import chain
 from pathlib import Path
 from typing import Any, cast
 from zipfile import ZIP_LZMA, ZipFile
@@ -41,16 +40,25 @@ class TrackFile:
         prefix = array_prefix(i, len(self.experiment.points))
         scenario = self.experiment.points[i].scenario
         arrays = {"steps": scenario.steps, "times": scenario.times}
-        if (span := self.experiment.shown_particles) is not None:
-            arrays["particle_steps"] = np.arange(span[0], span[1] + 1)
+        particle_steps = self.experiment.shown_particles
+        if particle_steps is not None:
+            first, last = particle_steps
+            arrays["particle_steps"] = np.arange(first, last + 1)
         arrays |= self._arrays(label, result.tracks, scenario)
         self.arrays |= {f"{prefix}{name}": array for name, array in arrays.items()}
 
     def _arrays(self, label: str, tracks: Tracks, scenario: Scenario) -> dict[str, Array]:
-        arrays = {"truth": tracks.truth, "measurements": tracks.measurements}
-        arrays[f"mean/{label}"] = tracks.mean
-        optional = {"cov": tracks.cov, "particles": tracks.particles}
-        return arrays | {f"{name}/{label}": a for name, a in optional.items() if a is not None}
+        """Return one filter's arrays by name."""
+        arrays = {
+            "truth": tracks.truth,
+            "measurements": tracks.measurements,
+            f"mean/{label}": tracks.mean,
+        }
+        if tracks.cov is not None:
+            arrays[f"cov/{label}"] = tracks.cov
+        if tracks.particles is not None:
+            arrays[f"particles/{label}"] = tracks.particles
+        return arrays
 
     def write(self, path: Path) -> None:
         """Write the file as `np.load` reads it, unless it would be empty."""
@@ -71,29 +79,36 @@ class FigureTracks(TrackFile):
     """
 
     def _arrays(self, label: str, tracks: Tracks, scenario: Scenario) -> dict[str, Array]:
-        figures = [f for f in self.experiment.figures.values() if f.shown_runs]
-        exact = _most_runs([f for f in figures if f.shown_components is None])
-        arrays = {"truth": tracks.truth[..., : max(exact, 1)]}
-        if exact:
-            arrays["measurements"] = tracks.measurements[..., :exact]
-        if any(f.shown_measurements for f in figures):
+        figures = [figure for figure in self.experiment.figures.values() if figure.shown_runs]
+        # Number of runs that are drawn in all detail.
+        exact_runs = _most_runs([f for f in figures if f.shown_components is None])
+        arrays = {"truth": tracks.truth[..., : max(exact_runs, 1)]}
+        if exact_runs:
+            arrays["measurements"] = tracks.measurements[..., :exact_runs]
+        if any(figure.shown_measurements for figure in figures):
             positions = measured_positions(scenario, tracks.measurements[..., :1])
             if positions is not None:
-                arrays["seen"] = _quantized(positions, list(range(len(positions))))
-            arrays |= {f"sensor/{n}": path for n, path in sensor_paths(scenario)}
+                arrays["seen"] = _quantize(positions, list(range(len(positions))))
+            for n, path in sensor_paths(scenario):
+                arrays[f"sensor/{n}"] = path
         # A figure of one filter shows no other; any other figure may show the best, too.
-        of_filter = [f for f in figures if len(f.filters or ()) != 1 or label in (f.filters or ())]
-        only_lines = [f for f in of_filter if f.shown_components is not None]
-        means = tracks.mean[..., : _most_runs(of_filter)]
-        if len(only_lines) < len(of_filter):
+        figures_of_filter = []
+        for figure in figures:
+            labels = figure.filters or ()
+            if len(labels) != 1 or label in labels:
+                figures_of_filter.append(figure)
+        only_lines = [f for f in figures_of_filter if f.shown_components is not None]
+        means = tracks.mean[..., : _most_runs(figures_of_filter)]
+        if len(only_lines) < len(figures_of_filter):
             arrays[f"mean/{label}"] = means
         elif only_lines:
-            shown = (figure.shown_components or () for figure in only_lines)
-            components = sorted(set(chain.from_iterable(shown)))
-            arrays[f"mean/{label}"] = _quantized(means, components)
-        if tracks.cov is not None and any(f.shown_covariances for f in of_filter):
-            arrays[f"cov/{label}"] = tracks.cov[..., :exact]
-        if tracks.particles is not None and any(f.shown_particles for f in of_filter):
+            components: set[int] = set()
+            for figure in only_lines:
+                components.update(figure.shown_components or ())
+            arrays[f"mean/{label}"] = _quantize(means, sorted(components))
+        if tracks.cov is not None and any(f.shown_covariances for f in figures_of_filter):
+            arrays[f"cov/{label}"] = tracks.cov[..., :exact_runs]
+        if tracks.particles is not None and any(f.shown_particles for f in figures_of_filter):
             arrays[f"particles/{label}"] = tracks.particles.astype(np.float32)
         return arrays
 
@@ -105,7 +120,10 @@ def sensor_paths(scenario: Scenario) -> list[tuple[int, Array]]:
     paths = []
     for n, each in enumerate(sensors, 1):
         if isinstance(each, AngularSensor):
-            places = [(each.place(int(k)) or (0.0, 0.0))[:2] for k in scenario.steps]
+            places = []
+            for k in scenario.steps:
+                place = each.place(int(k)) or (0.0, 0.0)
+                places.append(place[:2])
             paths.append((n, np.array(places).T))
     return paths
 
@@ -116,14 +134,16 @@ def measured_positions(scenario: Scenario, z: Array) -> Array | None:
     None if no sensor measures a position at once.
     """
     sensor = scenario.true_sensor
-    located = position_part(sensor) if isinstance(sensor, Sensors) else None
-    if located is None:
+    sensor_and_rows = position_part(sensor) if isinstance(sensor, Sensors) else None
+    if sensor_and_rows is None:
         return None
-    one, rows = located
-    if isinstance(one, LinearSensor):
-        return one.located(z[rows], 0).mean  # equal at every step
-    steps = enumerate(scenario.steps[1:])
-    return np.stack([one.located(z[rows, i], int(k)).mean for i, k in steps], axis=1)
+    locating_sensor, rows = sensor_and_rows
+    if isinstance(locating_sensor, LinearSensor):
+        return locating_sensor.located(z[rows], 0).mean  # equal at every step
+    positions = []
+    for i, k in enumerate(scenario.steps[1:]):
+        positions.append(locating_sensor.located(z[rows, i], int(k)).mean)
+    return np.stack(positions, axis=1)
 
 
 def _most_runs(figures: list[DrawnExhibit]) -> int:
@@ -131,12 +151,14 @@ def _most_runs(figures: list[DrawnExhibit]) -> int:
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a value beyond float32 is infinite: no page has it
-def _quantized(mean: Array, components: list[int]) -> Array:
+def _quantize(mean: Array, components: list[int]) -> Array:
     """Round the components (n_x, T + 1, r) to a step of a power of two, which float32 represents."""
     values = mean[components]
     finite = values[np.isfinite(values)]
     span = float(np.ptp(finite)) if len(finite) else 0.0
-    step = 2.0 ** np.floor(np.log2(span / _LEVELS)) if span > 0.0 else 1.0
+    step = 1.0
+    if span > 0.0:
+        step = 2.0 ** np.floor(np.log2(span / _LEVELS))
     rounded = np.full(mean.shape, np.nan, dtype=np.float32)
     rounded[components] = step * np.round(values / step)
     return cast(Array, rounded)

@@ -68,19 +68,25 @@ class Losses(NamedTuple):
 
     runs: int
     by_code: dict[float, int]
+    """number of lost runs by the reason, a key of `LOST_BECAUSE`"""
     has_distance: bool = True
-    """whether the reference could be run, if there is one"""
+    """True if the reference could be run, or there is none"""
 
     @classmethod
-    def of(cls, result: FilterResult) -> "Losses":
+    def from_result(cls, result: FilterResult) -> "Losses":
         """Count the codes of the metric ``lost``."""
         codes = result.per_run["lost"]
-        distances = [
-            x for name, x in result.per_run.items() if measured(name).family[0].name == "rmsd"
-        ]
-        known = any(np.isfinite(x).any() for x in distances) or not distances or (codes > 0).all()
+        distances = []
+        for name, values in result.per_run.items():
+            metric, _ = measured(name).family
+            if metric.name == "rmsd":
+                distances.append(values)
+        # Without any finite distance the reference failed, unless all runs are lost.
+        has_distance = not distances or bool((codes > 0).all())
+        if any(np.isfinite(values).any() for values in distances):
+            has_distance = True
         by_code = {code: int((codes == code).sum()) for code in LOST_BECAUSE}
-        return cls(len(codes), by_code, bool(known))
+        return cls(runs=len(codes), by_code=by_code, has_distance=has_distance)
 
     @property
     def lost(self) -> int:
@@ -104,13 +110,15 @@ def write_results(
     tracks: bool,
     times: Mapping[Key, Measured] = MappingProxyType({}),
 ) -> tuple[dict[Key, Losses], dict[str, Any]]:
-    """Write the files of a run in place of what earlier runs left, from which all others are made.
+    """Write the files of a run, from which all other files are made, in place of earlier runs' files.
 
-    ``times`` are measured CPU times. Return the lost runs of each filter, and the facts for the
-    manifest, which the caller writes after all other files.
+    With ``tracks`` the tracks of all runs are written; ``times`` are measured CPU times. Return the lost
+    runs of each filter, and the facts for the manifest, which the caller writes after all other files.
     """
+    # Step 1: config, published numbers and data files.
     published = experiment.published.files
-    inputs = {"config.yaml", *(f"published/{name}" for name in published)}
+    inputs = {"config.yaml"}
+    inputs.update(f"published/{name}" for name in published)
     remove_outputs(folder, keep=inputs)  # the run may read these; they are replaced whole
     write_text(folder / "config.yaml", as_yaml(resolved(experiment, folder)))
     for name, text in published.items():
@@ -121,36 +129,45 @@ def write_results(
             write_bytes(folder / name, path.read_bytes())
         elif path.is_file():  # not so a pattern of names
             note(folder / name)
+    # Step 2: the numbers and tracks of each filter at each point.
     track_files: dict[str, TrackFile] = {"shown.npz": FigureTracks(experiment)}
     if tracks:
         track_files["tracks.npz"] = TrackFile(experiment)
     ensure_folder(within(folder, "run"))
-    losses, requested, settings = {}, requested_contributions(experiment), experiment.settings
-    spent: dict[BlockTask, float] = {}  # several points may share a filtered block
+    losses: dict[Key, Losses] = {}
+    requested = requested_contributions(experiment)
+    cpu_s_of_block: dict[BlockTask, float] = {}  # several points may share a filtered block
     with ExitStack() as files:
         csv_files = CsvFiles(files, folder, experiment)
-        for key, result in outcome.results():
+        for key, outcome_result in outcome.results():
+            point, label = key
+            scenario = experiment.points[point].scenario
+            steps = scenario.steps.tolist()
             # Add each run's share in the requested measures; drop the series that only they need.
-            scenario = experiment.points[key[0]].scenario
-            steps, parts = scenario.steps.tolist(), sizes(scenario)
-            shares = requested.of(key[1], steps)
-            result = with_shares(result, shares, scenario.windows, steps, parts)
-            series = {n: rows for n, rows in result.run_series.items() if n in settings.medians}
-            result = result._replace(run_series=series, measured=times.get(key))
-            losses[key] = Losses.of(result)
-            passes = (task.filtering_key for task in outcome.plan.tasks[key])
-            spent.update(zip(passes, (t.cpu_s for t in result.timing), strict=True))
+            shares = requested.of(label, steps)
+            result = with_shares(outcome_result, shares, scenario.windows, steps, sizes(scenario))
+            run_series = {
+                name: rows
+                for name, rows in result.run_series.items()
+                if name in experiment.settings.medians
+            }
+            result = result._replace(run_series=run_series, measured=times.get(key))
+            losses[key] = Losses.from_result(result)
+            for task, timing in zip(outcome.plan.tasks[key], result.timing, strict=True):
+                cpu_s_of_block[task.filtering_key] = timing.cpu_s
             csv_files.add(key, result)
             for track_file in track_files.values():
                 track_file.add(key, result)
         csv_files.add_numbers_without_runs()
     for name, track_file in track_files.items():
         track_file.write(folder / name)
+    # Step 3: the arrivals of late measurements, and the facts of the run.
     if any(point.scenario.longest_delay for point in experiment.points):
         columns = [*experiment.settings.grid, *ARRIVAL_COLUMNS]
         write_csv(folder / ARRIVALS, columns, _arrival_rows(experiment, outcome))
-    cpu_s = round(float(total(np.array([*spent.values()]))), 3)
-    return losses, facts_of_run(experiment, outcome) | {"cpu_s": cpu_s}
+    facts = facts_of_run(experiment, outcome)
+    facts["cpu_s"] = round(float(total(np.array(list(cpu_s_of_block.values())))), 3)
+    return losses, facts
 
 
 _ARRIVAL_RUNS = 20
@@ -196,15 +213,16 @@ class CsvFiles:
         self._writers: dict[str, CsvWriter] = {}
         for name, columns in COLUMNS.items():
             path = folder / (TIMING if name == "timing.csv" else name)
-            self._writers[name] = CsvWriter(files.enter_context(atomic_write(path)))
-            self._writers[name].writerow([*experiment.settings.grid, *columns])
+            writer = CsvWriter(files.enter_context(atomic_write(path)))
+            writer.writerow([*experiment.settings.grid, *columns])
+            self._writers[name] = writer
 
     def add(self, key: Key, result: FilterResult) -> None:
         """Add the rows of one filter at one grid point."""
         point, label = key
         scenario = self._experiment.points[point].scenario
-        digits = _digits_of_runs(self._experiment, key)
-        self._add_runs(self._head(point, label), result.per_run, digits)
+        digits = _digits_per_run(self._experiment, key)
+        self._add_runs(self._head_text(point, label), result.per_run, digits)
         self._add_steps(point, label, step_columns(result, sizes(scenario)))
         # Only metrics that are written need a summary.
         stored = stored_metrics(self._experiment.settings, "summary.csv")
@@ -213,28 +231,40 @@ class CsvFiles:
             for metric, values in result.per_run.items()
             if stored is None or measured(metric).base in {"lost", *stored}
         }
-        result = result._replace(per_run=per_run)
-        self._add_summary(point, label, summary_rows(result, sizes(scenario), scenario.windows))
-        self._writers["timing.csv"].writerow([*self._cells(point, label), *_timing(result)])
+        summarized = result._replace(per_run=per_run)
+        rows = summary_rows(summarized, sizes(scenario), scenario.windows)
+        self._add_summary(point, label, rows)
+        timing_cells = _timing_cells(summarized)
+        self._writers["timing.csv"].writerow([*self._head_cells(point, label), *timing_cells])
 
     def add_numbers_without_runs(self) -> None:
-        """Add lower bounds and exact errors, as of a filter; of exact errors no standard errors."""
+        """Add lower bounds and exact errors like filters; exact errors have no standard errors."""
         settings = self._experiment.settings
         for i, point in enumerate(self._experiment.points):
             scenario = point.scenario
             if settings.bound:
-                bounds, without = scenario.bounds(), scenario.bounds_without_batch()
+                bounds = scenario.bounds()
+                without = scenario.bounds_without_batch()
                 rows = bound_summary(bounds, scenario.windows, without)
                 self._add_summary(i, settings.bound, rows)
                 self._add_steps(i, settings.bound, bound_steps(bounds, without))
-            for name in [name for name in settings.exact if name in point.filters]:
-                tracker, assume = point.filters[name], point.assumed.get(name)
+            for name in settings.exact:
+                if name not in point.filters:
+                    continue
                 task = BlockTask(
-                    scenario, tracker, 0, 0, 1, 1, assume=assume, hold_out=settings.hold_out
+                    scenario=scenario,
+                    filter=point.filters[name],
+                    seed=0,
+                    index=0,
+                    width=1,
+                    runs_used=1,
+                    assume=point.assumed.get(name),
+                    hold_out=settings.hold_out,
                 )
                 summary, steps = exact_rows(exact_series(task), sizes(scenario), scenario.windows)
                 label = exact_label(name)
-                self._add_summary(i, label, [r._replace(stderr=np.nan, runs=0) for r in summary])
+                without_stderr = [row._replace(stderr=np.nan, runs=0) for row in summary]
+                self._add_summary(i, label, without_stderr)
                 self._add_steps(i, label, map(_without_runs, steps))
 
     def _add_runs(self, head: str, per_run: dict[str, Array], digits: int) -> None:
@@ -244,61 +274,83 @@ class CsvFiles:
             if is_stored(stored, measured(metric).base):
                 texts = _texts(values, digits)
                 name = cells([metric])
-                lines = [f"{head},{run},{name},{x}\n" for run, x in enumerate(texts)]
+                lines = [f"{head},{run},{name},{text}\n" for run, text in enumerate(texts)]
                 self._writers["per_run.csv"].write("".join(lines))
 
     def _add_steps(self, point: int, label: str, columns: Iterable[StepColumns]) -> None:
         """Add rows of per_step.csv, a series at a time: all metrics of a step, then the next step."""
-        file, head = "per_step.csv", self._head(point, label)
         scenario = self._experiment.points[point].scenario
-        stored = stored_metrics(self._experiment.settings, file)
-        digits = DIGITS[file]
-        times = zip(scenario.steps.tolist(), _texts(scenario.times, digits), strict=True)
-        heads = np.array([f"{head},{step},{time}" for step, time in times], dtype=object)
+        stored = stored_metrics(self._experiment.settings, "per_step.csv")
+        digits = DIGITS["per_step.csv"]
+        head = self._head_text(point, label)
+        times = _texts(scenario.times, digits)
+        steps_and_times = zip(scenario.steps.tolist(), times, strict=True)
+        heads = np.array([f"{head},{step},{time}" for step, time in steps_and_times], dtype=object)
         for of_series in columns:
-            lines: list[list[str]] = []
-            at = heads[of_series.positions].tolist()
+            step_heads = heads[of_series.positions].tolist()
             runs = _texts(of_series.runs, digits)
+            # Lines of each metric, a line per step.
+            lines_by_metric: list[list[str]] = []
             for metric, estimates in of_series.metrics.items():
-                if is_stored(stored, measured(metric).base):
-                    name, value, stderr = cells([metric]), *(_texts(x, digits) for x in estimates)
-                    rows = zip(at, value, stderr, runs, strict=True)
-                    lines.append([f"{a},{name},{x},{s},{n}\n" for a, x, s, n in rows])
-            self._writers[file].write("".join(chain.from_iterable(zip(*lines, strict=True))))
+                if not is_stored(stored, measured(metric).base):
+                    continue
+                name = cells([metric])
+                values = _texts(estimates.value, digits)
+                stderrs = _texts(estimates.stderr, digits)
+                rows = zip(step_heads, values, stderrs, runs, strict=True)
+                lines = [
+                    f"{step_head},{name},{value},{stderr},{number}\n"
+                    for step_head, value, stderr, number in rows
+                ]
+                lines_by_metric.append(lines)
+            lines_by_step = zip(*lines_by_metric, strict=True)
+            self._writers["per_step.csv"].write("".join(chain.from_iterable(lines_by_step)))
 
     def _add_summary(self, point: int, label: str, rows: Iterable[SummaryRow]) -> None:
+        """Add rows of summary.csv, of the metrics that are stored."""
         stored = stored_metrics(self._experiment.settings, "summary.csv")
-        before, digits = self._cells(point, label), DIGITS["summary.csv"]
+        head = self._head_cells(point, label)
+        digits = DIGITS["summary.csv"]
         for row in rows:
             if is_stored(stored, measured(row.metric).base):
-                value, stderr = (float(f"{x:.{digits}g}") for x in (row.value, row.stderr))
-                row = row._replace(value=value, stderr=stderr)
-                self._writers["summary.csv"].writerow([*before, *row])
+                value = float(f"{row.value:.{digits}g}")
+                stderr = float(f"{row.stderr:.{digits}g}")
+                rounded = row._replace(value=value, stderr=stderr)
+                self._writers["summary.csv"].writerow([*head, *rounded])
 
-    def _cells(self, point: int, label: str) -> list[Any]:
+    def _head_cells(self, point: int, label: str) -> list[Any]:
         """Begin a row: values of the grid point, and the filter."""
         return [*self._experiment.points[point].values.values(), label]
 
-    def _head(self, point: int, label: str) -> str:
-        return cells(self._cells(point, label))
+    def _head_text(self, point: int, label: str) -> str:
+        """Write the cells that begin a row."""
+        return cells(self._head_cells(point, label))
 
 
-def _digits_of_runs(experiment: Experiment, key: Key) -> int:
+def _digits_per_run(experiment: Experiment, key: Key) -> int:
     """Return the significant digits of a filter's values per run.
 
     Printed numbers of as many digits are compared digit by digit if nothing is random.
     """
-    point = experiment.points[key[0]]
-    label = key[1]
-    is_random = point.scenario.recorded_runs is None or not point.filters[label].deterministic
-    of_filter = [number for number in experiment.published.numbers if label in number.labels]
-    longest = max((number.significant_digits for number in of_filter), default=0)
+    i, label = key
+    point = experiment.points[i]
     usual = DIGITS["per_run.csv"]
-    return usual if is_random or longest < usual else EXACT_DIGITS
+    is_random = point.scenario.recorded_runs is None or not point.filters[label].deterministic
+    if is_random:
+        return usual
+    printed = [
+        number.significant_digits
+        for number in experiment.published.numbers
+        if label in number.labels
+    ]
+    if max(printed, default=0) < usual:
+        return usual
+    return EXACT_DIGITS
 
 
 def _texts(values: Array | Index, digits: int) -> list[str]:
     """Write numbers with so many significant digits."""
+    # Equal numbers are written once.
     bits = np.ascontiguousarray(values).view(f"u{values.itemsize}")
     if len(values) > 1 and (bits == bits[0]).all():
         return _texts(values[:1], digits) * len(values)
@@ -309,18 +361,24 @@ def _texts(values: Array | Index, digits: int) -> list[str]:
 
 def _without_runs(columns: StepColumns) -> StepColumns:
     """Return exact numbers, which no runs and so no standard errors belong to."""
-    metrics = {
-        name: Estimates(estimates.value, np.full_like(estimates.stderr, np.nan))
-        for name, estimates in columns.metrics.items()
-    }
+    metrics = {}
+    for name, estimates in columns.metrics.items():
+        unknown = np.full_like(estimates.stderr, np.nan)
+        metrics[name] = Estimates(value=estimates.value, stderr=unknown)
     return columns._replace(metrics=metrics, runs=np.zeros_like(columns.runs))
 
 
-def _timing(result: FilterResult) -> Row:
+def _timing_cells(result: FilterResult) -> Row:
     """Return the CPU time of all blocks, and of a run: the median of its measured times, if any."""
-    runs = sum(t.runs for t in result.timing)
-    cpu_s = sum(t.cpu_s for t in result.timing)
-    seconds, *operations = result.measured or ([], None, None)
-    of_run = median(np.array(seconds)) if seconds else Estimate(cpu_s / runs, np.nan)
-    repeats = ";".join(f"{s:.6g}" for s in seconds)
-    return runs, cpu_s, *of_run, repeats, *("-" if n is None else f"{n:.6g}" for n in operations)
+    runs = sum(timing.runs for timing in result.timing)
+    cpu_s = sum(timing.cpu_s for timing in result.timing)
+    times = result.measured or Measured(seconds=[], likelihoods=None, covariances=None)
+    per_run = Estimate(value=cpu_s / runs, stderr=np.nan)
+    if times.seconds:
+        per_run = median(np.array(times.seconds))
+    repeats = ";".join(f"{seconds:.6g}" for seconds in times.seconds)
+    operations = [
+        "-" if number is None else f"{number:.6g}"
+        for number in (times.likelihoods, times.covariances)
+    ]
+    return runs, cpu_s, per_run.value, per_run.stderr, repeats, *operations

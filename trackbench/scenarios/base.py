@@ -17,18 +17,17 @@ from trackbench.models.sensors.base import Assume
 
 
 class Simulation(NamedTuple):
-    """M simulated runs.
-
-    ``truth`` (n_x, T + 1, M) starts with the prior's step; ``measurements`` (n_z, T, M) follow it, NaN
-    where there is none; ``prior`` is the distribution of the first state, given to every filter.
-    ``arrival`` (S, T, M) is the step, from 0, at which the measurement of each of S sensors arrives, T
-    for after the end; None if all arrive on time.
-    """
+    """M simulated runs of T steps."""
 
     truth: Array
+    """states (n_x, T + 1, M), the first at the prior's step"""
     measurements: Array
+    """measurements (n_z, T, M) after the prior's step, NaN where there is none"""
     prior: Distribution
+    """distribution of the first state, which every filter is given"""
     arrival: Index | None = None
+    """step (S, T, M), from 0, at which the measurement of each of S sensors arrives, T for after the
+    end; None if all arrive on time"""
 
 
 class Scenario(Scene):
@@ -41,11 +40,35 @@ class Scenario(Scene):
 
     @abstractmethod
     def simulate(self, rng: Streams, runs: int) -> Simulation:
-        """Return the truth, measurements and prior of so many runs; ``rng`` has one stream per run."""
+        """Simulate the truth, the measurements and the prior.
+
+        Parameters
+        ----------
+        rng : Streams
+            Random numbers, a stream per run.
+        runs : int
+            Number M of runs.
+
+        Returns
+        -------
+        Simulation
+            Truth (n_x, T + 1, M), measurements (n_z, T, M) and the prior of M runs.
+        """
 
     @abstractmethod
     def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
-        """Return error vectors (d, *batch) by quantity, from estimate and truth (n_x, *batch)."""
+        """Compute the errors that metrics are made of.
+
+        Parameters
+        ----------
+        mean, truth : Array (n_x, *batch)
+            Estimates and true states.
+
+        Returns
+        -------
+        dict[str, Array]
+            Error vector (d, *batch) of each quantity, such as ``position`` for ``rmse_position``.
+        """
 
     @property
     def components(self) -> tuple[str, ...]:
@@ -167,15 +190,36 @@ class Scenario(Scene):
 
 
 def simulate_markov(model: Model, start: Array, steps: Index, rng: Streams) -> tuple[Array, Array]:
-    """Simulate truth (n_x, T + 1, M) and measurements (n_z, T, M) from ``start``."""
-    truth, measurements, n_z = [start], [], len(model.sensor.components)
-    for k in steps[1:]:
-        truth.append(model.motion.transition(truth[-1], int(k)).sample(rng))
+    """Simulate truth (n_x, T + 1, M) and measurements (n_z, T, M) from ``start``.
+
+    Parameters
+    ----------
+    model : Model
+        Motion and sensor.
+    start : Array (n_x, M)
+        State at the first step.
+    steps : Index (T + 1,)
+        Numbers of the steps.
+    rng : Streams
+        Random numbers, a stream per run.
+
+    Returns
+    -------
+    truth : Array (n_x, T + 1, M)
+    measurements : Array (n_z, T, M)
+    """
+    n_z = len(model.sensor.components)
+    truth = [start]
+    measurements = []
+    for step in steps[1:]:
+        k = int(step)
+        x = model.motion.transition(truth[-1], k).sample(rng)
+        truth.append(x)
         if has_density(model.sensor):
-            noise = rng.standard_normal((n_z, truth[-1].shape[-1]))
-            measurements.append(model.sensor.draw_known(truth[-1], int(k), noise, rng))
+            noise = rng.standard_normal((n_z, x.shape[-1]))
+            measurements.append(model.sensor.draw_known(x, k, noise, rng))
         else:
-            measurements.append(model.sensor.measurement(truth[-1], int(k)).sample(rng))
+            measurements.append(model.sensor.measurement(x, k).sample(rng))
     return np.stack(truth, axis=1), np.stack(measurements, axis=1)
 
 

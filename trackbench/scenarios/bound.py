@@ -1,8 +1,8 @@
 """Posterior Cramer-Rao bound of a tracking scenario, along one path or over simulated ones.
 
-It starts from the start's covariance at the truth. A measurement that may be missing counts by its
-probability, which leaves a lower bound. Of a path that is flown in every run it bounds a filter that
-knows all accelerations, and lies far below one that has to find them.
+It begins with the start's covariance at the truth. A measurement that may be missing counts by its
+probability, which leaves a lower bound. If every run flies the same path, the bound is that of a filter
+that knows all accelerations. A filter that has to find them is far above it.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -22,54 +22,68 @@ from trackbench.models.motions.nonlinear import AdditiveNoise
 from trackbench.models.sensors.base import Sensors, sensors_of
 from trackbench.scenarios.starts.base import Start
 
-BATCHES, _PATHS, _SCORED = 10, 1000, 100
-"""Independent batches, paths of each, and paths along which a covariance becomes errors."""
+BATCHES = 10
+"""Number of independent batches of paths."""
+_PATHS = 1000
+"""Number of paths of each batch."""
+_SCORED = 100
+"""Number of paths along which a covariance is turned into errors."""
 _FEW = 10
+"""Number of paths that may not carry too much of the mean information."""
 _MOST_OF_FEW = 0.1
-"""Paths that may not carry more than this share of the mean information."""
+"""Largest share of the mean information that these few paths may carry."""
 Squares = Callable[[Array, Array], dict[str, Array]]
 """Mean squared errors (K,) by quantity, of covariances (n, n, K) at states (n, K)."""
 
 
 class Bound(NamedTuple):
-    """Bounds on every RMSE (K,) by quantity, and by all batches of paths but one."""
+    """Bounds on every RMSE (K,) by quantity."""
 
     whole: dict[str, Array]
+    """bounds from all paths"""
     without_batch: tuple[dict[str, Array], ...] = ()
+    """bounds from all batches of paths but one, for each batch"""
     caution: str = ""
     """reason why the mean information may be wrong"""
 
 
 class Course(NamedTuple):
-    """Steps (K,) from the first state on, the motion, the sensors and the first state's bound."""
+    """Steps, motion and sensors that a bound is computed for."""
 
     steps: Sequence[int]
+    """numbers (K,) of the steps from the first state on"""
     motion: SampledMotion
     sensor: Sensors
     initial: Array
+    """covariance (n, n) of the first state"""
     squares: Squares
 
 
 def has_bound(motion: SampledMotion) -> bool:
     """Test whether a motion is x' = F x + b(k) + N(0, Q) with constant matrices."""
-    J = getattr(motion.step, "J", None) if isinstance(motion, AdditiveNoise) else None
-    return isinstance(motion, Linear) or (J is not None and J.constant is not None)
+    if isinstance(motion, Linear):
+        return True
+    if not isinstance(motion, AdditiveNoise):
+        return False
+    J = getattr(motion.step, "J", None)
+    return J is not None and J.constant is not None
 
 
-def matrices(motion: SampledMotion) -> tuple[Array, Array]:
-    """F and Q of a motion with a bound."""
+def motion_matrices(motion: SampledMotion) -> tuple[Array, Array]:
+    """Return F and Q of a motion with a bound."""
     assert isinstance(motion, Linear | AdditiveNoise)
-    return motion.jacobian(np.zeros(len(motion.components)), 1), motion.Q
+    F = motion.jacobian(np.zeros(len(motion.components)), 1)
+    return F, motion.Q
 
 
-def along(course: Course, path: Array) -> Bound:
+def bound_along_path(course: Course, path: Array) -> Bound:
     """Bound errors along a path (n, K) that is flown in every run."""
     n = len(path)
-    pairs = list(zip(course.steps, path.T, strict=True))[1:]
-    gained = (course.sensor.information(x, k) for k, x in pairs)
+    steps_and_states = zip(course.steps[1:], path.T[1:], strict=True)
+    information = (course.sensor.information(x, k) for k, x in steps_and_states)
     # J' = (Q + F J^-1 F')^-1 + H' R^-1 H from the covariance of the start, J_0^-1.
-    F, Q = matrices(course.motion)
-    P = posterior_cramer_rao(course.initial, F[:n, :n], Q[:n, :n], gained)
+    F, Q = motion_matrices(course.motion)
+    P = posterior_cramer_rao(course.initial, F[:n, :n], Q[:n, :n], information)
     return Bound(_roots(course.squares(P, path)))
 
 
@@ -86,24 +100,29 @@ def position_sigma(sensor: Sensors, state: Array, k: int) -> float | None:
     return largest_deviation(linalg.inverse(position))
 
 
-def over_paths(course: Course, first: Callable[[int, Streams], Array]) -> Bound | None:
+def bound_over_paths(
+    course: Course, draw_first_states: Callable[[int, Streams], Array]
+) -> Bound | None:
     """Bound errors with ``E[H' R^-1 H]`` over the paths that the motion draws.
 
-    ``first`` draws so many first states (n, N). The result is None if all paths are one, or have one
-    information since the sensor is linear. Each of the bounds without a batch of paths has the
+    ``draw_first_states`` draws so many first states (n, N). The result is None if all paths are one, or
+    have one information since the sensor is linear. Each of the bounds without a batch of paths has the
     expectation over the others; they give its standard error.
     """
     if hasattr(course.sensor, "H") or hasattr(course.sensor, "linear"):
         return None
-    rng, motion, (F, Q) = block_stream(0, 0), course.motion, matrices(course.motion)
-    start = first(BATCHES * _PATHS, rng)
+    rng = block_stream(0, 0)
+    motion = course.motion
+    F, Q = motion_matrices(motion)
+    start = draw_first_states(BATCHES * _PATHS, rng)
     n = len(start)
     if not Q.any() and (start == start[:, :1]).all():
         return None
+    # States of the first paths, step by step.
     scored = [start[:, :_SCORED]]
     largest = _LargestShare()
 
-    def gained() -> Iterator[Array]:
+    def mean_information() -> Iterator[Array]:
         """Yield the mean information (n, n, 1 + BATCHES) of each step: of all batches, without each."""
         x = append_noise(start, extra_std(motion), rng)
         for k in course.steps[1:]:
@@ -117,10 +136,12 @@ def over_paths(course: Course, first: Callable[[int, Streams], Array]) -> Bound 
             yield np.concatenate([whole / BATCHES, (whole - batches) / (BATCHES - 1)], axis=-1)
 
     initial = np.repeat(course.initial[..., None], 1 + BATCHES, axis=-1)
-    P = posterior_cramer_rao(initial, F[:n, :n], Q[:n, :n], gained())
+    P = posterior_cramer_rao(initial, F[:n, :n], Q[:n, :n], mean_information())
     paths = np.stack(scored, axis=1)
-    bounds = [_mean_squares(course.squares, P[:, :, i], paths) for i in range(1 + BATCHES)]
-    return Bound(_roots(bounds[0]), tuple(map(_roots, bounds[1:])), largest.caution)
+    bounds = []
+    for i in range(1 + BATCHES):
+        bounds.append(_roots(_mean_squares(course.squares, P[:, :, i], paths)))
+    return Bound(whole=bounds[0], without_batch=tuple(bounds[1:]), caution=largest.caution)
 
 
 class _LargestShare:
@@ -158,11 +179,11 @@ class _LargestShare:
 
 def _mean_squares(squares: Squares, P: Array, paths: Array) -> dict[str, Array]:
     """Average the squared errors of covariances P (n, n, K) over paths (n, K, N)."""
-    each = [squares(P, np.ascontiguousarray(x)) for x in np.moveaxis(paths, -1, 0)]
-    out = {}
-    for name in each[0]:
-        out[name] = mean(np.stack([of_path[name] for of_path in each], axis=-1))
-    return out
+    by_path = [squares(P, np.ascontiguousarray(path)) for path in np.moveaxis(paths, -1, 0)]
+    averages = {}
+    for name in by_path[0]:
+        averages[name] = mean(np.stack([errors[name] for errors in by_path], axis=-1))
+    return averages
 
 
 def _roots(squares: dict[str, Array]) -> dict[str, Array]:
@@ -172,18 +193,17 @@ def _roots(squares: dict[str, Array]) -> dict[str, Array]:
 def why_no_bound_of(sensor: Sensors, start: Start, n_x: int) -> str | None:
     """Explain why sensors or start have no bound; None if they have one.
 
-    ``n_x`` is the number of components of the state.
-
-    The bound of measurements on time is one of late measurements, too.
+    ``n_x`` is the number of components of the state. The bound for measurements on time also bounds
+    filters whose measurements are late.
     """
     sensors = sensors_of(sensor)
-    if any(s.outliers is not None or s.bias for s in sensors):
+    if any(each.outliers is not None or each.bias for each in sensors):
         return "the bound is of normal errors without a bias"
-    if any(s.has_noise_of_state for s in sensors):
+    if any(each.has_noise_of_state for each in sensors):
         return "the covariance of the noise depends on the state"
     state = np.ones((n_x, 1))
     with np.errstate(all="ignore"):
-        covariances = [s.measurement(state, 1).cov for s in sensors]
+        covariances = [each.measurement(state, 1).cov for each in sensors]
     if any(R.ndim == 2 and linalg.is_singular(R) for R in covariances):
         return "a component of the measurement has no noise (R is singular)"
     if start.prior_type(sensor) is PointMass:

@@ -15,23 +15,23 @@ from trackbench.models.sensors.base import Assume, Sensors, sensors_of
 def arrivals(sensor: Sensors, recorded: Array | None, z: Array, rng: Streams) -> Index | None:
     """Draw or read the step (S, T, M), from 0, at which each measurement arrives; None without delays.
 
-    T stands for an arrival after the end. Arrivals that are ``recorded`` (S, T, M) come first; NaN is an
-    arrival on time.
+    The measurements z are (n_z, T, M). T stands for an arrival after the end. Arrivals that are
+    ``recorded`` (S, T, M) take the place of draws; NaN is an arrival on time.
     """
     T, runs = z.shape[1:]
     due = np.arange(T)[:, None]
     if recorded is not None:
         return np.where(np.isnan(recorded), due, np.minimum(recorded, T)).astype(np.int32)
-    delays = [one.delay for one in sensors_of(sensor)]
+    delays = [each.delay for each in sensors_of(sensor)]
     if not any(delays):
         return None
-    out: Index = np.empty((len(delays), T, runs), dtype=np.int32)
+    arrival: Index = np.empty((len(delays), T, runs), dtype=np.int32)
     for n, delay in enumerate(delays):
-        u = np.empty((T, runs))
+        u = np.empty((T, runs))  # a fixed delay needs no draw
         if not isinstance(delay, int):
             u = cast(RunStreams, rng).beside(stream_number(n)).random((T, runs))
-        out[n] = np.minimum(due + drawn_steps(delay, u), T)
-    return out
+        arrival[n] = np.minimum(due + drawn_steps(delay, u), T)
+    return arrival
 
 
 def stream_number(sensor: int) -> int:
@@ -41,18 +41,20 @@ def stream_number(sensor: int) -> int:
 
 
 def treatment(assume: Assume) -> Late | None:
-    """Choose a filter's treatment of late measurements; None if it gets them on time.
+    """Return a filter's treatment of late measurements; None if it gets them on time.
 
-    Raises InvalidKeyError if the filter has neither.
+    Raises InvalidKeyError if the config chooses neither.
     """
     if assume.delay == "none":
         return None
     if assume.late is None:
         what = "measurements arrive late here: add `late: drop`, `apply` or `refilter`; to get"
         raise InvalidKeyError(f"{what} them on time, as a bound, `assume: {{delay: none}}`")
-    return Late(kind=assume.late) if isinstance(assume.late, str) else assume.late
+    if isinstance(assume.late, str):
+        return Late(kind=assume.late)
+    return assume.late
 
 
 def longest_delay_of(sensor: Sensors) -> int:
     """Bound all sensors' delays: steps that at most one measurement in a thousand exceeds."""
-    return max(longest_delay(one.delay) for one in sensors_of(sensor))
+    return max(longest_delay(each.delay) for each in sensors_of(sensor))

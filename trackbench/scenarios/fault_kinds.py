@@ -71,7 +71,7 @@ class Fault:
             raise InvalidKeyError(what, "to")
 
     @abstractmethod
-    def faulty(self, of: Stretch) -> Array:
+    def faulty(self, stretch: Stretch) -> Array:
         """Return the measurements (n_z, S, M) with the fault."""
 
     @property
@@ -84,9 +84,9 @@ class Fault:
         """Factor on the variance of the noise."""
         return 1.0
 
-    def corrected(self, of: Stretch) -> Array:
+    def corrected(self, stretch: Stretch) -> Array:
         """Return the measurements (n_z, S, M) that a filter uses if it knows of the fault."""
-        return of.z
+        return stretch.z
 
     def check(self, components: tuple[str, ...]) -> None:
         """Raise InvalidKeyError for keys that do not fit the measurement's components."""
@@ -127,24 +127,27 @@ class LargerNoise(Fault):
     @property
     def known_factor(self) -> float:
         """Factor on all errors; NaN if it is drawn."""
-        return self.factor if self.share == 1.0 else np.nan
+        if self.share == 1.0:
+            return self.factor
+        return np.nan
 
     @property
     def variance(self) -> float:
         """Factor on the variance of the noise: that of the mixture."""
         return 1.0 + self.share * (self.changed_variance - 1.0)
 
-    def faulty(self, of: Stretch) -> Array:
+    def faulty(self, stretch: Stretch) -> Array:
         """Change the share of the measurements; one whose truth is unknown stays."""
-        changed = ~np.isnan(of.noise if self.uses_noise else of.z)
+        needed = stretch.noise if self.uses_noise else stretch.z
+        changed = ~np.isnan(needed)
         if self.share < 1.0:
-            assert of.streams is not None
-            changed &= of.streams().random(of.z.shape[1:]) < self.share
-        return np.where(changed, self.drawn(of), of.z)
+            assert stretch.streams is not None
+            changed &= stretch.streams().random(stretch.z.shape[1:]) < self.share
+        return np.where(changed, self.drawn(stretch), stretch.z)
 
-    def drawn(self, of: Stretch) -> Array:
+    def drawn(self, stretch: Stretch) -> Array:
         """Return ``h(x) + factor e``."""
-        return np.asarray(of.z + (self.factor - 1.0) * of.noise)
+        return np.asarray(stretch.z + (self.factor - 1.0) * stretch.noise)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -196,7 +199,9 @@ class Outliers(LargerNoise):
     @property
     def known_factor(self) -> float:
         """Factor on all errors; NaN if it is drawn."""
-        return super().known_factor if self.density is None else np.nan
+        if self.density is not None:
+            return np.nan
+        return super().known_factor
 
     @property
     def changed_variance(self) -> float:
@@ -212,26 +217,28 @@ class Outliers(LargerNoise):
         """Check the region's components."""
         if not isinstance(self.density, UniformClutter):
             return
-        region, where = self.density.region, ("density", "region")
+        region = self.density.region
         if {*region} != {*components}:
-            raise InvalidKeyError(f"needs bounds of {', '.join(components)}, and no others", *where)
+            what = f"needs bounds of {', '.join(components)}, and no others"
+            raise InvalidKeyError(what, "density", "region")
         for name, (least, largest) in region.items():
             if least >= largest:
-                raise InvalidKeyError("ends before it begins", *where, name)
+                raise InvalidKeyError("ends before it begins", "density", "region", name)
 
-    def drawn(self, of: Stretch) -> Array:
+    def drawn(self, stretch: Stretch) -> Array:
         """Draw measurements with the density's errors, or the density's measurements."""
         if self.density is None:
-            return super().drawn(of)
-        assert of.streams is not None
+            return super().drawn(stretch)
+        z = stretch.z
+        assert stretch.streams is not None
         if isinstance(self.density, UniformClutter):
-            ends = np.array([self.density.region[component] for component in of.components])
+            ends = np.array([self.density.region[component] for component in stretch.components])
             least, largest = ends.T[..., None, None]
-            return np.asarray(least + (largest - least) * of.streams().random(of.z.shape))
+            return np.asarray(least + (largest - least) * stretch.streams().random(z.shape))
         # Student's t is a normal over the root of a gamma variate of mean one.
         half = 0.5 * self.density.df
-        gamma = of.streams().standard_gamma(half, of.z.shape[1:]) / half
-        return np.asarray(of.z + (self.density.scale / np.sqrt(gamma) - 1.0) * of.noise)
+        gamma = stretch.streams().standard_gamma(half, z.shape[1:]) / half
+        return np.asarray(z + (self.density.scale / np.sqrt(gamma) - 1.0) * stretch.noise)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -254,9 +261,9 @@ class Blackout(Fault):
     kind: Literal["blackout"] = "blackout"
     """no measurements"""
 
-    def faulty(self, of: Stretch) -> Array:
+    def faulty(self, stretch: Stretch) -> Array:
         """Replace the measurements by NaN."""
-        return np.full_like(of.z, np.nan)
+        return np.full_like(stretch.z, np.nan)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -272,23 +279,25 @@ class Bias(Fault):
 
     def check(self, components: tuple[str, ...]) -> None:
         """Check the components' names."""
-        for key, given in (("value", self.value), ("ramp", self.ramp)):
-            _ = by_component(given or {}, components, key)
+        # `by_component` raises InvalidKeyError for an unknown name.
+        by_component(self.value or {}, components, "value")
+        by_component(self.ramp or {}, components, "ramp")
         if not (self.value or self.ramp):
             raise InvalidKeyError("give `value`, or `ramp`")
 
-    def bias(self, of: Stretch) -> Array:
+    def bias(self, stretch: Stretch) -> Array:
         """Return the error (n_z, S)."""
-        value, ramp = (by_component(x or {}, of.components) for x in (self.value, self.ramp))
-        return np.asarray(value[:, None] + ramp[:, None] * of.elapsed)
+        value = by_component(self.value or {}, stretch.components)
+        ramp = by_component(self.ramp or {}, stretch.components)
+        return np.asarray(value[:, None] + ramp[:, None] * stretch.elapsed)
 
-    def faulty(self, of: Stretch) -> Array:
+    def faulty(self, stretch: Stretch) -> Array:
         """Add the error."""
-        return np.asarray(of.z + self.bias(of)[..., None])
+        return np.asarray(stretch.z + self.bias(stretch)[..., None])
 
-    def corrected(self, of: Stretch) -> Array:
+    def corrected(self, stretch: Stretch) -> Array:
         """Subtract the error."""
-        return np.asarray(of.z - self.bias(of)[..., None])
+        return np.asarray(stretch.z - self.bias(stretch)[..., None])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -298,13 +307,13 @@ class Freeze(Fault):
     kind: Literal["freeze"] = "freeze"
     """the last measurement again"""
 
-    def faulty(self, of: Stretch) -> Array:
+    def faulty(self, stretch: Stretch) -> Array:
         """Repeat the last measurement wherever there is one."""
-        return np.where(np.isnan(of.z), np.nan, of.before[:, None])
+        return np.where(np.isnan(stretch.z), np.nan, stretch.before[:, None])
 
-    def corrected(self, of: Stretch) -> Array:
+    def corrected(self, stretch: Stretch) -> Array:
         """Leave the measurements out: the value has been used before."""
-        return np.full_like(of.z, np.nan)
+        return np.full_like(stretch.z, np.nan)
 
 
 AnyFault: TypeAlias = Annotated[

@@ -1,6 +1,6 @@
 """Faults: stretches of a run in which a sensor measures worse than filters assume.
 
-A fault changes measurements that were drawn without it, but the scans of a start. All other random
+A fault changes measurements that were drawn without it; the scans of a start stay. All other random
 numbers stay, so that a run and its twin without faults are paired.
 """
 
@@ -30,107 +30,142 @@ from trackbench.scenarios.fault_kinds import Bias, Fault, Freeze, LargerNoise, S
 
 
 class FaultContext(NamedTuple):
-    """Sensors of a scenario with faults, and its steps from the first state: numbers and times, s."""
+    """Sensors and steps of a scenario with faults."""
 
     sensor: Sensors
     steps: Index
+    """numbers (T + 1,) of the steps from the first state on"""
     times: Array
+    """times (T + 1,) of these steps, s"""
     starts_with_scans: bool = False
     """measurements of the start precede the steps"""
 
     def rows(self, fault: Fault) -> slice:
         """Return the rows of the measurement that a fault changes."""
-        return slice(None) if fault.sensor is None else rows_of(self.sensor)[fault.sensor - 1]
+        if fault.sensor is None:
+            return slice(None)
+        return rows_of(self.sensor)[fault.sensor - 1]
 
     def sensors(self, fault: Fault) -> tuple[SensorBase, ...]:
         """Return the sensors that a fault changes."""
-        every = sensors_of(self.sensor)
-        return every if fault.sensor is None else (every[fault.sensor - 1],)
+        sensors = sensors_of(self.sensor)
+        if fault.sensor is None:
+            return sensors
+        return (sensors[fault.sensor - 1],)
 
     def components(self, fault: Fault) -> tuple[str, ...]:
         """Return the names of the components that a fault changes."""
-        return (self.sensor if fault.sensor is None else self.sensors(fault)[0]).components
+        if fault.sensor is None:
+            return self.sensor.components
+        return self.sensors(fault)[0].components
 
     def measured(self, fault: Fault) -> Mask:
         """Return which measured steps (T,) have a fault."""
         return fault.inside(self.steps[1:], self.times[1:])
 
-    def check(self, faults: Sequence[Fault], taken: Mapping[str, object], truth: bool) -> None:
-        """Raise InvalidKeyError for a fault outside the run, of no sensor, or whose name is taken."""
+    def check(self, faults: Sequence[Fault], taken: Mapping[str, object], has_truth: bool) -> None:
+        """Raise InvalidKeyError for a fault outside the run, of no sensor, or whose name is taken.
+
+        ``taken`` has the names of other windows.
+        """
         names = [*taken]
         for i, fault in enumerate(faults):
             try:
-                self._check(fault, names, truth)
+                self._check_fault(fault, names, has_truth)
             except InvalidKeyError as error:
                 raise InvalidKeyError(str(error), "faults", i, *error.path) from None
             names += [fault.name, f"after {fault.name}"]
 
-    def _check(self, fault: Fault, names: Sequence[str], truth: bool) -> None:
-        sensors, (first, last) = len(sensors_of(self.sensor)), self.times[[1, -1]]
-        if fault.sensor is not None and fault.sensor > sensors:
-            what = f"{fault.sensor} is no sensor: this scenario has {sensors}"
+    def _check_fault(self, fault: Fault, names: Sequence[str], has_truth: bool) -> None:
+        number = len(sensors_of(self.sensor))
+        if fault.sensor is not None and fault.sensor > number:
+            what = f"{fault.sensor} is no sensor: this scenario has {number}"
             raise InvalidKeyError(what, "sensor")
         if not self.measured(fault).any():
+            first, last = self.times[[1, -1]]
             what = f"no measurement is in it: they are at {first:g} to {last:g} s, "
             what += f"steps {self.steps[1]} to {self.steps[-1]}"
-            key = "steps" if fault.steps else "to" if fault.from_ is None else "from"
+            key = "from"
+            if fault.steps:
+                key = "steps"
+            elif fault.from_ is None:
+                key = "to"
             raise InvalidKeyError(what, key)
         for name in (fault.name, f"after {fault.name}"):
             if name in names:
                 what = f"there is a window {name!r} already: choose another name"
                 raise InvalidKeyError(what, "name")
-        if fault.uses_noise and not truth:
+        if fault.uses_noise and not has_truth:
             what = "multiplies errors, which are known with a truth only; take bias or blackout"
             raise InvalidKeyError(what, "kind")
         changes_errors = fault.uses_noise or isinstance(fault, Bias)
-        if changes_errors and any(getattr(s, "is_count", False) for s in self.sensors(fault)):
+        if changes_errors and any(
+            getattr(sensor, "is_count", False) for sensor in self.sensors(fault)
+        ):
             what = "a count (`noise: poisson`) has no such error; take blackout or freeze"
             raise InvalidKeyError(what, "kind")
         if isinstance(fault, Freeze) and not self._measures_before(fault):
             what = "no measurement is before this fault that a frozen sensor could repeat; "
             what += "begin later, or take blackout"
-            key = "steps" if fault.steps else "kind" if fault.from_ is None else "from"
+            key = "from"
+            if fault.steps:
+                key = "steps"
+            elif fault.from_ is None:
+                key = "kind"
             raise InvalidKeyError(what, key)
         fault.check(self.components(fault))
 
     def _measures_before(self, fault: Fault) -> bool:
         """Test whether each of the fault's sensors measures before it, by its period."""
-        earlier = self.steps[1:][: int(np.argmax(self.measured(fault)))]
         if self.starts_with_scans:
             return True
-        sensors = self.sensors(fault)
-        return all(((earlier - one.offset) % one.period == 0).any() for one in sensors)
+        earlier = self.steps[1 : 1 + self._first_measured(fault)]
+        return all(
+            ((earlier - sensor.offset) % sensor.period == 0).any() for sensor in self.sensors(fault)
+        )
+
+    def _first_measured(self, fault: Fault) -> int:
+        """Return the index of the first measurement with a fault."""
+        return int(np.argmax(self.measured(fault)))
 
     def windows(self, faults: Sequence[Fault], scored: Mask) -> dict[str, Mask]:
         """Select the steps (K,) of each fault, and those after it up to the next one."""
-        out, places = {}, np.arange(len(self.steps))
-        with_fault = np.zeros(len(self.steps), dtype=np.bool_)
-        for fault in faults:
-            with_fault[1:] |= self.measured(fault)
-        ends = {fault: np.flatnonzero(self.measured(fault))[[0, -1]] + 1 for fault in faults}
-        for fault, (_, last) in ends.items():
-            later = [first for first, _ in ends.values() if first > last]
-            inside = np.insert(self.measured(fault), 0, False)
-            out[fault.name] = scored & inside
-            after = (places > last) & (places < min(later, default=len(places)))
-            out[f"after {fault.name}"] = scored & after & ~with_fault
-        return out
+        step_indices = np.arange(len(self.steps))
+        # The first step has no measurement, and no fault.
+        inside = {fault: np.insert(self.measured(fault), 0, False) for fault in faults}
+        with_any_fault = np.zeros(len(self.steps), dtype=np.bool_)
+        for during in inside.values():
+            with_any_fault |= during
+        first_steps = [np.flatnonzero(during)[0] for during in inside.values()]
+        windows = {}
+        for fault, during in inside.items():
+            last = np.flatnonzero(during)[-1]
+            later = [first for first in first_steps if first > last]
+            end = min(later, default=len(self.steps))
+            after = (step_indices > last) & (step_indices < end)
+            windows[fault.name] = scored & during
+            windows[f"after {fault.name}"] = scored & after & ~with_any_fault
+        return windows
 
     def with_faults(
         self, faults: Sequence[Fault], truth: Array, z: Array, scans: Array, rng: Streams
     ) -> Array:
-        """Add the faults to measurements (n_z, T, M) in order of time; ``scans`` precede them."""
+        """Add the faults to measurements (n_z, T, M) in order of time.
+
+        The ``truth`` is (n_x, T + 1, M); ``scans`` (n_z, S, M) precede the measurements.
+        """
         z = z.copy()
         numbers = self._stream_numbers(faults)
         for fault in self._in_order(faults):
-            rows, inside = self.rows(fault), self.measured(fault)
-            earlier = np.concatenate([scans, z[:, : int(np.argmax(inside))]], axis=1)[rows]
+            rows = self.rows(fault)
+            inside = self.measured(fault)
+            earlier = np.concatenate([scans, z[:, : self._first_measured(fault)]], axis=1)[rows]
             stretch = self._stretch(fault, z)._replace(before=_latest(earlier))
             if isinstance(fault, Freeze):
                 self._check_frozen(fault, stretch)
-            # Draws depend on the names alone.
-            opened = cache(partial(cast(RunStreams, rng).beside, numbers[fault.name]))
-            stretch = stretch._replace(streams=opened)
+            # Draws depend on the names alone; the streams are opened at the first draw.
+            open_streams = partial(cast(RunStreams, rng).beside, numbers[fault.name])
+            stretch = stretch._replace(streams=cache(open_streams))
             if fault.uses_noise:
                 # The errors as earlier faults have made them, those of a bias or a frozen value too.
                 stretch = stretch._replace(noise=self._noise(truth, z, inside)[rows])
@@ -154,14 +189,14 @@ class FaultContext(NamedTuple):
 
     def _in_order(self, faults: Sequence[Fault]) -> list[Fault]:
         """Sort the faults by their first steps, those of one step as they are listed."""
-        return sorted(faults, key=lambda fault: int(np.argmax(self.measured(fault))))
+        return sorted(faults, key=self._first_measured)
 
     def _check_frozen(self, fault: Fault, stretch: Stretch) -> None:
         """Raise ValueError for a recorded sensor that freezes before its first measurement."""
-        certain = all(one.detection == 1 for one in self.sensors(fault))
+        detects_always = all(sensor.detection == 1 for sensor in self.sensors(fault))
         measured = ~np.isnan(stretch.z).all(axis=(1, 2))
         unknown = np.isnan(stretch.before).all(axis=1)
-        if certain and (measured & unknown).any():
+        if detects_always and (measured & unknown).any():
             name = stretch.components[int(np.argmax(measured & unknown))]
             what = f"the fault {fault.name!r} freezes `{name}` before its first measurement"
             raise ValueError(f"{what}; begin later, or take blackout")
@@ -171,14 +206,13 @@ class FaultContext(NamedTuple):
         z = z.copy()
         ordered = self._in_order(faults)
         for i, fault in enumerate(ordered):
-            part = self.rows(fault), self.measured(fault)
-            stretch = self._stretch(fault, z)
-            corrected = fault.corrected(stretch)
-            factor = self._factor(ordered[i + 1 :])[part]
-            if (factor != 1.0).any():
+            changed = (self.rows(fault), self.measured(fault))
+            corrected = fault.corrected(self._stretch(fault, z))
+            later_factor = self._factor(ordered[i + 1 :])[changed]
+            if (later_factor != 1.0).any():
                 # Later faults have multiplied the error, too.
-                corrected = z[part] - factor[..., None] * (z[part] - corrected)
-            z[part] = corrected
+                corrected = z[changed] - later_factor[..., None] * (z[changed] - corrected)
+            z[changed] = corrected
         return z
 
     def _factor(self, faults: Sequence[Fault]) -> Array:
@@ -193,16 +227,17 @@ class FaultContext(NamedTuple):
         """Give the assumed sensor the noise of the faults; raises InvalidKeyError."""
         if not faults:
             raise InvalidKeyError("has no effect: the scenario has no `faults`", "assume", "faults")
-        scales = np.ones((len(self.sensor.components), len(self.steps) - 1))
         ordered = self._in_order(faults)
         for i, fault in enumerate(ordered):
-            factor = self._factor(ordered[i + 1 :])[self.rows(fault), self.measured(fault)]
-            if isinstance(fault, Bias) and np.isnan(factor).any():
+            later_factor = self._factor(ordered[i + 1 :])[self.rows(fault), self.measured(fault)]
+            if isinstance(fault, Bias) and np.isnan(later_factor).any():
                 what = f"a later fault multiplies the bias of {fault.name!r} by a random factor, "
                 what += (
                     "and no filter knows its law; give the later one a `factor` without a `share`"
                 )
                 raise InvalidKeyError(what, "assume", "faults")
+        # Factor on the standard deviation of the noise.
+        scales = np.ones((len(self.sensor.components), len(self.steps) - 1))
         for fault in faults:
             if fault.variance == np.inf:
                 what = f"the density of {fault.name!r} has no variance about the truth: it is uniform, "
@@ -219,8 +254,12 @@ class FaultContext(NamedTuple):
         """Cut out the measurements of a fault's sensor in its steps."""
         inside = self.measured(fault)
         times = self.times[1:][inside]
-        elapsed = times - (times[0] if fault.from_ is None else fault.from_)
-        return Stretch(z[self.rows(fault), inside], elapsed, self.components(fault))
+        begin = times[0] if fault.from_ is None else fault.from_
+        return Stretch(
+            z=z[self.rows(fault), inside],
+            elapsed=times - begin,
+            components=self.components(fault),
+        )
 
     def _noise(self, truth: Array, z: Array, inside: Mask) -> Array:
         """Return errors (n_z, S, M) of the measurements without the sensors' biases."""
@@ -243,13 +282,16 @@ def recovery(
     """Measure ``recovery_s`` and ``not_recovered`` (M,) of each fault, by the first quantity's error.
 
     A run has recovered at the first step from which on its excess error stays below the limit, up to the
-    next fault. Its time counts from the last step with the fault.
+    next fault. Its time counts from the last step with the fault. ``windows`` are the scored steps (K,)
+    by name, ``values`` the series (K, M).
     """
-    out: dict[str, Array] = {}
-    series = next((name for name in values if name.partition("_")[0] == "damage"), None)
-    if series is None:
-        return out
-    damage, squared = values[series], values[series.replace("damage", "squared", 1)]
+    excess_names = [name for name in values if name.partition("_")[0] == "damage"]
+    if not excess_names:
+        return {}
+    first_name = excess_names[0]
+    damage = values[first_name]
+    squared = values[first_name.replace("damage", "squared", 1)]
+    metrics: dict[str, Array] = {}
     for fault in faults:
         after = windows.get(f"after {fault.name}")
         if after is None:
@@ -264,15 +306,17 @@ def recovery(
         recovered = settled_row(damage[places] > limit)
         times = np.append(context.times[places] - context.times[last], np.nan)
         seconds = np.where(np.isnan(limit), np.nan, times[recovered])
-        out[in_window("recovery_s", fault.name)] = seconds
-        late = (recovered == len(places)).astype(float)
-        out[in_window("not_recovered", fault.name)] = np.where(np.isnan(limit), np.nan, late)
-    return out
+        not_recovered = (recovered == len(places)).astype(float)
+        metrics[in_window("recovery_s", fault.name)] = seconds
+        metrics[in_window("not_recovered", fault.name)] = np.where(
+            np.isnan(limit), np.nan, not_recovered
+        )
+    return metrics
 
 
 def _latest(z: Array) -> Array:
     """Take each run's last value that exists (n_z, M); NaN without any."""
-    out = np.full((len(z), z.shape[-1]), np.nan)
-    for column in np.moveaxis(z, 1, 0):
-        out = np.where(np.isnan(column), out, column)
-    return out
+    latest = np.full((len(z), z.shape[-1]), np.nan)
+    for at_step in np.moveaxis(z, 1, 0):
+        latest = np.where(np.isnan(at_step), latest, at_step)
+    return latest

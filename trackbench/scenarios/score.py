@@ -72,10 +72,11 @@ class Score:
     def check(self, components: tuple[str, ...], steps: Index) -> None:
         """Raise InvalidKeyError for steps outside the run, and for parts of a scalar."""
         # The ends of the run stand for steps that the config leaves out.
-        first, last = (
-            end if requested is None else requested
-            for requested, end in zip(self.steps, (steps[0], steps[-1]), strict=True)
-        )
+        first, last = self.steps
+        if first is None:
+            first = steps[0]
+        if last is None:
+            last = steps[-1]
         if not max(first, steps[0]) <= last <= steps[-1]:
             what = f"[{first}, {last}] is not within steps {steps[0]} to {steps[-1]}"
             raise InvalidKeyError(what, "score", "steps")
@@ -103,16 +104,20 @@ class Score:
     def check_training(
         self, trained: int, steps: Index, recorded_runs: int | None, is_any_scored: bool
     ) -> None:
-        """Raise InvalidKeyError if there is nothing to share out between training and judging."""
+        """Raise InvalidKeyError if training or scoring has no steps.
+
+        ``trained`` is the number of the last training step.
+        """
         if recorded_runs is None:
             what = "training has runs of its own: only what is recorded is shared out"
             raise InvalidKeyError(what, "score", "train")
-        if not is_any_scored or trained <= steps[0]:
-            what = "leaves no step to train on" if is_any_scored else "leaves no step to be scored"
-            raise InvalidKeyError(what, "score", "train")
-        self.of_training(trained)
+        if not is_any_scored:
+            raise InvalidKeyError("leaves no step to be scored", "score", "train")
+        if trained <= steps[0]:
+            raise InvalidKeyError("leaves no step to train on", "score", "train")
+        self.cut_to_training(trained)
 
-    def of_training(self, last: int) -> "Score":
+    def cut_to_training(self, last: int) -> "Score":
         """Cut the scoring at the training's end; raises InvalidKeyError if it is empty."""
         first, end = self.steps
         if first is not None and first > last:
@@ -120,23 +125,29 @@ class Score:
             raise InvalidKeyError(what, "score", "steps")
         end = last if end is None else min(end, last)
         # Drop windows without a step of the training.
-        windows = tuple(w for w in self.windows if w.overlaps(first or 0, end))
+        windows = tuple(window for window in self.windows if window.overlaps(first or 0, end))
         return replace(self, train=None, steps=(first, end), windows=windows)
 
-    def scored(self, steps: Index, trained: int | None = None) -> Mask:
+    def scored_steps(self, steps: Index, trained: int | None = None) -> Mask:
         """Select the steps (K,) that are scored: none up to the last one of training."""
-        inside = _between(steps, *self.steps)
-        return inside if trained is None else inside & (steps > trained)
+        first, last = self.steps
+        scored = _between(steps, first, last)
+        if trained is not None:
+            scored &= steps > trained
+        return scored
 
-    def named(self, steps: Index, scored: Mask) -> dict[str, Mask]:
-        """Return the windows (K,) by name."""
-        return {w.name: scored & _between(steps, w.first, w.last) for w in self.windows}
+    def windows_by_name(self, steps: Index, scored: Mask) -> dict[str, Mask]:
+        """Return the scored steps (K,) of each window."""
+        return {
+            window.name: scored & _between(steps, window.first, window.last)
+            for window in self.windows
+        }
 
     def check_windows(
         self, steps: Index, scored: Mask, taken: Mapping[str, Mask]
     ) -> dict[str, Mask]:
         """Select the windows (K,) by name; raises InvalidKeyError for an empty one, or a taken name."""
-        windows = self.named(steps, scored)
+        windows = self.windows_by_name(steps, scored)
         for i, (name, mask) in enumerate(windows.items()):
             if not mask.any():
                 first, last = steps[scored][[0, -1]]
@@ -150,18 +161,18 @@ class Score:
     def error_vectors(
         self, sensor: Sensors, components: tuple[str, ...], mean: Array, truth: Array
     ) -> dict[str, Array]:
-        """Return error vectors by quantity; those in a sensor's coordinates of a single sensor only."""
-        e = mean - truth
-        out = {name: e[as_slice(rows)] for name, rows in self._rows(components).items()}
+        """Return error vectors by quantity; in a sensor's coordinates only if there is one sensor."""
+        error = mean - truth
+        vectors = {name: error[as_slice(rows)] for name, rows in self._rows(components).items()}
         if _is_moving(components) and isinstance(sensor, SensorBase):
-            out |= sensor.errors(mean, truth)
-        return out
+            vectors |= sensor.errors(mean, truth)
+        return vectors
 
     def _rows(self, components: tuple[str, ...]) -> dict[str, list[int]]:
         """Return the rows of the state that make up each error."""
         n = len(components)
         if _is_moving(components):
-            rows = {"position": [*range(0, n, 2)], "velocity": [*range(1, n, 2)]}
+            rows = {"position": list(range(0, n, 2)), "velocity": list(range(1, n, 2))}
         elif n == 1:
             rows = {"": [0]}
         else:
@@ -173,25 +184,29 @@ class Score:
     def squares(
         self, sensor: Sensors, components: tuple[str, ...], P: Array, x: Array
     ) -> dict[str, Array]:
-        """Return mean squared errors (K,) of the same, of covariances P (n, n, K) at states x (n, K)."""
+        """Return mean squared errors (K,) of the quantities of `error_vectors`.
+
+        They follow from the covariances P (n, n, K) of the errors at the states x (n, K).
+        """
         # Mean squared error = trace of P over the quantity's components.
-        out = {}
+        squares = {}
         for name, rows in self._rows(components).items():
-            out[name] = np.add.reduce([P[i, i] for i in rows])
+            squares[name] = np.add.reduce([P[i, i] for i in rows])
         if _is_moving(components) and isinstance(sensor, SensorBase):
-            out |= sensor.squares(P, x)
-        return out
+            squares |= sensor.squares(P, x)
+        return squares
 
 
 def diverged(values: Mapping[str, Array], settled: bool) -> Array:
     """Return 1 if the truth is outside the 1 - 1e-6 regions of a run's last ten estimates, else 0 (M,).
 
-    It is NaN without such a series. Such a track can be near the target and yet mislead, since its own
-    covariance keeps it from coming back. The run stays in the averages, so that an overconfident filter
-    gains nothing. ``settled`` takes each run's last existing estimates, since recorded runs differ in
-    length.
+    It is NaN without such a series. A diverged track can be near the target and yet mislead, since its
+    own covariance keeps it from coming back. The run stays in the averages, so that an overconfident
+    filter gains nothing. With ``settled`` each run's last existing estimates count, since recorded runs
+    differ in length.
     """
-    outside = values.get("outside_region", np.full((1, 1), np.nan))
+    unknown = np.full((1, 1), np.nan)
+    outside = values.get("outside_region", unknown)
     if settled:
         # Move the estimates that exist to the end: recorded runs may end early.
         order = np.argsort(~np.isnan(outside), axis=0, kind="stable")
@@ -201,6 +216,7 @@ def diverged(values: Mapping[str, Array], settled: bool) -> Array:
 
 
 def _between(steps: Index, first: int | None, last: int | None) -> Mask:
+    """Select the steps (K,) from first to last; None stands for the end of the run."""
     inside = np.ones(len(steps), dtype=np.bool_)
     if first is not None:
         inside &= steps >= first
@@ -210,6 +226,7 @@ def _between(steps: Index, first: int | None, last: int | None) -> Mask:
 
 
 def _is_moving(components: tuple[str, ...]) -> bool:
+    """Test whether the state is position and velocity along each of one to three axes."""
     return components in (
         position_velocity_names(1),
         position_velocity_names(2),

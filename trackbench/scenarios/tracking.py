@@ -30,9 +30,9 @@ from trackbench.scenarios.base import Scenario, Simulation
 from trackbench.scenarios.bound import (
     Bound,
     Course,
-    along,
+    bound_along_path,
+    bound_over_paths,
     has_bound,
-    over_paths,
     position_sigma,
     why_no_bound_of,
 )
@@ -95,15 +95,19 @@ class Tracking(Scenario):
 
     def _check_windows(self) -> None:
         """Raise InvalidKeyError for a window without steps, or of a name that is taken."""
-        scored = self.score.scored(self.steps, self._trained)
+        scored = self.score.scored_steps(self.steps, self._trained)
         windows = self.target.windows(self.times, scored)
         windows |= self.score.check_windows(self.steps, scored, windows)
         self._fault_context.check(self.faults, windows, self.has_truth)
 
     @property
     def _fault_context(self) -> FaultContext:
-        starts_with_scans = self._start.scans > 0
-        return FaultContext(self.true_sensor, self.steps, self.times, starts_with_scans)
+        return FaultContext(
+            sensor=self.true_sensor,
+            steps=self.steps,
+            times=self.times,
+            starts_with_scans=self._start.scans > 0,
+        )
 
     @property
     def longest_delay(self) -> int:
@@ -113,13 +117,17 @@ class Tracking(Scenario):
     @property
     def late(self) -> Late | None:
         """Treatment of late measurements by filters; raises InvalidKeyError if it is not set."""
-        return treatment(self.assume) if self.longest_delay else None
+        if not self.longest_delay:
+            return None
+        return treatment(self.assume)
 
     @property
     def without_faults(self) -> "Tracking":
         """Scenario with equal truth and noise, and without faults."""
+        if not self.faults:
+            return self
         assume = replace(self.assume, faults=None)
-        return replace(self, faults=(), assume=assume) if self.faults else self
+        return replace(self, faults=(), assume=assume)
 
     @cached_property
     def _recorded_timeline(self) -> Timeline | None:
@@ -140,8 +148,11 @@ class Tracking(Scenario):
     @property
     def _drawn_start(self) -> FixedStart | None:
         """Start if it draws the first state of the target."""
-        start, driven = self._start, self.target.own_motion is not None
-        return start if driven and isinstance(start, FixedStart) and start.draws_truth else None
+        start = self._start
+        is_driven = self.target.own_motion is not None
+        if is_driven and isinstance(start, FixedStart) and start.draws_truth:
+            return start
+        return None
 
     @cached_property
     def _assumed_start(self) -> FixedStart | None:
@@ -162,11 +173,13 @@ class Tracking(Scenario):
 
     def assumed_prior(self, runs: int) -> Distribution | None:
         """Return the prior that filters assume in place of the simulated one, if any."""
-        return None if self._assumed_start is None else self._assumed_start.distribution(runs)
+        if self._assumed_start is None:
+            return None
+        return self._assumed_start.distribution(runs)
 
     @property
     def _schedule(self) -> Schedule:
-        return Schedule(self.first, self.last, self.begin, self._skipped)
+        return Schedule(first=self.first, last=self.last, begin=self.begin, skipped=self._skipped)
 
     @property
     def _skipped(self) -> int:
@@ -181,9 +194,11 @@ class Tracking(Scenario):
     @cached_property
     def angles(self) -> tuple[str, ...]:
         """Components that are angles: of the target, the assumed motion, or a sensor alone."""
-        assumed = self.assume.motion
-        angular = {*self.target.known_angles, *(assumed.known_angles if assumed else ())}
-        angular.update(*(sensor.measured_angles for sensor in sensors_of(self.true_sensor)))
+        angular = set(self.target.known_angles)
+        if self.assume.motion is not None:
+            angular.update(self.assume.motion.known_angles)
+        for sensor in sensors_of(self.true_sensor):
+            angular.update(sensor.measured_angles)
         return tuple(name for name in self.components if name in angular)
 
     @cached_property
@@ -212,7 +227,9 @@ class Tracking(Scenario):
 
     def assumed_measurements(self, z: Array) -> Array:
         """Subtract the errors of faults that the filter knows from the measurements."""
-        return z if self.assume.faults is None else self._fault_context.corrected(self.faults, z)
+        if self.assume.faults is None:
+            return z
+        return self._fault_context.corrected(self.faults, z)
 
     def with_assumptions(self, assume: Assume) -> "Tracking":
         """Return the scenario with a filter's assumptions."""
@@ -238,8 +255,13 @@ class Tracking(Scenario):
         """Recorded data up to where they are scored, if they are to be tuned on."""
         if self._trained is None:
             return None
-        score, before = self.score.of_training(self._trained), self.steps[1:] <= self._trained
-        faults = (f for f in self.faults if (self._fault_context.measured(f) & before).any())
+        score = self.score.cut_to_training(self._trained)
+        # Keep the faults that change a measurement of the training.
+        is_training = self.steps[1:] <= self._trained
+        faults = []
+        for fault in self.faults:
+            if (self._fault_context.measured(fault) & is_training).any():
+                faults.append(fault)
         return replace(self, last=self._trained, score=score, faults=tuple(faults))
 
     @property
@@ -255,12 +277,12 @@ class Tracking(Scenario):
     @property
     def windows(self) -> dict[str, Mask]:
         """All that is scored, the target's own stretches, those of the score, and of faults."""
-        scored = self.score.scored(self.steps, self._trained)
-        out = {"": scored} | self.target.windows(self.times, scored)
-        out |= self.score.named(self.steps, scored) | self._fault_context.windows(
-            self.faults, scored
-        )
-        return {name: mask for name, mask in out.items() if mask.any()}
+        scored = self.score.scored_steps(self.steps, self._trained)
+        windows = {"": scored}
+        windows |= self.target.windows(self.times, scored)
+        windows |= self.score.windows_by_name(self.steps, scored)
+        windows |= self._fault_context.windows(self.faults, scored)
+        return {name: mask for name, mask in windows.items() if mask.any()}
 
     @property
     def spans(self) -> list[tuple[float, float]]:
@@ -296,32 +318,38 @@ class Tracking(Scenario):
     def marginals(self) -> dict[str, tuple[int, ...]]:
         """Parts of the state with a consistency measure of their own."""
         n = len(self.components)
-        parts = {"position": tuple(range(0, n, 2)), "velocity": tuple(range(1, n, 2))}
-        return {name: parts[name] for name in self.score.marginals}
+        rows = {"position": tuple(range(0, n, 2)), "velocity": tuple(range(1, n, 2))}
+        return {name: rows[name] for name in self.score.marginals}
 
     def simulate(self, rng: Streams, runs: int) -> Simulation:
         """Simulate the truth, the measurements that filters are given, and their prior."""
+        scans = self._start.scans
         # Step 1: the true first state, drawn by some starts for a driven target.
-        nominal = start = repeated(self.target.start(self._timeline), runs)
-        driven = self.target.own_motion is not None
-        if driven:
-            start = self._start.truth(nominal, rng)
+        configured = repeated(self.target.start(self._timeline), runs)
+        is_driven = self.target.own_motion is not None
+        start = self._start.truth(configured, rng) if is_driven else configured
         # Step 2: the truth and its measurements; the start uses up the first scans.
-        flight = self.target.fly(start, self._timeline, self.true_sensor, rng, self._start.scans)
-        scans, measurements = np.split(flight.measurements, [self._start.scans], axis=1)
+        flight = self.target.fly(start, self._timeline, self.true_sensor, rng, scans)
+        first_scans, measurements = np.split(flight.measurements, [scans], axis=1)
         # Step 3: the prior from these scans, or from knowledge of the first state.
-        first, T = int(self._timeline.steps[0]), self._timeline.between_scans(rng)
-        opening = InitialScans(flight.truth[:, 0], scans, first, T, self.target.diffusion)
-        prior = self._start.prior(opening, self.true_sensor, nominal if driven else None, rng)
+        opening = InitialScans(
+            truth=flight.truth[:, 0],
+            scans=first_scans,
+            first_step=int(self._timeline.steps[0]),
+            T=self._timeline.between_scans(rng),
+            diffusion=self.target.diffusion,
+        )
+        nominal = configured if is_driven else None
+        prior = self._start.prior(opening, self.true_sensor, nominal, rng)
         # Step 4: faults change the measurements after the start's.
         truth = flight.truth[:, self._skipped :]
         if self.faults:
             measurements = self._fault_context.with_faults(
-                self.faults, truth, measurements, scans, rng
+                self.faults, truth, measurements, first_scans, rng
             )
         # Step 5: the steps at which measurements arrive.
         arrival = arrivals(self.true_sensor, flight.arrival, measurements, rng)
-        return Simulation(truth, measurements, prior, arrival)
+        return Simulation(truth=truth, measurements=measurements, prior=prior, arrival=arrival)
 
     def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
         """Return error vectors by quantity: of the state, and in the coordinates of each sensor."""
@@ -348,14 +376,21 @@ class Tracking(Scenario):
     @cached_property
     def _bound(self) -> Bound:
         """Posterior Cramer-Rao bound, over the paths of a driven target."""
-        line, path = self._timeline, self.target.path(self._timeline)
-        sensor, steps = self.true_sensor, line.steps.tolist()[self._skipped :]
-        initial = self._start.bound(path, self.first, sensor, self.T, self.target.diffusion)
-        squares = partial(self.score.squares, sensor, self.components)
-        course = Course(steps, self._motion, sensor, initial, squares)
-        driven = self.target.own_motion is not None
-        over_first_states = over_paths(course, self._first_states) if driven else None
-        return over_first_states or along(course, path[:, self._skipped :])
+        sensor = self.true_sensor
+        path = self.target.path(self._timeline)
+        course = Course(
+            steps=self._timeline.steps.tolist()[self._skipped :],
+            motion=self._motion,
+            sensor=sensor,
+            initial=self._start.bound(path, self.first, sensor, self.T, self.target.diffusion),
+            squares=partial(self.score.squares, sensor, self.components),
+        )
+        bound = None
+        if self.target.own_motion is not None:
+            bound = bound_over_paths(course, self._first_states)
+        if bound is None:
+            bound = bound_along_path(course, path[:, self._skipped :])
+        return bound
 
     def _first_states(self, number: int, rng: Streams) -> Array:
         """Draw true states (n_x, N) of the step from which the bound goes on."""
@@ -408,7 +443,8 @@ class Tracking(Scenario):
         if not self.has_truth:
             return {}
         sigma = np.nan if self.position_sigma is None else self.position_sigma
-        of_target = self.target.run_metrics(values, Scored(self.times, self.windows, sigma))
-        of_faults = recovery(self._fault_context, self.faults, self.windows, values)
-        out = {"diverged": diverged(values, self.recorded_runs is not None)}
-        return out | of_target | of_faults
+        scored = Scored(times=self.times, windows=self.windows, sigma=sigma)
+        metrics = {"diverged": diverged(values, self.recorded_runs is not None)}
+        metrics |= self.target.run_metrics(values, scored)
+        metrics |= recovery(self._fault_context, self.faults, self.windows, values)
+        return metrics

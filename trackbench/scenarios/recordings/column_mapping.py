@@ -37,7 +37,7 @@ _LIMITS = {
     "range": (0.0, inf, 1.0, "m"),
     "speed": (0.0, inf, 1.0, "m/s"),
 }
-"""Least and largest value, in a unit of which SI has so many."""
+"""Least and largest value, the number of their units in one SI unit, and the unit's name."""
 _LEAST_CELLS = 5
 _NINES = re.compile(r"9{3,}(\.9+)?")
 _ENDS = (32767.0, 32768.0, 2147483647.0, 2147483648.0)
@@ -65,21 +65,28 @@ def blank_codes(quantity: str, values: Array, of_ais: bool, scale: float) -> Cou
     Raw fields of AIS, in tenths or 1/600000 deg, have the codes in these units, ``scale`` in SI.
     """
     counts: Counter[str] = Counter()
-    raw_unit = next((unit for unit in _RAW_AIS if scale == UNITS[unit]), "")
-    usual_unit = {"kn/10": "kn"}.get(raw_unit, "deg")
-    for codes in (_CODES, _CODES_OF_AIS) if of_ais else (_CODES,):
+    raw_unit = ""
+    for unit in _RAW_AIS:
+        if scale == UNITS[unit]:
+            raw_unit = unit
+            break
+    usual_unit = "kn" if raw_unit == "kn/10" else "deg"
+    tables_of_codes = [_CODES]
+    if of_ais:
+        tables_of_codes.append(_CODES_OF_AIS)
+    for codes in tables_of_codes:
         code = codes.get(quantity)
         if code is None:
             continue
         if raw_unit:
             code = float(np.rint(code * UNITS[usual_unit] / UNITS[raw_unit]))
-        coded = values == code
+        is_code = values == code
         half_turn = 180.0 * UNITS["deg"] / UNITS[raw_unit or "deg"]
-        if quantity == "longitude" and (values[~coded] > half_turn).any():
+        if quantity == "longitude" and (values[~is_code] > half_turn).any():
             continue  # longitudes from 0 to 360 have a 181 of their own
-        if coded.any():
-            counts[f"{quantity} {code:.9g}"] = int(coded.sum())
-            values[coded] = np.nan
+        if is_code.any():
+            counts[f"{quantity} {code:.9g}"] = int(is_code.sum())
+            values[is_code] = np.nan
     return counts
 
 
@@ -89,20 +96,23 @@ def outlying(values: Array) -> dict[float, int]:
     A number is far if its distance to the next is ten times the span of the others; a row of nines, and
     the end of a whole number's range, at a tenth of the span already.
     """
-    rest, outliers = values[np.isfinite(values)], {}
+    rest = values[np.isfinite(values)]
+    outliers = {}
     while len(rest) >= _LEAST_CELLS:
         for end in (float(rest.min()), float(rest.max())):
             others = rest[rest != end]
             if len(others) < _LEAST_CELLS:
                 continue
-            low, high = float(others.min()), float(others.max())
-            usual = _NINES.fullmatch(f"{abs(end):.9g}") or abs(end) in _ENDS
-            if max(low - end, end - high) > (0.1 if usual else 10.0) * (high - low) > 0.0:
+            low = float(others.min())
+            high = float(others.max())
+            is_usual_code = _NINES.fullmatch(f"{abs(end):.9g}") or abs(end) in _ENDS
+            spans = 0.1 if is_usual_code else 10.0
+            if max(low - end, end - high) > spans * (high - low) > 0.0:
                 outliers[end] = len(rest) - len(others)
                 rest = others
                 break
         else:
-            break
+            break  # neither end is far outside
     return outliers
 
 
@@ -143,9 +153,12 @@ def _way_out(quantity: str, values: Array, wrong: Index) -> str:
             degrees, rest = divmod(float(finite[0]), 100.0)
             what = f"{finite[0]:.9g} looks like {degrees:g} deg {rest:.6g} min, as NMEA writes it"
             return f"; {what}: write degrees and decimals"
-        least, largest, *_ = _LIMITS[quantity]
-        sizes = np.abs(finite).max()
-        units = _COURSE_UNITS if quantity == "course" else _PLACE_UNITS if sizes > 1e4 else ()
+        least, largest, _, _ = _LIMITS[quantity]
+        units: tuple[str, ...] = ()
+        if quantity == "course":
+            units = _COURSE_UNITS
+        elif np.abs(finite).max() > 1e4:
+            units = _PLACE_UNITS
         fitting = [
             unit
             for unit in units
@@ -165,27 +178,56 @@ _COURSE_UNITS = ("deg/10", "deg/100", "degE5")
 _PLACE_UNITS = ("degE7", "degE6", "semicircle", "deg/600000", "degE5")
 _DIMENSIONS = {
     "length": {
-        **{"m": 1.0, "km": 1000.0, "ft": 0.3048, "mi": 1609.344, "nmi": 1852.0, "cm": 1e-2},
+        "m": 1.0,
+        "km": 1000.0,
+        "ft": 0.3048,
+        "mi": 1609.344,
+        "nmi": 1852.0,
+        "cm": 1e-2,
         "mm": 1e-3,
     },
     "speed": {
-        **{"m/s": 1.0, "km/h": 1 / 3.6, "kn": 1852.0 / 3600.0, "ft/s": 0.3048, "mph": 0.44704},
-        **{"cm/s": 1e-2, "mm/s": 1e-3, "kn/10": 1852.0 / 36000.0},
+        "m/s": 1.0,
+        "km/h": 1 / 3.6,
+        "kn": 1852.0 / 3600.0,
+        "ft/s": 0.3048,
+        "mph": 0.44704,
+        "cm/s": 1e-2,
+        "mm/s": 1e-3,
+        "kn/10": 1852.0 / 36000.0,
     },
     "angle": {
-        **{"rad": 1.0, "mrad": 1e-3, "deg": pi / 180.0, "degE7": pi / 180.0e7},
-        # Whole numbers of devices: 1e-6 and 1e-5 deg, AIS, headings, and FIT (2^31 are 180 deg).
-        **{"degE6": pi / 180.0e6, "degE5": pi / 180.0e5, "deg/600000": pi / 180.0 / 600000.0},
-        **{"deg/100": pi / 18000.0, "deg/10": pi / 1800.0, "semicircle": pi / 2.0**31},
+        "rad": 1.0,
+        "mrad": 1e-3,
+        "deg": pi / 180.0,
+        # Whole numbers of devices: 1e-7, 1e-6 and 1e-5 deg, AIS, headings, and FIT (2^31 are 180 deg).
+        "degE7": pi / 180.0e7,
+        "degE6": pi / 180.0e6,
+        "degE5": pi / 180.0e5,
+        "deg/600000": pi / 180.0 / 600000.0,
+        "deg/100": pi / 18000.0,
+        "deg/10": pi / 1800.0,
+        "semicircle": pi / 2.0**31,
     },
-    "turn rate": {"rad/s": 1.0, "deg/s": pi / 180.0},
+    "turn rate": {
+        "rad/s": 1.0,
+        "deg/s": pi / 180.0,
+    },
     "time": {
-        **{"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0},
+        "s": 1.0,
+        "ms": 1e-3,
+        "us": 1e-6,
+        "ns": 1e-9,
+        "min": 60.0,
+        "h": 3600.0,
+        "d": 86400.0,
         "100ns": 1e-7,
     },
 }
-UNITS = dict(chain.from_iterable(units.items() for units in _DIMENSIONS.values()))
+UNITS: dict[str, float] = {}
 """SI value of each unit."""
+for _units in _DIMENSIONS.values():
+    UNITS.update(_units)
 _DIMENSION_OF = {
     **dict.fromkeys(("time", "subsecond"), "time"),
     **dict.fromkeys(("x", "y", "z", "altitude", "range"), "length"),
@@ -194,10 +236,18 @@ _DIMENSION_OF = {
 }
 """Dimension of each quantity; that of a plugin's own quantities may be any."""
 KEYS = (
-    *("run", "time", "step", "sensor", "date", "received", "north_south", "east_west"),
-    *("week", "subsecond"),
+    "run",
+    "time",
+    "step",
+    "sensor",
+    "date",
+    "received",
+    "north_south",
+    "east_west",
+    "week",
+    "subsecond",
 )
-"""What a row may say beside its quantities."""
+"""Keys of `columns` that are no quantities."""
 HEMISPHERES = {
     "latitude": ("north_south", ("n", "north", "nord", "norte"), ("s", "south", "sud", "sur")),
     "longitude": ("east_west", ("e", "east", "est", "ost", "este"), ("w", "west", "ouest")),
@@ -303,7 +353,9 @@ class Naming:
         """Look up the factor from a quantity's unit to SI."""
         plain = plain_name(name)
         unit = self.units.get(name) or self.units.get(plain) or _DEFAULT_UNITS.get(plain)
-        return 1.0 if unit is None else UNITS[unit]
+        if unit is None:
+            return 1.0
+        return UNITS[unit]
 
 
 def is_unit_of(quantity: str, unit: str) -> bool:
@@ -315,7 +367,9 @@ def _mistaken_unit(key: str, unit: str, is_scalar: bool) -> str | None:
     """Explain why a quantity cannot have this unit. A scalar's x and z may have any."""
     if key in KEYS and key not in _DIMENSION_OF:
         return f"a {key} has no unit: leave it out"
-    dimension = None if is_scalar and key in ("x", "z") else _DIMENSION_OF.get(plain_name(key))
+    if is_scalar and key in ("x", "z"):
+        return None
+    dimension = _DIMENSION_OF.get(plain_name(key))
     if dimension is None or unit in _DIMENSIONS[dimension]:
         return None
     allowed = ", ".join(_DIMENSIONS[dimension])
@@ -330,16 +384,22 @@ class _HemisphereColumn(NamedTuple):
 
 
 class Frame(NamedTuple):
-    """Rows of a table whose positions count from one origin: latitude and longitude, deg, and height."""
+    """Rows of a table whose positions count from one origin."""
 
     origin: tuple[float, ...]
+    """latitude and longitude, deg, and perhaps height, m"""
     rows: Index
 
     @property
     def place(self) -> Geodetic:
         """Origin in rad and m."""
-        latitude, longitude, height = (*self.origin, 0.0)[:3]
-        return Geodetic(*map(np.asarray, (latitude * pi / 180.0, longitude * pi / 180.0, height)))
+        latitude, longitude = self.origin[:2]
+        height = self.origin[2] if len(self.origin) > 2 else 0.0
+        return Geodetic(
+            latitude=np.asarray(latitude * pi / 180.0),
+            longitude=np.asarray(longitude * pi / 180.0),
+            height=np.asarray(height),
+        )
 
 
 class Columns:
@@ -357,7 +417,9 @@ class Columns:
 
         Heights count only for a target ``in_space``: x and y in the plane do not depend on them.
         """
-        self.path, self.naming, self.names = path, naming, header(path, naming.format)
+        self.path = path
+        self.naming = naming
+        self.names = header(path, naming.format)
         self.in_space = in_space
         self.contents: dict[str, Content] = {}
         self.unavailable: Counter[str] = Counter()
@@ -368,20 +430,16 @@ class Columns:
         # Velocities beside latitude and longitude are those to the east and north of each place.
         has_own_place = any(self.column(name) is not None for name in ("x", "y"))
         is_on_earth = all(self.column(name) is not None for name in GEODETIC[:2])
-        others = {plain_name(name) for name in wanted} & {
-            "range",
-            "azimuth",
-            "elevation",
-            "range_rate",
-        }
-        self._rotates = is_on_earth and not has_own_place and not others
+        radar_quantities = {"range", "azimuth", "elevation", "range_rate"}
+        is_radar = any(plain_name(name) in radar_quantities for name in wanted)
+        self._rotates = is_on_earth and not has_own_place and not is_radar
         # Sources of each quantity: its column, or other columns that determine it.
-        self._of = {name: self._sources(name) for name in wanted}
-        missing = [name for name, sources in self._of.items() if not sources]
+        self._sources_of = {name: self._find_sources(name) for name in wanted}
+        missing = [name for name, sources in self._sources_of.items() if not sources]
         if len(wanted) - len(missing) < least:
             known = ", ".join(self.names)[:200]
             raise self.mistake(f"no column {missing[0]}; there are {known} (see `columns`)")
-        for source in chain.from_iterable(self._of.values()):
+        for source in chain.from_iterable(self._sources_of.values()):
             self.take(source, "number")
         if self.is_geodetic:
             self._take_hemispheres()
@@ -407,22 +465,26 @@ class Columns:
 
     def take_stamp_parts(self) -> list[str]:
         """Note the columns that the config names as further parts of the time."""
-        parts = [name for name in STAMP_PARTS if name in self.naming.columns]
-        return [name for name in parts if self.take(name, "number") is not None]
+        taken = []
+        for name in STAMP_PARTS:
+            if name in self.naming.columns and self.take(name, "number") is not None:
+                taken.append(name)
+        return taken
 
     def stamp_parts(self, table: Table, parts: Sequence[str]) -> Array | float:
         """Compute the seconds (R,) that further columns add to the time; raises DataError."""
-        out: Array | float = 0.0
+        added: Array | float = 0.0
         for name in parts:
             column = self.column(name)
             assert column is not None
-            scale = (
-                UNITS[self.naming.units[name]] if name in self.naming.units else STAMP_PARTS[name]
-            )
+            scale = STAMP_PARTS[name]
+            if name in self.naming.units:
+                scale = UNITS[self.naming.units[name]]
             seconds = table.columns[column] * scale
-            least = 0.0 if name == "subsecond" else -inf
-            most = 1.0 if name == "subsecond" else inf
-            wrong = np.flatnonzero(~((seconds >= least) & (seconds < most)))
+            is_right = seconds < inf
+            if name == "subsecond":
+                is_right = (seconds >= 0.0) & (seconds < 1.0)
+            wrong = np.flatnonzero(~is_right)
             if len(wrong):
                 value = table.columns[column][wrong[0]]
                 what = f"{column}: {value:.9g} is no part of a second; say its unit"
@@ -430,65 +492,72 @@ class Columns:
                 if np.isnan(value):
                     what = f"{column}: is missing, and is a part of the time"
                 raise DataError(Place(self.path, int(table.lines[wrong[0]]), 1, what))
-            out = out + seconds
-        return out
+            added = added + seconds
+        return added
 
     def take_unnamed_runs(self) -> str | None:
         """Find a column that names objects, such as MMSI, unless the config says what runs are."""
         if "run" in self.naming.columns:
             return None
-        named = (name for name in self.names if re.sub("[^a-z0-9]", "", name.lower()) in _OBJECTS)
-        column = next((name for name in named if name not in self._used), None)
-        if column is not None:
-            self._used[column], self.contents[column] = "run", "label"
-        return column
+        for name in self.names:
+            plain = re.sub("[^a-z0-9]", "", name.lower())
+            if plain in _OBJECTS and name not in self._used:
+                self._used[name] = "run"
+                self.contents[name] = "label"
+                return name
+        return None
 
-    def mistake(self, what: str) -> DataError:
+    def mistake(self, message: str) -> DataError:
         """Report a mistake of the table as a whole."""
-        return DataError(Place(self.path, 1, 1, what))
+        return DataError(Place(self.path, 1, 1, message))
 
     def read(self) -> Table:
         """Read the table, codes of "not available" as NaN. Raises DataError for impossible values."""
         table = read_table(self.path, self.contents, self.naming.time_format, self.naming.format)
-        fixed = self._fixed_rows(table)
-        heads = {re.split("[^a-z]", name.lower())[0] for name in self.names}
-        of_ais = not heads.isdisjoint(("mmsi", "sog", "cog"))
+        has_fix = self._rows_with_fix(table)
+        first_words = {re.split("[^a-z]", name.lower())[0] for name in self.names}
+        of_ais = not first_words.isdisjoint(("mmsi", "sog", "cog"))
         mistakes = []
         for column, quantity in self._used.items():
-            if self.contents[column] == "number":
-                values = table.columns[column]
-                # Blank the codes of "not available" first: most are impossible values.
-                for code in self.naming.missing:
-                    self.unavailable[f"{quantity} {code:g}"] += int((values == code).sum())
-                    values[values == code] = np.nan
-                self.unavailable += blank_codes(
-                    quantity, values, of_ais, self.naming.scale(quantity)
-                )
-                if quantity == "speed" and not self._uses_course:
-                    continue  # a speed without a course may be that of a state, which has a sign
-                impossible_value = impossible(quantity, values, self.naming.scale(quantity))
-                if impossible_value is not None:
-                    line = int(table.lines[impossible_value.row])
-                    mistakes.append(Place(self.path, line, 1, f"{column}: {impossible_value.what}"))
+            if self.contents[column] != "number":
+                continue
+            values = table.columns[column]
+            scale = self.naming.scale(quantity)
+            # Blank the codes of "not available" first: most are impossible values.
+            for code in self.naming.missing:
+                self.unavailable[f"{quantity} {code:g}"] += int((values == code).sum())
+                values[values == code] = np.nan
+            self.unavailable += blank_codes(quantity, values, of_ais, scale)
+            if quantity == "speed" and not self._uses_course:
+                continue  # a speed without a course may be that of a state, which has a sign
+            impossible_value = impossible(quantity, values, scale)
+            if impossible_value is not None:
+                line = int(table.lines[impossible_value.row])
+                mistakes.append(Place(self.path, line, 1, f"{column}: {impossible_value.what}"))
         if mistakes:
             raise DataError(*mistakes)
         for quantity in self._hemispheres:
             self._apply_hemisphere(table, quantity)
-        return table if fixed.all() else table.at(np.flatnonzero(fixed))
+        if has_fix.all():
+            return table
+        return table.at(np.flatnonzero(has_fix))
 
-    def _fixed_rows(self, table: Table) -> Mask:
+    def _rows_with_fix(self, table: Table) -> Mask:
         """Find the rows (R,) that are not at 0 N 0 E, which receivers without a fix write.
 
         A path that leads there is no such row.
         """
-        out = np.ones(len(table.lines), dtype=np.bool_)
         if not self.is_geodetic:
-            return out
-        names = [self.column(name) for name in GEODETIC[:2]]
-        latitude, longitude = (table.columns[name] for name in names if name is not None)
-        has_no_fix = no_fix(latitude, longitude, self.naming.scale("latitude"))
+            return np.ones(len(table.lines), dtype=np.bool_)
+        latitude = self.column("latitude")
+        longitude = self.column("longitude")
+        assert latitude is not None
+        assert longitude is not None
+        has_no_fix = no_fix(
+            table.columns[latitude], table.columns[longitude], self.naming.scale("latitude")
+        )
         if has_no_fix.any():
-            what = f"{has_no_fix.sum()} rows with {names[0]} = {names[1]} = 0 have no fix"
+            what = f"{has_no_fix.sum()} rows with {latitude} = {longitude} = 0 have no fix"
             self.notices.append(f"{self.path}: {what} and were left out")
         return ~has_no_fix
 
@@ -523,49 +592,56 @@ class Columns:
     @property
     def _uses_course(self) -> bool:
         """True if velocities are computed from speed and course."""
-        return any("course" in sources for sources in self._of.values() if len(sources) > 1)
+        return any("course" in sources for sources in self._sources_of.values() if len(sources) > 1)
 
     @property
     def is_geodetic(self) -> bool:
         """True if positions or velocities depend on latitude and longitude."""
-        return any("latitude" in sources for sources in self._of.values())
+        return any("latitude" in sources for sources in self._sources_of.values())
 
     @property
     def has_velocities_alone(self) -> bool:
         """True if the table has velocities along x and y, and no positions."""
-        own = {plain_name(name) for name, sources in self._of.items() if sources}
+        available = {plain_name(name) for name, sources in self._sources_of.items() if sources}
         has_own_place = any(self.column(name) is not None for name in ("x", "y"))
-        return bool(own & {"vx", "vy"}) and not has_own_place
+        return bool(available & {"vx", "vy"}) and not has_own_place
 
-    def of_columns(self, names: Collection[str]) -> str:
+    def first_with_column(self, names: Collection[str]) -> str:
         """Find the first of these quantities that has a column of its own; empty without one."""
-        return next(
-            (name for name, sources in self._of.items() if name in names and sources == (name,)), ""
-        )
+        for name, sources in self._sources_of.items():
+            if name in names and sources == (name,):
+                return name
+        return ""
 
     def places(self, table: Table, height: float) -> Geodetic:
         """Compute latitude, longitude, rad, and height (R,); NaN where one of them is missing.
 
         ``height`` is that of all rows unless the target moves in space and a column has its own.
         """
-        latitude, longitude = (self._value(table, name) for name in GEODETIC[:2])
+        latitude = self._value(table, "latitude")
+        longitude = self._value(table, "longitude")
         heights = np.full_like(latitude, height)
         if self._has_heights:
             heights = self._value(table, "altitude")
-        parts = np.stack([latitude, longitude, heights])
-        known = np.isfinite(parts).all(axis=0)
-        return Geodetic(*np.where(known, parts, np.nan))
+        known = np.isfinite(latitude) & np.isfinite(longitude) & np.isfinite(heights)
+        return Geodetic(
+            latitude=np.where(known, latitude, np.nan),
+            longitude=np.where(known, longitude, np.nan),
+            height=np.where(known, heights, np.nan),
+        )
 
     @property
     def _has_heights(self) -> bool:
-        return "altitude" in chain.from_iterable(self._of.values())
+        return "altitude" in chain.from_iterable(self._sources_of.values())
 
     def rows_without_height(self, table: Table) -> int:
         """Count the rows with latitude and longitude whose altitude is missing."""
         if not self._has_heights:
             return 0
-        latitude, longitude, altitude = (np.isfinite(self._value(table, name)) for name in GEODETIC)
-        return int((latitude & longitude & ~altitude).sum())
+        has_latitude = np.isfinite(self._value(table, "latitude"))
+        has_longitude = np.isfinite(self._value(table, "longitude"))
+        has_altitude = np.isfinite(self._value(table, "altitude"))
+        return int((has_latitude & has_longitude & ~has_altitude).sum())
 
     def quantities(
         self, table: Table, places: Geodetic | None, frames: Sequence[Frame], runs: Index
@@ -579,76 +655,78 @@ class Columns:
             # Step 1: east, north and up of the origin, from latitude, longitude and altitude.
             enu = np.full((3, len(table.lines)), np.nan)
             for frame in frames:
-                part = Geodetic(*(values[frame.rows] for values in places))
-                finite = np.isfinite(part.latitude)
-                known = Geodetic(*(np.where(finite, values, 0.0) for values in part))
+                known, finite = _known_places(places, frame.rows)
                 enu[:, frame.rows] = np.where(finite, east_north_up(known, frame.place), np.nan)
             plane = dict(zip(_PLANE, enu, strict=True))
         velocities: Mapping[str, Array] = {}
         if self._rotates and places is not None and frames:
             velocities = self._rotated_velocities(table, places, frames, runs)
-        out = {}
+        quantities = {}
         # Step 2: each quantity from its column, from speed and course, or from Step 1.
-        for name, sources in self._of.items():
+        for name, sources in self._sources_of.items():
             if sources and name in velocities:
-                out[name] = velocities[name]
+                quantities[name] = velocities[name]
             elif sources[:1] == (name,):
-                out[name] = self._value(table, name)
+                quantities[name] = self._value(table, name)
             elif sources[:2] == COURSE:
-                out[name] = self._along(table, name)
+                quantities[name] = self._velocity_of_course(table, name)
             elif sources and plane:
-                out[name] = plane[plain_name(name)]
+                quantities[name] = plane[plain_name(name)]
             else:
-                out[name] = np.full(len(table.lines), np.nan)
-        return out
+                quantities[name] = np.full(len(table.lines), np.nan)
+        return quantities
 
     def _rotated_velocities(
         self, table: Table, places: Geodetic, frames: Sequence[Frame], runs: Index
     ) -> dict[str, Array]:
         """Rotate velocities from east, north and up of each row's place to those of its origin."""
         # A row without a place has that of the nearest row of its run.
-        places = _nearest_places(places, runs)
-        out: dict[str, Array] = {}
-        sensors = {name.rpartition(".")[0] for name in self._of if plain_name(name) in _VELOCITY}
+        filled_places = _nearest_places(places, runs)
+        rotated_velocities: dict[str, Array] = {}
+        sensors = {
+            name.rpartition(".")[0] for name in self._sources_of if plain_name(name) in _VELOCITY
+        }
         for sensor in sorted(sensors):
             # Step 1: the components that the table has; a velocity upwards that it lacks is zero.
-            parts: dict[str, Array] = {}
+            components: dict[str, Array] = {}
             for plain in _VELOCITY:
                 name = f"{sensor}.{plain}" if sensor else plain
                 if self.column(name) is not None:
-                    parts[name] = self._value(table, name)
+                    components[name] = self._value(table, name)
                 elif plain != "vz" and all(map(self.column, COURSE)):
-                    parts[name] = self._along(table, plain)
-            names = list(parts)
-            if [plain_name(name) for name in names[:2]] != [*_VELOCITY[:2]]:
+                    components[name] = self._velocity_of_course(table, plain)
+            names = list(components)
+            if [plain_name(name) for name in names[:2]] != ["vx", "vy"]:
                 continue
             vectors = np.zeros((3, len(table.lines)))
-            vectors[: len(names)] = [parts[name] for name in names]
+            vectors[: len(names)] = list(components.values())
             # Step 2: rotate the rows of each origin.
             for frame in frames:
-                part = Geodetic(*(values[frame.rows] for values in places))
-                finite = np.isfinite(part.latitude)
-                known = Geodetic(*(np.where(finite, values, 0.0) for values in part))
+                known, finite = _known_places(filled_places, frame.rows)
                 local = vectors[:, frame.rows]
                 rotated = rotate_east_north_up(local, known, frame.place)
                 vectors[:, frame.rows] = np.where(finite, rotated, local)
-            out |= dict(zip(names, vectors, strict=False))
-        return out
+            for name, velocity in zip(names, vectors, strict=False):
+                rotated_velocities[name] = velocity
+        return rotated_velocities
 
-    def _sources(self, name: str) -> tuple[str, ...]:
+    def _find_sources(self, name: str) -> tuple[str, ...]:
         """Find the source of a quantity: a column, geodetic coordinates, speed and course, or none."""
         plain = plain_name(name)
         if self.column(name) is not None:
             if self._rotates and plain in _VELOCITY:
-                return (name, *self._other_velocities(name), *GEODETIC[:2])
+                return (name, *self._other_velocities(name), "latitude", "longitude")
             return (name,)
-        both = GEODETIC if plain == "z" else GEODETIC[:2]
-        if plain in _PLANE and all(map(self.column, both)):
+        needed = GEODETIC if plain == "z" else GEODETIC[:2]
+        if plain in _PLANE and all(map(self.column, needed)):
             # In space heights count wherever there are any: a plane touches the ground at one only.
-            heights = GEODETIC[2:] if self.in_space and self.column("altitude") else ()
-            return (*GEODETIC[:2], *heights)
+            if self.in_space and self.column("altitude"):
+                return GEODETIC
+            return GEODETIC[:2]
         if plain in ("vx", "vy") and all(map(self.column, COURSE)):
-            return (*COURSE, *(GEODETIC[:2] if self._rotates else ()))
+            if self._rotates:
+                return (*COURSE, "latitude", "longitude")
+            return COURSE
         return ()
 
     def _other_velocities(self, name: str) -> tuple[str, ...]:
@@ -670,9 +748,10 @@ class Columns:
         turned = wrap_angle(0.5 * pi - values)
         return np.where(np.abs(values) > 2.0 * pi + _ROUNDING, values, turned)
 
-    def _along(self, table: Table, name: str) -> Array:
+    def _velocity_of_course(self, table: Table, name: str) -> Array:
         """Compute the velocity east (vx) or north of a speed and a course clockwise from north."""
-        speed, course = (self._value(table, part) for part in COURSE)
+        speed = self._value(table, "speed")
+        course = self._value(table, "course")
         c, s = cos_sin(np.where(np.isnan(course), 0.0, course))
         # vx = v sin(course), vy = v cos(course)
         velocity = speed * (s if plain_name(name) == "vx" else c)
@@ -765,6 +844,17 @@ def _is_across_a_cut(values: Array, scale: float) -> Mask:
     return np.abs(away - wrapped) > 0.5 * turn
 
 
+def _known_places(places: Geodetic, rows: Index) -> tuple[Geodetic, Mask]:
+    """Return the places of some rows, zero where they are missing, and which are known."""
+    finite = np.isfinite(places.latitude[rows])
+    known = Geodetic(
+        latitude=np.where(finite, places.latitude[rows], 0.0),
+        longitude=np.where(finite, places.longitude[rows], 0.0),
+        height=np.where(finite, places.height[rows], 0.0),
+    )
+    return known, finite
+
+
 def _nearest_places(places: Geodetic, runs: Index) -> Geodetic:
     """Give rows without a place that of the row of their run before them, or else of the next."""
     known = np.isfinite(places.latitude)
@@ -790,4 +880,6 @@ def _nearest_places(places: Geodetic, runs: Index) -> Geodetic:
 def plain_name(name: str) -> str:
     """Return the quantity of a component: x of ``px``, and of the second sensor's ``2.x``."""
     plain = name.rpartition(".")[2]
-    return plain[1:] if plain in ("px", "py", "pz") else plain
+    if plain in ("px", "py", "pz"):
+        return plain.removeprefix("p")
+    return plain

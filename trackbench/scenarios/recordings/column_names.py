@@ -1,4 +1,4 @@
-"""Columns that people's tables have: their quantities and units, by the words in the names."""
+"""Guess the quantities and units of a table's columns from the words in their names."""
 
 import re
 import unicodedata
@@ -84,28 +84,30 @@ def columns_of(names: Iterable[str]) -> dict[str, NamedColumn]:
     """Find each quantity's column: the surest name, and of equally sure ones the first."""
     words_by_name = {name: words_of(name) for name in names}
     # A name that is the quantity's own word comes before one with a unit, or with further words.
-    spellings, fillers = {}, _FILLERS.split()
+    fillers = _FILLERS.split()
+    spellings = {}
     for name, words in words_by_name.items():
-        plain = _without_units(words)
-        bare = (word for word in plain if word not in fillers)
-        spellings[name] = [*map("".join, (words, plain, bare))]
-    out = {}
+        without_units = _without_units(words)
+        without_fillers = [word for word in without_units if word not in fillers]
+        spellings[name] = ["".join(words), "".join(without_units), "".join(without_fillers)]
+    columns = {}
     for quantity, text in _WORDS.items():
-        known = {word: rank for rank, word in enumerate(text.split())}
+        rank_of_word = {word: rank for rank, word in enumerate(text.split())}
         ranks = []
         for place, (name, words) in enumerate(words_by_name.items()):
-            joined = next(filter(known.__contains__, spellings[name]), None)
-            if joined is not None:
+            known = [spelling for spelling in spellings[name] if spelling in rank_of_word]
+            if known:
                 # A message's stamp is nearer to the measurement than the time it was logged.
                 is_late = quantity == "time" and words[-1] != "stamp"
-                has_fillers = joined not in spellings[name][:2]
-                ranks.append((is_late, has_fillers, known[joined], place, name))
+                has_fillers = known[0] not in spellings[name][:2]
+                ranks.append((is_late, has_fillers, rank_of_word[known[0]], place, name))
         if ranks:
-            name = min(ranks)[-1]
+            *_, name = min(ranks)
             words = words_by_name[name]
-            is_whole = len(words) > 1 and spellings[name][0] in known  # a D of ToD is no day
-            out[quantity] = NamedColumn(name, None if is_whole else unit_in(words, quantity))
-    return out
+            is_whole = len(words) > 1 and spellings[name][0] in rank_of_word  # a D of ToD is no day
+            unit = None if is_whole else unit_in(words, quantity)
+            columns[quantity] = NamedColumn(column=name, unit=unit)
+    return columns
 
 
 def rest_of_stamp(
@@ -116,45 +118,54 @@ def rest_of_stamp(
     Only the numbers show whether they are.
     """
     before = _words_before_unit(clock)
-    out: dict[str, NamedColumn] = {}
+    rest: dict[str, NamedColumn] = {}
     for name in names:
         words = words_of(name)
         if name == clock or not words:
             continue
         if "week" not in known and "".join(_without_fillers(words)) in _WEEKS:
-            out.setdefault("week", NamedColumn(name, None))
+            rest.setdefault("week", NamedColumn(column=name, unit=None))
         unit = _SUBSECONDS.get(words[-1])
         # Of header.stamp.nanosec the rest of the name is that of header.stamp.sec.
         if unit and "subsecond" not in known and words[:-1] in ([], before, words_of(clock)):
-            out.setdefault("subsecond", NamedColumn(name, unit))
-    return out
+            rest.setdefault("subsecond", NamedColumn(column=name, unit=unit))
+    return rest
 
 
 def _words_before_unit(name: str) -> list[str]:
     words = words_of(name)
-    return words[:-1] if words and words[-1] in _UNITS else words
+    if words and words[-1] in _UNITS:
+        return words[:-1]
+    return words
 
 
 def _without_fillers(words: list[str]) -> list[str]:
+    """Leave out words that may stand beside a quantity, but not the first word."""
     fillers = _FILLERS.split()
     return [word for word in words if word not in fillers or word == words[0]]
 
 
 def ranges_of(names: Iterable[str]) -> dict[str, NamedColumn]:
     """Find columns of ranges to numbered places (d1, range_A2 [m]), by the place."""
-    out = {}
+    ranges = {}
     for name in names:
         words = words_of(name)
         match = _RANGE_TO.fullmatch("".join(_without_units(words)))
         if match:
-            out[match[1] or match[2]] = NamedColumn(name, unit_in(words, "range"))
-    return out if len(out) > 1 else {}
+            place = match[1] or match[2]
+            ranges[place] = NamedColumn(column=name, unit=unit_in(words, "range"))
+    if len(ranges) < 2:
+        return {}
+    return ranges
 
 
 def unit_in(words: Collection[str], quantity: str) -> str | None:
     """Find the last word that is a unit of the quantity."""
-    units = [_UNITS[word] for word in words if word in _UNITS]
-    return next((unit for unit in reversed(units) if is_unit_of(quantity, unit)), None)
+    last = None
+    for word in words:
+        if word in _UNITS and is_unit_of(quantity, _UNITS[word]):
+            last = _UNITS[word]
+    return last
 
 
 def words_of(name: str) -> list[str]:
@@ -166,4 +177,5 @@ def words_of(name: str) -> list[str]:
 
 
 def _without_units(words: list[str]) -> list[str]:
+    """Leave out words that are units, but not the first word."""
     return [word for i, word in enumerate(words) if i == 0 or word not in _UNITS]

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from itertools import islice
+from itertools import islice, pairwise
 from typing import Literal, NamedTuple, TextIO
 
 from trackbench.errors import reason
@@ -83,18 +83,20 @@ class TextFormat:
 
 
 class Layout(NamedTuple):
-    """Format of a file: lines before the data, names, and the column of a date apart from its time.
-
-    ``header`` is the line of the names, or 0; it may be a comment.
-    """
+    """Format of a text file."""
 
     encoding: str
     separator: str
     names: list[str]
+    """names of the columns"""
     header: int
+    """line of the names, 0 if there is none"""
     before: int
+    """number of lines before the data"""
     joined: int | None
+    """column of a date whose time of day is in the next column"""
     is_comment: bool = False
+    """True if the line of the names is a comment"""
 
 
 def layout_of(path: str, form: TextFormat | None = None) -> Layout:
@@ -150,7 +152,8 @@ def _layout(path: str, text: TextIO, form: TextFormat) -> Layout:
         if len(lines) >= _LOOKED_AT or len(comments) >= _MOST_COMMENTS:
             break
     if not lines:
-        raise DataError(Place(path, 1, 1, "has no rows" if comments else "is empty"))
+        what = "has no rows" if comments else "is empty"
+        raise DataError(Place(path, 1, 1, what))
     first = next(iter(lines))
     if _CONTROL.search(lines[first]):
         raise DataError(Place(path, first, 1, "is not a text file"))
@@ -158,55 +161,90 @@ def _layout(path: str, text: TextIO, form: TextFormat) -> Layout:
         if lines[first].startswith(letters):
             raise DataError(Place(path, first, 1, f"is no table but {what}"))
     # Step 2: find the separator, and the usual number of cells.
-    separator = separator or _separator([*lines.values()])
-    cells = {number: _parsed(line, separator) for number, line in lines.items()}
-    width = _usual(cells.values())[0]
+    separator = separator or _guess_separator([*lines.values()])
+    cells = {number: _split_cells(line, separator) for number, line in lines.items()}
+    width, _ = _usual_width(cells.values())
     rows = [row for row in cells.values() if len(row) == width]
-    joined = next(
-        (i for i, cell in enumerate(rows[-1][:-1]) if _is_apart(cell, rows[-1][i + 1])), None
-    )
+    joined = None
+    for i, (cell, next_cell) in enumerate(pairwise(rows[-1])):
+        if _is_date_and_time(cell, next_cell):
+            joined = i
+            break
     # Step 3: find the header: the last comment above numbers, or the fullest line of words.
     start = next(number for number, row in cells.items() if len(row) == width)
     _check_kinds(path, cells, separator)
-    if not form.names and (names := _names_beside_week(comments, rows)):
-        header = max(number for number in comments if number < start)
-        return Layout(text.encoding, separator, names, header, header + form.skip, None, True)
     if form.names:
-        return Layout(text.encoding, separator, [*form.names], 0, start - 1 + form.skip, None)
-    widths = (width, width - 1) if joined is not None else (width,)
-    header = first if form.header else _header(cells, comments, separator, widths)
+        return Layout(
+            encoding=text.encoding,
+            separator=separator,
+            names=list(form.names),
+            header=0,
+            before=start - 1 + form.skip,
+            joined=None,
+        )
+    names = _names_beside_week(comments, rows)
+    if names:
+        header = max(number for number in comments if number < start)
+        return Layout(
+            encoding=text.encoding,
+            separator=separator,
+            names=names,
+            header=header,
+            before=header + form.skip,
+            joined=None,
+            is_comment=True,
+        )
+    widths = [width]
+    if joined is not None:
+        widths.append(width - 1)
+    header = first
+    if not form.header:
+        header = _find_header(cells, comments, separator, widths)
     if separator == " " and header not in comments:
-        cells[header] = _split(lines[header], (separator, _BEFORE_NAMES), widths)
+        cells[header] = _split_names(lines[header], (separator, _BEFORE_NAMES), widths)
     names = [name.strip() for name in cells[header]]
     names[0] = names[0].lstrip("#% ")
     if not (separator == " " and len(names) == width - 1):
         joined = None
-    before = header + form.skip
-    return Layout(text.encoding, separator, names, header, before, joined, header in comments)
+    return Layout(
+        encoding=text.encoding,
+        separator=separator,
+        names=names,
+        header=header,
+        before=header + form.skip,
+        joined=joined,
+        is_comment=header in comments,
+    )
 
 
 def _names_beside_week(comments: Mapping[int, str], rows: Sequence[list[str]]) -> list[str]:
     """Read RTKLIB's comment of names, whose first one stands for a GPS week and its seconds."""
-    last = comments[max(comments)].split() if comments else []
-    is_time = bool(last) and last[0].lower() in ("gpst", "utc", "jst")
-    if not is_time or len(last) != len(rows[0]) - 1 or len(last) < 3:
+    if not comments:
+        return []
+    names = comments[max(comments)].split()
+    is_time = bool(names) and names[0].lower() in ("gpst", "utc", "jst")
+    if not is_time or len(names) != len(rows[0]) - 1 or len(names) < 3:
         return []
     week, seconds = rows[0][:2]
     is_week = re.fullmatch(r"\d{1,4}", week) and re.fullmatch(r"\d{1,6}(\.\d*)?", seconds)
-    return ["week", "tow", *last[1:]] if is_week else []
+    if not is_week:
+        return []
+    return ["week", "tow", *names[1:]]
 
 
 def _check_kinds(path: str, cells: Mapping[int, list[str]], separator: str) -> None:
     """Raise DataError for rows of several kinds, which begin with a word for each width."""
+    # Widths of the rows by their first word.
     kinds: dict[str, set[int]] = {}
     for row in cells.values():
-        kinds.setdefault(row[0].strip() if row else "", set()).add(len(row))
-    widths = {width for of_kind in kinds.values() for width in of_kind}
+        first_word = row[0].strip() if row else ""
+        kinds.setdefault(first_word, set()).add(len(row))
+    all_widths = set().union(*kinds.values())
     is_word = all(re.fullmatch("[A-Za-z$][A-Za-z0-9_]*", kind) for kind in kinds)
-    is_exact = all(len(of_kind) == 1 for of_kind in kinds.values())
+    is_exact = all(len(widths) == 1 for widths in kinds.values())
     has_many = len(cells) >= 3 * len(kinds)
-    if len(widths) > 1 and len(kinds) > 1 and is_word and is_exact and has_many:
-        shown = ", ".join(f"{kind} ({of_kind.pop()} cells)" for kind, of_kind in kinds.items())
+    if len(all_widths) > 1 and len(kinds) > 1 and is_word and is_exact and has_many:
+        shown = ", ".join(f"{kind} ({widths.pop()} cells)" for kind, widths in kinds.items())
         first = next(iter(kinds))
         marks = {" ": "[[:space:]]", "\t": "[[:space:]]"}
         way = f"split the file, such as `grep '^{first}{marks.get(separator, separator)}'`"
@@ -214,7 +252,7 @@ def _check_kinds(path: str, cells: Mapping[int, list[str]], separator: str) -> N
         raise DataError(Place(path, next(iter(cells)), 1, what))
 
 
-def _header(
+def _find_header(
     cells: dict[int, list[str]], comments: dict[int, str], separator: str, widths: Sequence[int]
 ) -> int:
     """Find the line of the names; add the cells of a comment that has them to ``cells``."""
@@ -223,23 +261,32 @@ def _header(
     above = max((number for number in comments if number < first), default=0)
     if above and any(map(is_value, cells[first])):
         ways = (separator, r"\s*[,;\t|]\s*|\s+", _BEFORE_NAMES)
-        names = _split(comments[above], ways, widths)
+        names = _split_names(comments[above], ways, widths)
         if len(names) not in widths:
             return first
         cells[above] = names
         return above
     # One line of names above values may have too few or too many cells, which is a mistake.
     is_below = start == next(iter(below), 0) and any(map(is_value, cells[start]))
-    return first if is_below and len(cells[first]) > 1 else _fullest(cells, start)
+    if is_below and len(cells[first]) > 1:
+        return first
+    return _fullest_line(cells, start)
 
 
-def _split(line: str, ways: Sequence[str], widths: Sequence[int]) -> list[str]:
+def _split_names(line: str, ways: Sequence[str], widths: Sequence[int]) -> list[str]:
     """Split a line by the first of the ways, a separator and patterns, that gives a usual width."""
-    rows = [_parsed(line, ways[0]), *(re.split(way, line.strip()) for way in ways[1:])]
-    return next((row for row in rows if len(row) in widths), rows[0])
+    separator, *patterns = ways
+    by_separator = _split_cells(line, separator)
+    if len(by_separator) in widths:
+        return by_separator
+    for pattern in patterns:
+        names = re.split(pattern, line.strip())
+        if len(names) in widths:
+            return names
+    return by_separator
 
 
-def _fullest(cells: Mapping[int, list[str]], start: int) -> int:
+def _fullest_line(cells: Mapping[int, list[str]], start: int) -> int:
     """Find the line with most different words, among those above the first values and as wide."""
     words = {}
     for number, row in cells.items():
@@ -247,7 +294,9 @@ def _fullest(cells: Mapping[int, list[str]], start: int) -> int:
             if any(map(is_value, row)):
                 break
             words[number] = len({*map(str.strip, row)} - {""})
-    return max(words, key=lambda number: words[number]) if words else start
+    if not words:
+        return start
+    return max(words, key=lambda number: words[number])
 
 
 def is_value(cell: str) -> bool:
@@ -255,31 +304,34 @@ def is_value(cell: str) -> bool:
     return _VALUE.fullmatch(cell.strip()) is not None
 
 
-def _is_apart(cell: str, after: str) -> bool:
+def _is_date_and_time(cell: str, after: str) -> bool:
     """Recognize a date and a time of day in two cells."""
     return _DATE.fullmatch(cell) is not None and re.match(r"\d{1,2}:\d\d", after) is not None
 
 
-def _usual(rows: Iterable[list[str]]) -> tuple[int, int]:
+def _usual_width(rows: Iterable[list[str]]) -> tuple[int, int]:
     """Count cells: their most frequent number in a row, and how many rows have it."""
     return Counter(map(len, rows)).most_common(1)[0]
 
 
-def _separator(lines: Sequence[str]) -> str:
+def _guess_separator(lines: Sequence[str]) -> str:
     """Find the separator that gives all lines as many cells, at best the first line, too."""
-    alike, below = [], lines[len(lines) // 2 :]  # where no title stands
+    without_first = ""
+    below = lines[len(lines) // 2 :]  # where no title stands
     for separator in _SEPARATORS:
-        width, number = _usual(_parsed(line, separator) for line in below)
+        width, number = _usual_width(_split_cells(line, separator) for line in below)
         if width > 1 and number >= _ALIKE * len(below):
-            alike.append((len(_parsed(lines[0], separator)) != width, separator))
-    if alike:
-        return min(alike, key=lambda usual: usual[0])[1]
-    bare = re.sub('"[^"]*"', "", lines[0].strip())
-    most = max(_SEPARATORS[:4], key=bare.count)
-    return most if most in bare else " "
+            if len(_split_cells(lines[0], separator)) == width:
+                return separator
+            without_first = without_first or separator
+    if without_first:
+        return without_first
+    unquoted = re.sub('"[^"]*"', "", lines[0].strip())
+    most_frequent = max(_SEPARATORS[:4], key=unquoted.count)
+    return most_frequent if most_frequent in unquoted else " "
 
 
-def _parsed(line: str, separator: str) -> list[str]:
+def _split_cells(line: str, separator: str) -> list[str]:
     """Split one line into cells."""
     if separator == " ":
         return line.split()
@@ -292,16 +344,19 @@ def table_rows(path: str, layout: Layout) -> Iterator[tuple[int, list[str]]]:
     Raises DataError for a file that is no table.
     """
     with _opened(path, layout.encoding) as text:
-        yield from _rows(path, text, layout)
+        yield from _numbered_rows(path, text, layout)
 
 
-def _rows(path: str, text: TextIO, layout: Layout) -> Iterator[tuple[int, list[str]]]:
-    separator, width = layout.separator, len(layout.names)
-    every = islice(iter(partial(text.readline, _LONGEST_LINE), ""), layout.before, None)
-    lines = ("\n" if line.startswith(_COMMENTS) else line for line in every)
+def _numbered_rows(path: str, text: TextIO, layout: Layout) -> Iterator[tuple[int, list[str]]]:
+    width = len(layout.names)
+    separator = layout.separator
+    data_lines = islice(iter(partial(text.readline, _LONGEST_LINE), ""), layout.before, None)
+    lines = ("\n" if line.startswith(_COMMENTS) else line for line in data_lines)
     if separator == " ":
-        separator, lines = "\t", (_by_tabs(line, layout.joined) for line in lines)
-    reader, line = csv.reader(lines, delimiter=separator), layout.before
+        separator = "\t"
+        lines = (_with_tabs(line, layout.joined) for line in lines)
+    reader = csv.reader(lines, delimiter=separator)
+    line = layout.before
     try:
         for row in reader:
             end = layout.before + reader.line_num
@@ -319,7 +374,7 @@ def _rows(path: str, text: TextIO, layout: Layout) -> Iterator[tuple[int, list[s
         raise DataError(Place(path, line + 1, 1, what)) from None
 
 
-def _by_tabs(line: str, joined: int | None) -> str:
+def _with_tabs(line: str, joined: int | None) -> str:
     """Replace white space by tabs; a date and its time of day stay one cell."""
     cells = line.split()
     if joined is not None:

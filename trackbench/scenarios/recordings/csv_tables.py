@@ -35,7 +35,10 @@ def without_thousands(cell: str, mark: str) -> str:
     """Join the groups of three digits of a number that have this mark between them."""
     groups = rf"([-+]?\d{{1,3}})((?:{re.escape(mark)}\d{{3}})+)(?!\d)(.*)"
     match = re.fullmatch(groups, cell.strip())
-    return match[1] + match[2].replace(mark, "") + match[3] if match else cell
+    if match is None:
+        return cell
+    first, others, rest = match.groups()
+    return first + others.replace(mark, "") + rest
 
 
 def number(cell: str, comma: bool = False) -> float:
@@ -44,10 +47,11 @@ def number(cell: str, comma: bool = False) -> float:
         return math.nan
     if comma and "." in cell:
         raise ValueError("a number with a decimal comma, as others of this file are")
+    # float takes an underscore, and the digits of every script.
+    if "_" in cell or not cell.isascii():
+        raise ValueError("a number")
     try:
-        cell = cell.replace(",", ".") if comma else cell
-        # float takes an underscore, and the digits of every script.
-        value = float(cell if cell.isascii() and "_" not in cell else "")
+        value = float(cell.replace(",", ".") if comma else cell)
     except ValueError:
         raise ValueError("a number") from None
     if not math.isfinite(value):
@@ -72,7 +76,7 @@ def whole(cell: str) -> float:
     return float(cell)
 
 
-def parsed(parse: Parse, cells: Sequence[str]) -> tuple[Array, list[tuple[int, str]]]:
+def parse_cells(parse: Parse, cells: Sequence[str]) -> tuple[Array, list[tuple[int, str]]]:
     """Parse a column's cells to values (R,), and list which are none and why."""
     keys = parse.keywords if isinstance(parse, partial) else {}
     values = None
@@ -80,22 +84,23 @@ def parsed(parse: Parse, cells: Sequence[str]) -> tuple[Array, list[tuple[int, s
     if keys.get("form"):
         values = dates_quickly(cells, keys["form"])
     elif keys.get("comma") and not any("." in cell for cell in cells):
-        values = _quickly([cell.replace(",", ".") for cell in cells])
+        values = _plain_numbers([cell.replace(",", ".") for cell in cells])
     elif parse in (number, seconds):
-        values = _quickly(cells)
+        values = _plain_numbers(cells)
     if values is not None:
         return values, []
-    out, mistakes = np.full(len(cells), np.nan), []
+    values = np.full(len(cells), np.nan)
+    mistakes = []
     # Otherwise cell by cell, to name each mistake.
     for i, cell in enumerate(cells):
         try:
-            out[i] = parse(cell.strip())
+            values[i] = parse(cell.strip())
         except ValueError as error:
             mistakes.append((i, f"{cell.strip()[:40]!r} is not {error}"))
-    return out, mistakes
+    return values, mistakes
 
 
-def _quickly(cells: Sequence[str]) -> Array | None:
+def _plain_numbers(cells: Sequence[str]) -> Array | None:
     """Convert all cells at once, if every cell is a plain finite number."""
     text = "".join(cells)
     if not text.isascii() or "_" in text:
@@ -104,7 +109,9 @@ def _quickly(cells: Sequence[str]) -> Array | None:
         values = np.fromiter(map(float, cells), dtype=np.float64, count=len(cells))
     except ValueError:
         return None
-    return values if np.isfinite(values).all() else None
+    if not np.isfinite(values).all():
+        return None
+    return values
 
 
 Content = Literal["number", "time", "date", "step", "label", "word"]
@@ -117,17 +124,17 @@ _PARSERS: dict[Content, Parse] = {"number": number, "time": seconds, "step": who
 
 
 class Table(NamedTuple):
-    """Columns (R,) by name, the words that labels stand for, the lines of the rows.
-
-    A time is in microseconds since 1970 if it is ``dated`` ("date" or "date with a zone"), else ("")
-    as it is written.
-    """
+    """R rows of a file."""
 
     path: str
     columns: dict[str, Column]
+    """cells (R,) of each column, by its name: numbers, or codes of words"""
     words: dict[str, list[str]]
+    """words that the codes of a column of labels or words stand for"""
     lines: Index
+    """line (R,) of each row"""
     dated: str
+    """"date" or "date with a zone" if times are dates, in microseconds since 1970; else empty"""
 
     def at(self, rows: Index) -> "Table":
         """Select some of the rows."""
@@ -166,23 +173,28 @@ def read_table(
         return reading.table()
     layout = layout_of(path, form)
     # Commas in cells that commas do not separate are decimal signs.
-    decimal = form.decimal if form else None
-    reading.thousands = form.thousands if form else ""
+    decimal = None
+    if form is not None:
+        decimal = form.decimal
+        reading.thousands = form.thousands
     reading.may_have_commas = decimal is None and layout.separator != ","
     reading.comma = decimal == ","
     for name in contents:
         if layout.names.count(name) > 1:
             raise DataError(Place(path, max(layout.header, 1), 1, f"two columns {name}"))
-    lines = table_rows(path, layout)
+    numbered_rows = table_rows(path, layout)
     # CSV: read piece by piece, until there are too many mistakes.
-    while rows := list(islice(lines, _ROWS_AT_A_TIME)):
-        full_rows = reading.of_full_width(rows, layout)
-        if full_rows:
-            columns: list[Sequence[str]] = list(zip(*(row[1] for row in full_rows), strict=True))
-            cells = {name: columns[layout.names.index(name)] for name in contents}
-            reading.add(np.array([row[0] for row in full_rows]), cells)
-        if len(reading.mistakes) >= _MOST_MISTAKES:
+    while len(reading.mistakes) < _MOST_MISTAKES:
+        piece = list(islice(numbered_rows, _ROWS_AT_A_TIME))
+        if not piece:
             break
+        full_rows = reading.rows_of_full_width(piece, layout)
+        if full_rows:
+            columns: list[Sequence[str]] = list(
+                zip(*(cells for _, cells in full_rows), strict=True)
+            )
+            cells_by_name = {name: columns[layout.names.index(name)] for name in contents}
+            reading.add(np.array([line for line, _ in full_rows]), cells_by_name)
     return reading.table()
 
 
@@ -203,9 +215,13 @@ class _Reading:
     def __init__(self, path: str, contents: Mapping[str, Content], form: str) -> None:
         # A date that stands beside the time is put before it.
         self._date = next((name for name, content in contents.items() if content == "date"), None)
-        self.contents = {n: content for n, content in contents.items() if content != "date"}
-        self.path, self.form = path, form
-        self.may_have_commas, self.comma = False, False
+        self.contents = {name: kind for name, kind in contents.items() if kind != "date"}
+        self.path = path
+        self.form = form
+        self.may_have_commas = False
+        """True if a comma in a cell is a decimal sign"""
+        self.comma = False
+        """True if decimals follow a comma"""
         self.thousands = ""
         self.mistakes: list[Place] = []
         self.dated: str | None = None
@@ -215,7 +231,7 @@ class _Reading:
         }
         self._lines: list[Index] = []
 
-    def of_full_width(
+    def rows_of_full_width(
         self, rows: Sequence[tuple[int, list[str]]], layout: Layout
     ) -> Sequence[tuple[int, list[str]]]:
         """Select the rows with a cell for each column; the others are mistakes."""
@@ -263,16 +279,16 @@ class _Reading:
             if self.thousands and content == "number":
                 column = [without_thousands(cell, self.thousands) for cell in column]
             if content == "time" and self._date is not None and self._is_time_of_day(column[0]):
-                parts = (map(str.strip, cells[self._date]), map(str.strip, column))
-                column = [*map(" ".join, zip(*parts, strict=True))]
+                dates_and_times = zip(cells[self._date], column, strict=True)
+                column = [f"{date.strip()} {time.strip()}" for date, time in dates_and_times]
             if content in ("label", "word"):
-                values, wrong = self._labeled(name, column)
+                values, wrong = self._encode_words(name, column)
             else:
                 parser = self._parser(content, column, Place(self.path, int(lines[0]), 1, name))
-                values, wrong = parsed(parser, column)
+                values, wrong = parse_cells(parser, column)
             self._pieces[name].append(values)
-            at = [(int(lines[i]), f"{name}: {what}") for i, what in wrong]
-            self._add_mistakes(at, len(column))
+            mistakes = [(int(lines[i]), f"{name}: {what}") for i, what in wrong]
+            self._add_mistakes(mistakes, len(column))
         self._lines.append(lines.astype(np.int32))
 
     def _is_time_of_day(self, cell: str) -> bool:
@@ -289,7 +305,13 @@ class _Reading:
         # Pieces go as their column comes, so that no more than one is held twice.
         columns = {name: np.concatenate(self._pieces.pop(name)) for name in self.contents}
         words = {name: list(codes) for name, codes in self._codes.items()}
-        return Table(self.path, columns, words, np.concatenate(self._lines), self.dated or "")
+        return Table(
+            path=self.path,
+            columns=columns,
+            words=words,
+            lines=np.concatenate(self._lines),
+            dated=self.dated or "",
+        )
 
     def _parser(self, content: Content, cells: Sequence[str], first: Place) -> Parse:
         """Choose the parser of cells; the first time decides between dates, zones and numbers."""
@@ -299,12 +321,12 @@ class _Reading:
         if content != "time":
             return plain
         if self.dated is None:
-            self.dated = self._dated(cells[0].strip(), plain, first)
+            self.dated = self._clock_type(cells[0].strip(), plain, first)
         if not self.dated:
             return plain
         return partial(instant, zoned=self.dated != "date", form=self.form)
 
-    def _dated(self, cell: str, plain: Parse, first: Place) -> str:
+    def _clock_type(self, cell: str, plain: Parse, first: Place) -> str:
         """Name the clock: "date", perhaps "with a zone", empty for numbers. Else raises DataError."""
         if self.form or is_instant(cell):
             with suppress(ValueError):
@@ -321,12 +343,18 @@ class _Reading:
             way = "say `format: {skip: 1}` if the line holds units, or correct it"
         raise DataError(first._replace(what=f"{what}: {way}"))
 
-    def _labeled(self, name: str, cells: Sequence[str]) -> tuple[Column, list[tuple[int, str]]]:
+    def _encode_words(
+        self, name: str, cells: Sequence[str]
+    ) -> tuple[Column, list[tuple[int, str]]]:
+        """Replace the words of a column by numbers; list the rows of a label that is missing."""
         codes = self._codes[name]
-        values = np.array([codes.setdefault(c.strip(), len(codes)) for c in cells], dtype=np.int32)
+        values = np.array(
+            [codes.setdefault(cell.strip(), len(codes)) for cell in cells], dtype=np.int32
+        )
         if "" not in codes or self.contents[name] == "word":
             return values, []
-        return values, [(i, "is missing") for i in np.flatnonzero(values == codes[""]).tolist()]
+        missing = np.flatnonzero(values == codes[""]).tolist()
+        return values, [(i, "is missing") for i in missing]
 
 
 def is_parquet(path: str) -> bool:
@@ -353,4 +381,5 @@ def _parquet(path: str, columns: list[str] | None) -> Any:
 
 def _shown(value: object) -> str:
     """Write a cell of a data frame as a CSV has it."""
-    return "" if value is None or value != value or str(value) == "NaT" else str(value)
+    is_missing = value is None or value != value or str(value) == "NaT"
+    return "" if is_missing else str(value)

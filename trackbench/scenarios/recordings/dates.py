@@ -29,30 +29,33 @@ def moment(cell: str, form: str = "") -> datetime:
         if form.endswith("%f") and form[-3] in ".,:":
             # A whole second may have no digits behind it.
             cell = re.sub(r"(:\d\d|(^| )\d{6})$", r"\g<0>" + form[-3] + "0", cell)
-        elapsed = _ELAPSED.fullmatch(cell) if form.startswith("%M:%S") else None
-        if elapsed and ("%f" in form or "." not in cell):
-            seconds = 60 * int(elapsed[1]) + float(elapsed[2])
-            return _NO_DATE + timedelta(microseconds=round(1e6 * seconds))
+        if form.startswith("%M:%S") and ("%f" in form or "." not in cell):
+            elapsed = _ELAPSED.fullmatch(cell)
+            if elapsed:
+                seconds = 60 * int(elapsed[1]) + float(elapsed[2])
+                return _NO_DATE + timedelta(microseconds=round(1e6 * seconds))
         if form:
             return datetime.strptime(cell, form)
         cell = _OFFSET.sub(r"\1", cell)
         return datetime.fromisoformat(_UTC.sub("+00:00", cell))
     except ValueError:
-        raise ValueError(f"a time as {form}" if form else "a time in ISO 8601") from None
+        expected = f"a time as {form}" if form else "a time in ISO 8601"
+        raise ValueError(expected) from None
 
 
 def instant(cell: str, zoned: bool | None = None, form: str = "") -> float:
     """Convert a date to microseconds since 1970, exactly; without a zone it is UTC.
 
-    ``zoned`` says whether it must have a zone, None that it may. ValueError says what it is not.
+    With ``zoned`` true or false it must have a zone, or must have none; None allows both. The text of
+    the ValueError is what the cell should be.
     """
-    at = moment(cell, form)
-    if zoned is not None and zoned != (at.tzinfo is not None):
-        raise ValueError(
-            f"a time {'with' if zoned else 'without'} a zone, as that of the first row is"
-        )
-    at = at if at.tzinfo else at.replace(tzinfo=UTC)
-    return float((at - _EPOCH) // _MICROSECOND)
+    date = moment(cell, form)
+    if zoned is not None and zoned != (date.tzinfo is not None):
+        preposition = "with" if zoned else "without"
+        raise ValueError(f"a time {preposition} a zone, as that of the first row is")
+    if not date.tzinfo:
+        date = date.replace(tzinfo=UTC)
+    return float((date - _EPOCH) // _MICROSECOND)
 
 
 def is_instant(cell: str) -> bool:

@@ -20,9 +20,10 @@ _NO_WORDS = ("null", "true", "false")
 
 def config_parts(guess: Guess) -> dict[str, str]:
     """Write the parts of a config that are guessed, as lines of YAML."""
-    kinds, speed = {sensor.kind for sensor in guess.sensors}, guess.speed
-    each = ["kf"] if kinds == {"position"} else ["ekf", "ukf"]
-    lines = [f"  {kind.upper()}: {{kind: {kind}}}" for kind in each]
+    kinds = {sensor.kind for sensor in guess.sensors}
+    speed = guess.speed
+    filter_kinds = ["kf"] if kinds == {"position"} else ["ekf", "ukf"]
+    lines = [f"  {kind.upper()}: {{kind: {kind}}}" for kind in filter_kinds]
     # Process noise from the usual speed; the IMM's motions have a tenth of it and ten times it.
     q = float(f"{max(0.0025 * speed * speed, 1e-3):.1g}")
     motions = f"[{{kind: cwna, q: {q / 10:g}}}, {{kind: cwna, q: {q * 10:g}}}]"
@@ -43,7 +44,7 @@ def config_parts(guess: Guess) -> dict[str, str]:
         "@LATE@": ", late: refilter" if "received" in guess.naming.columns else "",
         "@HOLD@": f"{max(2, min(5, guess.runs[0][1] // 2))}",
         "@FILTERS@": "\n".join(lines),
-        "@SHOWN@": f"{each[0].upper()}, IMM",
+        "@SHOWN@": f"{filter_kinds[0].upper()}, IMM",
     }
 
 
@@ -58,8 +59,11 @@ def _last_line(guess: Guess) -> str:
 def usable_quantities(guess: Guess) -> list[str]:
     """Name quantities that an unused column may hold: those that the config does not read."""
     used = _used_columns(guess)
-    names = ["course", "speed"] if "speed" in guess.naming.columns else ["speed", "course"]
-    return [name for name in (*names, "run", "sensor", "altitude", "received") if name not in used]
+    names = ["speed", "course"]
+    if "speed" in guess.naming.columns:
+        names.reverse()
+    names += ["run", "sensor", "altitude", "received"]
+    return [name for name in names if name not in used]
 
 
 def unused_columns(guess: Guess) -> list[str]:
@@ -71,7 +75,9 @@ def unused_columns(guess: Guess) -> list[str]:
 def unknown_places(guess: Guess) -> list[str]:
     """Name the sensors whose place must be written into the config."""
     names = [s.name or "the sensor" for s in guess.sensors if _lacks_place(guess, s)]
-    return [*names, *(["the origin"] if _lacks_origin(guess) else [])]
+    if _lacks_origin(guess):
+        names.append("the origin")
+    return names
 
 
 def _lacks_place(guess: Guess, sensor: SensorGuess) -> bool:
@@ -84,38 +90,45 @@ def _lacks_place(guess: Guess, sensor: SensorGuess) -> bool:
 
 def _lacks_origin(guess: Guess) -> bool:
     """Test whether a sensor counts from a point that latitudes and longitudes do not give."""
-    columns, kinds = guess.naming.columns, {sensor.kind for sensor in guess.sensors}
+    columns = guess.naming.columns
+    kinds = {sensor.kind for sensor in guess.sensors}
     is_geodetic = "latitude" in columns and not {"x", "y"} <= columns.keys()
     return is_geodetic and len(kinds) > 1 and "position" in kinds and not guess.naming.origin
 
 
 def _used_columns(guess: Guess) -> dict[str, str]:
+    """Select the columns that the config reads, by their quantities."""
     naming = guess.naming
     # Only what the sensors below measure: a file of several sensors has further columns.
     read = {"time", "date", "step", "received", "run", "sensor", "latitude", "longitude"}
     read |= STAMP_PARTS.keys()
     read |= {"north_south", "east_west"}
-    read |= {"vx", "vy", "speed", "course"} if guess.moves else set()
-    read = read.union(*(sensor.quantities for sensor in guess.sensors))
+    if guess.moves:
+        read |= {"vx", "vy", "speed", "course"}
+    for sensor in guess.sensors:
+        read.update(sensor.quantities)
     if {"x", "y"} <= naming.columns.keys() or not read & {"x", "y"}:
         read -= {"latitude", "longitude", "north_south", "east_west"}
     return {name: column for name, column in naming.columns.items() if name in read}
 
 
 def _target_lines(guess: Guess) -> Iterator[str]:
-    naming, why = guess.naming, guess.why
+    naming = guess.naming
+    why = guess.why
     columns = _used_columns(guess)
     yield "columns:  # guess, from their names"
     for name, column in columns.items():
-        yield f"  {name}: {quoted(column)}{_comment(why, name) if name in _LABELS else ''}"
-    if unused := unused_columns(guess):
+        comment = _comment(why, name) if name in _LABELS else ""
+        yield f"  {name}: {quoted(column)}{comment}"
+    unused = unused_columns(guess)
+    if unused:
         yield f"  # not used: {', '.join(unused)}"
     units = {name: unit for name, unit in naming.units.items() if name in columns}
     if units:
         yield "units:"
         yield from (f"  {name}: {unit}{_comment(why, name)}" for name, unit in units.items())
     if naming.format is not None:
-        yield f"format: {_flow(naming.format)}{_comment(why, 'format')}"
+        yield f"format: {_format_in_braces(naming.format)}{_comment(why, 'format')}"
     if naming.time_format:
         yield f"time_format: {json.dumps(naming.time_format)}{_comment(why, 'time_format')}"
     if naming.missing:
@@ -137,33 +150,38 @@ def _target_lines(guess: Guess) -> Iterator[str]:
         yield f"# {why['velocity']}"
     if len(guess.runs) > 1:
         (longest, _), *others = guess.runs
-        more = ["..."] if others[_MOST_NAMES:] else []
-        names = ", ".join([*(quoted(name) for name, _ in others[:_MOST_NAMES]), *more])
+        names = ", ".join(quoted(name) for name, _ in others[:_MOST_NAMES])
+        if len(others) > _MOST_NAMES:
+            names += ", ..."
         yield f"runs: [{quoted(longest)}]  # the longest of {len(guess.runs)}; there are {names}"
 
 
 def _sensor_lines(guess: Guess) -> Iterator[str]:
     source = "guess: how far measurements are from the line between their neighbors"
     for sensor in guess.sensors:
-        name, kind, _, sigmas = sensor
-        shown = quoted(name)
-        after = f"  # {shown}: {source}" if name else f"  # {source}"
-        ask = f"  # write where {shown if name else 'it'} is, m"
-        place = re.sub(r"\W", "_", name) or "SENSOR"
-        at = f"at: [X_{place}, Y_{place}]"
+        kind = sensor.kind
+        sigmas = sensor.sigmas
+        comment = f"  # {source}"
+        place_comment = "  # write where it is, m"
+        if sensor.name:
+            name = quoted(sensor.name)
+            comment = f"  # {name}: {source}"
+            place_comment = f"  # write where {name} is, m"
+        place = re.sub(r"\W", "_", sensor.name) or "SENSOR"
+        place_key = f"at: [X_{place}, Y_{place}]"
         if kind == "position":
-            yield f"- {{kind: position, sigma: {max(sigmas):g}}}{after}"
+            yield f"- {{kind: position, sigma: {max(sigmas):g}}}{comment}"
         elif kind == "range":
-            yield f"- {{kind: range, {at}, sigma: {sigmas[0]:g}}}{ask}"
+            yield f"- {{kind: range, {place_key}, sigma: {sigmas[0]:g}}}{place_comment}"
         else:
             *sigma_range, angle = sigmas
             keys = [f"sigma_range: {value:g}" for value in sigma_range]
             angle_key = "sigma_azimuth_mrad" if sigma_range else "sigma_mrad"
             keys.append(f"{angle_key}: {float(f'{1000.0 * angle:.3g}'):g}")
             if _lacks_place(guess, sensor):
-                keys.insert(0, at)
-                after = ask
-            yield f"- {{kind: {kind}, {', '.join(keys)}}}{after}"
+                keys.insert(0, place_key)
+                comment = place_comment
+            yield f"- {{kind: {kind}, {', '.join(keys)}}}{comment}"
     if any("azimuth" in sensor.quantities for sensor in guess.sensors):
         if not guess.naming.clockwise:
             yield "# azimuth counts from x to y; from north clockwise: `clockwise: [azimuth]` above"
@@ -178,17 +196,22 @@ def _comment(why: dict[str, str], key: str) -> str:
     return f"  # {why[key]}" if key in why else ""
 
 
-def _flow(form: TextFormat) -> str:
+def _format_in_braces(form: TextFormat) -> str:
     """Write the keys of a format that are set, in braces."""
-    values = {f.name: getattr(form, f.name) for f in fields(form) if getattr(form, f.name)}
-    keys = (f"{key}: {_flow_value(value)}" for key, value in values.items())
+    keys = []
+    for field in fields(form):
+        value = getattr(form, field.name)
+        if value:
+            keys.append(f"{field.name}: {_value_in_braces(value)}")
     return f"{{{', '.join(keys)}}}"
 
 
-def _flow_value(value: object) -> str:
+def _value_in_braces(value: object) -> str:
     if isinstance(value, (tuple, list)):
         return f"[{', '.join(quoted(str(item)) for item in value)}]"
-    return quoted(value) if isinstance(value, str) else json.dumps(value)
+    if isinstance(value, str):
+        return quoted(value)
+    return json.dumps(value)
 
 
 def quoted(word: str) -> str:
@@ -205,4 +228,6 @@ def quoted(word: str) -> str:
 
 def _escape(character: str) -> str:
     number = ord(character)
-    return f"\\u{number:04x}" if number < 0x10000 else f"\\U{number:08x}"
+    if number < 0x10000:
+        return f"\\u{number:04x}"
+    return f"\\U{number:08x}"

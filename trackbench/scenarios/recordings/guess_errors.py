@@ -8,7 +8,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.conversions import SEMI_MAJOR_AXIS
 from trackbench.field_types import decimals
 from trackbench.scenarios.recordings.column_mapping import UNITS, Naming
-from trackbench.scenarios.recordings.csv_tables import number, parsed
+from trackbench.scenarios.recordings.csv_tables import number, parse_cells
 from trackbench.scenarios.recordings.rows import Rows
 
 SENSORS = {
@@ -27,12 +27,17 @@ def levels_of(rows: Rows, kind: str, in_degrees: bool) -> tuple[tuple[float, ...
     time = rows.time
     values = [*rows.values[: len(SENSORS[kind])]]
     if "azimuth" in SENSORS[kind]:
-        values[-1] = np.unwrap(values[-1] * UNITS["deg"] if in_degrees else values[-1])
+        azimuth = values[-1]
+        if in_degrees:
+            azimuth = azimuth * UNITS["deg"]
+        values[-1] = np.unwrap(azimuth)
     sigmas = tuple(_scatter(time, value) for value in values)
+    if kind == "bearing":
+        return sigmas, 0.0
     if kind == "range-azimuth":
         r, a = values
         values = [r * np.cos(a), r * np.sin(a)]
-    return sigmas, 0.0 if kind == "bearing" else _speed(time, *values)
+    return sigmas, _speed(time, *values)
 
 
 def not_finer(
@@ -42,23 +47,29 @@ def not_finer(
     cells: Callable[[str], list[str]],
 ) -> tuple[float, ...]:
     """Raise deviations of errors to the step of the last digit in the ``cells`` of a column."""
-    out = []
+    raised = []
     for name, sigma in zip(quantities, sigmas, strict=False):  # those of velocities come after
-        latlon = {"x": "longitude", "y": "latitude"} if name not in naming.columns else {}
-        source = latlon.get(name, name)
+        source = name
+        meters_per_unit = 1.0
+        if name not in naming.columns:
+            # Without a column of its own the quantity is computed from latitude and longitude.
+            source = {"x": "longitude", "y": "latitude"}.get(name, name)
+            meters_per_unit = SEMI_MAJOR_AXIS
         texts = [cell.replace(",", ".") for cell in cells(naming.columns[source])]
-        finite = np.flatnonzero(np.isfinite(parsed(number, texts)[0]))
-        digits = max((decimals(texts[i]) for i in finite), default=0)
-        step = 10.0**-digits * naming.scale(source) * (SEMI_MAJOR_AXIS if latlon else 1.0)
-        out.append(max(sigma, float(f"{step:.1g}")))
-    return tuple(out)
+        values, _ = parse_cells(number, texts)
+        digits = max((decimals(texts[i]) for i in np.flatnonzero(np.isfinite(values))), default=0)
+        step = 10.0**-digits * naming.scale(source) * meters_per_unit
+        raised.append(max(sigma, float(f"{step:.1g}")))
+    return tuple(raised)
 
 
 def _scatter(time: Array, value: Array) -> float:
     """Estimate the errors' deviation to one digit; 1 if no row shows an error."""
     sigma = error_of_line(time, value)
     # A straight line leaves rounding errors alone.
-    return float(f"{sigma:.1g}") if sigma > 1e-12 * np.nanmax(np.abs(value), initial=0.0) else 1.0
+    if sigma > 1e-12 * np.nanmax(np.abs(value), initial=0.0):
+        return float(f"{sigma:.1g}")
+    return 1.0
 
 
 def error_of_line(time: Array, value: Array) -> float:
@@ -71,7 +82,9 @@ def error_of_line(time: Array, value: Array) -> float:
     off = value[1:-1] - (1.0 - share) * value[:-2] - share * value[2:]
     size = np.abs(off) / np.sqrt(1.0 + np.square(share) + np.square(1.0 - share))
     # 68.3 % of the scaled |e| are below sigma.
-    return float(np.nanquantile(size, _ONE_SIGMA)) if np.isfinite(size).any() else 0.0
+    if not np.isfinite(size).any():
+        return 0.0
+    return float(np.nanquantile(size, _ONE_SIGMA))
 
 
 def _speed(time: Array, *place: Array) -> float:

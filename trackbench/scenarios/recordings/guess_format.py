@@ -38,7 +38,7 @@ from trackbench.scenarios.recordings.csv_tables import (
     header,
     is_parquet,
     number,
-    parsed,
+    parse_cells,
     read_table,
     without_thousands,
 )
@@ -66,7 +66,8 @@ _MOST_SENSORS = 50
 _MOST_LINES_OF_WORDS = 5
 _FIRST = 200  # rows that show the format
 _MOST_A_SECOND = 20
-_PLACE, _VELOCITY = ("x", "y"), ("vx", "vy")
+_PLACE = ("x", "y")
+_VELOCITY = ("vx", "vy")
 _MEASURED = ("x", "y", "latitude", "longitude", "range", "azimuth")
 _WEEK = 604800.0  # s
 _TIME_OF_WEEK = {"tow", "itow", "gms", "sow", "gpst", "secondsofweek"}
@@ -76,12 +77,16 @@ _TUM = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 
 
 class SensorGuess(NamedTuple):
-    """A sensor of the table: its name there, its type, and the deviations of its errors."""
+    """A sensor of the table."""
 
     name: str
+    """name in the table's column of sensors, if it has one"""
     kind: str
+    """type, a key of `guess_errors.SENSORS`"""
     quantities: tuple[str, ...]
+    """names of the measured quantities"""
     sigmas: tuple[float, ...] = ()
+    """standard deviations of the quantities' errors"""
 
 
 @dataclass(frozen=True)
@@ -165,22 +170,22 @@ def _recognized_columns(path: str, given: Naming) -> Guess:
     measured = set(chain.from_iterable(sensor.quantities for sensor in sensors))
     clock = DateForm(given.time_format, bool(given.time_format))
     if "time" in columns and not clock.form:
-        times, dates = (sample.cells(columns[k]) if k in columns else [] for k in ("time", "date"))
+        times = sample.cells(columns["time"])
+        dates = sample.cells(columns["date"]) if "date" in columns else []
         clock = date_form(path, times, dates, sample.line)
         # A column `day` may be a number of days: only beside times of a day, and with whole dates.
         day = next((name for name in names if name.lower() == "day"), "")
-        if clock.form and "%d" not in clock.form and not parsed(instant, sample.cells(day))[1]:
+        if clock.form and "%d" not in clock.form and not parse_cells(instant, sample.cells(day))[1]:
             columns["date"] = day
             clock = date_form(path, times, sample.cells(day), sample.line)
     if clock.why:
         why["time_format"] = clock.why
     # Step 3: choose the units by which times, positions and speeds agree.
     missing = given.missing or _missing(sample, columns, measured)
-    is_velocity_of = sensors[0].quantities == _PLACE and len(sensors) == 1
-    if not (is_velocity_of and _has_velocity(columns)):
-        is_velocity_of = False
+    is_one_position = sensors[0].quantities == _PLACE and len(sensors) == 1
+    has_velocity = is_one_position and _has_velocity(columns)
     reading = _Reading(path, sample, columns, units, clock, missing, why)
-    clock = reading.choose_units(sensors[0], names, is_velocity_of)
+    clock = reading.choose_units(sensors[0], names, has_velocity)
     naming = replace(
         given,
         columns=columns,
@@ -209,45 +214,67 @@ def _measured(path: str, naming: Naming, why: dict[str, str], sensors: list[Sens
     columns = naming.columns
     by_name = [sensor.name for sensor in sensors] if columns.get("sensor") else []
     wanted = [sensor.quantities for sensor in sensors]
-    velocity = _VELOCITY if wanted == [_PLACE] and not by_name and _has_velocity(columns) else ()
-    every = read_rows(gathered, [path], [(*names, *velocity) for names in wanted], names=by_name)
+    read = wanted
+    if wanted == [_PLACE] and not by_name and _has_velocity(columns):
+        read = [(*_PLACE, *_VELOCITY)]
+    every = read_rows(gathered, [path], read, names=by_name)
     every = chosen_runs(gathered, every, ())
-    angles = [r.values[-1] for names, r in zip(wanted, every, strict=True) if "azimuth" in names]
-    is_wide = any((np.abs(a[np.isfinite(a)]) > _TURN).any() for a in angles)
+    is_wide = any((np.abs(a[np.isfinite(a)]) > _TURN).any() for a in _azimuths_of(wanted, every))
     in_degrees = "azimuth" not in units and is_wide
     if in_degrees:
-        units["azimuth"], why["azimuth"] = "deg", "guess: there are angles beyond 2 pi"
+        units["azimuth"] = "deg"
+        why["azimuth"] = "guess: there are angles beyond 2 pi"
+    scale = UNITS["deg"] if in_degrees else 1.0
     for names, rows in zip(wanted, every, strict=True):
-        scaled = rows._replace(values=rows.values * (UNITS["deg"] if in_degrees else 1.0))
-        check_turns(gathered, scaled, {"azimuth": len(names) - 1} if "azimuth" in names else {})
+        if "azimuth" in names:
+            scaled = rows._replace(values=rows.values * scale)
+            check_turns(gathered, scaled, {"azimuth": len(names) - 1})
     # Sort the runs by length; noise and speed are those of the longest.
     sizes = np.sum([np.bincount(rows.run, minlength=len(gathered.runs)) for rows in every], axis=0)
     runs = sorted(zip(gathered.runs, sizes.tolist(), strict=True), key=lambda run: -run[1])
     longest = []
     for sensor, rows in zip(sensors, every, strict=True):
         measured = np.isfinite(rows.values[: len(sensor.quantities)]).all(axis=0)
-        rows = rows.at(np.flatnonzero(measured & (rows.run == sizes.argmax())))
-        if naming.same_time is None and (way := _same_time(gathered, rows)):
+        run_rows = rows.at(np.flatnonzero(measured & (rows.run == sizes.argmax())))
+        way = _same_time(gathered, run_rows)
+        if naming.same_time is None and way is not None:
             naming = replace(naming, same_time=way)
             gathered.naming = replace(naming, clockwise=())
             why["same_time"] = "guess: several rows of a whole second; or mean, or last"
-        longest.append(in_order(gathered, rows))
+        longest.append(in_order(gathered, run_rows))
     levels = [
         levels_of(rows, sensor.kind, in_degrees)
         for sensor, rows in zip(sensors, longest, strict=True)
     ]
     speed = next((speed for _, speed in levels if speed), 0.0)
     naming = _with_clockwise(naming, wanted, every, why)
-    guesses = [s._replace(sigmas=level[0]) for s, level in zip(sensors, levels, strict=True)]
-    steps = len(np.unique(np.concatenate([rows.ticks for rows in longest])))
-    return Guess(naming, why, runs, guesses, float(f"{speed:.1g}") or 1.0, steps=steps)
+    guesses = []
+    for sensor, (sigmas, _) in zip(sensors, levels, strict=True):
+        guesses.append(sensor._replace(sigmas=sigmas))
+    return Guess(
+        naming=naming,
+        why=why,
+        runs=runs,
+        sensors=guesses,
+        speed=float(f"{speed:.1g}") or 1.0,
+        steps=len(np.unique(np.concatenate([rows.ticks for rows in longest]))),
+    )
+
+
+def _azimuths_of(wanted: list[tuple[str, ...]], every: list[Rows]) -> list[Array]:
+    """Return the azimuths of each sensor that measures one; they are its last quantity."""
+    azimuths = []
+    for names, rows in zip(wanted, every, strict=True):
+        if "azimuth" in names:
+            azimuths.append(rows.values[-1])
+    return azimuths
 
 
 def _with_clockwise(
     naming: Naming, wanted: list[tuple[str, ...]], every: list[Rows], why: dict[str, str]
 ) -> Naming:
     """Guess whether azimuths count clockwise from north: those of radars and compasses, 0 to 360 deg."""
-    angles = [r.values[-1] for names, r in zip(wanted, every, strict=True) if "azimuth" in names]
+    angles = _azimuths_of(wanted, every)
     column = naming.columns.get("azimuth")
     if not angles or column is None or naming.clockwise:
         return naming
@@ -283,30 +310,36 @@ def _text_format(path: str, given: TextFormat, why: dict[str, str]) -> TextForma
         keys["header"] = layout.header
     # Beside commas only quotes can hold decimal commas, and three digits may be thousands.
     cells = [cell.strip() for cell in chain.from_iterable(rows)]
-    digits = r"[-+]?\d+,\d+" if layout.separator != "," else r"[-+]?\d+,(\d\d?|\d{4,})"
+    digits = r"[-+]?\d+,\d+"
+    if layout.separator == ",":
+        digits = r"[-+]?\d+,(\d\d?|\d{4,})"
     thousands = _thousands(cells)
     if thousands:
         keys["thousands"] = thousands
-    if thousands != "," and any(
-        re.fullmatch(digits, without_thousands(cell, thousands) if thousands else cell)
-        for cell in cells
-    ):
+        cells = [without_thousands(cell, thousands) for cell in cells]
+    if thousands != "," and any(re.fullmatch(digits, cell) for cell in cells):
         keys["decimal"] = ","
     if keys:
         why["format"] = "guess: as its first lines are"
     if layout.header and not given.header and all(map(is_value, layout.names)):
         width = len(layout.names)
-        names = _TUM if width == len(_TUM) else ("time", "x", "y") if width == 3 else ()
+        names: tuple[str, ...] = ()
+        if width == len(_TUM):
+            names = _TUM
+        elif width == 3:
+            names = ("time", "x", "y")
         if not names or (width == 3 and _may_be_degrees([layout.names, *rows])):
             what = f"no line names the columns: name all {width},"
             way = "`--set 'format.names=[time, x, y, ...]'` (or latitude, longitude, range, ...)"
             raise DataError(Place(path, layout.header, 1, f"{what} {way}"))
         keys |= {"names": names, "header": 0}
         why["format"] = "guess: no line names the columns"
-    elif not given.skip and (skip := _lines_of_words(rows)):
-        what = "is a line of units" if skip == 1 else f"are {skip} lines of words"
-        keys["skip"] = skip
-        why["format"] = f"guess: below the names {what}"
+    elif not given.skip:
+        skip = _lines_of_words(rows)
+        if skip:
+            what = "is a line of units" if skip == 1 else f"are {skip} lines of words"
+            keys["skip"] = skip
+            why["format"] = f"guess: below the names {what}"
     chosen = {field.name for field in fields(given) if getattr(given, field.name)}
     return replace(given, **{key: value for key, value in keys.items() if key not in chosen})
 
@@ -375,19 +408,22 @@ def _columns(
     for name, column in columns.items():
         unit = sample.unit(column, name)
         if unit is not None:
-            units[name], why[name] = unit, "as the line of units says"
+            units[name] = unit
+            why[name] = "as the line of units says"
     return columns, units | given.units
 
 
 def _hemispheres(names: list[str], sample: "_Sample", columns: dict[str, str]) -> dict[str, str]:
     """Find the columns of the letters N and S, and E and W, beside latitude and longitude."""
-    out: dict[str, str] = {}
+    hemispheres: dict[str, str] = {}
     for quantity, (key, positive, negative) in HEMISPHERES.items():
-        for name in names if quantity in columns and key not in columns else ():
+        if quantity not in columns or key in columns:
+            continue
+        for name in names:
             words = {cell.lower() for cell in sample.cells(name)} - {""}
             if name != columns[quantity] and words and words <= {*positive, *negative}:
-                out.setdefault(key, name)
-    return out
+                hemispheres.setdefault(key, name)
+    return hemispheres
 
 
 def _settle_twice_named(columns: dict[str, str], given: Naming) -> None:
@@ -425,28 +461,28 @@ def _sensors(
         if not {"x", "y"} <= numbers.keys() and {"latitude", "longitude"} <= numbers.keys():
             numbers[part] = numbers[other]
     words = sample.words(columns["sensor"]) if columns.get("sensor") else [""]
-    out = []
+    sensors = []
     for word in words:
         cells = sample.cells(columns.get("sensor", ""))
         rows = np.array([cell == word or not word for cell in cells], dtype=np.bool_)
         for kind, quantities in SENSORS.items():
             if all(name in numbers and (numbers[name] & rows).any() for name in quantities):
-                out.append(SensorGuess(word, kind, quantities))
+                sensors.append(SensorGuess(name=word, kind=kind, quantities=quantities))
                 break
     has_position = {"x", "y"} <= numbers.keys() or {"range", "azimuth"} <= numbers.keys()
     ranges = {} if has_position else ranges_of(names)
     if ranges and words == [""]:
         columns.pop("range", None)
-        out = []
+        sensors = []
         for number, (name, named) in enumerate(ranges.items(), 1):
             quantity = f"{number}.range"
             columns[quantity] = named.column
-            out.append(SensorGuess(name.upper(), "range", (quantity,)))
+            sensors.append(SensorGuess(name=name.upper(), kind="range", quantities=(quantity,)))
             if named.unit is not None:
                 units[quantity] = named.unit
-    if len(out) < len(words):
+    if len(sensors) < len(words):
         raise DataError(Place(path, 1, 1, _no_position(columns, sample, names)))
-    return out
+    return sensors
 
 
 def _no_position(columns: dict[str, str], sample: "_Sample", names: list[str]) -> str:
@@ -488,7 +524,8 @@ class _Sample:
         """List the cells of a column."""
         if column not in self.names:
             return [""] * len(self) if column == "" else []
-        return [cells[self.names.index(column)] for cells in self._rows]
+        place = self.names.index(column)
+        return [cells[place] for cells in self._rows]
 
     def words(self, column: str) -> list[str]:
         """List the words in a column."""
@@ -499,7 +536,7 @@ class _Sample:
         cells = self.cells(column)
         if self._thousands:
             cells = [without_thousands(cell, self._thousands) for cell in cells]
-        values, _ = parsed(number, [cell.replace(",", ".") for cell in cells])
+        values, _ = parse_cells(number, [cell.replace(",", ".") for cell in cells])
         return values
 
     def unit(self, column: str, quantity: str) -> str | None:
@@ -507,8 +544,11 @@ class _Sample:
         if column not in self.names:
             return None
         place = self.names.index(column)
-        units = (unit_in(words_of(row[place]), quantity) for row in self._units)
-        return next(filter(None, units), None)
+        for row in self._units:
+            unit = unit_in(words_of(row[place]), quantity)
+            if unit:
+                return unit
+        return None
 
 
 class _Reading:
@@ -575,26 +615,26 @@ class _Reading:
         azimuth = None
         if sensor.kind == "range-azimuth":
             azimuth = self._azimuths()
-            place = self._of("range") * np.stack([np.cos(azimuth), np.sin(azimuth)])
+            place = self._values("range") * np.stack([np.cos(azimuth), np.sin(azimuth)])
             named = ["range"]
         elif sensor.kind == "bearing":
             place = np.empty((0, len(rows)))
             named = []
         elif sensor.kind == "range":
             named = list(sensor.quantities)
-            place = np.stack([self._of(name) for name in named])
+            place = np.stack([self._values(name) for name in named])
         else:
             is_angle = not {"x", "y"} <= columns.keys()
             named = ["longitude", "latitude"] if is_angle else ["x", "y"]
-            place = np.stack([self._of(name) for name in named])
+            place = np.stack([self._values(name) for name in named])
             if is_angle:
                 place[:, no_fix(place[1], place[0], UNITS["deg"])] = np.nan
         # Step 3: read the speeds, and forget the rows of others.
-        speed = self._of("speed") if "speed" in columns else None
-        course = self._of("course") if "course" in columns else None
+        speed = self._values("speed") if "speed" in columns else None
+        course = self._values("course") if "course" in columns else None
         velocity = None
         if columns.keys() >= {*_VELOCITY}:
-            velocity = np.stack([self._of(name) for name in _VELOCITY])
+            velocity = np.stack([self._values(name) for name in _VELOCITY])
         marks = frozenset("".join(words_of(name)) for name in names)
         digits = [self._digits(columns[name]) for name in named]
         return Numbers(
@@ -615,17 +655,21 @@ class _Reading:
         finite = np.flatnonzero(np.isfinite(self._sample.numbers(column)))
         return max((decimals(cells[i]) for i in finite), default=0)
 
-    def _of(self, name: str) -> Array:
+    def _values(self, name: str) -> Array:
+        """Parse a quantity's numbers, NaN where they are missing."""
         values = self._sample.numbers(self._columns[name])
         values[np.isin(values, self._missing)] = np.nan
         return values
 
     def _azimuths(self) -> Array:
-        azimuth = self._of("azimuth")
+        """Return the azimuths in radians; without a unit, numbers beyond a turn are degrees."""
+        azimuth = self._values("azimuth")
         unit = self._units.get("azimuth")
-        if unit is not None:
-            return azimuth * UNITS[unit]
-        return azimuth * (UNITS["deg"] if (np.abs(azimuth) > _TURN).any() else 1.0)
+        if unit is None and (np.abs(azimuth) > _TURN).any():
+            unit = "deg"
+        if unit is None:
+            return azimuth
+        return azimuth * UNITS[unit]
 
     def _times(self) -> tuple[Array, bool]:
         """Read the times of the sample, in seconds if they are dates; add further parts of a stamp."""
@@ -637,11 +681,10 @@ class _Reading:
         if self._clock.is_date:
             if "date" in columns and columns["time"] != columns["date"]:
                 dates = sample.cells(columns["date"])
-                joined = [" ".join(pair) for pair in zip(dates, cells, strict=True)]
-                cells = joined if joined != cells else cells
-            seconds = parsed(partial(instant, form=self._clock.form), cells)[0] / 1e6
+                cells = [f"{date} {time}" for date, time in zip(dates, cells, strict=True)]
+            seconds = parse_cells(partial(instant, form=self._clock.form), cells)[0] / 1e6
             if np.isnan(seconds).all():
-                seconds = parsed(instant, sample.cells(columns["time"]))[0] / 1e6
+                seconds = parse_cells(instant, sample.cells(columns["time"]))[0] / 1e6
         else:
             seconds = sample.numbers(columns["time"])
         return self._with_stamp_parts(seconds), self._clock.is_date
@@ -716,7 +759,8 @@ class _Reading:
             units["time"] = chosen.time
             why["time"] = reason
         if chosen.as_angle and not numbers.is_angle:
-            columns["longitude"], columns["latitude"] = columns.pop("x"), columns.pop("y")
+            columns["longitude"] = columns.pop("x")
+            columns["latitude"] = columns.pop("y")
             why["x"] = "x and y are a longitude and a latitude"
             units["longitude"] = units["latitude"] = chosen.place
             why["longitude"] = why["latitude"] = reason
@@ -750,32 +794,36 @@ class _Reading:
         """Write one line for each candidate, with the options that choose it."""
         columns = self._columns
         first = candidates[0]
-        out = []
-        differ_in_time = any(one.time != first.time for one in candidates)
-        differ_in_place = any(one.place != first.place for one in candidates)
-        for one in candidates:
+        questions = []
+        differ_in_time = any(candidate.time != first.time for candidate in candidates)
+        differ_in_place = any(candidate.place != first.place for candidate in candidates)
+        for candidate in candidates:
             options = []
-            of = []
+            units = []
             if differ_in_time:
-                clock = one.time or self._clock.form
-                key = "time_format" if clock not in UNITS else "units.time"
-                value = json.dumps(clock) if clock not in UNITS else clock
-                options.append(f"--set '{key}={value}'")
-                of.append(f"{columns['time']} in {clock}")
+                clock = candidate.time or self._clock.form
+                if clock in UNITS:
+                    options.append(f"--set 'units.time={clock}'")
+                else:
+                    options.append(f"--set 'time_format={json.dumps(clock)}'")
+                units.append(f"{columns['time']} in {clock}")
             if differ_in_place:
                 names = ["latitude", "longitude"] if numbers.is_angle else ["x", "y"]
-                if one.as_angle and not numbers.is_angle:
-                    for name, column in (("longitude", "x"), ("latitude", "y")):
-                        options.append(f"--set 'columns.{name}={columns[column]}'")
+                if candidate.as_angle and not numbers.is_angle:
+                    options.append(f"--set 'columns.longitude={columns['x']}'")
+                    options.append(f"--set 'columns.latitude={columns['y']}'")
                 else:
-                    options += [f"--set units.{n}={one.place}" for n in names if n in columns]
+                    for name in names:
+                        if name in columns:
+                            options.append(f"--set units.{name}={candidate.place}")
                 shown = ", ".join(columns[name] for name in names if name in columns)
-                of.append(f"{shown} in {one.place}")
-            what = f"the units may be {' and '.join(of)}"
-            if np.isfinite(one.usual_speed):
-                what += f", with a usual speed of {one.usual_speed:.2g} m/s"
-            out.append(Place(self._path, self._sample.line, 1, f"{what}: say {' '.join(options)}"))
-        return out
+                units.append(f"{shown} in {candidate.place}")
+            what = f"the units may be {' and '.join(units)}"
+            if np.isfinite(candidate.usual_speed):
+                what += f", with a usual speed of {candidate.usual_speed:.2g} m/s"
+            what += f": say {' '.join(options)}"
+            questions.append(Place(self._path, self._sample.line, 1, what))
+        return questions
 
 
 def _missing(sample: _Sample, columns: dict[str, str], measured: set[str]) -> tuple[float, ...]:
@@ -785,16 +833,19 @@ def _missing(sample: _Sample, columns: dict[str, str], measured: set[str]) -> tu
     if "latitude" in values and "longitude" in values:
         fixed = ~no_fix(values["latitude"], values["longitude"], UNITS["deg"])
         values = {name: column[fixed] for name, column in values.items()}
-    out: dict[float, None] = {}
+    codes: list[float] = []
     far = {name: outlying(column) for name, column in values.items()}
     for name in sorted(values.keys() & (measured | {*GEODETIC[:2]})):
-        # An azimuth of 0 may be far from others, and none of them is missing.
-        whole = [] if name == "azimuth" else [value for value in far[name] if value % 1 == 0]
-        for value in whole:
+        if name == "azimuth":
+            continue  # an azimuth of 0 may be far from others, and none of them is missing
+        for value in far[name]:
             # A number that other columns measure is no code.
-            if all(value in far[other] or not (values[other] == value).any() for other in values):
-                out[value] = None
-    return tuple(out)
+            is_code = all(
+                value in far[other] or not (values[other] == value).any() for other in values
+            )
+            if value % 1 == 0 and is_code and value not in codes:
+                codes.append(value)
+    return tuple(codes)
 
 
 def _same_time(gathered: Gathered, rows: Rows) -> Literal["spread"] | None:
@@ -805,4 +856,6 @@ def _same_time(gathered: Gathered, rows: Rows) -> Literal["spread"] | None:
     if len(rows.time) > _MOST_A_SECOND * seconds:
         return None
     twice = (np.diff(rows.ticks) == 0) & (np.diff(rows.values, axis=1) != 0.0).any(axis=0)
-    return "spread" if twice.any() else None
+    if twice.any():
+        return "spread"
+    return None

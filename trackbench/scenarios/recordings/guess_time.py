@@ -11,7 +11,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_mapping import UNITS
-from trackbench.scenarios.recordings.csv_tables import number, parsed
+from trackbench.scenarios.recordings.csv_tables import number, parse_cells
 from trackbench.scenarios.recordings.dates import instant, is_instant
 from trackbench.scenarios.recordings.rows import usual_interval
 
@@ -35,7 +35,8 @@ _WORDED = (
     *("%d/%b/%Y:%H:%M:%S", "%d/%b/%Y:%H:%M:%S %z"),
 )
 _MINUTES = ("%M:%S", "%M:%S.%f")
-_DAYS, _TIMES = _DAY_FORMS.split("|"), _TIME_FORMS.split("|")
+_DAYS = _DAY_FORMS.split("|")
+_TIMES = _TIME_FORMS.split("|")
 _FORMS = [
     *_TIMES,
     *_MINUTES,
@@ -53,7 +54,8 @@ _LEAST_SECONDS = 10
 _STEADIER = 5.0  # times, as the ratio of largest and usual interval, so that an order is decided
 _SIZES = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
 """Numbers since 1970 from 1973 on, in units that make them so large."""
-_SLOW, _FAST = 0.1, 2e4  # m/s: few targets are slower, none faster
+_SLOW = 0.1  # m/s: few targets are slower
+_FAST = 2e4  # m/s: no target is faster
 _LONG = 50.0  # s: usual interval from which on a smaller unit may be meant
 
 
@@ -76,8 +78,10 @@ def date_form(path: str, times: Sequence[str], dates: Sequence[str], line: int) 
     """
     if not times:
         return DateForm()
-    cells = [" ".join(pair) for pair in zip(dates, times, strict=True)] if dates else [*times]
-    if not parsed(number, [cell.replace(",", ".") for cell in times])[1]:
+    cells = list(times)
+    if dates:
+        cells = [f"{date} {time}" for date, time in zip(dates, times, strict=True)]
+    if not parse_cells(number, [cell.replace(",", ".") for cell in times])[1]:
         is_stamp = all(map(_STAMP.fullmatch, times))
         # Hours, minutes and seconds in one number, 235959.0, whose seconds take many values.
         clocks = [match for match in map(_CLOCK.fullmatch, times) if match]
@@ -86,11 +90,11 @@ def date_form(path: str, times: Sequence[str], dates: Sequence[str], line: int) 
         if not (is_stamp or is_clock):
             return DateForm()
     elif is_instant(cells[0]):
-        return DateForm("", True)
+        return DateForm(is_date=True)
     found = _fitting_forms(cells)
     if not found:
         is_number = not dates and all(map(_is_number, times))
-        return DateForm() if is_number else DateForm("", True)
+        return DateForm(is_date=not is_number)
     other = ""
     if "%H:%M" in found and "%M:%S" in found:
         other = "%M:%S"
@@ -102,12 +106,13 @@ def date_form(path: str, times: Sequence[str], dates: Sequence[str], line: int) 
     for form in others:
         if np.array_equal(found[form] - found[form][0], found[first] - found[first][0]):
             continue
-        (falls, gap), (other_falls, other_gap) = map(_unsteady, (found[first], found[form]))
+        falls, gap = _unsteady(found[first])
+        other_falls, other_gap = _unsteady(found[form])
         if falls == other_falls and other_gap < _STEADIER * gap:
             what = f"{cells[0]!r} may be a day in either order: say which, "
-            way = " or ".join(f"`--set 'time_format=\"{one}\"'`" for one in (first, form))
+            way = f"`--set 'time_format=\"{first}\"'` or `--set 'time_format=\"{form}\"'`"
             raise DataError(Place(path, line, 1, what + way))
-    return DateForm(first, True, f"guess: {_explain_form(first)}", other)
+    return DateForm(form=first, is_date=True, why=f"guess: {_explain_form(first)}", other=other)
 
 
 def _is_number(cell: str) -> bool:
@@ -115,9 +120,12 @@ def _is_number(cell: str) -> bool:
 
 
 def _explain_form(form: str) -> str:
+    """Say how a form is read, for a comment in the config."""
     if "%d" in form:
         return "%d is the day, %m the month"
-    return "minutes and seconds" if form in _MINUTES else "hours, minutes and seconds"
+    if form in _MINUTES:
+        return "minutes and seconds"
+    return "hours, minutes and seconds"
 
 
 def _fitting_forms(cells: Sequence[str]) -> dict[str, Array]:
@@ -128,9 +136,9 @@ def _fitting_forms(cells: Sequence[str]) -> dict[str, Array]:
             continue  # no cell has digits behind its seconds
         if not all(_has_digits_of(form, cell) for cell in cells[:1]):
             continue
-        values, mistakes = parsed(partial(instant, form=form), cells[:1])
+        values, mistakes = parse_cells(partial(instant, form=form), cells[:1])
         if not mistakes:
-            values, mistakes = parsed(partial(instant, form=form), cells)
+            values, mistakes = parse_cells(partial(instant, form=form), cells)
         if not mistakes and all(_has_digits_of(form, cell) for cell in cells):
             found[form] = values
     # A count of microseconds may look like a stamp, whose seconds then all are 00.
@@ -151,11 +159,13 @@ def _has_digits_of(form: str, cell: str) -> bool:
             continue
         digits = len(re.match(r"\d*", cell_part)[0])  # type: ignore[index]
         wanted = form_part.count("%Y") * 4 + 2 * len(re.findall("%[ymdHMS]", form_part))
-        least = most = wanted
+        least = wanted
+        most = wanted
         if form_part.startswith("%H"):
             least = wanted - 1
         elif form_part.endswith("S%f"):
-            least, most = wanted + 1, wanted + 6
+            least = wanted + 1
+            most = wanted + 6
         if not least <= digits <= most:
             return False
         if "%Y" in form_part:
@@ -167,15 +177,20 @@ def _has_digits_of(form: str, cell: str) -> bool:
 
 def _unsteady(times: Array) -> tuple[bool, float]:
     """Test whether times fall, and the largest interval in usual ones."""
-    apart = np.diff(np.unique(times))
-    largest = float(apart.max(initial=0.0)) / usual_interval(times) if len(apart) else 1.0
-    return bool((np.diff(times) < 0.0).any()), largest
+    falls = bool((np.diff(times) < 0.0).any())
+    intervals = np.diff(np.unique(times))
+    if not len(intervals):
+        return falls, 1.0
+    return falls, float(intervals.max(initial=0.0)) / usual_interval(times)
 
 
 def unit_by_size(times: Array) -> str | None:
     """Guess the unit of times since 1970 that are too large for seconds."""
     latest = float(np.nanmax(np.abs(times), initial=0.0))
-    return next((unit for size, unit in _SIZES if latest > size), None)
+    for size, unit in _SIZES:
+        if latest > size:
+            return unit
+    return None
 
 
 def unit_by_speed(times: Array, speed: float) -> str | None:
@@ -184,4 +199,7 @@ def unit_by_speed(times: Array, speed: float) -> str | None:
         return "d"  # as spreadsheets count them
     if speed >= _SLOW or usual_interval(times) < _LONG or (times % 1.0).any():
         return None
-    return next((unit for unit in ("ms", "us", "ns") if speed / UNITS[unit] >= _SLOW), None)
+    for unit in ("ms", "us", "ns"):
+        if speed / UNITS[unit] >= _SLOW:
+            return unit
+    return None

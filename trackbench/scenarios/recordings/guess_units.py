@@ -138,7 +138,7 @@ def likely_units(
 
     ``clocks`` are other forms of dates, with their factor on the times and the points against them.
     """
-    out: list[Candidate] = []
+    candidates: list[Candidate] = []
     times = list(_times(numbers, given, clocks))
     for (place, as_angle, place_points), (time, seconds, time_points) in product(
         _places(numbers, given), times
@@ -150,7 +150,7 @@ def likely_units(
         points += _points_of_interval(numbers.time * seconds, as_angle)
         for speed, speed_points, agrees in _speeds(numbers, given, moves, as_angle):
             course, same_way = _course(numbers, given, moves, agrees)
-            out.append(
+            candidates.append(
                 Candidate(
                     time=time,
                     place=place,
@@ -163,15 +163,16 @@ def likely_units(
                     same_way=same_way,
                 )
             )
-    out.sort(key=lambda candidate: candidate.points)
+    candidates.sort(key=lambda candidate: candidate.points)
     # Other lengths are likely only if a speed agrees.
     best: dict[tuple[str, str], Candidate] = {}
-    for candidate in out:
+    for candidate in candidates:
         is_length = not candidate.as_angle and candidate.place not in ("m", *given.values())
         if candidate.agrees or not is_length:
             best.setdefault(candidate.key, candidate)
     ranked = list(best.values())
-    return [one for one in ranked if one.points < ranked[0].points + _MARGIN]
+    limit = ranked[0].points + _MARGIN
+    return [candidate for candidate in ranked if candidate.points < limit]
 
 
 def _times(
@@ -191,7 +192,7 @@ def _times(
     largest = float(np.abs(finite).max(initial=0.0))
     is_whole = not (finite % 1.0).any()
     whole_seconds = _whole_seconds_of_days(finite)
-    found: dict[str, float] = {}
+    points_by_unit: dict[str, float] = {}
     for row in TIME_UNITS:
         points = row.points
         is_date = any(least <= largest <= most for least, most in row.dates)
@@ -200,9 +201,12 @@ def _times(
         if row.is_whole and not is_whole:
             points += 1.0
         if row.unit == "d" and is_date:
-            points += -1.0 if whole_seconds else 1.0 * is_whole
-        found[row.unit] = min(points, found.get(row.unit, np.inf))
-    for unit, points in found.items():
+            if whole_seconds:
+                points -= 1.0
+            elif is_whole:
+                points += 1.0
+        points_by_unit[row.unit] = min(points, points_by_unit.get(row.unit, np.inf))
+    for unit, points in points_by_unit.items():
         yield unit, UNITS[unit], points
 
 
@@ -220,14 +224,17 @@ def _places(numbers: Numbers, given: Mapping[str, str]) -> Iterator[tuple[str, b
     if not numbers.is_angle:
         is_ais = bool(numbers.words.intersection(_AIS))
         known = given.get("x", given.get("range"))
-        yield from [(known, False, 0.0)] if known else _lengths(numbers, is_ais)
+        if known:
+            yield known, False, 0.0
+        else:
+            yield from _lengths(numbers, is_ais)
         if known is None and _may_be_degrees(numbers):
             yield "deg", True, 0.0 if is_ais else 1.0
         return
     if "latitude" in given or "longitude" in given:
         yield given.get("latitude", given.get("longitude", "deg")), True, 0.0
         return
-    longitude, latitude = (float(np.nanmax(np.abs(part), initial=0.0)) for part in numbers.place)
+    longitude, latitude = _largest_sizes(numbers.place)
     is_whole = not (numbers.place[np.isfinite(numbers.place)] % 1.0).any()
     is_large = max(longitude, latitude) >= _SMALLEST_WHOLE
     has_words = {row.unit: bool(numbers.words.intersection(row.words)) for row in PLACE_UNITS}
@@ -240,18 +247,36 @@ def _places(numbers: Numbers, given: Mapping[str, str]) -> Iterator[tuple[str, b
             continue
         if row.is_whole != (is_whole and is_large):
             continue
-        points = 0.0 if has_words[row.unit] else row.points + (row.is_whole and any_words)
+        points = 0.0
+        if not has_words[row.unit]:
+            points = row.points
+            if row.is_whole and any_words:
+                points += 1.0
         # Six digits of a radian are 6 m.
-        points += row.unit == "rad" and numbers.least_digits <= 6
+        if row.unit == "rad" and numbers.least_digits <= 6:
+            points += 1.0
         fitting.append((row.unit, True, points))
     yield from fitting or [("deg", True, 0.0)]
 
 
 def _lengths(numbers: Numbers, is_ais: bool) -> Iterator[tuple[str, bool, float]]:
-    for unit, points in LENGTH_UNITS.items():
-        is_alone = numbers.speed is None and numbers.velocity is None
-        if unit == "m" or not is_alone:
-            yield unit, False, points + (is_ais and _may_be_degrees(numbers))
+    """Yield units of lengths, that they are of no angles, and points against them."""
+    is_alone = numbers.speed is None and numbers.velocity is None
+    for unit, unit_points in LENGTH_UNITS.items():
+        if unit != "m" and is_alone:
+            continue
+        points = unit_points
+        if is_ais and _may_be_degrees(numbers):
+            points += 1.0
+        yield unit, False, points
+
+
+def _largest_sizes(place: Array) -> tuple[float, float]:
+    """Return the largest sizes of both rows of positions (2, R)."""
+    longitude, latitude = place
+    largest_longitude = float(np.nanmax(np.abs(longitude), initial=0.0))
+    largest_latitude = float(np.nanmax(np.abs(latitude), initial=0.0))
+    return largest_longitude, largest_latitude
 
 
 def _may_be_degrees(numbers: Numbers) -> bool:
@@ -260,7 +285,7 @@ def _may_be_degrees(numbers: Numbers) -> bool:
     is_ais = bool(numbers.words.intersection(_AIS))
     if len(numbers.place) != 2 or numbers.least_digits < 4 or not (has_speed or is_ais):
         return False
-    longitude, latitude = (float(np.nanmax(np.abs(part), initial=0.0)) for part in numbers.place)
+    longitude, latitude = _largest_sizes(numbers.place)
     return longitude <= 181.0 and latitude <= 91.0
 
 
@@ -269,9 +294,14 @@ def _meters(place: Array, unit: str, as_angle: bool, given: Mapping[str, str]) -
     if not as_angle:
         return place * UNITS[unit]
     longitude, latitude = place * UNITS[unit]
-    middle = float(np.nanmedian(latitude)) if np.isfinite(latitude).any() else 0.0
+    middle = 0.0
+    if np.isfinite(latitude).any():
+        middle = float(np.nanmedian(latitude))
     # Differences of longitudes are those of angles.
-    first = float(longitude[np.isfinite(longitude)][0]) if np.isfinite(longitude).any() else 0.0
+    first = 0.0
+    known = longitude[np.isfinite(longitude)]
+    if len(known):
+        first = float(known[0])
     east = np.remainder(longitude - first + np.pi, 2.0 * np.pi) - np.pi
     return SEMI_MAJOR_AXIS * np.stack([east * np.cos(middle), latitude])
 
@@ -290,8 +320,9 @@ class _Moves:
     @classmethod
     def of_rows(cls, time: Array, meters: Array) -> "_Moves":
         """Choose the shortest distance in rows over which errors do not matter."""
-        finite = np.isfinite(time) & np.isfinite(meters).all(axis=0) if len(meters) else None
-        rows = np.flatnonzero(finite) if finite is not None else np.array([], dtype=np.intp)
+        rows = np.array([], dtype=np.intp)
+        if len(meters):
+            rows = np.flatnonzero(np.isfinite(time) & np.isfinite(meters).all(axis=0))
         rows = rows[np.argsort(time[rows], kind="stable")]
         time = time[rows]
         meters = meters[:, rows]
@@ -323,7 +354,9 @@ def _points_of_speed(speed: float, on_earth: bool) -> float:
         if least <= speed <= largest:
             points = points_within
             break
-    return points if on_earth or speed > 1.0 else min(points, 1.0)
+    if on_earth or speed > 1.0:
+        return points
+    return min(points, 1.0)
 
 
 def _points_of_interval(times: Array, is_gps: bool) -> float:
@@ -367,13 +400,16 @@ def _speeds(
         if known is not None and unit != known:
             continue
         away = abs(ratio * UNITS[unit] - 1.0) if np.isfinite(ratio) else np.inf
+        if away >= NEAR:
+            continue
+        # A knot is likelier beside latitudes.
         is_ais = not numbers.words.isdisjoint(_AIS)
         is_at_sea = (as_angle and unit == "kn") or (is_ais and unit.startswith("kn"))
-        if away < NEAR:
-            # A knot is likelier beside latitudes.
-            agreeing.append((unit, (0.0 if is_at_sea else points) + 0.5 * away / NEAR, True))
+        unit_points = 0.0 if is_at_sea else points
+        agreeing.append((unit, unit_points + 0.5 * away / NEAR, True))
     yield from agreeing
-    yield known or "", _DISAGREES if np.isfinite(ratio) else 0.0, False
+    disagreement = _DISAGREES if np.isfinite(ratio) else 0.0
+    yield known or "", disagreement, False
 
 
 def _shown_speed(numbers: Numbers) -> Array | None:
@@ -402,7 +438,8 @@ def _course(
     """Find the unit of the course in which it is the direction of the ways, and whether it is."""
     if numbers.velocity is not None:
         # North may stand before east.
-        cosine, swapped = (_cosine(v, moves) for v in (numbers.velocity, numbers.velocity[::-1]))
+        cosine = _cosine(numbers.velocity, moves)
+        swapped = _cosine(numbers.velocity[::-1], moves)
         return "", agrees and cosine >= _SAME_WAY and cosine > swapped - 0.01
     if numbers.course is None or numbers.speed is None or not agrees:
         return given.get("course", ""), False
@@ -416,10 +453,10 @@ def _course(
         if largest * UNITS[unit] > UNITS["deg"] * 511.001:
             continue
         along = numbers.speed * np.stack([np.sin(course), np.cos(course)])
-        found = _cosine(along, moves)
-        if found > cosine + 0.01:
+        unit_cosine = _cosine(along, moves)
+        if unit_cosine > cosine + 0.01:
             best = unit
-            cosine = found
+            cosine = unit_cosine
     return best, cosine >= _SAME_WAY
 
 

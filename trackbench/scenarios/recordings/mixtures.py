@@ -66,7 +66,9 @@ def role_of(name: str) -> Literal["quality", "sensor", "place", "target", ""]:
         return "place"
     if words & _SENSORS:
         return "sensor"
-    return "target" if words & _TARGETS else ""
+    if words & _TARGETS:
+        return "target"
+    return ""
 
 
 def may_split(name: str, cells: Sequence[str]) -> bool:
@@ -108,7 +110,7 @@ def split_by(codes: Index, time: Array, values: Array) -> Split:
         for j, other in enumerate(parts):
             if i == j:
                 continue
-            away = _distances_from(time, values, first, other)
+            away = _distances_from_line(time, values, first, other)
             if away.shape[1] < min(_FEWEST, len(other) - 1):
                 continue
             compared += 1
@@ -121,9 +123,13 @@ def split_by(codes: Index, time: Array, values: Array) -> Split:
     if compared:
         if 2 * apart > compared:
             return "apart"
-        return "errors" if unequal else "one"
+        if unequal:
+            return "errors"
+        return "one"
     # Step 3: parts one after the other: a jump wherever one part follows the other.
-    return "apart" if _jumps(time, values, codes) else "unknown"
+    if _jumps(time, values, codes):
+        return "apart"
+    return "unknown"
 
 
 def is_regular(codes: Index, time: Array) -> bool:
@@ -160,21 +166,22 @@ def _own_errors(time: Array, values: Array) -> Array:
     return np.maximum(np.median(sizes, axis=1), least)
 
 
-def _distances_from(time: Array, values: Array, part: Index, other: Index) -> Array:
+def _distances_from_line(time: Array, values: Array, first: Index, other: Index) -> Array:
     """Compute distances (n, B) of another part's rows from the line between neighboring rows of a part.
 
     Only rows count that lie within a few usual intervals of both, so that the path hardly bends.
+    ``first`` and ``other`` are the rows of both parts.
     """
-    at = time[part]
-    after = np.searchsorted(at, time[other], side="left")
-    inside = (after > 0) & (after < len(at))
+    first_times = time[first]
+    after = np.searchsorted(first_times, time[other], side="left")
+    inside = (after > 0) & (after < len(first_times))
     rows = other[inside]
     after = after[inside]
     before = after - 1
-    usual = max(float(np.median(np.diff(at))), float(np.median(np.diff(time[other]))))
-    share, wide = _shares(time[rows], at[before], at[after])
-    line = (1.0 - share) * values[:, part[before]] + share * values[:, part[after]]
-    near = wide <= _LONGEST_GAP * usual
+    usual = max(float(np.median(np.diff(first_times))), float(np.median(np.diff(time[other]))))
+    share, interval = _shares(time[rows], first_times[before], first_times[after])
+    line = (1.0 - share) * values[:, first[before]] + share * values[:, first[after]]
+    near = interval <= _LONGEST_GAP * usual
     return np.asarray(np.abs(values[:, rows] - line)[:, near])
 
 
@@ -190,7 +197,9 @@ def _jumps(time: Array, values: Array, codes: Index) -> bool:
     steps = np.abs(np.diff(values, axis=1))
     intervals = np.diff(time)
     changes: Mask = np.diff(codes) != 0
-    usual = np.median(steps[:, ~changes], axis=1) if (~changes).any() else np.zeros(len(values))
+    usual = np.zeros(len(values))
+    if (~changes).any():
+        usual = np.median(steps[:, ~changes], axis=1)
     short = intervals <= 5.0 * np.median(intervals)
     jumped = (steps > _JUMP * np.maximum(usual, 1e-9)[:, None]).any(axis=0) & changes & short
     return bool(jumped.sum() > 0.5 * changes.sum())
@@ -199,12 +208,17 @@ def _jumps(time: Array, values: Array, codes: Index) -> bool:
 def as_positions(values: Mapping[str, Array]) -> Array:
     """Arrange quantities (R,) by name as rows (n, R) that do not wrap: angles as points of a circle."""
     rows = []
-    radius = next((v for name, v in values.items() if name.endswith("range")), None)
+    # Angles are points at the measured range, or of the unit circle.
+    radius: Array | float = 1.0
+    ranges = [value for name, value in values.items() if name.endswith("range")]
+    if ranges:
+        radius = ranges[0]
     for name, value in values.items():
         plain = name.rpartition(".")[2]
         if plain in ("azimuth", "bearing", "heading", "course", "angle"):
-            scale = 1.0 if radius is None else radius
-            rows += [scale * np.cos(value), scale * np.sin(value)]
+            rows += [radius * np.cos(value), radius * np.sin(value)]
         elif np.isfinite(value).any():
             rows.append(value)
-    return np.stack(rows) if rows else np.empty((0, 0))
+    if not rows:
+        return np.empty((0, 0))
+    return np.stack(rows)

@@ -31,12 +31,16 @@ def in_order(gathered: Gathered, rows: Rows, difference: Difference = np.subtrac
     # Step 3: find rows of one run at one time.
     ticks = rows.ticks
     again = np.flatnonzero((np.diff(ticks) == 0) & (rows.run[1:] == rows.run[:-1])) + 1
-    return _without_twins(gathered, rows, again, difference) if len(again) else rows
+    if len(again):
+        return _merge_equal_times(gathered, rows, again, difference)
+    return rows
 
 
 def _check_falls(gathered: Gathered, rows: Rows) -> None:
     """Report rows that come after later ones. Raises DataError if the clock falls far."""
-    late, largest, place = 0, 0.0, 0
+    late = 0
+    largest = 0.0
+    place = 0  # row of the largest fall
     unit = "" if gathered.stepped else " s"
     for indices in np.split(np.arange(len(rows.run)), np.flatnonzero(np.diff(rows.run)) + 1):
         time = rows.time[indices]
@@ -44,17 +48,19 @@ def _check_falls(gathered: Gathered, rows: Rows) -> None:
         falls = np.maximum.accumulate(time) - time
         late += int((falls > 0.0).sum())
         if falls.max() > largest:
-            largest, place = float(falls.max()), int(indices[falls.argmax()])
+            largest = float(falls.max())
+            place = int(indices[falls.argmax()])
             usual = usual_interval(time)
     if largest > _MOST_INTERVALS * usual:
         what = f"time falls by {largest:.9g}{unit}, where rows usually are {usual:.9g}{unit} apart"
         form = gathered.naming.time_format
-        beside = " or say `columns: {date: NAME}`" if form and "%d" not in form else ""
-        way = (
-            f"write dates{beside} or go on counting if a clock began anew, or sort the rows by time"
-        )
-        if rest := _rest_of_time(gathered, "week"):
-            way = f"{rest}; or {way}"
+        date_way = ""
+        if form and "%d" not in form:
+            date_way = " or say `columns: {date: NAME}`"
+        way = f"write dates{date_way} or go on counting if a clock began anew, or sort the rows by time"
+        week_way = _way_to_rest_of_time(gathered, "week")
+        if week_way:
+            way = f"{week_way}; or {way}"
         raise DataError(
             gathered.place(rows, place, f"{what} ({late} rows come after later ones): {way}")
         )
@@ -62,10 +68,16 @@ def _check_falls(gathered: Gathered, rows: Rows) -> None:
     gathered.notices.append(f"{what}; the largest fall is {largest:.9g}{unit}")
 
 
-def _without_twins(gathered: Gathered, rows: Rows, again: Numbers, difference: Difference) -> Rows:
-    """Leave out repetitions among rows of one time, or treat the rows as ``same_time`` says."""
+def _merge_equal_times(
+    gathered: Gathered, rows: Rows, again: Numbers, difference: Difference
+) -> Rows:
+    """Leave out repetitions among rows of one time, or treat the rows as ``same_time`` says.
+
+    ``again`` are the rows whose time is that of the row before; ``difference`` subtracts values (n, R).
+    """
     # Step 1: repeated rows agree if every value is equal or missing in both.
-    now, before = rows.values[:, again], rows.values[:, again - 1]
+    now = rows.values[:, again]
+    before = rows.values[:, again - 1]
     differ = ~((now == before) | (np.isnan(now) & np.isnan(before))).all(axis=0)
     # A target at rest repeats its values: they count where times are spread.
     differ |= gathered.naming.same_time == "spread"
@@ -78,50 +90,60 @@ def _without_twins(gathered: Gathered, rows: Rows, again: Numbers, difference: D
     if not differ.any():
         return rows
     # Step 2: number the times; rows of one time are neighbors.
-    new = np.ones(len(rows.run), dtype=np.bool_)
-    new[1:] = (np.diff(rows.ticks) != 0) | (np.diff(rows.run) != 0)
-    first, group = np.flatnonzero(new), np.cumsum(new) - 1
-    twice = np.flatnonzero(~new)
+    is_new = np.ones(len(rows.run), dtype=np.bool_)
+    is_new[1:] = (np.diff(rows.ticks) != 0) | (np.diff(rows.run) != 0)
+    first = np.flatnonzero(is_new)
+    group = np.cumsum(is_new) - 1
+    repeated = np.flatnonzero(~is_new)
     way = gathered.naming.same_time
+    rest_way = _way_to_rest_of_time(gathered, "subsecond")
     if way is None:
-        unit = "step {:.0f}" if gathered.stepped else "time {:.9g} s"
-        at = int(twice[0])
-        more = f", as are {len(twice) - 1} more" if len(twice) > 1 else ""
-        place = f"run {gathered.runs[rows.run[at]]}: {unit.format(rows.time[at])}"
+        row = int(repeated[0])
+        time = f"time {rows.time[row]:.9g} s"
+        if gathered.stepped:
+            time = f"step {rows.time[row]:.0f}"
+        more = f", as are {len(repeated) - 1} more" if len(repeated) > 1 else ""
+        place = f"run {gathered.runs[rows.run[row]]}: {time}"
         what = f"{place} is there twice{more}, and"
         hint = "say `same_time: mean`, `last` or `spread` (evenly until the next time)"
-        if rest := _rest_of_time(gathered, "subsecond"):
-            hint = f"{rest}; or {hint}"
-        raise DataError(gathered.place(rows, at, f"{what} not with the same values: {hint}"))
+        if rest_way:
+            hint = f"{rest_way}; or {hint}"
+        raise DataError(gathered.place(rows, row, f"{what} not with the same values: {hint}"))
     gathered.notices.append(
-        f"{len(twice)} rows of a time that is there already: `same_time: {way}`"
+        f"{len(repeated)} rows of a time that is there already: `same_time: {way}`"
     )
-    if rest := _rest_of_time(gathered, "subsecond"):
-        gathered.notices.append(f"rows of one time differ, and {rest}")
+    if rest_way:
+        gathered.notices.append(f"rows of one time differ, and {rest_way}")
     # Step 3: keep the last row, take the mean, or spread the times.
-    last = np.append(first[1:], len(new)) - 1
+    last = np.append(first[1:], len(is_new)) - 1
     if way == "last":
         return rows.at(last)
     if way == "mean":
-        means = _means(rows.values, first, group, difference)
+        means = _mean_of_groups(rows.values, first, group, difference)
         received = np.maximum.reduceat(rows.received, first)
         return rows.at(first)._replace(values=means, received=received)
-    return rows._replace(time=_spread(rows, first, last, group))
+    return rows._replace(time=_spread_times(rows, first, last, group))
 
 
-def _rest_of_time(gathered: Gathered, part: str) -> str:
-    """Name a column that holds a further part of the time and is not read; empty without one."""
-    if part not in gathered.rest:
+def _way_to_rest_of_time(gathered: Gathered, key: str) -> str:
+    """Say how to read a column with a further part of the time; empty if there is none.
+
+    ``key`` is ``week`` or ``subsecond``.
+    """
+    if key not in gathered.rest:
         return ""
-    column, unit = gathered.rest[part]
-    way = f"`columns: {{{part}: {column}}}`"
+    column, unit = gathered.rest[key]
+    way = f"`columns: {{{key}: {column}}}`"
     if unit not in (None, "ns"):
-        way += f" and `units: {{{part}: {unit}}}`"
+        way += f" and `units: {{{key}: {unit}}}`"
     return f"the column {column} may hold the rest of the time: say {way}"
 
 
-def _means(values: Array, first: Numbers, group: Numbers, difference: Difference) -> Array:
-    """Average the values (n, R) of each group to (n, G); missing ones are left out."""
+def _mean_of_groups(values: Array, first: Numbers, group: Numbers, difference: Difference) -> Array:
+    """Average the values (n, R) of each group to (n, G); missing ones are left out.
+
+    ``first`` (G,) are the groups' first rows, ``group`` (R,) is the number of each row's group.
+    """
     # z_0 + mean(z - z_0), so that angles are averaged about the first that is there.
     start = np.full((len(values), len(first)), np.nan)
     for row in range(int(np.bincount(group).max())):
@@ -129,7 +151,8 @@ def _means(values: Array, first: Numbers, group: Numbers, difference: Difference
         in_group = group[indices] == np.arange(len(first))
         start = np.where(np.isnan(start) & in_group, values[:, indices], start)
     away = difference(values, start[:, group])
-    total, count = np.zeros_like(start), np.zeros_like(start)
+    total = np.zeros_like(start)
+    count = np.zeros_like(start)
     for row_total, row_count, row_away in zip(total, count, away, strict=True):
         finite = np.isfinite(row_away)
         np.add.at(row_total, group[finite], row_away[finite])
@@ -137,13 +160,18 @@ def _means(values: Array, first: Numbers, group: Numbers, difference: Difference
     return np.where(count > 0.0, start + total / np.maximum(count, 1.0), np.nan)
 
 
-def _spread(rows: Rows, first: Numbers, last: Numbers, group: Numbers) -> Array:
-    """Spread the times of one group evenly until the next group's of the run."""
-    starts, run = rows.time[first], rows.run[first]
-    wide = np.diff(starts, append=np.nan)
-    wide[:-1][run[1:] != run[:-1]] = np.nan
+def _spread_times(rows: Rows, first: Numbers, last: Numbers, group: Numbers) -> Array:
+    """Spread the times of one group evenly until the next group's of the run.
+
+    ``first`` and ``last`` (G,) are the groups' rows, ``group`` (R,) is the number of each row's group.
+    """
+    starts = rows.time[first]
+    run = rows.run[first]
+    intervals = np.diff(starts, append=np.nan)
+    intervals[:-1][run[1:] != run[:-1]] = np.nan
     # After the last time of a run: the interval before, or one unit.
-    before = np.concatenate([[np.nan], wide[:-1]])
-    wide = np.where(np.isnan(wide), np.where(np.isnan(before), 1.0, before), wide)
+    before = np.concatenate([[np.nan], intervals[:-1]])
+    instead = np.where(np.isnan(before), 1.0, before)
+    widths = np.where(np.isnan(intervals), instead, intervals)
     place = np.arange(len(group)) - first[group]
-    return starts[group] + place * wide[group] / (last - first + 1)[group]
+    return starts[group] + place * widths[group] / (last - first + 1)[group]

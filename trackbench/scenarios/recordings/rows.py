@@ -57,23 +57,31 @@ Numbers = NDArray[np.integer[Any]]
 
 
 class Rows(NamedTuple):
-    """R rows: number of their run, time (s, or a step's number), values (n, R), file and line.
-
-    ``received`` (R,) is the time at which they were received, by default their own.
-    """
+    """R rows of the files."""
 
     run: Numbers
+    """number (R,) of each row's run"""
     time: Array
+    """time (R,), s, or number of the step"""
     values: Array
+    """values (n, R)"""
     file: Numbers
+    """number (R,) of each row's file"""
     line: Numbers
+    """line (R,) in the file"""
     received: Array
+    """time (R,) at which the row was received, by default its own"""
 
     def at(self, chosen: Numbers) -> "Rows":
         """Select some of the rows, or put all in another order."""
-        run, time, values, file, line, received = self
-        of_table = run[chosen], time[chosen], values[:, chosen], file[chosen], line[chosen]
-        return Rows(*of_table, received[chosen])
+        return Rows(
+            run=self.run[chosen],
+            time=self.time[chosen],
+            values=self.values[:, chosen],
+            file=self.file[chosen],
+            line=self.line[chosen],
+            received=self.received[chosen],
+        )
 
     @property
     def ticks(self) -> Numbers:
@@ -138,9 +146,9 @@ class Gathered:
             way = "x = y = 0: say where that is, `origin: [latitude, longitude]`"
             raise InvalidKeyError(f"{what} {way}", *path)
 
-    def place(self, rows: Rows, i: int, what: str) -> Place:
-        """Report a mistake at a row."""
-        return Place(self.files[rows.file[i]], int(rows.line[i]), 1, what)
+    def place(self, rows: Rows, i: int, message: str) -> Place:
+        """Report a mistake at row i."""
+        return Place(self.files[rows.file[i]], int(rows.line[i]), 1, message)
 
     def timed(self, columns: Columns, table: Table, clock: str, parts: Sequence[str] = ()) -> Array:
         """Read times of a table's rows; all tables have clocks of one kind. ``parts`` are added."""
@@ -149,41 +157,40 @@ class Gathered:
         says_utc = table.dated == "date" and not _UTC.isdisjoint(words_of(clock))
         # The first file decides which clock all files have.
         if self.since is None:
-            self.stepped, self.dated, self.clock_of = stepped, table.dated, columns.path
+            self.stepped = stepped
+            self.dated = table.dated
+            self.clock_of = columns.path
             self.since = float(table.columns[clock].min()) if table.dated else 0.0
             self.says_utc = says_utc
+        clock_type = _clock_type(stepped, table.dated)
         has_same_zone = bool(self.dated and table.dated) and (says_utc or self.says_utc)
         if (stepped, table.dated) != (self.stepped, self.dated) and not has_same_zone:
-            mine, first = _clock(stepped, table.dated), _clock(self.stepped, self.dated)
-            what = (
-                f"its column {clock} has {mine}, and that of {self.clock_of} {first}: use one kind"
-            )
-            raise columns.mistake(what)
+            first_type = _clock_type(self.stepped, self.dated)
+            what = f"its column {clock} has {clock_type}, and that of {self.clock_of} {first_type}"
+            raise columns.mistake(f"{what}: use one kind")
         if (stepped or table.dated) and "time" in self.naming.units:
-            has, unit = _clock(stepped, table.dated), self.naming.units["time"]
-            what = f"{clock} has {has}, which have no unit: leave `time: {unit}` out of `units`"
-            raise columns.mistake(what)
+            unit = self.naming.units["time"]
+            what = f"{clock} has {clock_type}, which have no unit"
+            raise columns.mistake(f"{what}: leave `time: {unit}` out of `units`")
         # Seconds: dates after the first one, times by their unit; steps stay numbers.
         time = table.columns[clock]
         if parts and stepped:
             what = f"{clock} has numbers of steps, to which `columns: {{{parts[0]}: ...}}` adds nothing"
             raise columns.mistake(f"{what}: leave it out")
+        if stepped and not self.dated:
+            return time
+        seconds = (time - self.since) / 1e6 if self.dated else time * self.naming.scale("time")
+        if parts:
+            seconds = seconds + columns.stamp_parts(table, parts)
         if self.dated:
-            seconds = (time - self.since) / 1e6
-            return seconds + columns.stamp_parts(table, parts) if parts else seconds
-        if not stepped:
-            written = time
-            time = time * self.naming.scale("time")
-            if parts:
-                time = time + columns.stamp_parts(table, parts)
-            late = np.flatnonzero(np.abs(time) > _LATEST)
-            if len(late):
-                more = f", nor are {len(late) - 1} more" if len(late) > 1 else ""
-                what = (
-                    f"{clock}: {time[late[0]]:.3g} s is no time{more}; {_way_for(written[late[0]])}"
-                )
-                raise DataError(Place(columns.path, int(table.lines[late[0]]), 1, what))
-        return time
+            return seconds
+        late = np.flatnonzero(np.abs(seconds) > _LATEST)
+        if len(late):
+            row = late[0]
+            more = f", nor are {len(late) - 1} more" if len(late) > 1 else ""
+            what = f"{clock}: {seconds[row]:.3g} s is no time{more}; {_way_to_read_time(time[row])}"
+            raise DataError(Place(columns.path, int(table.lines[row]), 1, what))
+        return seconds
 
     def numbers_of(self, names: Sequence[str]) -> Numbers:
         """Give each run a number."""
@@ -199,7 +206,8 @@ class Gathered:
         """Add notes on runs with an origin of their own, and on positions far from their origin."""
         if self.far_runs:
             shown = ", ".join(self.far_runs[:_MOST_WORDS_SHOWN])
-            shown += ", ..." if len(self.far_runs) > _MOST_WORDS_SHOWN else ""
+            if len(self.far_runs) > _MOST_WORDS_SHOWN:
+                shown += ", ..."
             what = f"runs that begin far from the first position that is read: {shown}"
             self.notices.append(f"{what}; x and y of each count from its own first position")
         distance = self.largest_distance
@@ -222,28 +230,37 @@ _STAMPS = ((12, "%Y%m%d%H%M"), (14, "%Y%m%d%H%M%S"), (17, "%Y%m%d%H%M%S%f"))
 _EPOCHS = {"ms": 1e12, "us": 1e15, "ns": 1e18}
 
 
-def _way_for(value: float) -> str:
+def _way_to_read_time(value: float) -> str:
     """Say how a number that is too large for seconds is read: as a date, or in another unit."""
     digits = f"{value:.0f}"
     for length, form in _STAMPS:
-        month, day = int(digits[4:6] or 0), int(digits[6:8] or 0)
+        month = int(digits[4:6] or 0)
+        day = int(digits[6:8] or 0)
         is_date = 1 <= month <= 12 and 1 <= day <= 31
         if len(digits) == length and digits[:2] in ("19", "20") and is_date:
             return f'it looks like a date, say `time_format: "{form}"`'
     # The unit in which it is a time since 1970.
-    units = [unit for unit, size in _EPOCHS.items() if 0.5 * size <= abs(value) <= 5.0 * size]
-    return f"say its unit (`units: {{time: {units[0] if units else 'ns'}}}`)"
+    unit = "ns"
+    for epoch_unit, size in _EPOCHS.items():
+        if 0.5 * size <= abs(value) <= 5.0 * size:
+            unit = epoch_unit
+            break
+    return f"say its unit (`units: {{time: {unit}}}`)"
 
 
-def _clock(stepped: bool, dated: str) -> str:
+def _clock_type(stepped: bool, dated: str) -> str:
     """Name what a clock's column holds."""
-    return "numbers of steps" if stepped else dated.replace("date", "dates") or "seconds"
+    if stepped:
+        return "numbers of steps"
+    return dated.replace("date", "dates") or "seconds"
 
 
 def usual_interval(times: Array) -> float:
     """Compute the upper median of the intervals between different times; 1 without intervals."""
-    apart = np.sort(np.diff(np.unique(times)))
-    return float(apart[len(apart) // 2]) if len(apart) else 1.0
+    intervals = np.sort(np.diff(np.unique(times)))
+    if not len(intervals):
+        return 1.0
+    return float(intervals[len(intervals) // 2])
 
 
 def files_of(pattern: str) -> list[str]:
@@ -272,28 +289,43 @@ def read_rows(
     every mistake.
     """
     # Step 1: read one file for all sensors, or the files of each sensor's pattern.
-    shared = len(patterns) == 1
+    is_shared = len(patterns) == 1
     pieces: list[list[Rows]] = [[] for _ in sensors]
     for n, pattern in enumerate(patterns):
-        part = slice(None) if shared else slice(n, n + 1)
+        in_pattern = slice(None) if is_shared else slice(n, n + 1)
+        first_sensor = 0 if is_shared else n
         for number, path in enumerate(files_of(pattern)):
-            rows = _rows_of_file(gathered, path, sensors[part], least, str(number), names[part])
-            for m, of_sensor in enumerate(rows, 0 if shared else n):
-                pieces[m].append(of_sensor)
+            rows_by_sensor = _read_file(
+                gathered, path, sensors[in_pattern], least, str(number), names[in_pattern]
+            )
+            for m, rows in enumerate(rows_by_sensor, first_sensor):
+                pieces[m].append(rows)
     if gathered.unavailable:
         codes = ", ".join(f"{code} ({n})" for code, n in sorted(gathered.unavailable.items()))
         what = 'cells hold a code for "not available" and count as missing'
         gathered.notices.append(f"{gathered.unavailable.total()} {what}: {codes}")
-    out = []
-    # Step 2: join the files of one sensor after the other.
+    # Step 2: join the files of one sensor after the other; the pieces are dropped, to save memory.
+    joined = []
     while pieces:
-        parts = pieces.pop(0)
-        joined = (np.concatenate(column, axis=-1) for column in zip(*parts, strict=True))
-        out.append(parts[0] if len(parts) == 1 else Rows(*joined))
-    return out
+        joined.append(_join_rows(pieces.pop(0)))
+    return joined
 
 
-def _rows_of_file(
+def _join_rows(pieces: Sequence[Rows]) -> Rows:
+    """Join the rows of several files."""
+    if len(pieces) == 1:
+        return pieces[0]
+    return Rows(
+        run=np.concatenate([rows.run for rows in pieces]),
+        time=np.concatenate([rows.time for rows in pieces]),
+        values=np.concatenate([rows.values for rows in pieces], axis=-1),
+        file=np.concatenate([rows.file for rows in pieces]),
+        line=np.concatenate([rows.line for rows in pieces]),
+        received=np.concatenate([rows.received for rows in pieces]),
+    )
+
+
+def _read_file(
     gathered: Gathered,
     path: str,
     sensors: Sequence[Sequence[str]],
@@ -303,8 +335,9 @@ def _rows_of_file(
 ) -> list[Rows]:
     """Read the rows by sensor of one file, which is the run of this name if it does not name runs."""
     # Step 1: find the columns of the quantities, of time, run and sensor.
-    wanted = [*chain.from_iterable(sensors)]
-    least = len(wanted) if least is None else least
+    wanted = list(chain.from_iterable(sensors))
+    if least is None:
+        least = len(wanted)
     columns = Columns(path, gathered.naming, wanted, least, gathered.in_space)
     clock = columns.take("time", "time") or columns.take("step", "step")
     if clock is None:
@@ -318,7 +351,7 @@ def _rows_of_file(
     run = columns.take("run", "label")
     which = columns.take("sensor", "label")
     several = columns.take_unnamed_runs() if run is None else None
-    labels = _possible_labels(columns, [part.column for part in gathered.rest.values()])
+    labels = _possible_labels(columns, [rest.column for rest in gathered.rest.values()])
     # Step 2: read them; times become seconds.
     table = columns.read()
     gathered.unavailable += columns.unavailable
@@ -327,15 +360,18 @@ def _rows_of_file(
         what = f"column {several} has {len(table.words[several])} values, which would be one run"
         way = f'say `columns: {{run: {several}}}`, or `columns: {{run: ""}}` to mix them'
         raise columns.mistake(f"{what}: {way}")
-    time = received = gathered.timed(columns, table, clock, parts)
+    time = gathered.timed(columns, table, clock, parts)
+    received = time
     if arrival is not None:
-        received = _received(gathered, columns, table, arrival, time)
+        gathered.has_delays = True
+        received = _read_received(gathered, columns, table, arrival, time)
     if columns.is_geodetic:
         gathered.geodetic = gathered.geodetic or path
     elif columns.has_velocities_alone:
         gathered.not_rotated = gathered.not_rotated or path
-    if beside := columns.of_columns(gathered.in_frame):
-        gathered.planar = gathered.planar or f"{path} has {beside}"
+    planar_quantity = columns.first_with_column(gathered.in_frame)
+    if planar_quantity:
+        gathered.planar = gathered.planar or f"{path} has {planar_quantity}"
     # Step 3: number the runs; a file without their names is one run.
     if run is None:
         runs = np.full(len(time), gathered.numbers_of([name])[0])
@@ -347,9 +383,9 @@ def _rows_of_file(
         is_read = np.isin(runs, gathered.numbers_of_known(gathered.chosen))
     rows_by_sensor: list[Numbers | slice] = [slice(None)] * len(sensors)
     if which is not None and (len(sensors) > 1 or len(table.words[which]) > 1 or names):
-        count = len(sensors)
         sensor_masks = [
-            _of_sensor(gathered, columns, table, which, m, count, names) for m in range(count)
+            _find_sensor_rows(gathered, columns, table, which, m, len(sensors), names)
+            for m in range(len(sensors))
         ]
         is_read &= np.any(sensor_masks, axis=0)
         rows_by_sensor = [np.flatnonzero(mask[is_read]) for mask in sensor_masks]
@@ -362,23 +398,39 @@ def _rows_of_file(
     gathered.notices += columns.far
     # Step 5: compute the quantities, in SI.
     places = None
-    frames = list[Frame]()
+    frames: list[Frame] = []
     if columns.is_geodetic:
         places, frames = _frames_of_runs(gathered, columns, table, runs)
     quantities = columns.quantities(table, places, frames, runs)
     for label in labels:
         for components, of_sensor in zip(sensors, rows_by_sensor, strict=True):
-            part = {c: quantities[c][of_sensor] for c in components}
-            _check_label(columns, table, label, part, (runs[of_sensor], time[of_sensor]), of_sensor)
+            measured = {name: quantities[name][of_sensor] for name in components}
+            _check_label(
+                columns,
+                table,
+                label,
+                quantities=measured,
+                runs=runs[of_sensor],
+                time=time[of_sensor],
+                of_sensor=of_sensor,
+            )
     files = np.full(len(time), len(gathered.files), dtype=np.int32)
     gathered.files.append(path)
-    out = []
     # Step 6: take the rows of each sensor.
+    rows_of_sensors = []
     for components, of_sensor in zip(sensors, rows_by_sensor, strict=True):
-        values = np.stack([quantities[c] for c in components])
-        rows = Rows(runs, time, values, files, table.lines, received)
-        out.append(rows if isinstance(of_sensor, slice) else rows.at(of_sensor))
-    return out
+        rows = Rows(
+            run=runs,
+            time=time,
+            values=np.stack([quantities[name] for name in components]),
+            file=files,
+            line=table.lines,
+            received=received,
+        )
+        if not isinstance(of_sensor, slice):
+            rows = rows.at(of_sensor)
+        rows_of_sensors.append(rows)
+    return rows_of_sensors
 
 
 class MixedRowsError(DataError):
@@ -414,15 +466,16 @@ def _check_label(
     table: Table,
     label: str,
     quantities: Mapping[str, Array],
-    clock: tuple[Numbers, Array],
+    runs: Numbers,
+    time: Array,
     of_sensor: Numbers | slice,
 ) -> None:
     """Raise MixedRowsError if a column's words split the rows of the longest run of a sensor.
 
     A column whose name says that it names targets or sensors may do so unless the rows agree as one;
-    any other column must show it.
+    any other column must show it. ``label`` is the column; ``quantities``, ``runs`` and ``time`` are
+    those of the sensor's rows, and ``of_sensor`` are these rows of the table.
     """
-    runs, time = clock
     codes = table.columns[label][of_sensor]
     words = table.words[label]
     if not len(runs):
@@ -463,7 +516,9 @@ def _frames_of_runs(
     Runs share one origin, given or the first position that is read. Without a given one, a run that
     begins far from it has its own. Raises an error for rows too far from their origin.
     """
-    height = (*(gathered.origin or ()), 0.0, 0.0, 0.0)[2]
+    height = 0.0
+    if gathered.origin is not None and len(gathered.origin) > 2:
+        height = gathered.origin[2]
     places = columns.places(table, height)
     known = np.flatnonzero(np.isfinite(places.latitude))
     missing = columns.rows_without_height(table)
@@ -493,7 +548,9 @@ def _frames_of_runs(
         number for number, name in zip(numbers, names, strict=True) if name in gathered.own_origins
     ]
     shared = np.flatnonzero(~np.isin(runs, own)) if own else np.arange(len(runs))
-    frames = [Frame(gathered.origin, shared)] if len(shared) else []
+    frames = []
+    if len(shared):
+        frames.append(Frame(gathered.origin, shared))
     for number in own:
         origin = gathered.own_origins[gathered.runs[number]]
         frames.append(Frame(origin, np.flatnonzero(runs == number)))
@@ -504,15 +561,16 @@ def _frames_of_runs(
 
 def _origin_at(places: Geodetic, row: int) -> tuple[float, ...]:
     """Return latitude and longitude, deg, and height of a row."""
-    latitude, longitude, height = (float(part[row]) for part in places)
-    return latitude * 180.0 / np.pi, longitude * 180.0 / np.pi, height
+    latitude = float(places.latitude[row]) * 180.0 / np.pi
+    longitude = float(places.longitude[row]) * 180.0 / np.pi
+    return latitude, longitude, float(places.height[row])
 
 
 def _distances(places: Geodetic, rows: Numbers, origin: tuple[float, ...]) -> Array:
     """Compute the distances of rows from an origin, m, along the Earth."""
     on_ground = Geodetic(places.latitude[rows], places.longitude[rows], np.zeros(len(rows)))
-    at = Frame((*origin[:2], 0.0), np.asarray(rows, dtype=np.intp)).place
-    chord = np.sqrt(np.square(east_north_up(on_ground, at)).sum(axis=0))
+    origin_on_ground = Frame((*origin[:2], 0.0), np.asarray(rows, dtype=np.intp)).place
+    chord = np.sqrt(np.square(east_north_up(on_ground, origin_on_ground)).sum(axis=0))
     # d = 2 R asin(c / 2 R) of a chord c
     radius = SEMI_MAJOR_AXIS
     return 2.0 * radius * np.arcsin(np.minimum(chord / (2.0 * radius), 1.0))
@@ -538,13 +596,14 @@ def _check_distances(
     too_far = np.flatnonzero(away > MOST_DISTANCE)
     if len(too_far) and gathered.refuses_far_rows:
         row = int(known[too_far[0]])
-        of = "the first position of its run, the origin"
+        origin = "the first position of its run, the origin"
         if is_given:
-            of = "`origin`"
+            origin = "`origin`"
         elif frame.origin == gathered.origin:
-            of = f"the first position ({gathered.first_position}), the origin"
+            origin = f"the first position ({gathered.first_position}), the origin"
         more = f", as are {len(too_far) - 1} more" if len(too_far) > 1 else ""
-        what = f"latitude and longitude: {_kilometers(away[too_far[0]])} from {of}{more}; {limit}"
+        distance = _kilometers(away[too_far[0]])
+        what = f"latitude and longitude: {distance} from {origin}{more}; {limit}"
         way = "correct or empty the cells, or give an `origin: [latitude, longitude]` in the middle"
         raise DataError(Place(columns.path, int(table.lines[row]), 1, f"{what}: {way}"))
     gathered.largest_distance = max(gathered.largest_distance, float(away.max()))
@@ -569,52 +628,63 @@ def _mistaken_origin(origin: tuple[float, ...], places: Geodetic, row: int, dist
 
 
 def _kilometers(meters: float) -> str:
+    """Write a distance in m or km."""
     if meters < 1e3:
         return f"{meters:.0f} m"
-    return f"{meters / 1e3:.3g} km" if meters < 1e6 else f"{meters / 1e3:.0f} km"
+    if meters < 1e6:
+        return f"{meters / 1e3:.3g} km"
+    return f"{meters / 1e3:.0f} km"
 
 
-def _received(
+def _read_received(
     gathered: Gathered, columns: Columns, table: Table, column: str, time: Array
 ) -> Array:
     """Read the times at which rows were received. Raises DataError for one before the row's own."""
-    received, gathered.has_delays = gathered.timed(columns, table, column), True
+    received = gathered.timed(columns, table, column)
     early = np.flatnonzero(received < time - TICK)[:_MOST_MISTAKES].tolist()
     if early:
-        what = "{}: received {:.9g}" + (" steps" if gathered.stepped else " s") + " before its time"
-        places = ((int(table.lines[i]), what.format(column, time[i] - received[i])) for i in early)
-        raise DataError(*(Place(columns.path, line, 1, text) for line, text in places))
+        unit = " steps" if gathered.stepped else " s"
+        mistakes = []
+        for row in early:
+            what = f"{column}: received {time[row] - received[row]:.9g}{unit} before its time"
+            mistakes.append(Place(columns.path, int(table.lines[row]), 1, what))
+        raise DataError(*mistakes)
     return received
 
 
-def _of_sensor(
+def _find_sensor_rows(
     gathered: Gathered,
     columns: Columns,
     table: Table,
-    which: str,
+    column: str,
     m: int,
-    n: int,
+    number: int,
     names: Sequence[str],
 ) -> Mask:
-    """Find the rows (R,) of the m-th of n sensors, named in the column or numbered there from 1 on."""
-    words, known = table.words[which], names or [str(number + 1) for number in range(n)]
+    """Find the rows (R,) of the m-th of so many sensors.
+
+    The ``column`` has the sensors' ``names``, or their numbers from 1 on.
+    """
+    words = table.words[column]
+    known = names or [str(i + 1) for i in range(number)]
     strange = [word for word in words if word not in known]
     if strange and not names:
-        what = f"column {which} names {len(words)} sensors ({', '.join(words[:8])[:80]})"
+        what = f"column {column} names {len(words)} sensors ({', '.join(words[:8])[:80]})"
         way = "name them in the order of `sensor`, such as `sensors: "
         way += f'[{", ".join(map(json.dumps, words[:8]))}]`; `columns: {{sensor: ""}}` mixes all'
-        raise columns.mistake(f"{what}, and the config has {n}: {way}")
-    if absent := [name for name in names if name not in words]:
-        what = f"column {which} has no {absent[0]!r}; there are {', '.join(words[:20])[:200]}"
+        raise columns.mistake(f"{what}, and the config has {number}: {way}")
+    absent = [name for name in names if name not in words]
+    if absent:
+        what = f"column {column} has no {absent[0]!r}; there are {', '.join(words[:20])[:200]}"
         raise columns.mistake(what)
     if strange and not m:
         codes = [words.index(word) for word in strange]
-        left_out = int(np.isin(table.columns[which], codes).sum())
+        left_out = int(np.isin(table.columns[column], codes).sum())
         gathered.notices.append(
             f"{left_out} rows of {', '.join(strange)[:80]} were left out (`sensors`)"
         )
     code = words.index(known[m]) if known[m] in words else -1
-    return np.asarray(table.columns[which] == code)
+    return np.asarray(table.columns[column] == code)
 
 
 def chosen_runs(
@@ -636,23 +706,30 @@ def chosen_runs(
             what = f"there is no run {name!r}; there are {', '.join(gathered.runs[:20])}"
             raise InvalidKeyError(what, *within, i)
     wanted = {name: i for i, name in enumerate(names)}
-    # place[number in the files] = number among the chosen runs, -1 if not chosen
-    place = np.array([wanted.get(name, -1) for name in gathered.runs], dtype=np.int32)
+    # new_number[number in the files] = number among the chosen runs, -1 if not chosen
+    new_number = np.array([wanted.get(name, -1) for name in gathered.runs], dtype=np.int32)
     gathered.runs = names
-    out = []
-    while rows:
-        part = rows.pop(0)
-        part = part._replace(run=place[part.run])
-        out.append(part if (part.run >= 0).all() else part.at(np.flatnonzero(part.run >= 0)))
-    return out
+    chosen_rows = []
+    while rows:  # rows are dropped one sensor after the other, to save memory
+        of_sensor = rows.pop(0)
+        of_sensor = of_sensor._replace(run=new_number[of_sensor.run])
+        is_chosen = of_sensor.run >= 0
+        if not is_chosen.all():
+            of_sensor = of_sensor.at(np.flatnonzero(is_chosen))
+        chosen_rows.append(of_sensor)
+    return chosen_rows
 
 
 def check_turns(gathered: Gathered, rows: Rows, angles: Mapping[str, int]) -> None:
     """Raise DataError for angles, by name and row of the values, that are too large to be in radians."""
     for name, i in angles.items():
-        most, turn = (0.5, "a quarter turn") if name == "elevation" else (2.0, "a whole turn")
+        limit = 2.0 * np.pi + TICK
+        turn = "a whole turn"
+        if name == "elevation":
+            limit = 0.5 * np.pi + TICK
+            turn = "a quarter turn"
         sizes = np.abs(rows.values[i])
-        wide = np.flatnonzero(sizes > most * np.pi + TICK)
+        wide = np.flatnonzero(sizes > limit)
         if len(wide):
             what = f"{name}: {rows.values[i, wide[0]]:.9g} rad is beyond {turn}"
             more = f", as are {len(wide) - 1} more" if len(wide) > 1 else ""
@@ -660,9 +737,12 @@ def check_turns(gathered: Gathered, rows: Rows, angles: Mapping[str, int]) -> No
             scale = gathered.naming.scale(name)
             largest = float(np.nanmax(sizes)) / scale
             others = [unit for unit in ("deg", "mrad") if UNITS[unit] != scale]
-            fit = [unit for unit in others if largest * UNITS[unit] <= most * np.pi + TICK]
-            fit = fit or (["deg"] if scale == 1.0 else [])
-            way = "".join(f"say `units: {{{name}: {unit}}}`, or " for unit in fit[:1])
+            fitting = [unit for unit in others if largest * UNITS[unit] <= limit]
+            if not fitting and scale == 1.0:
+                fitting = ["deg"]
+            way = ""
+            if fitting:
+                way = f"say `units: {{{name}: {fitting[0]}}}`, or "
             what = f"{what}{more}: {way}correct the cells"
             raise DataError(gathered.place(rows, int(wide[0]), what))
 
@@ -682,7 +762,10 @@ class FromFiles:
 
     @contextmanager
     def reading(self) -> Iterator[None]:
-        """Note what the files hold that are read within. Raises DataError if they change meanwhile."""
+        """Store a digest of the files that are read within.
+
+        Raises DataError if they change meanwhile.
+        """
         before = self._stamps()
         yield
         # Digest the files, then check that none has changed since before the reading.
@@ -695,15 +778,15 @@ class FromFiles:
         object.__setattr__(self, "_content", digest.hexdigest())
 
     def _stamps(self) -> dict[str, tuple[int, int]]:
-        """Note the size and time of every file."""
-        out = {}
+        """Return the size and time of every file."""
+        stamps = {}
         for path in chain.from_iterable(map(files_of, self.patterns)):
             try:
                 status = require_regular_file(path).stat()
             except OSError as error:
                 raise DataError(Place(path, 1, 1, reason(error))) from None
-            out[path] = status.st_size, status.st_mtime_ns
-        return out
+            stamps[path] = (status.st_size, status.st_mtime_ns)
+        return stamps
 
     @property
     def _key(self) -> tuple[Any, ...]:
@@ -712,10 +795,12 @@ class FromFiles:
         return (type(self), keys, self.__dict__["_content"])
 
     def _named(self, value: Any) -> str:
-        """Name a key as a word; a file is what it holds, wherever it lies."""
+        """Write a key's value as a word; a file counts by its content, wherever it lies."""
         if isinstance(value, tuple) and value:
             return ",".join(map(self._named, value))
-        return "file" if isinstance(value, str) and value in self.patterns else repr(value)
+        if isinstance(value, str) and value in self.patterns:
+            return "file"
+        return repr(value)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, FromFiles) and self._key == other._key

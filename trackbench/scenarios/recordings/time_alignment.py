@@ -21,23 +21,27 @@ _EQUAL = 1e-6  # of an interval: a clock that strays by less has equal steps
 
 
 class Clock(NamedTuple):
-    """Steps (K + 1,) from the first state's on, their times, s, and how far each run (M,) is shifted.
-
-    ``T`` is their distance, s, or None if it differs from step to step.
-    """
+    """Steps that all runs of a recording share."""
 
     steps: Index
+    """numbers (K + 1,) of the steps from the first state's on"""
     times: Array
+    """times (K + 1,), s"""
     shift: Array
+    """time (M,) that is added to each run's own, s"""
     T: float | None
+    """time between two steps, s; None if it differs from step to step"""
 
 
 class Opened(NamedTuple):
-    """First state of each run: time (M,), scans (n, s, M), and the time between the last two."""
+    """First state of each run."""
 
     time: Array
+    """time (M,), s"""
     scans: Array
+    """scans (n, s, M) that the start uses up"""
     apart: Array
+    """time (M,) between the last two scans, s"""
 
 
 def initial_scans(gathered: Gathered, rows: Rows, scans: int) -> Opened:
@@ -54,7 +58,7 @@ def initial_scans(gathered: Gathered, rows: Rows, scans: int) -> Opened:
     places = np.stack([whole[first + i] for i in range(scans)])
     times = rows.time[places]
     apart = times[-1] - times[-2] if scans > 1 else np.full(runs, np.nan)
-    return Opened(times[-1], rows.values[:, places], apart)
+    return Opened(time=times[-1], scans=rows.values[:, places], apart=apart)
 
 
 def common_clock(
@@ -74,24 +78,34 @@ def common_clock(
     if start is None:
         shift = np.zeros(len(gathered.runs))
         begin = min(float(rows.time.min()) for rows in sensors)
-        begin -= _before(gathered, sensors, resample)
+        begin -= _interval_before_first(gathered, sensors, resample)
     else:
-        shift, begin = start.time[0] - start.time, float(start.time[0])
+        shift = start.time[0] - start.time
+        begin = float(start.time[0])
     last = max(float((rows.time + shift[rows.run]).max()) for rows in sensors)
     # Step 2: equal steps, the file's own or resampled ones.
     spacing = 1.0 if gathered.stepped else resample
     if spacing is not None:
-        steps = np.arange(_counted(gathered, np.floor((last - begin) / spacing + 0.5) + 1.0))
-        times = np.asarray(steps * (T if gathered.stepped else spacing), dtype=float)
+        number = _checked_number(gathered, np.floor((last - begin) / spacing + 0.5) + 1.0)
+        steps = np.arange(number)
         if gathered.stepped:
-            return _checked(gathered, Clock(steps + int(begin), times, shift, T))
-        return _checked(gathered, Clock(steps, times + begin, shift, spacing))
-    # Step 3: otherwise a step at every time at which any run measured.
-    times = _union(sensors, shift, begin)
-    return _checked(gathered, Clock(np.arange(len(times)), times, shift, _distance(times)))
+            times = np.asarray(steps * T, dtype=float)
+            clock = Clock(steps=steps + int(begin), times=times, shift=shift, T=T)
+        else:
+            times = np.asarray(steps * spacing, dtype=float) + begin
+            clock = Clock(steps=steps, times=times, shift=shift, T=spacing)
+    else:
+        # Step 3: otherwise a step at every time at which any run measured.
+        times = _union_of_times(sensors, shift, begin)
+        steps = np.arange(len(times))
+        clock = Clock(steps=steps, times=times, shift=shift, T=_equal_distance(times))
+    if len(clock.steps) < 2:
+        raise DataError(Place(gathered.files[0], 1, 1, "leaves nothing to measure after the start"))
+    _checked_number(gathered, len(clock.steps))
+    return clock
 
 
-def _counted(gathered: Gathered, number: float) -> int:
+def _checked_number(gathered: Gathered, number: float) -> int:
     """Return the number of steps as an integer. Raises DataError if there are too many to allocate."""
     if number > _MOST_RECORDED:
         what = (
@@ -101,42 +115,44 @@ def _counted(gathered: Gathered, number: float) -> int:
     return int(number)
 
 
-def _before(gathered: Gathered, sensors: Sequence[Rows], resample: float | None) -> float:
+def _interval_before_first(
+    gathered: Gathered, sensors: Sequence[Rows], resample: float | None
+) -> float:
     """Return how long before the first row an initial state without scans lies."""
     if gathered.stepped:
         return 1.0
     if resample is not None:
         return resample
-    return usual_interval(sensors[0].time[sensors[0].run == sensors[0].run[0]])
+    first = sensors[0]
+    return usual_interval(first.time[first.run == first.run[0]])
 
 
-def _union(sensors: Sequence[Rows], shift: Array, begin: float) -> Array:
+def _union_of_times(sensors: Sequence[Rows], shift: Array, begin: float) -> Array:
     """Join the times at which any run measured, from the first state's on."""
-    parts = [np.array([begin])]
+    pieces = [np.array([begin])]
     # One time for each tick, first of every sensor and then of all.
     for rows in sensors:
-        times = rows.time + shift[rows.run]
-        parts.append(times[np.unique(np.rint(times / TICK), return_index=True)[1]])
-    times = np.concatenate(parts)
-    times = times[np.unique(np.rint(times / TICK), return_index=True)[1]]
+        pieces.append(_one_per_tick(rows.time + shift[rows.run]))
+    times = _one_per_tick(np.concatenate(pieces))
     return times[np.rint(times / TICK) >= np.rint(begin / TICK)]
 
 
-def _distance(times: Array) -> float | None:
-    """Return the distance of times that are equally far from each other."""
+def _one_per_tick(times: Array) -> Array:
+    """Return the first time of each tick, in order."""
+    _, first = np.unique(np.rint(times / TICK), return_index=True)
+    return times[first]
+
+
+def _equal_distance(times: Array) -> float | None:
+    """Return the distance of times that are equally far from each other; None if they are not."""
     apart = np.diff(times)
     if not len(apart):
         return None
     # Equal if each interval is the mean one within a share of _EQUAL.
     T = float((times[-1] - times[0]) / len(apart))
-    return float(f"{T:.12g}") if np.abs(apart - T).max() <= _EQUAL * T else None
-
-
-def _checked(gathered: Gathered, clock: Clock) -> Clock:
-    if len(clock.steps) < 2:
-        raise DataError(Place(gathered.files[0], 1, 1, "leaves nothing to measure after the start"))
-    _counted(gathered, len(clock.steps))
-    return clock
+    if np.abs(apart - T).max() <= _EQUAL * T:
+        return float(f"{T:.12g}")
+    return None
 
 
 def measurement_array(
@@ -146,44 +162,51 @@ def measurement_array(
 
     Those are steps (S, K, M), from 0, at which measurements of S sensors were received, if it is known.
     """
-    steps, runs = len(clock.steps), len(gathered.runs)
+    steps = len(clock.steps)
+    runs = len(gathered.runs)
     sizes = [len(rows.values) for rows in sensors]
     if sum(sizes) * steps * runs > _MOST_CELLS:
         what = f"{runs} runs of {steps} steps are too many: choose runs, or `resample`"
         raise InvalidKeyError(what, "target", "runs")
-    out = np.full((sum(sizes), steps - 1, runs), np.nan)
-    arrivals, due = None, np.arange(steps - 1.0)[:, None]
+    measurements = np.full((sum(sizes), steps - 1, runs), np.nan)
+    due = np.arange(steps - 1.0)[:, None]
+    arrivals = None
     if gathered.has_delays:
         arrivals = np.broadcast_to(due, (len(sizes), steps - 1, runs)).copy()
-    moved, crowded, above = 0.0, 0, 0
+    moved = 0.0  # longest time by which a measurement is moved
+    left_out = 0
+    first_row = 0  # of the sensor, among the measurements
     for n, (rows, size) in enumerate(zip(sensors, sizes, strict=True)):
         # Place the rows among the steps; only those after the first state are measurements.
-        place, away = _placed(gathered, rows, clock)
-        later = np.flatnonzero(place > 0)
+        place, away = _nearest_steps(gathered, rows, clock)
+        used = np.flatnonzero(place > 0)
         if resampled:
             # Of several rows of a step the nearest in time counts.
-            nearest = _nearest(rows.run, place, away, later)
-            crowded += len(later) - len(nearest)
-            moved, later = max(moved, float(away[nearest].max(initial=0.0))), nearest
-        # Rows of `out` from `above` on belong to this sensor.
-        for c in range(size):
-            out[above + c, place[later] - 1, rows.run[later]] = rows.values[c, later]
-        above += size
+            nearest = _nearest_rows(rows.run, place, away, used)
+            left_out += len(used) - len(nearest)
+            moved = max(moved, float(away[nearest].max(initial=0.0)))
+            used = nearest
+        for component in range(size):
+            row = first_row + component
+            measurements[row, place[used] - 1, rows.run[used]] = rows.values[component, used]
+        first_row += size
         if arrivals is not None:
-            received = np.maximum(_received(gathered, rows, clock), place) - 1
-            arrivals[n, place[later] - 1, rows.run[later]] = received[later]
+            received = np.maximum(_received_steps(gathered, rows, clock), place) - 1
+            arrivals[n, place[used] - 1, rows.run[used]] = received[used]
     if resampled:
         what = f"resampled: measurements are taken to be up to {moved:.3g} s from when they were"
-        what += f", {crowded} of one step were left out" if crowded else ""
+        if left_out:
+            what += f", {left_out} of one step were left out"
         gathered.notices.append(what)
     if arrivals is not None:
-        late, longest = int((arrivals > due).sum()), int((arrivals - due).max())
+        late = int((arrivals > due).sum())
+        longest = int((arrivals - due).max())
         what = f"{late} measurements were received late, by {longest} steps at most"
         gathered.notices.append(what)
-    return fixed(out), arrivals
+    return fixed(measurements), arrivals
 
 
-def _received(gathered: Gathered, rows: Rows, clock: Clock) -> Index:
+def _received_steps(gathered: Gathered, rows: Rows, clock: Clock) -> Index:
     """Find the place (R,) among the steps of the first one at which each row has been received."""
     times = rows.received + clock.shift[rows.run]
     if gathered.stepped:
@@ -191,7 +214,7 @@ def _received(gathered: Gathered, rows: Rows, clock: Clock) -> Index:
     return np.searchsorted(clock.times, times - TICK, side="left")
 
 
-def _placed(gathered: Gathered, rows: Rows, clock: Clock) -> tuple[Index, Array]:
+def _nearest_steps(gathered: Gathered, rows: Rows, clock: Clock) -> tuple[Index, Array]:
     """Find the place (R,) of each row among the steps, and how far from its time it is, s."""
     times = rows.time + clock.shift[rows.run]
     if gathered.stepped:
@@ -204,10 +227,10 @@ def _placed(gathered: Gathered, rows: Rows, clock: Clock) -> tuple[Index, Array]
     return place, np.abs(clock.times[np.maximum(place, 0)] - times)
 
 
-def _nearest(run: Numbers, place: Index, away: Array, among: Index) -> Index:
-    """Select the row nearest to the step's time, among rows of a run in the same step."""
+def _nearest_rows(run: Numbers, place: Index, away: Array, rows: Index) -> Index:
+    """Select the row nearest to the step's time, among ``rows`` of a run in the same step."""
     # Sort by run, step and distance; take the first of each run and step.
-    order = among[np.lexsort((away[among], place[among], run[among]))]
+    order = rows[np.lexsort((away[rows], place[rows], run[rows]))]
     first = np.ones(len(order), dtype=np.bool_)
     first[1:] = (np.diff(place[order]) != 0) | (np.diff(run[order]) != 0)
     return order[first]
@@ -216,9 +239,9 @@ def _nearest(run: Numbers, place: Index, away: Array, among: Index) -> Index:
 def with_scans(clock: Clock, gathered: Gathered, scans: int, apart: Array) -> Clock:
     """Put the steps that the scans take before the first state's."""
     used = max(0, scans - 1)
-    before = np.arange(-used, 0)
     if not used:
         return clock
+    before = np.arange(-used, 0)
     if gathered.stepped:
         assert clock.T is not None
         steps = np.concatenate([clock.steps[0] + before, clock.steps])
@@ -246,26 +269,36 @@ def check_runs_of_truth(of_truth: Gathered, rows: Rows, measured: Gathered) -> N
     if not without:
         return
     # Names that differ by zeros before them, spaces or capital letters may well be the same run's.
-    others = {_spelled_alike(name): name for name in of_truth.runs if name not in measured.runs}
-    alike = [
-        (name, others[_spelled_alike(name)]) for name in without if _spelled_alike(name) in others
-    ]
-    shown = ", ".join(without[:_MOST_NAMES]) + ", ..." * (len(without) > _MOST_NAMES)
-    there = ", ".join(of_truth.runs[:_MOST_NAMES]) + ", ..." * (len(of_truth.runs) > _MOST_NAMES)
+    shown = _first_names(without)
     if len(without) == len(measured.runs):
-        what = f"has no run {shown}; there are {there}: give runs one name in both files"
+        existing = _first_names(of_truth.runs)
+        what = f"has no run {shown}; there are {existing}: give runs one name in both files"
         raise DataError(Place(path, 1, 1, what))
-    if alike:
-        name, other = alike[0]
-        what = f"has no run {name!r}, but {other!r} ({len(without)} runs have no truth: {shown})"
-        way = "write the name alike in both files, or leave the run out by `runs`"
-        raise DataError(Place(path, 1, 1, f"{what}: {way}"))
+    others = {_plain_spelling(name): name for name in of_truth.runs if name not in measured.runs}
+    for name in without:
+        other = others.get(_plain_spelling(name))
+        if other is not None:
+            what = (
+                f"has no run {name!r}, but {other!r} ({len(without)} runs have no truth: {shown})"
+            )
+            way = "write the name alike in both files, or leave the run out by `runs`"
+            raise DataError(Place(path, 1, 1, f"{what}: {way}"))
 
 
-def _spelled_alike(name: str) -> str:
+def _first_names(names: Sequence[str]) -> str:
+    """List the first names, and dots if there are more."""
+    text = ", ".join(names[:_MOST_NAMES])
+    if len(names) > _MOST_NAMES:
+        text += ", ..."
+    return text
+
+
+def _plain_spelling(name: str) -> str:
     """Return a run's name without zeros before numbers, signs, spaces and capital letters."""
-    words = re.findall(r"[^\W\d_]+|[0-9]+", name.casefold())
-    return " ".join(word.lstrip("0") or "0" if word.isdigit() else word for word in words)
+    words = []
+    for word in re.findall(r"[^\W\d_]+|[0-9]+", name.casefold()):
+        words.append(word.lstrip("0") or "0" if word.isdigit() else word)
+    return " ".join(words)
 
 
 def truth_at(
@@ -281,45 +314,50 @@ def truth_at(
     Between two rows that are at most ``gap`` apart (s, or steps) a state lies on the straight line, and
     the rows ``angles`` turn the shorter way; NaN elsewhere. Raises DataError if there is none at all.
     """
-    out = np.full((len(rows.values), len(clock.steps), len(runs)), np.nan)
-    steps = clock.steps.astype(float) if gathered.stepped else clock.times
+    truth = np.full((len(rows.values), len(clock.steps), len(runs)), np.nan)
+    times = clock.steps.astype(float) if gathered.stepped else clock.times
     number = {name: i for i, name in enumerate(gathered.runs)}
-    shared = gathered.runs == [ONE_RUN]
+    is_shared = gathered.runs == [ONE_RUN]
     for m, name in enumerate(runs):
-        i = 0 if shared else number.get(name)
-        if i is not None:
-            # The run's rows, shifted in time as its measurements are.
-            of_run = slice(*np.searchsorted(rows.run, [i, i + 1]))
-            at, values = rows.time[of_run] + clock.shift[m], rows.values[:, of_run]
-            out[:, :, m] = _between(at, values, steps, gap, angles)
-    has_truth = np.isfinite(out).any(axis=(0, 1))
+        i = 0 if is_shared else number.get(name)
+        if i is None:
+            continue
+        # The run's rows, shifted in time as its measurements are.
+        first, end = np.searchsorted(rows.run, [i, i + 1])
+        row_times = rows.time[first:end] + clock.shift[m]
+        truth[:, :, m] = _interpolate(row_times, rows.values[:, first:end], times, gap, angles)
+    has_truth = np.isfinite(truth).any(axis=(0, 1))
     if not has_truth.any():
         hint = "" if gap is not None else ": name a `truth_gap` within which it is interpolated"
         raise DataError(Place(gathered.files[0], 1, 1, f"has no truth at any step{hint}"))
     without = [name for name, has in zip(runs, has_truth, strict=True) if not has]
     if without:
-        shown = ", ".join(without[:_MOST_NAMES]) + ", ..." * (len(without) > _MOST_NAMES)
+        shown = _first_names(without)
         some = f"{len(without)} of {len(runs)} runs have none at any step ({shown})"
         gathered.notices.append(f"{some}: errors are those of the others")
-    return fixed(out)
+    return fixed(truth)
 
 
-def _between(
-    at: Array, values: Array, times: Array, gap: float | None, angles: Sequence[int]
+def _interpolate(
+    row_times: Array, values: Array, times: Array, gap: float | None, angles: Sequence[int]
 ) -> Array:
-    """Interpolate values (n, K) at ``times`` of a curve through (n, R) at ``at``, in order."""
-    after = np.clip(np.searchsorted(at, times), 1, max(len(at) - 1, 1))
-    out = np.full((len(values), len(times)), np.nan)
-    if len(at) > 1 and gap is not None:
+    """Interpolate values (n, R) of rows at ``row_times`` (R,), in order, to ``times`` (K,): (n, K).
+
+    ``gap`` and ``angles`` are those of `truth_at`.
+    """
+    after = np.clip(np.searchsorted(row_times, times), 1, max(len(row_times) - 1, 1))
+    before = after - 1
+    interpolated = np.full((len(values), len(times)), np.nan)
+    if len(row_times) > 1 and gap is not None:
         # Interpolate between rows that are near enough: v = v_0 + s (v_1 - v_0).
-        wide = at[after] - at[after - 1]
-        share = (times - at[after - 1]) / np.where(wide > 0.0, wide, 1.0)
-        inside = (wide <= gap + TICK) & (share >= 0.0) & (share <= 1.0)
-        ahead = near(values[:, after], values[:, after - 1], angles)
-        line = values[:, after - 1] + share * (ahead - values[:, after - 1])
-        out[:, inside] = line[:, inside]
+        interval = row_times[after] - row_times[before]
+        share = (times - row_times[before]) / np.where(interval > 0.0, interval, 1.0)
+        inside = (interval <= gap + TICK) & (share >= 0.0) & (share <= 1.0)
+        next_values = near(values[:, after], values[:, before], angles)
+        line = values[:, before] + share * (next_values - values[:, before])
+        interpolated[:, inside] = line[:, inside]
     # At a row's own time its values count.
-    for row in (np.minimum(after, len(at) - 1), after - 1):
-        same = np.abs(at[row] - times) < TICK
-        out[:, same] = values[:, row[same]]
-    return out
+    for row in (np.minimum(after, len(row_times) - 1), before):
+        is_equal = np.abs(row_times[row] - times) < TICK
+        interpolated[:, is_equal] = values[:, row[is_equal]]
+    return interpolated

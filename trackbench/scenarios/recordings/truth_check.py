@@ -1,4 +1,4 @@
-"""Truth and measurements of a recording that contradict each other: mirrored, turned, or elsewhere."""
+"""Check whether truth and measurements of a recording agree, or one is mirrored or turned."""
 
 from collections.abc import Sequence
 
@@ -48,86 +48,99 @@ def contradictions(
     # Step 1: a sample of the steps with a truth.
     known = np.flatnonzero(np.isfinite(truth[axes[0][0]]).any(axis=-1))
     chosen = known[np.linspace(0, len(known) - 1, min(len(known), _MOST_STEPS)).astype(int)]
-    found = []
-    parts = rows_of(sensor)
+    texts = []
     sensors = sensors_of(sensor)
-    as_it_is = _distances(sensor, truth, measurements, steps, chosen)
+    distances = _distances(sensor, truth, measurements, steps, chosen)
     # Step 2: sensors of which nearly every measurement is many standard deviations from the truth.
     suspects = []
-    for number, part in enumerate(parts):
-        largest = np.nanmax(np.where(np.isfinite(as_it_is[part]), as_it_is[part], -1.0), axis=0)
-        sizes = largest[largest >= 0.0]
+    for number, sensor_rows in enumerate(rows_of(sensor)):
+        sizes = _largest_distances(distances[sensor_rows])
         if len(sizes) >= _FEWEST and (sizes > _BEYOND).mean() > _MOST_BEYOND:
-            suspects.append((number, part, float(np.median(sizes))))
+            suspects.append((number, sensor_rows, float(np.median(sizes))))
     if not suspects:
         return []
     # Step 3: the other way to count angles, or the reflection or turn, with which they agree.
-    for number, part, size in suspects:
-        rows = range(len(sensor.components))[part]
+    for number, sensor_rows, size in suspects:
+        rows = range(len(sensor.components))[sensor_rows]
         angles = [row for row in rows if sensor.components[row].rpartition(".")[2] in _AZIMUTHS]
-        rest = {}
+        remaining = {}
         if angles:
-            for way, (sign, more) in _ANGLES.items():
-                counted = measurements.copy()
-                counted[angles] = sign * measurements[angles] + more
-                rest[way] = _median(_distances(sensor, truth, counted, steps, chosen)[part])
+            for way, (sign, offset) in _ANGLES.items():
+                recounted = measurements.copy()
+                recounted[angles] = sign * measurements[angles] + offset
+                changed_distances = _distances(sensor, truth, recounted, steps, chosen)
+                remaining[way] = _median_distance(changed_distances[sensor_rows])
         else:
             for way, matrix in _WAYS.items():
-                changed = _changed(truth, axes, matrix)
-                rest[way] = _median(_distances(sensor, changed, measurements, steps, chosen)[part])
-        way = min(rest, key=lambda name: rest[name])
+                changed = _transform(truth, axes, matrix)
+                changed_distances = _distances(sensor, changed, measurements, steps, chosen)
+                remaining[way] = _median_distance(changed_distances[sensor_rows])
+        way = min(remaining, key=lambda name: remaining[name])
         name = f"sensor {number + 1}" if len(sensors) > 1 else "the sensor"
         what = f"the truth is beyond nearly every measurement of {name}"
         what += f" (median: {size:.0f} standard deviations)"
-        if rest[way] > _AGREES * size:
-            found.append(f"{what}: check the origin, the units, the clock and the sensor's sigma")
+        if remaining[way] > _AGREES * size:
+            texts.append(f"{what}: check the origin, the units, the clock and the sensor's sigma")
         elif angles:
             angle = sensor.components[angles[0]].rpartition(".")[2]
-            hint = f": say `clockwise: [{angle}]`" if way == next(iter(_ANGLES)) else ""
-            found.append(f"{what}; they agree if its {angle} counts {way}{hint}")
+            hint = ""
+            if way == "from north clockwise":
+                hint = f": say `clockwise: [{angle}]`"
+            texts.append(f"{what}; they agree if its {angle} counts {way}{hint}")
         else:
             hint = "are x and y exchanged, or an axis reversed?"
-            found.append(f"{what}; they agree if the truth is {way}: {hint}")
-    return found
+            texts.append(f"{what}; they agree if the truth is {way}: {hint}")
+    return texts
 
 
 def _axes_of(components: Sequence[str]) -> tuple[tuple[int, int], ...] | None:
     """Find the rows of x and y among a state's components, and those of their velocities."""
-    out = []
+    if not {"px", "x"} & {*components}:
+        return None
+    axes = []
     for x, y in (("px", "py"), ("x", "y"), ("vx", "vy")):
         if x in components and y in components:
-            out.append((components.index(x), components.index(y)))
-    has_position = bool(out) and {"px", "x"} & {*components}
-    return tuple(out) if has_position else None
+            axes.append((components.index(x), components.index(y)))
+    return tuple(axes) or None
 
 
-def _changed(
+def _transform(
     truth: Array, axes: tuple[tuple[int, int], ...], matrix: tuple[tuple[int, int], ...]
 ) -> Array:
-    out = truth.copy()
+    """Multiply each pair of axes of the truth (n_x, K, M) by a matrix (2, 2)."""
+    (a, b), (c, d) = matrix
+    changed = truth.copy()
     for i, j in axes:
-        out[i] = matrix[0][0] * truth[i] + matrix[0][1] * truth[j]
-        out[j] = matrix[1][0] * truth[i] + matrix[1][1] * truth[j]
-    return out
+        changed[i] = a * truth[i] + b * truth[j]
+        changed[j] = c * truth[i] + d * truth[j]
+    return changed
 
 
 def _distances(
     sensor: Sensors, truth: Array, measurements: Array, steps: Index, chosen: Index
 ) -> Array:
     """Compute ``|z - h(x)| / sigma`` (n_z, N) of the chosen steps of all runs; NaN where unknown."""
-    out = []
+    distances = []
     with np.errstate(all="ignore"):
         for i in chosen.tolist():
             predicted = sensor.measurement(truth[:, i], int(steps[i]))
             error = sensor.innovation(measurements[:, i], predicted.mean)
             variance = np.einsum("ii...->i...", predicted.cov)
-            sigma = np.sqrt(variance if variance.ndim > 1 else variance[:, None])
-            out.append(np.abs(error) / sigma)
-    return np.concatenate(out, axis=-1)
+            if variance.ndim == 1:
+                variance = variance[:, None]
+            distances.append(np.abs(error) / np.sqrt(variance))
+    return np.concatenate(distances, axis=-1)
 
 
-def _median(distances: Array) -> float:
-    """Return the median of each measurement's largest distance."""
+def _largest_distances(distances: Array) -> Array:
+    """Return the largest known distance of each measurement, of distances (n, N) of its components."""
     largest = np.nanmax(np.where(np.isfinite(distances), distances, -1.0), axis=0)
-    sizes = largest[largest >= 0.0]
-    return float(np.median(sizes)) if len(sizes) else np.inf
+    return np.asarray(largest[largest >= 0.0])
+
+
+def _median_distance(distances: Array) -> float:
+    """Return the median of each measurement's largest distance; infinite without any."""
+    sizes = _largest_distances(distances)
+    if not len(sizes):
+        return np.inf
+    return float(np.median(sizes))

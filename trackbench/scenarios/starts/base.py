@@ -14,25 +14,27 @@ from trackbench.models.sensors.base import Sensors, rows_of, sensors_of
 
 
 class InitialScans(NamedTuple):
-    """Data for an initialization: truth (n_x, M) at the first scan, first scans (n_z, scans, M).
-
-    ``T`` is the time between two scans, s; of recorded runs perhaps each one's own (M,).
-    """
+    """Data for an initialization."""
 
     truth: Array
+    """true states (n_x, M) at the first scan"""
     scans: Array
+    """first scans (n_z, scans, M)"""
     first_step: int
+    """number of the first scan's step"""
     T: float | Array
+    """time between two scans, s; (M,) if it differs from run to run of a recording"""
     diffusion: float
+    """spectral density of the target's white acceleration, m^2/s^3"""
 
 
 class Start(Part):
     """A frozen dataclass that makes the distribution of the first state."""
 
     scans: ClassVar[int] = 0
-    """how many scans it uses up; the first state is that of the last of them"""
+    """number of scans that it uses up; the first state is that of the last of them"""
     of_truth: ClassVar[bool] = False
-    """whether the prior is made of the truth, which no recorded target has"""
+    """True if the prior depends on the truth, which is unknown for a recorded target"""
 
     def for_state(self, components: tuple[str, ...]) -> "Start":
         """Return the start of a state with these components; raises InvalidKeyError."""
@@ -53,10 +55,45 @@ class Start(Part):
     def prior(
         self, opening: InitialScans, sensor: Sensors, nominal: Array | None, rng: Streams
     ) -> Distribution:
-        """Return the first state's distribution; ``nominal`` is the mean of its draw, if any."""
+        """Make the distribution of the first state, which every filter is given.
+
+        Parameters
+        ----------
+        opening : InitialScans
+            Truth and first scans.
+        sensor : Sensors
+            Sensor, or all sensors as one.
+        nominal : Array (n_x, M) or None
+            Configured first state, if the truth was drawn about it.
+        rng : Streams
+            Random numbers, a stream per run.
+
+        Returns
+        -------
+        Distribution
+            Prior of M runs.
+        """
 
     def bound(self, path: Array, k: int, sensor: Sensors, T: float, diffusion: float) -> Array:
-        """Return the covariance (n, n) of the first state at the truth, path (n, K) from step k."""
+        """Compute the covariance of the first state at the truth.
+
+        Parameters
+        ----------
+        path : Array (n, K)
+            True states from step k on.
+        k : int
+            Number of the first step.
+        sensor : Sensors
+            Sensor, or all sensors as one.
+        T : float
+            Time between two scans, s.
+        diffusion : float
+            Spectral density of the target's white acceleration, m^2/s^3.
+
+        Returns
+        -------
+        Array (n, n)
+        """
         raise NotImplementedError
 
 
@@ -64,7 +101,7 @@ class FixedStart(Start):
     """Base of the starts with one prior for every run, which a filter may also assume for itself."""
 
     draws_truth: ClassVar[bool] = True
-    """whether the first state of a driven target is drawn from it"""
+    """True if the first state of a driven target is drawn from it"""
 
     @abstractmethod
     def distribution(self, runs: int) -> Distribution:
@@ -72,7 +109,9 @@ class FixedStart(Start):
 
     def truth(self, nominal: Array, rng: Streams) -> Array:
         """Draw the truth (n_x, M) from the prior, if the start does so."""
-        return self.distribution(nominal.shape[1]).sample(rng) if self.draws_truth else nominal
+        if not self.draws_truth:
+            return nominal
+        return self.distribution(nominal.shape[1]).sample(rng)
 
     def prior(
         self, opening: InitialScans, sensor: Sensors, nominal: Array | None, rng: Streams
@@ -83,9 +122,9 @@ class FixedStart(Start):
 
 def position_part(sensor: Sensors) -> tuple[LocatingSensor, slice] | None:
     """Return the first sensor that measures a position, and its rows of the stacked measurement."""
-    for one, where in zip(sensors_of(sensor), rows_of(sensor), strict=True):
-        if isinstance(one, LocatingSensor):
-            return one, where
+    for each, rows in zip(sensors_of(sensor), rows_of(sensor), strict=True):
+        if isinstance(each, LocatingSensor):
+            return each, rows
     return None
 
 

@@ -24,22 +24,25 @@ class _FromScans(Start):
         """Check that a sensor measures the position along every axis of the target."""
         if components not in (position_velocity_names(2), position_velocity_names(3)):
             raise InvalidKeyError("scans start a target in the plane or in space only", "start")
-        part = position_part(sensor)
-        if part is None:
+        sensor_and_rows = position_part(sensor)
+        if sensor_and_rows is None:
             raise InvalidKeyError("no sensor here tells a position in one scan", "start")
-        if 2 * part[0].axes != len(components):
-            what = f"the sensor sees {part[0].axes} axes of a target in {len(components) // 2}"
+        locating_sensor, _ = sensor_and_rows
+        if 2 * locating_sensor.axes != len(components):
+            what = (
+                f"the sensor sees {locating_sensor.axes} axes of a target in {len(components) // 2}"
+            )
             raise InvalidKeyError(what, "start")
 
     def located(self, opening: InitialScans, sensor: Sensors, scan: int) -> Gaussian:
         """Return the position (axes, M) at one of the scans."""
-        part = position_part(sensor)
-        assert part is not None
-        one, rows = part
-        return one.located(opening.scans[rows, scan], opening.first_step + scan)
+        sensor_and_rows = position_part(sensor)
+        assert sensor_and_rows is not None
+        locating_sensor, rows = sensor_and_rows
+        return locating_sensor.located(opening.scans[rows, scan], opening.first_step + scan)
 
 
-def _position_information(sensor: Sensors, x: Array, k: int) -> Gaussian:
+def _position_by_one_scan(sensor: Sensors, x: Array, k: int) -> Gaussian:
     """Return the true position (axes, 1) with the covariance of its estimate from one scan."""
     # Covariance of the position: inverse of its block of H' R^-1 H.
     information = sensor.information(x, k, certain=True)[0::2, 0::2]
@@ -67,17 +70,20 @@ class TwoScan(_FromScans):
         """Return the state at the second scan."""
         if gives_scans(sensor):
             assert isinstance(sensor, RangeAzimuth)
-            first, second = opening.scans[:, 0], opening.scans[:, 1]
+            first_scan = opening.scans[:, 0]
+            second_scan = opening.scans[:, 1]
             assert isinstance(opening.T, float | int)
-            return TwoPoint(sensor, first, second, opening.T, opening.diffusion)
+            return TwoPoint(sensor, first_scan, second_scan, opening.T, opening.diffusion)
         # Position of each scan; their difference over T is the velocity.
-        one, two = (self.located(opening, sensor, scan) for scan in range(2))
-        return two_point_difference(one, two, opening.T, opening.diffusion)
+        first = self.located(opening, sensor, 0)
+        second = self.located(opening, sensor, 1)
+        return two_point_difference(first, second, opening.T, opening.diffusion)
 
     def bound(self, path: Array, k: int, sensor: Sensors, T: float, diffusion: float) -> Array:
         """Return two-point differencing at the truth, without prior knowledge of the velocity."""
-        one, two = (_position_information(sensor, path[:, i], k + i) for i in range(2))
-        return two_point_difference(one, two, T, diffusion).cov
+        first = _position_by_one_scan(sensor, path[:, 0], k)
+        second = _position_by_one_scan(sensor, path[:, 1], k + 1)
+        return two_point_difference(first, second, T, diffusion).cov
 
 
 @register("starts", "one-scan")
@@ -98,17 +104,20 @@ class OneScan(_FromScans):
     ) -> Distribution:
         """Return the state at the first scan."""
         position = self.located(opening, sensor, 0)
-        n = 2 * len(position.mean)
+        axes, runs = position.mean.shape
+        n = 2 * axes
         # Position by the scan; velocity zero, with sigma_velocity along each axis.
-        mean, cov = np.zeros((n, position.mean.shape[1])), np.zeros((n, n, *position.cov.shape[2:]))
-        mean[0::2], cov[0::2, 0::2] = position.mean, position.cov
+        mean = np.zeros((n, runs))
+        mean[0::2] = position.mean
+        cov = np.zeros((n, n, *position.cov.shape[2:]))
+        cov[0::2, 0::2] = position.cov
         for i in range(1, n, 2):
             cov[i, i] = self.sigma_velocity * self.sigma_velocity
         return Gaussian(mean, cov)
 
     def bound(self, path: Array, k: int, sensor: Sensors, T: float, diffusion: float) -> Array:
         """Return the scan's covariance, and the velocity's."""
-        position = _position_information(sensor, path[:, 0], k)
+        position = _position_by_one_scan(sensor, path[:, 0], k)
         variance = self.sigma_velocity * self.sigma_velocity
         cov = np.diag(np.full(len(path), variance))
         cov[0::2, 0::2] = position.cov

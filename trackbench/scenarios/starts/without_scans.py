@@ -63,7 +63,8 @@ class _Spread:
             if (sigma < 0.0).any():
                 raise InvalidKeyError("a standard deviation is not negative", "start", "sigma")
             return replace(self, sigma=tuple(sigma.tolist()))
-        n, P = len(components), self._cov
+        n = len(components)
+        P = self._cov
         if P.shape != (n, n):
             what = f"needs {n} rows of {n} numbers, for {', '.join(components)}"
             raise InvalidKeyError(what, "start", "cov")
@@ -139,7 +140,8 @@ class GaussianStart(NormalStart):
         """Return the distribution that the truth was drawn from, or one about a draw about the truth."""
         if nominal is not None:
             return Gaussian(nominal, self._cov)
-        return Gaussian(Gaussian(opening.truth, self._cov).sample(rng), self._cov)
+        mean = Gaussian(opening.truth, self._cov).sample(rng)
+        return Gaussian(mean, self._cov)
 
 
 @register("starts", "given")
@@ -172,14 +174,13 @@ class UniformStart(FixedStart):
 
     def for_state(self, components: tuple[str, ...]) -> Self:
         """Return the start with numbers in the order of the components; raises InvalidKeyError."""
-        low, high = (
-            by_component(limits, components, "start", key)
-            for key, limits in (("low", self.low), ("high", self.high))
-        )
-        for name, a, b in zip(components, low.tolist(), high.tolist(), strict=True):
-            if a > b:
-                raise InvalidKeyError(f"{name}: {b:g} is below `low`, {a:g}", "start", "high")
-        return replace(self, low=tuple(low.tolist()), high=tuple(high.tolist()))
+        low = by_component(self.low, components, "start", "low").tolist()
+        high = by_component(self.high, components, "start", "high").tolist()
+        for name, least, largest in zip(components, low, high, strict=True):
+            if least > largest:
+                what = f"{name}: {largest:g} is below `low`, {least:g}"
+                raise InvalidKeyError(what, "start", "high")
+        return replace(self, low=tuple(low), high=tuple(high))
 
     def prior_type(self, sensor: Sensors) -> type[Distribution]:
         """Return a uniform distribution."""

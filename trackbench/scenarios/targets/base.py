@@ -24,17 +24,18 @@ STRAY = 10.0
 
 
 class Timeline(NamedTuple):
-    """Numbers k (K,) of the scans from the first on, their times (K,), s, and the time between, s.
-
-    Of recorded data that time may differ from step to step (``equal``), and is the first one then; the
-    time between the two scans of a start is another, ``apart``, perhaps each run's own (M,), s.
-    """
+    """Steps of a scenario, those that a start uses up included."""
 
     steps: Index
+    """numbers k (K,) of the steps"""
     times: Array
+    """times (K,), s"""
     T: float
+    """time between two steps, s; that of the first two if the steps are not equal"""
     equal: bool = True
+    """True if all steps are equally far apart, as those of simulated data"""
     apart: Array | float | None = None
+    """time between the two scans of a start, s; (M,) if it differs from run to run; None: T"""
 
     def sampled(self, motion: Motion, axes: int) -> SampledMotion:
         """Return a motion from step to step; raises InvalidKeyError."""
@@ -47,20 +48,22 @@ class Timeline(NamedTuple):
 
     def between_scans(self, rng: Streams) -> Array | float:
         """Return the time between the two scans of a start, s, of each run (M,) if they differ."""
-        apart = self.T if self.apart is None else self.apart
-        return recorded_columns(apart, rng) if isinstance(apart, np.ndarray) else apart
+        if self.apart is None:
+            return self.T
+        if isinstance(self.apart, np.ndarray):
+            return recorded_columns(self.apart, rng)
+        return self.apart
 
 
 class Flight(NamedTuple):
-    """Truth (n_x, K, M) at every step, and measurements (n_z, K or K - 1, M).
-
-    ``arrival`` (S, K or K - 1, M) are steps from 0 at which measurements of S sensors were received, if
-    they were recorded.
-    """
+    """Truth and measurements of M runs of K steps."""
 
     truth: Array
+    """states (n_x, K, M) at every step"""
     measurements: Array
+    """measurements (n_z, K, M); (n_z, K - 1, M) if the first step is not measured"""
     arrival: Array | None = None
+    """steps from 0 at which measurements of S sensors were received (S, K or K - 1, M), if recorded"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,18 +91,23 @@ class Launch:
     @property
     def state(self) -> Array:
         """(px, vx, py, vy[, pz, vz])."""
-        z = () if self.z is None else (self.z, self.vz)
-        return np.array([self.x, self.vx, self.y, self.vy, *z])
+        state = [self.x, self.vx, self.y, self.vy]
+        if self.z is not None:
+            state += [self.z, self.vz]
+        return np.array(state)
 
 
-def turn_caution(what: str, rate_deg_s: float, times: Array) -> str:
-    """Write the note on a turn by more than half a turn between two steps; empty without one."""
+def turn_caution(subject: str, rate_deg_s: float, times: Array) -> str:
+    """Write the note on a turn by more than half a turn between two steps; empty without one.
+
+    ``subject`` is what turns, such as ``leg 1``.
+    """
     longest = float(np.diff(times).max(initial=0.0))
     angle = abs(rate_deg_s) * longest
     if angle <= _HALF_TURN:
         return ""
     return (
-        f"{what} turns by {angle:g} deg between two steps, {longest:g} s apart: "
+        f"{subject} turns by {angle:g} deg between two steps, {longest:g} s apart: "
         "a turn rate is in degrees per second"
     )
 
@@ -115,15 +123,17 @@ class Target(Part):
     @property
     def known_angles(self) -> tuple[str, ...]:
         """Names of components that are angles, as far as the target's own keys say so."""
-        return () if self.own_motion is None else self.own_motion.known_angles
+        if self.own_motion is None:
+            return ()
+        return self.own_motion.known_angles
 
     def cautions(self, timeline: Timeline) -> list[str]:
         """Return notes on legal but unexpected keys."""
         motion = self.own_motion
-        times = timeline.times
         if isinstance(motion, CoordinatedTurn):
-            what = turn_caution("the motion", motion.turn_rate_deg_s, times)
-            return [what] if what else []
+            caution = turn_caution("the motion", motion.turn_rate_deg_s, timeline.times)
+            if caution:
+                return [caution]
         return []
 
     def with_angles(self, angles: tuple[str, ...]) -> "Target":
@@ -194,9 +204,26 @@ class Target(Part):
     def fly(
         self, start: Array, timeline: Timeline, sensor: Sensors, rng: Streams, scans: int
     ) -> Flight:
-        """Return the truth from ``start`` (n_x, M) on, and its measurements from the second step on.
+        """Fly the path and measure it.
 
-        With ``scans``, of which a start is made, from the first on, and so many without a miss.
+        Parameters
+        ----------
+        start : Array (n_x, M)
+            True first states.
+        timeline : Timeline
+            The K steps.
+        sensor : Sensors
+            Sensor, or all sensors as one.
+        rng : Streams
+            Random numbers, a stream per run.
+        scans : int
+            Number of scans that the start uses up. They are measured without a miss. Without any the
+            first step is not measured.
+
+        Returns
+        -------
+        Flight
+            Truth (n_x, K, M), and measurements (n_z, K, M), or (n_z, K - 1, M) without scans.
         """
 
     def check(self, timeline: Timeline) -> None:
@@ -217,23 +244,41 @@ class Target(Part):
         return ()
 
     def run_metrics(self, values: Mapping[str, Array], scored: "Scored") -> dict[str, Array]:
-        """Return further numbers per run (M,) by name, from the series (K, M)."""
+        """Compute further metrics of each run.
+
+        Parameters
+        ----------
+        values : Mapping[str, Array]
+            Series (K, M) by name, such as ``squared_position``.
+        scored : Scored
+            Times and windows that are scored.
+
+        Returns
+        -------
+        dict[str, Array]
+            Number per run (M,) by the metric's name.
+        """
         return {}
 
 
 class Scored(NamedTuple):
-    """Times (K,), s, windows (K,) by name, and what one measurement leaves of the position, m."""
+    """Times and windows over which errors are measured."""
 
     times: Array
+    """times (K,), s"""
     windows: Mapping[str, Mask]
+    """steps (K,) of each window, by name; ``""`` is all that is scored"""
     sigma: float
+    """standard deviation of a position by one measurement, m"""
 
-    def of_peaks(self, peaks: Mapping[str, Array]) -> dict[str, Array]:
+    def peak_metrics(self, peaks: Mapping[str, Array]) -> dict[str, Array]:
         """Return ``peak_position``, m, (M,) in each window, and ``beyond_10_sigma`` (M,)."""
-        out = {in_window("peak_position", name): peak for name, peak in peaks.items()}
+        metrics = {in_window("peak_position", name): peak for name, peak in peaks.items()}
         # 1 beyond the limit, 0 within; NaN if the peak is NaN.
-        strayed = (peaks[""] > STRAY * self.sigma).astype(float)
-        return out | {"beyond_10_sigma": np.where(np.isnan(peaks[""]), np.nan, strayed)}
+        whole_peak = peaks[""]
+        is_beyond = (whole_peak > STRAY * self.sigma).astype(float)
+        metrics["beyond_10_sigma"] = np.where(np.isnan(whole_peak), np.nan, is_beyond)
+        return metrics
 
     def settling(
         self, error: Array, limit: float, stretches: Mapping[str, tuple[float, float]]
@@ -244,33 +289,39 @@ class Scored(NamedTuple):
         stretch's end. Its time, s, counts from the stretch's beginning; NaN if it has not settled, or
         without an error.
         """
-        out: dict[str, Array] = {}
+        metrics: dict[str, Array] = {}
         for name, (begin, end) in stretches.items():
             after = self.windows[""] & (self.times >= begin) & (self.times <= end)
             if not after.any():
                 continue  # shorter than the sampling time
-            number = settled_row(error[after] > limit)
-            seconds = np.append(self.times[after] - begin, np.nan)[number]
-            late = (number == after.sum()).astype(float)
+            row = settled_row(error[after] > limit)
+            seconds = np.append(self.times[after] - begin, np.nan)[row]
+            not_settled = (row == after.sum()).astype(float)
             unknown = np.isnan(error[after]).any(axis=0)
-            out[in_window("settling_s", name)] = np.where(unknown, np.nan, seconds)
-            out[in_window("not_settled", name)] = np.where(unknown, np.nan, late)
-        return out
+            metrics[in_window("settling_s", name)] = np.where(unknown, np.nan, seconds)
+            metrics[in_window("not_settled", name)] = np.where(unknown, np.nan, not_settled)
+        return metrics
 
 
 def measured_along(
     truth: Array, timeline: Timeline, sensor: Sensors, rng: Streams, scans: int, runs: int
 ) -> Flight:
-    """Return a path (n, K, M), or (n, K, 1) for all runs, and its noisy measurements."""
+    """Return a path (n, K, M), or (n, K, 1) for all runs, and its noisy measurements.
+
+    ``scans`` is the number of scans that the start uses up, ``runs`` the number M of runs.
+    """
     # The first step is measured only if the start needs its scan.
     first = 0 if scans else 1
     steps = timeline.steps.tolist()[first:]
     noise = rng.standard_normal((len(sensor.components), len(steps), runs))
-    measurements = [
-        sensor.measure(truth[:, i], k, noise[:, i - first], rng, certain=i < scans)
-        for i, k in enumerate(steps, first)
-    ]
-    return Flight(np.broadcast_to(truth, (*truth.shape[:2], runs)), np.stack(measurements, axis=1))
+    measurements = []
+    for i, k in enumerate(steps, first):
+        z = sensor.measure(truth[:, i], k, noise[:, i - first], rng, certain=i < scans)
+        measurements.append(z)
+    n, K, _ = truth.shape
+    return Flight(
+        truth=np.broadcast_to(truth, (n, K, runs)), measurements=np.stack(measurements, axis=1)
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -299,42 +350,31 @@ class Flown(Target):
     def run_metrics(self, values: Mapping[str, Array], scored: Scored) -> dict[str, Array]:
         """Return ``peak_position``, the largest error in a window, m, and ``beyond_10_sigma``.
 
-        Beyond ten standard deviations of a measurement none would be taken for the track's any more.
+        With a larger error no measurement would be assigned to the track any more.
         """
         squared = values["squared_position"]
-        peaks = {n: np.sqrt(squared[m].max(axis=0)) for n, m in scored.windows.items()}
-        return scored.of_peaks(peaks)
+        peaks = {name: np.sqrt(squared[mask].max(axis=0)) for name, mask in scored.windows.items()}
+        return scored.peak_metrics(peaks)
 
 
 class Schedule(NamedTuple):
-    """Numbers of the first and the last step and the first one's time, s, as the keys have them.
-
-    ``skipped`` steps come before that of the first state.
-    """
+    """Steps of a run as the keys of the config have them."""
 
     first: int
+    """number of the first step"""
     last: int | None
+    """number of the last step, if the config has it"""
     begin: float | None
+    """time of the first step, s, if the config has it"""
     skipped: int
+    """number of steps before that of the first state"""
 
     def check(self, recorded: Timeline | None) -> None:
-        """Raise InvalidKeyError if there is no step, or are too many, of these or the target's own."""
+        """Raise InvalidKeyError if the keys, or the ``recorded`` steps, leave no step or too many."""
         if recorded is not None:
-            # Recorded data number the steps: only the last one can be chosen.
-            if self.first:
-                raise InvalidKeyError("the recorded data say it", "first")
-            steps = recorded.steps[self.skipped + 1 :]
-            if self.last is not None and not steps[0] <= self.last <= steps[-1]:
-                what = f"what is recorded is measured in steps {steps[0]} to {steps[-1]}"
-                raise InvalidKeyError(what, "last")
-            taken = len(self.of_recorded(recorded).steps) - self.skipped
-            if taken > MOST_STEPS:
-                latest = int(recorded.steps[self.skipped + MOST_STEPS - 1])
-                what = f"the recording gives {taken} steps, more than {MOST_STEPS}"
-                way = f"say `last: {latest}`, choose runs, or a longer `resample`"
-                raise InvalidKeyError(f"{what}: {way}")
+            self._check_recorded(recorded)
             return
-        # Otherwise the keys must give a step after the start's scans, and not too many.
+        # The keys must give a step after the start's scans, and not too many.
         if self.last is None:
             raise InvalidKeyError("`last` is required: the target has no steps of its own")
         if self.last - self.first > MOST_STEPS:
@@ -344,20 +384,38 @@ class Schedule(NamedTuple):
             what = f"{self.last} leaves no step to measure after step {begun}"
             raise InvalidKeyError(what, "last")
 
+    def _check_recorded(self, recorded: Timeline) -> None:
+        # Recorded data number the steps: only the last one can be chosen.
+        if self.first:
+            raise InvalidKeyError("the recorded data say it", "first")
+        steps = recorded.steps[self.skipped + 1 :]
+        if self.last is not None and not steps[0] <= self.last <= steps[-1]:
+            what = f"what is recorded is measured in steps {steps[0]} to {steps[-1]}"
+            raise InvalidKeyError(what, "last")
+        taken = len(self.of_recorded(recorded).steps) - self.skipped
+        if taken > MOST_STEPS:
+            latest = int(recorded.steps[self.skipped + MOST_STEPS - 1])
+            what = f"the recording gives {taken} steps, more than {MOST_STEPS}"
+            way = f"say `last: {latest}`, choose runs, or a longer `resample`"
+            raise InvalidKeyError(f"{what}: {way}")
+
     def regular(self, T: float) -> Timeline:
         """Return every step, T s apart."""
         assert self.last is not None
         steps = np.arange(self.first, self.last + 1)
-        return Timeline(steps, np.asarray((steps - self.first) * T + (self.begin or 0.0)), T)
+        times = np.asarray((steps - self.first) * T + (self.begin or 0.0))
+        return Timeline(steps=steps, times=times, T=T)
 
     def of_recorded(self, recorded: Timeline) -> Timeline:
         """Return the recorded steps up to the key `last`, shifted to start at the key `begin`."""
         if self.last is not None:
             end = int(np.searchsorted(recorded.steps, self.last, side="right"))
             recorded = recorded._replace(steps=recorded.steps[:end], times=recorded.times[:end])
+        if self.begin is None or self.begin == recorded.times[0]:
+            return recorded
         # Shift all times so that the first one is `begin`.
-        shift = 0.0 if self.begin is None else self.begin - recorded.times[0]
-        return recorded._replace(times=recorded.times + shift) if shift else recorded
+        shift = self.begin - recorded.times[0]
+        return recorded._replace(times=recorded.times + shift)
 
 
 def recorded_columns(values: Array, rng: Streams) -> Array:
@@ -366,8 +424,9 @@ def recorded_columns(values: Array, rng: Streams) -> Array:
     Training runs, -1 and so on, are the last ones: run -1 is the last of all.
     """
     assert isinstance(rng, RunStreams)
-    out = np.full((*values.shape[:-1], len(rng.runs)), np.nan)
+    columns = np.full((*values.shape[:-1], len(rng.runs)), np.nan)
     # Recordings with these numbers; a negative number counts from the last.
-    existing = [m for m in rng.runs if -values.shape[-1] <= m < values.shape[-1]]
-    out[..., : len(existing)] = values[..., existing]
-    return out
+    number = values.shape[-1]
+    existing = [m for m in rng.runs if -number <= m < number]
+    columns[..., : len(existing)] = values[..., existing]
+    return columns

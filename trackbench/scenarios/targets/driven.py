@@ -42,13 +42,14 @@ class PolarLaunch:
     @property
     def state(self) -> Array:
         """(px, vx, py, vy)."""
-        a = np.array(np.deg2rad(self.azimuth_deg))
+        azimuth = np.array(np.deg2rad(self.azimuth_deg))
         # Unit vectors along and across the line of sight.
-        u, w = position(np.array(1.0), a), position(np.array(1.0), a + 0.5 * np.pi)
-        out = np.empty(4)
-        out[0::2] = 1e3 * self.range_km * u
-        out[1::2] = self.velocity_radial * u + self.velocity_cross * w
-        return out
+        along = position(np.array(1.0), azimuth)
+        across = position(np.array(1.0), azimuth + 0.5 * np.pi)
+        state = np.empty(4)
+        state[0::2] = 1e3 * self.range_km * along
+        state[1::2] = self.velocity_radial * along + self.velocity_cross * across
+        return state
 
 
 @register("targets", "driven")
@@ -90,8 +91,10 @@ class Driven(Target):
     @property
     def components(self) -> tuple[str, ...]:
         """Position and velocity, or the scalar that the motion has."""
-        every = self.motion.sampled(1.0, self.axes)
-        return every.components[: len(every.components) - len(extra_std(every))]
+        motion = self.motion.sampled(1.0, self.axes)
+        # The motion's last components may be noise of its own.
+        number = len(motion.components) - len(extra_std(motion))
+        return motion.components[:number]
 
     @property
     def own_motion(self) -> Motion | None:
@@ -101,7 +104,9 @@ class Driven(Target):
     @property
     def diffusion(self) -> float:
         """Spectral density of its white acceleration, m^2/s^3."""
-        return self.motion.q if isinstance(self.motion, WhiteAcceleration) else 0.0
+        if isinstance(self.motion, WhiteAcceleration):
+            return self.motion.q
+        return 0.0
 
     def start(self, timeline: Timeline) -> Array:
         """Return the first state (n_x,)."""
@@ -124,7 +129,8 @@ class Driven(Target):
     ) -> Flight:
         """Draw transition and measurement step by step, with the target's other noise."""
         motion = self.motion.sampled(timeline.T, self.axes)
-        n, noise_of_one = len(start), (len(sensor.components), start.shape[1])
+        n, runs = start.shape
+        n_z = len(sensor.components)
         truth = [append_noise(start, extra_std(motion), rng)]
         measurements = []
         # x_k given x_{k-1}, then z_k; the first state is measured only if scans are needed.
@@ -132,6 +138,8 @@ class Driven(Target):
             if i > 0:
                 truth.append(motion.transition(truth[-1], k).sample(rng))
             if i > 0 or scans:
-                noise = rng.standard_normal(noise_of_one)
+                noise = rng.standard_normal((n_z, runs))
                 measurements.append(sensor.measure(truth[-1], k, noise, rng, certain=i < scans))
-        return Flight(np.stack([x[:n] for x in truth], axis=1), np.stack(measurements, axis=1))
+        # Without the components of noise.
+        states = np.stack([x[:n] for x in truth], axis=1)
+        return Flight(truth=states, measurements=np.stack(measurements, axis=1))

@@ -29,12 +29,16 @@ from trackbench.scenarios.targets.base import (
 
 @dataclass(frozen=True, eq=False)
 class Onsets:
-    """Sampling times (K,), starts (legs,), times that each leg covers (legs, K), quiet ones (K,)."""
+    """Onsets of maneuvers, against which a filter's detections are measured."""
 
     times: Array
+    """sampling times (K,), s"""
     starts: tuple[float, ...]
+    """time at which each leg starts, s"""
     inside: Mask
+    """samples that each leg covers (legs, K)"""
     quiet: Mask
+    """samples (K,) of settled straight flight"""
 
     def metrics(
         self, mode: Array, alarm: Array | None, age: Array | None = None
@@ -48,41 +52,44 @@ class Onsets:
         minus true onset. ``onset_abs_error_s[leg n]``: its size. ``false_maneuvers_per_1000``:
         alarms per 1000 quiet samples in the quiescent mode.
         """
-        on = mode > 0.5  # the prior's row is NaN: off
-        out: dict[str, Array] = {}
-        begun = None if age is None else _last(self.times[:, None] - age)
+        is_on = mode > 0.5  # the prior's row is NaN: off
+        estimated_onset = None
+        if age is not None:
+            estimated_onset = _carry_last(self.times[:, None] - age)
+        metrics: dict[str, Array] = {}
         for n, (start, during) in enumerate(zip(self.starts, self.inside, strict=True), 1):
             if not during.any():
                 continue  # shorter than the sampling time
             # Mode just before the leg, and whether it comes on during the leg.
             first = int(np.argmax(during))
-            before = on[first - 1] if first else np.zeros(on.shape[1], dtype=np.bool_)
-            detected = on[during].any(axis=0)
+            was_on = is_on[first - 1] if first else np.zeros(is_on.shape[1], dtype=np.bool_)
+            detected = is_on[during].any(axis=0)
             # The sample at the onset itself carries none of the turn; `during` starts after it.
-            met = first + np.argmax(on[during], axis=0)
+            sample = first + np.argmax(is_on[during], axis=0)
             # Delay from the onset to that sample, if the mode was off before.
-            delay = np.where(detected & ~before, self.times[met] - start, np.nan)
-            out[f"detection_delay_s[leg {n}]"] = delay
-            if begun is not None:
+            delay = np.where(detected & ~was_on, self.times[sample] - start, np.nan)
+            metrics[f"detection_delay_s[leg {n}]"] = delay
+            if estimated_onset is not None:
                 # Estimated onset (time less the alarm's age) minus the true one.
-                error = begun[met, np.arange(len(met))] - start
-                out[f"onset_error_s[leg {n}]"] = np.where(np.isnan(delay), np.nan, error)
-                out[f"onset_abs_error_s[leg {n}]"] = np.abs(out[f"onset_error_s[leg {n}]"])
-                out[f"onset_age_s[leg {n}]"] = delay - error
-            out[f"missed_maneuvers[leg {n}]"] = (~detected).astype(float)
-            out[f"already_maneuvering[leg {n}]"] = before.astype(float)
-        out["false_maneuvers_per_1000"] = self._false_alarms(on, alarm)
-        return out
+                error = estimated_onset[sample, np.arange(len(sample))] - start
+                detected_error = np.where(np.isnan(delay), np.nan, error)
+                metrics[f"onset_error_s[leg {n}]"] = detected_error
+                metrics[f"onset_abs_error_s[leg {n}]"] = np.abs(detected_error)
+                metrics[f"onset_age_s[leg {n}]"] = delay - error
+            metrics[f"missed_maneuvers[leg {n}]"] = (~detected).astype(float)
+            metrics[f"already_maneuvering[leg {n}]"] = was_on.astype(float)
+        metrics["false_maneuvers_per_1000"] = self._false_alarms(is_on, alarm)
+        return metrics
 
-    def _false_alarms(self, on: Mask, alarm: Array | None) -> Array:
-        was_off = np.vstack([np.ones_like(on[:1]), ~on[:-1]])
-        raised = on & was_off if alarm is None else alarm > 0.0
-        # Count alarms at quiet samples whose predecessor is off, per 1000 such samples.
+    def _false_alarms(self, is_on: Mask, alarm: Array | None) -> Array:
+        """Count alarms at quiet samples whose predecessor is off, per 1000 such samples."""
+        was_off = np.vstack([np.ones_like(is_on[:1]), ~is_on[:-1]])
+        raised = is_on & was_off if alarm is None else alarm > 0.0
         quiet = self.quiet[:, None] & was_off
         return np.asarray(1000.0 * (raised & quiet).sum(axis=0) / quiet.sum(axis=0))
 
 
-def _last(rows: Array) -> Array:
+def _carry_last(rows: Array) -> Array:
     """Carry the last value (K, M) on to each row; NaN before the first."""
     number = np.arange(len(rows))[:, None]
     latest = np.maximum.accumulate(np.where(np.isnan(rows), 0, number), axis=0)
@@ -166,8 +173,9 @@ class Legs(Flown):
         for n, leg in enumerate(self.legs, 1):
             if not leg.turn_rate_deg_s:
                 continue
-            if what := turn_caution(f"leg {n}", leg.turn_rate_deg_s, timeline.times):
-                notes.append(what)
+            caution = turn_caution(f"leg {n}", leg.turn_rate_deg_s, timeline.times)
+            if caution:
+                notes.append(caution)
             velocity = self.states(np.array([leg.start]))[1:4:2, 0]
             if not velocity.any():
                 what = f"leg {n} turns a target that stands still, which changes nothing"
@@ -179,39 +187,52 @@ class Legs(Flown):
 
         A turn at a constant rate starts anew from the state at its beginning, and at its end.
         """
-        out, since, state = np.empty((2 * self.axes, len(times))), 0.0, self.launch.state
+        states = np.empty((2 * self.axes, len(times)))
+        # State at the last restart, its time, and the accelerations after it.
+        state = self.launch.state
+        since = 0.0
         accelerated: list[Leg] = []
         for leg in self.legs:
             if not leg.turn_rate_deg_s:
                 # Accelerations are summed up to the next turn at a constant rate.
                 accelerated.append(leg)
                 continue
-            start, end = np.array([leg.start]), np.array([leg.end])
-            _fill(out, times, since, _accelerated(state, accelerated, times, since))
-            # A turn starts from the state at its beginning; what follows starts from its end.
-            at_start = _accelerated(state, accelerated, start, since)[:, 0]
-            _fill(out, times, leg.start, _turned(at_start, leg, times))
-            state, since, accelerated = _turned(at_start, leg, end)[:, 0], leg.end, []
-        _fill(out, times, since, _accelerated(state, accelerated, times, since))
-        return out
+            # Later legs overwrite the states after their start.
+            later = times >= since
+            states[:, later] = _accelerated(state, accelerated, times[later], since)
+            # A turn starts from the state at its beginning; the next stretch starts from its end.
+            at_start = _accelerated(state, accelerated, np.array([leg.start]), since)[:, 0]
+            turning = times >= leg.start
+            states[:, turning] = _turned(at_start, leg, times[turning])
+            state = _turned(at_start, leg, np.array([leg.end]))[:, 0]
+            since = leg.end
+            accelerated = []
+        later = times >= since
+        states[:, later] = _accelerated(state, accelerated, times[later], since)
+        return states
 
     def windows(self, times: Array, scored: Mask) -> dict[str, Mask]:
         """Select ``quiet``, settled straight flight; of the turns, if there are any:
 
         ``before`` the first one, ``turns`` and each ``leg n``, their ``starts`` and each ``start n``.
         """
-        inside, out = self._inside(times), {}
-        late = [times > leg.start + self.edge for leg in self.legs]
+        inside = self._inside(times)
         # Start of a turn: its first `edge` seconds.
-        starts = inside & ~np.array(late, dtype=np.bool_).reshape(inside.shape)
+        starts = [
+            during & ~(times > leg.start + self.edge)
+            for leg, during in zip(self.legs, inside, strict=True)
+        ]
+        windows = {}
         if self.legs:
-            out["before"] = scored & (times <= self.legs[0].start)
-            out["turns"] = scored & inside.any(axis=0)
-            out["starts"] = scored & starts.any(axis=0)
-        out |= {f"leg {n}": scored & during for n, during in enumerate(inside, 1)}
-        out |= {f"start {n}": scored & during for n, during in enumerate(starts, 1)}
-        out["quiet"] = scored & self._quiet(times)
-        return out
+            windows["before"] = scored & (times <= self.legs[0].start)
+            windows["turns"] = scored & inside.any(axis=0)
+            windows["starts"] = scored & np.any(starts, axis=0)
+        for n, during in enumerate(inside, 1):
+            windows[f"leg {n}"] = scored & during
+        for n, during in enumerate(starts, 1):
+            windows[f"start {n}"] = scored & during
+        windows["quiet"] = scored & self._quiet(times)
+        return windows
 
     @property
     def spans(self) -> list[tuple[float, float]]:
@@ -229,26 +250,38 @@ class Legs(Flown):
         ``overshoot_m[leg n]`` mean error along the turn's acceleration after its end. With
         ``settled_error`` also settling after each leg, up to the next one.
         """
-        out, times, window = super().run_metrics(values, scored), scored.times, scored.windows[""]
+        metrics = super().run_metrics(values, scored)
+        times = scored.times
+        window = scored.windows[""]
         if "error_x" in values:
-            out |= self._overshoots(values["error_x"], values["error_y"], times, window)
+            metrics |= self._overshoots(values["error_x"], values["error_y"], times, window)
         if self.settled_error is not None:
-            ends = [*(leg.start for leg in self.legs[1:]), np.inf]
-            straight = zip((leg.end for leg in self.legs), ends, strict=True)
-            after = {f"leg {n}": stretch for n, stretch in enumerate(straight, 1)}
+            # Stretch from each leg's end to the next leg's start.
+            stretches = {}
+            for n, leg in enumerate(self.legs, 1):
+                end = self.legs[n].start if n < len(self.legs) else np.inf
+                stretches[f"leg {n}"] = (leg.end, end)
             error = np.sqrt(values["squared_position"])
-            out |= scored.settling(error, self.settled_error, after)
+            metrics |= scored.settling(error, self.settled_error, stretches)
         if "mode" in values:
-            starts = tuple(leg.start for leg in self.legs)
-            onsets = Onsets(times, starts, self._inside(times), window & self._quiet(times))
-            out |= onsets.metrics(values["mode"], values.get("alarm"), values.get("alarm_age_s"))
-        return out
+            onsets = Onsets(
+                times=times,
+                starts=tuple(leg.start for leg in self.legs),
+                inside=self._inside(times),
+                quiet=window & self._quiet(times),
+            )
+            metrics |= onsets.metrics(
+                values["mode"], values.get("alarm"), values.get("alarm_age_s")
+            )
+        return metrics
 
     def _inside(self, t: Array) -> Mask:
+        """Select the times that each leg covers (legs, K)."""
         during = [(t > leg.start) & (t <= leg.end) for leg in self.legs]
         return np.array(during, dtype=np.bool_).reshape(len(during), len(t))
 
     def _quiet(self, t: Array) -> Mask:
+        """Select the times (K,) of settled straight flight."""
         quiet = np.ones(len(t), dtype=np.bool_)
         for leg in self.legs:
             quiet &= (t <= leg.start) | (t > leg.end + self.settle)
@@ -256,7 +289,7 @@ class Legs(Flown):
 
     def _overshoots(self, x: Array, y: Array, t: Array, scored: Mask) -> dict[str, Array]:
         """Measure overshoots from signed errors (K, M): a filter that still turns is ahead."""
-        out = {}
+        overshoots = {}
         straight = scored & ~self._inside(t).any(axis=0)
         for n, leg in enumerate(self.legs):
             after = (t > leg.end) & (t <= leg.end + self.edge) & straight
@@ -264,8 +297,8 @@ class Legs(Flown):
             if after.any() and size > 0.0:
                 # Error along the turn's acceleration, a . e / |a|
                 ahead = (leg.ax * x[after] + leg.ay * y[after]) / size
-                out[f"overshoot_m[leg {n + 1}]"] = mean(ahead, axis=0)
-        return out
+                overshoots[f"overshoot_m[leg {n + 1}]"] = mean(ahead, axis=0)
+        return overshoots
 
 
 _LEGS_KEY = ("target", "legs")
@@ -273,31 +306,31 @@ _LEGS_KEY = ("target", "legs")
 
 def _accelerated(start: Array, legs: list[Leg], times: Array, begun: float) -> Array:
     """Move from ``start`` (n,) at time ``begun`` on: states (n, K)."""
-    t, out = times - begun, []
+    t = times - begun
+    rows = []
     for axis, (p, v) in enumerate(zip(start[0::2], start[1::2], strict=True)):
-        position, velocity = p + v * t, np.full_like(t, v)
+        position = p + v * t
+        velocity = np.full_like(t, v)
         for leg in legs:
-            since, after = np.maximum(times - leg.start, 0.0), np.maximum(times - leg.end, 0.0)
             # v += a (s - e), p += a (s^2 - e^2) / 2; s since the leg's start, e since its end
-            speed, distance = since - after, (since * since - after * after) / 2
-            position = position + leg.acceleration[axis] * distance
-            velocity = velocity + leg.acceleration[axis] * speed
-        out += [position, velocity]
-    return np.stack(out)
+            s = np.maximum(times - leg.start, 0.0)
+            e = np.maximum(times - leg.end, 0.0)
+            position = position + leg.acceleration[axis] * ((s * s - e * e) / 2)
+            velocity = velocity + leg.acceleration[axis] * (s - e)
+        rows += [position, velocity]
+    return np.stack(rows)
 
 
 def _turned(start: Array, leg: Leg, times: Array) -> Array:
     """Turn from ``start`` (n,) at the leg's start on, at its rate: states (n, K)."""
     t = times - leg.start
-    # The turn is in the plane; the height goes on at constant speed.
-    planar = turn_state(start[:4], np.full_like(t, np.deg2rad(leg.turn_rate_deg_s)), t)
-    rest = [start[4] + start[5] * t, np.full_like(t, start[5])] if len(start) > 4 else []
-    return np.stack(planar + rest)
-
-
-def _fill(out: Array, times: Array, since: float, states: Array) -> None:
-    """Fill the states of all times from ``since`` on; later legs overwrite them."""
-    out[:, times >= since] = states[:, times >= since]
+    turn_rate = np.full_like(t, np.deg2rad(leg.turn_rate_deg_s))
+    rows = list(turn_state(start[:4], turn_rate, t))
+    if len(start) > 4:
+        # The turn is in the plane; the height goes on at constant speed.
+        height, climb = start[4:]
+        rows += [height + climb * t, np.full_like(t, climb)]
+    return np.stack(rows)
 
 
 _Rows = TypeVar("_Rows", Array, Index)
@@ -331,11 +364,14 @@ class RandomLegs(Target):
     axes = 2
 
     def __post_init__(self) -> None:
-        ranges = {"speed": self.speed, "legs": self.legs, "leg_steps": self.leg_steps}
-        for name, (low, high) in {
-            **ranges,
-            "straight_steps": self.straight_steps or (0, 0),
-        }.items():
+        ranges: dict[str, tuple[float, float]] = {
+            "speed": self.speed,
+            "legs": self.legs,
+            "leg_steps": self.leg_steps,
+        }
+        if self.straight_steps is not None:
+            ranges["straight_steps"] = self.straight_steps
+        for name, (low, high) in ranges.items():
             if low > high:
                 raise ValueError(f"{name}: {low:g} is more than {high:g}")
 
@@ -363,39 +399,48 @@ class RandomLegs(Target):
     def _flown(self, steps: int, T: float, rng: Streams, runs: int) -> Array:
         """Draw states (4, K, M)."""
         # Step 1: draw the shares of the first state, and each leg's length and accelerations.
-        x, y, share, heading, many = rng.random((5, runs))
-        most, number = self.legs[1], _uniform_whole(self.legs, many)
+        x_share, y_share, speed_share, heading_share, number_share = rng.random((5, runs))
+        number = _uniform_whole(self.legs, number_share)
+        _, most = self.legs
         lengths = _uniform_whole(self.leg_steps, rng.random((most, runs)))
         across = self.across * (2.0 * rng.random((most, runs)) - 1.0)
         along = self.sigma_along * rng.standard_normal((most, runs))
         # Step 2: put straight flight before each leg.
         if self.straight_steps is not None:
             straight = _uniform_whole(self.straight_steps, rng.random((most, runs)))
-            lengths, most, number = _alternating(straight, lengths), 2 * most, 2 * number
-            across, along = (_alternating(np.zeros_like(a), a) for a in (across, along))
+            lengths = _alternating(straight, lengths)
+            across = _alternating(np.zeros_like(across), across)
+            along = _alternating(np.zeros_like(along), along)
+            number = 2 * number
         # Step 3: last step of each leg, and of each run.
         ends = np.cumsum(lengths, axis=0)
         last = np.take_along_axis(ends, number[None] - 1, axis=0)[0]
         # Step 4: first state, anywhere in the area and in any direction.
-        speed = self.speed[0] + (self.speed[1] - self.speed[0]) * share
-        c, s = cos_sin(2.0 * np.pi * heading)
-        state = np.stack(
-            [self.area * (2.0 * x - 1.0), speed * c, self.area * (2.0 * y - 1.0), speed * s]
-        )
-        out = np.full((4, steps, runs), np.nan)
-        out[:, 0] = state
+        least_speed, largest_speed = self.speed
+        speed = least_speed + (largest_speed - least_speed) * speed_share
+        c, s = cos_sin(2.0 * np.pi * heading_share)
+        px = self.area * (2.0 * x_share - 1.0)
+        py = self.area * (2.0 * y_share - 1.0)
+        state = np.stack([px, speed * c, py, speed * s])
+        states = np.full((4, steps, runs), np.nan)
+        states[:, 0] = state
         # Step 5: move by the current leg's acceleration; NaN after the last leg.
         for i in range(1, steps):
-            leg = np.minimum((ends < i).sum(axis=0), most - 1)[None]
-            forward, aside = (np.take_along_axis(a, leg, axis=0)[0] for a in (along, across))
+            leg = np.minimum((ends < i).sum(axis=0), len(ends) - 1)[None]
+            forward = np.take_along_axis(along, leg, axis=0)[0]
+            aside = np.take_along_axis(across, leg, axis=0)[0]
             state = _moved(state, forward, aside, T)
-            out[:, i] = np.where(i <= last, state, np.nan)
-        return out
+            states[:, i] = np.where(i <= last, state, np.nan)
+        return states
 
 
 def _uniform_whole(ends: tuple[int, int], shares: Array) -> Index:
-    """Return whole numbers from the least to the largest, each as probable."""
-    return (ends[0] + np.floor(shares * (ends[1] - ends[0] + 1))).astype(np.intp)
+    """Return whole numbers from the least to the largest, each as probable.
+
+    ``shares`` are uniform on (0, 1).
+    """
+    least, largest = ends
+    return (least + np.floor(shares * (largest - least + 1))).astype(np.intp)
 
 
 def _alternating(first: _Rows, second: _Rows) -> _Rows:
@@ -407,9 +452,11 @@ def _moved(state: Array, along: Array, across: Array, T: float) -> Array:
     """Move the state (4, M) by T seconds of along- and cross-track acceleration, m/s^2."""
     px, vx, py, vy = state
     speed = np.sqrt(vx * vx + vy * vy)
-    u, w = vx / speed, vy / speed
     # a = along (u, w) + across (-w, u), with (u, w) the direction of flight
-    ax, ay = along * u - across * w, along * w + across * u
+    u = vx / speed
+    w = vy / speed
+    ax = along * u - across * w
+    ay = along * w + across * u
     # p + v T + a T^2 / 2, v + a T
     half = 0.5 * T * T
     return np.stack([px + vx * T + half * ax, vx + ax * T, py + vy * T + half * ay, vy + ay * T])

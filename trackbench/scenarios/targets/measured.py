@@ -1,4 +1,4 @@
-"""A target of which measurements were recorded, and perhaps the truth: nothing of it is simulated."""
+"""Target with recorded measurements, and perhaps a recorded truth. Nothing is simulated."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -40,19 +40,21 @@ from trackbench.scenarios.targets.base import Flight, Scored, Target, Timeline, 
 
 
 class Recording(NamedTuple):
-    """M runs on one clock: scans (n_z, s, M) that the start uses up, what is seen (n_z, K, M) after.
-
-    ``apart`` (M,) is the time between the last two of those scans, s; the truth (n_x, K + 1, M).
-    ``arrivals`` (S, K, M) are steps at which measurements of S sensors were received, if that is known.
-    """
+    """M recorded runs on one clock."""
 
     clock: Clock
     scans: Array
+    """scans (n_z, s, M) that the start uses up"""
     apart: Array
+    """time (M,) between the last two of those scans, s"""
     measurements: Array
+    """measurements (n_z, K, M) after those scans"""
     truth: Array | None
+    """true states (n_x, K + 1, M)"""
     notices: tuple[str, ...]
+    """notes on changes to the rows"""
     arrivals: Array | None
+    """steps (S, K, M) at which measurements of S sensors were received, if that is known"""
 
 
 def _angles(sensor: SensorBase) -> dict[str, int]:
@@ -103,30 +105,37 @@ class Measured(FromFiles, Naming, Target):
             if name not in self.components:
                 what = f"{name!r} is not one of {', '.join(self.components)}"
                 raise InvalidKeyError(what, "angles", i)
-        if self.truth is None and (self.truth_gap is not None or self.truth_naming is not None):
-            key = "truth_gap" if self.truth_gap is not None else "truth_naming"
-            raise InvalidKeyError("there is no truth", key)
-        of_truth = self.truth_naming.origin if self.truth_naming is not None else ()
-        if self.origin and of_truth not in ((), self.origin):
+        if self.truth is None:
+            if self.truth_gap is not None:
+                raise InvalidKeyError("there is no truth", "truth_gap")
+            if self.truth_naming is not None:
+                raise InvalidKeyError("there is no truth", "truth_naming")
+        truth_origin = () if self.truth_naming is None else self.truth_naming.origin
+        if self.origin and truth_origin not in ((), self.origin):
             what = "is not that of the target, and both count from one point: leave it out"
             raise InvalidKeyError(what, "truth_naming", "origin")
 
     @property
     def patterns(self) -> tuple[str, ...]:
         """All files, as they are given."""
-        return self._measured if self.truth is None else (*self._measured, self.truth)
+        if self.truth is None:
+            return self._measurement_files
+        return (*self._measurement_files, self.truth)
 
     @property
-    def _measured(self) -> tuple[str, ...]:
-        files = self.measurements
-        return files if isinstance(files, tuple) else (files,)
+    def _measurement_files(self) -> tuple[str, ...]:
+        if isinstance(self.measurements, tuple):
+            return self.measurements
+        return (self.measurements,)
 
     @property
     def components(self) -> tuple[str, ...]:
         """Names of the truth's components, in order."""
         if self.state:
             return self.state
-        return position_velocity_names(self.axes) if self.axes else ("x",)
+        if self.axes:
+            return position_velocity_names(self.axes)
+        return ("x",)
 
     @property
     def known_angles(self) -> tuple[str, ...]:
@@ -135,7 +144,9 @@ class Measured(FromFiles, Naming, Target):
 
     def with_angles(self, angles: tuple[str, ...]) -> "Measured":
         """Return the target whose truth is interpolated by these angles."""
-        return self if angles == self.angles or self.truth is None else replace(self, angles=angles)
+        if angles == self.angles or self.truth is None:
+            return self
+        return replace(self, angles=angles)
 
     @property
     def has_truth(self) -> bool:
@@ -161,103 +172,134 @@ class Measured(FromFiles, Naming, Target):
         return self._recording.notices
 
     @property
-    def _recording(self) -> "Recording":
+    def _recording(self) -> Recording:
         """Recording read for the scenario's sensor and start."""
-        return self.__dict__["_read"][1]
+        _, recording = self.__dict__["_read"]
+        return recording
 
     def own_timeline(self, sensor: Sensors, start: Start, T: float) -> Timeline:
         """Return the steps of the files, those first that the start uses up."""
         self._check(sensor, start)
         requested = (sensor.components, start.scans, T)
         # Read the files again only for another sensor, start or T.
-        if self.__dict__.get("_read", (None,))[0] != requested:
+        read_for, _ = self.__dict__.get("_read", (None, None))
+        if read_for != requested:
             with self.reading():
-                object.__setattr__(
-                    self, "_read", (requested, self._recorded(sensor, start.scans, T))
-                )
-        if self.longest_delay and any(one.delay for one in sensors_of(sensor)):
+                recording = self._read_recording(sensor, start.scans, T)
+                object.__setattr__(self, "_read", (requested, recording))
+        if self.longest_delay and any(each.delay for each in sensors_of(sensor)):
             what = "`delay` and a column `received` exclude each other; leave one out"
             raise InvalidKeyError(what, "sensor")
-        clock, apart = self._recording.clock, self._recording.apart
-        between = clock.T if clock.T is not None else float(clock.times[1] - clock.times[0])
+        clock = self._recording.clock
+        between = clock.T
+        if between is None:
+            between = float(clock.times[1] - clock.times[0])
         # Time between the scans of the start: one number, or one for each run.
-        gap = None if start.scans < 2 else float(apart[0]) if np.ptp(apart) <= TICK else apart
-        if isinstance(gap, np.ndarray) and issubclass(start.prior_type(sensor), TwoPoint):
-            what = "two scans of a radar must be equally far apart in all runs: take one-scan"
-            raise InvalidKeyError(what, "start")
-        return Timeline(clock.steps, clock.times, between, clock.T is not None, gap)
+        apart: Array | float | None = None
+        if start.scans >= 2:
+            apart = self._recording.apart
+            if np.ptp(apart) <= TICK:
+                apart = float(apart[0])
+            elif issubclass(start.prior_type(sensor), TwoPoint):
+                what = "two scans of a radar must be equally far apart in all runs: take one-scan"
+                raise InvalidKeyError(what, "start")
+        return Timeline(
+            steps=clock.steps,
+            times=clock.times,
+            T=between,
+            equal=clock.T is not None,
+            apart=apart,
+        )
 
-    def _recorded(self, sensor: Sensors, scans: int, T: float) -> "Recording":
+    def _read_recording(self, sensor: Sensors, scans: int, T: float) -> Recording:
+        """Read the files; ``scans`` is the number of scans that the start uses up."""
         # Step 1: read the chosen runs' rows of each sensor, in order of time.
-        parts = rows_of(sensor)
-        origin, path = self.origin, ["target", "origin"]
+        sensor_rows = rows_of(sensor)
+        origin = self.origin
+        origin_key: tuple[str, ...] = ("target", "origin")
         if not origin and self.truth_naming is not None and self.truth_naming.origin:
-            origin, path = self.truth_naming.origin, ["target", "truth_naming", "origin"]
+            origin = self.truth_naming.origin
+            origin_key = ("target", "truth_naming", "origin")
         in_frame = {name for name in self.components if name in ("x", "y", "z", "px", "py", "pz")}
-        in_frame |= self._of_position(sensor)
-        components = [sensor.components[part] for part in parts]
+        in_frame |= self._position_dependent(sensor)
+        components = [sensor.components[rows] for rows in sensor_rows]
         quantities = {plain_name(c) for c in (*self.components, *sensor.components)}
         chosen = [str(name) for name in self.runs]
         gathered = Gathered(
             self,
             origin=origin or None,
-            origin_key=tuple(path),
+            origin_key=origin_key,
             in_frame=in_frame,
             in_space="z" in quantities,
             chosen=chosen,
         )
         names = [str(name) for name in self.sensors]
-        rows = read_rows(gathered, self._measured, components, names=names)
+        rows = read_rows(gathered, self._measurement_files, components, names=names)
         rows = chosen_runs(gathered, rows, chosen, ("target", "runs"))
-        for m, one in enumerate(sensors_of(sensor)):
-            check_turns(gathered, rows[m], _angles(one))
-            rows[m] = in_order(gathered, rows[m], one.innovation)
+        for m, each in enumerate(sensors_of(sensor)):
+            check_turns(gathered, rows[m], _angles(each))
+            rows[m] = in_order(gathered, rows[m], each.innovation)
         # Step 2: take the first scans from the sensor that measures the position.
-        telling = position_part(sensor)
-        place = 0 if telling is None else parts.index(telling[1])
-        start = initial_scans(gathered, rows[place], scans) if scans else None
+        locating = position_part(sensor)
+        number = 0  # of that sensor
+        if locating is not None:
+            _, locating_rows = locating
+            number = sensor_rows.index(locating_rows)
+        start = initial_scans(gathered, rows[number], scans) if scans else None
         # Step 3: put all runs on one clock, and the measurements on its steps.
         clock = common_clock(gathered, rows, start, T, self.resample)
         resampled = self.resample is not None
         measurements, arrivals = measurement_array(gathered, rows, clock, resampled)
         # Step 4: add the scans of the start and the truth.
-        first = np.full((len(sensor.components), scans, len(gathered.runs)), np.nan)
+        runs = len(gathered.runs)
+        first_scans = np.full((len(sensor.components), scans, runs), np.nan)
+        apart = np.full(runs, np.nan)
         if start is not None:
-            first[parts[place]] = start.scans
-        truth = None if self.truth is None else self._truth(gathered, clock)
-        if truth is not None:
+            first_scans[sensor_rows[number]] = start.scans
+            apart = start.apart
+        truth = None
+        if self.truth is not None:
+            truth = self._read_truth(gathered, clock)
             later = truth[:, 1:]
             steps = clock.steps[1:]
             gathered.notices += contradictions(sensor, self.components, later, measurements, steps)
-        gathered.check_origin(origin, *path)
+        gathered.check_origin(origin, *origin_key)
         gathered.note_distances()
-        apart = np.full(len(gathered.runs), np.nan) if start is None else start.apart
         notices = tuple(dict.fromkeys(gathered.notices))
-        clock = with_scans(clock, gathered, scans, apart)
-        return Recording(clock, first, apart, measurements, truth, notices, arrivals)
+        return Recording(
+            clock=with_scans(clock, gathered, scans, apart),
+            scans=first_scans,
+            apart=apart,
+            measurements=measurements,
+            truth=truth,
+            notices=notices,
+            arrivals=arrivals,
+        )
 
-    def _of_position(self, sensor: Sensors) -> set[str]:
+    def _position_dependent(self, sensor: Sensors) -> set[str]:
         """Find the components of the measurement that depend on the position."""
         # Move a state along its axes of positions, and compare.
-        away = np.array([name in ("px", "py", "pz") for name in self.components])
-        state = 1.0 + np.arange(len(away), dtype=float)[:, None]
+        is_position = np.array([name in ("px", "py", "pz") for name in self.components])
+        state = 1.0 + np.arange(len(is_position), dtype=float)[:, None]
+        moved = state + 7.0 * is_position[:, None]
         with np.errstate(all="ignore"):
-            before, after = (
-                sensor.measurement(x, 1).mean for x in (state, state + 7.0 * away[:, None])
-            )
-        return {
-            c for c, same in zip(sensor.components, before == after, strict=True) if not same.all()
-        }
+            before = sensor.measurement(state, 1).mean
+            after = sensor.measurement(moved, 1).mean
+        dependent = set()
+        for component, is_equal in zip(sensor.components, before == after, strict=True):
+            if not is_equal.all():
+                dependent.add(component)
+        return dependent
 
     def _check(self, sensor: Sensors, start: Start) -> None:
-        """Raise InvalidKeyError for what does not go with sensors and start."""
-        every = sensors_of(sensor)
+        """Raise InvalidKeyError for keys that exclude recorded data, or do not fit the sensors."""
+        sensors = sensors_of(sensor)
         if start.of_truth:
             what = "recorded data start from their scans, or as `given`: what is true is not known"
             raise InvalidKeyError(what, "start")
         # Errors and gaps that only a simulation adds.
-        for one in every:
-            if one.bias or one.outliers is not None or one.detection != 1 or one.period != 1:
+        for each in sensors:
+            if each.bias or each.outliers is not None or each.detection != 1 or each.period != 1:
                 what = "bias, outliers, detection and period are of simulated measurements"
                 raise InvalidKeyError(what, "sensor")
         # Columns and units must be of known quantities.
@@ -266,18 +308,20 @@ class Measured(FromFiles, Naming, Target):
         self.check_names(names, "target")
         if self.truth_naming is not None:
             self.truth_naming.check_names(names, "target", "truth_naming")
-        if len(self._measured) not in (1, len(every)):
-            what = f"{len(self._measured)} files for {len(every)} sensors"
+        files = len(self._measurement_files)
+        if files not in (1, len(sensors)):
+            what = f"{files} files for {len(sensors)} sensors"
             raise InvalidKeyError(what, "target", "measurements")
-        if len(set(self.sensors)) not in (0, len(every)):
-            what = f"names {len(set(self.sensors))} of {len(every)} sensors: give each a name"
+        names_of_sensors = len(set(self.sensors))
+        if names_of_sensors not in (0, len(sensors)):
+            what = f"names {names_of_sensors} of {len(sensors)} sensors: give each a name"
             raise InvalidKeyError(what, "target", "sensors")
 
-    def _truth(self, gathered: Gathered, clock: Clock) -> Array:
-        """Return the truth (n_x, K + 1, M) at the clock's steps."""
+    def _read_truth(self, gathered: Gathered, clock: Clock) -> Array:
+        """Read the truth (n_x, K + 1, M) at the clock's steps."""
         assert self.truth is not None
         naming = self.truth_naming or replace(self, format=None)
-        of_truth = replace(
+        gathered_truth = replace(
             gathered,
             naming=naming,
             runs=[],
@@ -286,15 +330,17 @@ class Measured(FromFiles, Naming, Target):
             unavailable=Counter(),
             chosen=(*gathered.runs, ONE_RUN),
         )
-        (rows,) = read_rows(of_truth, [self.truth], [self.components], least=1)
-        (rows,) = chosen_runs(of_truth, [rows], ())
-        rows = in_order(of_truth, rows)
-        check_runs_of_truth(of_truth, rows, gathered)
-        gathered.geodetic, gathered.planar = of_truth.geodetic, of_truth.planar
-        gathered.largest_distance = of_truth.largest_distance
+        (rows,) = read_rows(gathered_truth, [self.truth], [self.components], least=1)
+        (rows,) = chosen_runs(gathered_truth, [rows], ())
+        rows = in_order(gathered_truth, rows)
+        check_runs_of_truth(gathered_truth, rows, gathered)
+        # Origin and distances are those of all files together.
+        gathered.geodetic = gathered_truth.geodetic
+        gathered.planar = gathered_truth.planar
+        gathered.largest_distance = gathered_truth.largest_distance
         angles = [i for i, name in enumerate(self.components) if name in self.angles]
-        truth = truth_at(of_truth, rows, clock, gathered.runs, self.truth_gap, angles)
-        gathered.notices += [f"truth: {what}" for what in of_truth.notices]
+        truth = truth_at(gathered_truth, rows, clock, gathered.runs, self.truth_gap, angles)
+        gathered.notices += [f"truth: {notice}" for notice in gathered_truth.notices]
         return truth
 
     def start(self, timeline: Timeline) -> Array:
@@ -303,35 +349,42 @@ class Measured(FromFiles, Naming, Target):
 
     def path(self, timeline: Timeline) -> Array:
         """Return the first run's truth (n_x, K), NaN where there is none."""
-        return self._padded()[:, : len(timeline.steps), 0]
+        return self._padded_truth()[:, : len(timeline.steps), 0]
 
     def fly(
         self, start: Array, timeline: Timeline, sensor: Sensors, rng: Streams, scans: int
     ) -> Flight:
         """Return the recorded runs of these numbers; a run beyond the last is empty."""
-        recording, steps = self._recording, len(timeline.steps)
+        recording = self._recording
+        steps = len(timeline.steps)
         measurements = np.concatenate([recording.scans, recording.measurements], axis=1)
         # The scenario may end before the recording.
-        end = measurements.shape[1] - (len(recording.clock.steps) - steps)
-        truth = recorded_columns(self._padded()[:, :steps], rng)
+        left_out = len(recording.clock.steps) - steps
+        end = measurements.shape[1] - left_out
         arrival = recording.arrivals
         if arrival is not None:
             arrival = recorded_columns(arrival[:, : end - recording.scans.shape[1]], rng)
-        return Flight(truth, recorded_columns(measurements[:, :end], rng), arrival)
+        return Flight(
+            truth=recorded_columns(self._padded_truth()[:, :steps], rng),
+            measurements=recorded_columns(measurements[:, :end], rng),
+            arrival=arrival,
+        )
 
-    def _padded(self) -> Array:
+    def _padded_truth(self) -> Array:
         """Return the truth at every step, those that the start uses up included."""
         recording = self._recording
-        runs, steps = self.recorded_runs, len(recording.clock.steps)
-        out = np.full((len(self.components), steps, runs), np.nan)
+        steps = len(recording.clock.steps)
+        truth = np.full((len(self.components), steps, self.recorded_runs), np.nan)
         if recording.truth is not None:
-            out[:, steps - recording.truth.shape[1] :] = recording.truth
-        return out
+            truth[:, steps - recording.truth.shape[1] :] = recording.truth
+        return truth
 
     def run_metrics(self, values: Mapping[str, Array], scored: Scored) -> dict[str, Array]:
         """Return the largest error in a window, m, and runs beyond ten sigmas, given a truth."""
         squared = values.get("squared_position")
         if squared is None:
             return {}
-        peaks = {n: np.sqrt(np.fmax.reduce(squared[m], axis=0)) for n, m in scored.windows.items()}
-        return scored.of_peaks(peaks)
+        peaks = {}
+        for name, mask in scored.windows.items():
+            peaks[name] = np.sqrt(np.fmax.reduce(squared[mask], axis=0))
+        return scored.peak_metrics(peaks)

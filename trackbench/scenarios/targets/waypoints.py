@@ -41,8 +41,13 @@ class Waypoints(Flown):
     def __post_init__(self) -> None:
         if (self.times is None) == (self.speed is None):
             raise ValueError("give one of times and speed")
-        coordinates = [self.x, self.y, *(a for a in (self.z, self.times) if a is not None)]
-        if len({len(a) for a in coordinates}) > 1 or len(self.x) < 2:
+        columns = [self.x, self.y]
+        if self.z is not None:
+            columns.append(self.z)
+        if self.times is not None:
+            columns.append(self.times)
+        lengths = {len(column) for column in columns}
+        if len(lengths) > 1 or len(self.x) < 2:
             raise ValueError("points have as many entries along each axis, and times; at least two")
         if (np.diff(self._times) <= 0.0).any():
             raise ValueError("the times of the points must increase, and no two points be the same")
@@ -58,10 +63,14 @@ class Waypoints(Flown):
 
     @property
     def _points(self) -> Array:
-        return np.array([self.x, self.y] if self.z is None else [self.x, self.y, self.z])
+        """Points (axes, P), m."""
+        if self.z is None:
+            return np.array([self.x, self.y])
+        return np.array([self.x, self.y, self.z])
 
     @property
     def _times(self) -> Array:
+        """Times (P,) of the points, s."""
         if self.times is not None:
             return np.array(self.times)
         # t = length of the path so far over the speed
@@ -70,24 +79,43 @@ class Waypoints(Flown):
         return np.concatenate([[0.0], np.cumsum(lengths) / self.speed])
 
 
-def smooth_path(at: Array, points: Array, times: Array) -> Array:
-    """Interpolate points (axes, P) at times ``at`` (P,) by Akima's spline: states (2 axes, K)."""
+def smooth_path(point_times: Array, points: Array, times: Array) -> Array:
+    """Interpolate points by Akima's spline along each axis.
+
+    Parameters
+    ----------
+    point_times : Array (P,)
+        Times at which the points are reached, s.
+    points : Array (axes, P)
+        Points, m.
+    times : Array (K,)
+        Times of the states, s.
+
+    Returns
+    -------
+    Array (2 axes, K)
+        Position and velocity along each axis.
+    """
     from scipy.interpolate import Akima1DInterpolator
 
-    within = np.clip(times, at[0], at[-1])
-    out = []
-    for row in points:
-        if len(at) == 2:
+    first = point_times[0]
+    last = point_times[-1]
+    within = np.clip(times, first, last)
+    rows = []
+    for coordinates in points:
+        if len(point_times) == 2:
             # Two points: a straight line.
-            slope = (row[1] - row[0]) / (at[1] - at[0])
-            position, velocity = row[0] + slope * (within - at[0]), np.full_like(times, slope)
+            slope = (coordinates[1] - coordinates[0]) / (last - first)
+            position = coordinates[0] + slope * (within - first)
+            velocity = np.full_like(times, slope)
         else:
             # More points: Akima's spline and its derivative.
-            spline = Akima1DInterpolator(at, row)
-            position, velocity = spline(within), spline.derivative()(within)
+            spline = Akima1DInterpolator(point_times, coordinates)
+            position = spline(within)
+            velocity = spline.derivative()(within)
         # Outside the points: straight on from the nearest end.
-        out += [position + velocity * (times - within), velocity]
-    return np.stack(out)
+        rows += [position + velocity * (times - within), velocity]
+    return np.stack(rows)
 
 
 _POSITIONS = ("x", "y", "z")
@@ -118,7 +146,9 @@ class RecordedPath(FromFiles, Naming, Flown):
     def _rows(self) -> tuple[Array, Array]:
         """Read times (R,) and x, y, z, vx, vy, vz (6, R), NaN where the file has none of them."""
         # Step 1: read the rows of one run, in order of time.
-        chosen = () if self.run is None else (str(self.run),)
+        chosen: tuple[str, ...] = ()
+        if self.run is not None:
+            chosen = (str(self.run),)
         gathered = Gathered(
             self,
             origin=self.origin or None,
@@ -137,14 +167,16 @@ class RecordedPath(FromFiles, Naming, Flown):
             raise self._mistake(f"has {len(gathered.runs)} runs: name one by `run`")
         # Step 2: check the columns: x and y, perhaps z, and velocities along all axes or none.
         finite = np.isfinite(path.values)
-        x, y, z, *moving = (bool(column.any()) for column in finite)
-        if not (x and y):
+        has_column = [bool(column.any()) for column in finite]
+        has_x, has_y, has_z = has_column[:3]
+        has_velocities = has_column[3:]
+        if not (has_x and has_y):
             raise self._mistake("a path needs the columns x and y")
-        if any(moving) and moving != [True, True, z]:
-            wanted = ", ".join(_VELOCITIES[: 2 + z])
+        if any(has_velocities) and has_velocities != [True, True, has_z]:
+            wanted = ", ".join(_VELOCITIES[: 2 + has_z])
             raise self._mistake(f"velocities are {wanted}, all or none")
         # Step 3: keep the rows that have a number in each of these columns.
-        whole = np.flatnonzero(finite[[x, y, z, *moving]].all(axis=0))
+        whole = np.flatnonzero(finite[has_column].all(axis=0))
         if len(whole) < 2:
             raise self._mistake("a path needs two rows, at two times")
         left_out = len(path.time) - len(whole)
@@ -153,8 +185,8 @@ class RecordedPath(FromFiles, Naming, Flown):
         object.__setattr__(self, "_notices", tuple(gathered.notices))
         return path.time[whole], path.values[:, whole]
 
-    def _mistake(self, what: str) -> DataError:
-        return DataError(Place(self.file, 1, 1, what))
+    def _mistake(self, message: str) -> DataError:
+        return DataError(Place(self.file, 1, 1, message))
 
     @property
     def patterns(self) -> tuple[str, ...]:
@@ -169,30 +201,34 @@ class RecordedPath(FromFiles, Naming, Flown):
     @property
     def axes(self) -> int:
         """Axes of the space it moves in."""
-        return 2 if np.isnan(self._path[1][2, 0]) else 3
+        _, values = self._path
+        return 2 if np.isnan(values[2, 0]) else 3
 
     @property
     def _path(self) -> tuple[Array, Array]:
+        """Times (R,), s, and x, y, z, vx, vy, vz (6, R) of the rows."""
         return self.__dict__["_read"]
 
     def check(self, timeline: Timeline) -> None:
         """Check that the file covers the run's time."""
-        first, last = self._path[0][[0, -1]]
+        times, _ = self._path
+        first, last = times[[0, -1]]
         if timeline.times[0] < first or timeline.times[-1] > last:
             span = f"{timeline.times[0]:g} to {timeline.times[-1]:g} s"
             raise self._mistake(f"covers {first:g} to {last:g} s of {span} (see `begin`)")
 
     def states(self, times: Array) -> Array:
         """Return states (n, K) at these times."""
-        at, values = self._path
-        positions, velocities = values[: self.axes], values[3 : 3 + self.axes]
+        row_times, values = self._path
+        positions = values[: self.axes]
+        velocities = values[3 : 3 + self.axes]
         if np.isnan(velocities).any():
-            return smooth_path(at, positions, times)
+            return smooth_path(row_times, positions, times)
         from scipy.interpolate import CubicHermiteSpline
 
-        out = []
+        states = []
         for position, velocity in zip(positions, velocities, strict=True):
             # Cubic Hermite spline through the positions with the recorded velocities.
-            spline = CubicHermiteSpline(at, position, velocity)
-            out += [spline(times), spline.derivative()(times)]
-        return np.stack(out)
+            spline = CubicHermiteSpline(row_times, position, velocity)
+            states += [spline(times), spline.derivative()(times)]
+        return np.stack(states)
