@@ -98,9 +98,9 @@ def test_the_error_at_a_cost_is_that_of_repeated_batches():
         at, other = a.at(cost), b.at(cost)
         assert at is not None
         assert other is not None
-        found.append((at.error.value, np.hypot(at.error.stderr, at.of_times)))
+        found.append((at.error.value, np.hypot(at.error.stderr, at.stderr_of_times)))
         difference = compare_at(at, other).difference
-        whole = np.sqrt(difference.stderr**2 + at.of_times**2 + other.of_times**2)
+        whole = np.sqrt(difference.stderr**2 + at.stderr_of_times**2 + other.stderr_of_times**2)
         pairs.append((difference.value, whole))
     for rows, known in ((found, -0.5 * np.log(50)), (pairs, 0.3 * np.log(50))):
         values, stderrs = np.array(rows).T
