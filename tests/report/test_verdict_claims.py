@@ -148,7 +148,7 @@ def test_values_of_a_grid_are_each_a_filter_of_their_own(rng):
         Candidate("A", {}, np.zeros(100), Sample(common + off), {"N": n})
         for n, off in ((1, 0.5), (2, 0.0), (3, 0.9))
     ]
-    standing = ranking_of(found, "rmse", apart=True)
+    standing = ranking_of(found, "rmse", ranks_settings=True)
     assert (standing.best, [c for c, _ in standing.worse]) == (found[1], [found[0], found[2]])
     assert not standing.chosen
     assert ranking_of(found, "rmse").chosen
