@@ -34,19 +34,28 @@ _MOST_NESTED = 100
 _NUMBER = re.compile(r"-?(?:\d+\.?\d*|\.\d+)(?:e-?\d+)?")
 
 
-def outline(d: str) -> Iterator[tuple[list[tuple[float, float]], bool]]:
-    """Yield the points of each stroke of a path, and whether it is closed; none of curves."""
-    if not re.fullmatch(r"[MlLz0-9e.\s+-]*", d):
+def outline(path: str) -> Iterator[tuple[list[tuple[float, float]], bool]]:
+    """Yield the points of each stroke of a path, and whether it is closed; none of curves.
+
+    ``path`` is the attribute ``d`` of an SVG's path, with points that are absolute or relative.
+    """
+    if not re.fullmatch(r"[MlLz0-9e.\s+-]*", path):
         return
-    x = y = 0.0
-    for stroke in filter(None, d.split("M")):
+    x = 0.0
+    y = 0.0
+    for stroke in filter(None, path.split("M")):
         points = []
         for letter, numbers in re.findall(r"([lL]?)([^lLz]+)", stroke):
             coordinates = _NUMBER.findall(numbers)
             if len(coordinates) < 2:
                 return
             a, b = map(float, coordinates[:2])
-            x, y = (x + a, y + b) if letter == "l" else (a, b)
+            if letter == "l":
+                x += a
+                y += b
+            else:
+                x = a
+                y = b
             points.append((x, y))
         yield points, "z" in stroke
 
@@ -133,14 +142,17 @@ def _is_harmless(value: str) -> bool:
 def _style(text: str) -> str:
     """Drop the properties of a style that do not draw; any other style is left as it is."""
     properties = [part.partition(":") for part in text.split(";") if part.strip()]
-    good = [p for p in properties if _LOOKS.fullmatch(p[0].strip()) and _is_harmless(p[2])]
+    good = []
+    for name, colon, value in properties:
+        if _LOOKS.fullmatch(name.strip()) and _is_harmless(value):
+            good.append((name, colon, value))
     return text if good == properties else ";".join(map("".join, good))
 
 
 def _renamed(key: str, value: str, name: str) -> str:
-    """Rename the ids in an attribute's value."""
+    """Rename the ids in an attribute's value: they start with ``name``."""
     if key == "id":
         return f"{name}-{value}"
-    if key.rpartition("}")[2] == "href":
-        return f"#{name}-{value[1:]}" if value.startswith("#") else value
-    return _REFERENCE.sub(rf"url(#{name}-\1)", value)
+    if key.rpartition("}")[2] != "href":
+        return _REFERENCE.sub(rf"url(#{name}-\1)", value)
+    return f"#{name}-{value[1:]}" if value.startswith("#") else value
