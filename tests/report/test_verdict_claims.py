@@ -129,7 +129,7 @@ def test_parts_of_a_bar_have_the_order_of_the_words_and_their_verbs():
 
     words = ["differs", "agrees", "agrees", "inconclusive"]
     rows = [row(word, word == "differs") for word in words] + [row("compatible")] * 2
-    found = [(t.number, t.word, t.verb, t.fragile) for t in files.parts(rows)]
+    found = [(t.number, t.word, t.verb, t.fragile) for t in files.tallies(rows)]
     assert found == [
         (2, "agrees", "agree", 0),
         (2, "compatible", "compatible", 0),
@@ -137,7 +137,7 @@ def test_parts_of_a_bar_have_the_order_of_the_words_and_their_verbs():
         (1, "inconclusive", "inconclusive", 0),
     ]
     claims = [row("inconclusive"), row("fails"), *[row("holds", True)] * 3]
-    bar = files.Bar("5 claims", files.parts(claims))
+    bar = files.Bar("5 claims", files.tallies(claims))
     assert bar.words == "5 claims: 3 hold (3 fragile), 1 fails, 1 inconclusive"
     assert set(rules.NUMBER_WORDS) | set(rules.CLAIM_WORDS) >= set(words)
 

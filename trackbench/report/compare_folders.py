@@ -143,10 +143,10 @@ def compare_folders(a: Results, b: Results) -> tuple[list[Row], str]:
                     paired=not why_unpaired,
                     is_exact=label in exact,
                 )
-    return judged(rows), why_unpaired
+    return judge_rows(rows), why_unpaired
 
 
-def judged(rows: Sequence[Row]) -> list[Row]:
+def judge_rows(rows: Sequence[Row]) -> list[Row]:
     """Judge the rows by the rule for filters; the rows of a metric are a family of tests."""
     row_by_index = dict(enumerate(rows))
     for metric in dict.fromkeys(row.metric for row in rows):

@@ -80,7 +80,7 @@ class Evaluator:
         # A lost run is an event of the share of lost runs: none is left out of that.
         return share._replace(lost=0) if m.metric == "lost" else share
 
-    def of_steps(self, m: Measure) -> OfSteps | None:
+    def estimate_of_steps(self, m: Measure) -> OfSteps | None:
         """Return a measure of one recording with what each step adds to it, if that is known."""
         key = (m.filter, m.name)
         if not m.is_over_runs or m.statistic not in ("mean", "rms") or key not in self._steps:
@@ -93,7 +93,7 @@ class Evaluator:
             return {}
         return self.results.judged_steps(self.point)
 
-    def collapse(self, m: Measure) -> str:
+    def collapse_words(self, m: Measure) -> str:
         """Return ``collapsed in 3 of 40 runs`` of a chi-square statistic that such runs decide."""
         family, quantity = m.family
         is_chi_square = family.name in ("nees", "anees", "nis", "anis")
@@ -140,8 +140,8 @@ class Evaluator:
     @ignore_float_errors
     def difference(self, left: Measure, right: Measure, factor: float = 1.0) -> RunEstimate:
         """Return ``left - factor * right``, paired on common runs, or on the steps of a recording."""
-        left_of_steps = self.of_steps(left)
-        right_of_steps = self.of_steps(right)
+        left_of_steps = self.estimate_of_steps(left)
+        right_of_steps = self.estimate_of_steps(right)
         if left_of_steps is not None and right_of_steps is not None:
             return left_of_steps.minus(right_of_steps, factor)
         common = self._common_runs(left, right)

@@ -374,15 +374,15 @@ def write_figures(
     written = []
     for name, page in product(wanted, SHEETS[look]):
         spec = figures[name]
-        what = f"figure {name}"
+        output = f"figure {name}"
         files: Files = []
-        with results.without(what), drawing_for(page):
+        with results.without(output), drawing_for(page):
             files = draw(name, spec) if draw else draw_figure(spec, results, forms)
         for form, content in files:
             folder = ensure_folder(within(results.folder, figure_folder(spec)))
             path = folder / f"{name}{page.ending}.{form}"
             write_bytes(path, content)
             written.append(path)
-        if what in results.unmade:
+        if output in results.unmade:
             _remove(results.folder, "figures", f"{name}{page.ending}", FIGURE_FORMS)
     return written

@@ -106,8 +106,8 @@ class Results(ResultsFolder):
             return None
         from trackbench.report.plotting.canvas import png
 
-        what = f"figure {self.key_figure}"
-        return self.attempt(what, lambda: png(self.figure()), default=None, part=figure)
+        output = f"figure {self.key_figure}"
+        return self.attempt(output, lambda: png(self.figure()), default=None, exhibit=figure)
 
     def figure(self, name: str = "") -> "Figure":
         """Return a figure of the config, for matplotlib to go on with.
@@ -201,26 +201,26 @@ class Results(ResultsFolder):
     @property
     def unmade_lines(self) -> list[str]:
         """Failures of tables, figures and other outputs, a line each."""
-        return [f"{what} failed: {why}" for what, why in self.unmade.items()]
+        return [f"{output} failed: {reason}" for output, reason in self.unmade.items()]
 
     @contextmanager
-    def without(self, what: str, part: Any = None) -> Iterator[None]:
+    def without(self, output: str, exhibit: Any = None) -> Iterator[None]:
         """Continue without a failing output, and note the reason.
 
-        ``what`` names the output in messages; ``part`` is its table or figure.
+        ``output`` names it in messages; ``exhibit`` is its table or figure, if it has one.
         """
         try:
-            with catch_errors(part):
+            with catch_errors(exhibit):
                 yield
         except OutputError as error:
-            self.unmade[what] = str(error)
+            self.unmade[output] = str(error)
 
-    def attempt(self, what: str, make: Callable[[], T], default: T, part: Any = None) -> T:
-        """Return the output that ``make`` makes; the default if it fails, and note the reason.
+    def attempt(self, output: str, make: Callable[[], T], default: T, exhibit: Any = None) -> T:
+        """Return what ``make`` returns; the default if it fails, and note the reason.
 
-        ``what`` names the output in messages; ``part`` is its table or figure.
+        ``output`` names it in messages; ``exhibit`` is its table or figure, if it has one.
         """
-        with self.without(what, part):
+        with self.without(output, exhibit):
             return make()
         return default
 
@@ -383,13 +383,14 @@ class PartialReportError(RunError):
 
 
 @contextmanager
-def catch_errors(part: Any = None) -> Iterator[None]:
+def catch_errors(exhibit: Any = None) -> Iterator[None]:
     """Raise OutputError for an exception of a plugin's table or figure, and for a bug of the package.
 
     A finished run is worth more than any of its outputs. Errors with a line of their own pass.
+    ``exhibit`` is the table or figure that is made, if it is one.
     """
     try:
-        with plugin_code(part) if is_foreign(part) else nullcontext():
+        with plugin_code(exhibit) if is_foreign(exhibit) else nullcontext():
             yield
     except PluginError as error:
         raise OutputError(str(error)) from None
@@ -399,10 +400,10 @@ def catch_errors(part: Any = None) -> Iterator[None]:
         raise OutputError(package_line(error)) from error
 
 
-def as_table(table: object, part: Any) -> Table:
+def as_table(table: object, exhibit: Any) -> Table:
     """Return what a table kind returned, if it is a table that can be written.
 
-    ``part`` is the kind. Raises WrongReturnError if it is no table, or a plugin's that cannot be
+    ``exhibit`` is the kind. Raises WrongReturnError if it is no table, or a plugin's that cannot be
     written.
     """
     if not isinstance(table, Table):
@@ -413,7 +414,7 @@ def as_table(table: object, part: Any) -> Table:
         table.markdown()
         table.texts().tex("")
     except Exception as error:
-        if not is_foreign(part):
+        if not is_foreign(exhibit):
             raise
         what = f"the table cannot be written: {message_of(error)}"
         raise WrongReturnError("table", what) from None

@@ -220,8 +220,11 @@ def _default_caption(results: Results, name: str, spec: FigureKind | None) -> st
     """Return a figure's own caption; empty if its plugin is not loaded, or fails."""
     if spec is None:
         return ""
-    what = f"caption of figure {name}"
-    return results.attempt(what, lambda: spec.with_best(results).default_caption(results), "", spec)
+
+    def make_caption() -> str:
+        return spec.with_best(results).default_caption(results)
+
+    return results.attempt(f"caption of figure {name}", make_caption, default="", exhibit=spec)
 
 
 def key_picture(results: Results) -> bytes | None:

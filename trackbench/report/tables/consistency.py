@@ -232,7 +232,7 @@ def _stored_metrics(evaluators: Iterable[Evaluator]) -> set[str]:
 
 
 def _innovation_cell(evaluator: Evaluator, label: str, metric: str) -> Cell:
-    words = evaluator.collapse(measured(metric).of(label))
+    words = evaluator.collapse_words(measured(metric).of(label))
     return Cell.of(evaluator.stored.get((label, metric), MISSING), words)
 
 

@@ -162,7 +162,7 @@ def _candidate(evaluator: Evaluator, m: Measure) -> Candidate | None:
         label=m.filter,
         point=evaluator.point,
         lost=evaluator.runs.get((m.filter, "lost"), np.zeros(len(values))),
-        sample=Sample(values, statistic, evaluator.of_steps(m)),
+        sample=Sample(values, statistic, evaluator.estimate_of_steps(m)),
     )
 
 
@@ -175,7 +175,7 @@ def _cell(evaluator: Evaluator, m: Measure) -> Cell:
     possible = len(evaluator.runs.get((m.filter, "lost"), ())) - term.lost
     if m.is_over_runs and 0 < term.runs < possible:
         suffix = f" ({term.runs} of {possible} runs)"
-    return Cell.of(term, evaluator.collapse(m))._replace(suffix=suffix)
+    return Cell.of(term, evaluator.collapse_words(m))._replace(suffix=suffix)
 
 
 def _lost_notes(results: Results, point: GridPoint, labels: list[str]) -> Iterator[str]:

@@ -170,7 +170,7 @@ def _test(evaluator: Evaluator, claim: Claim, right: str) -> _Test:
     sides = claim.sides(right)
     left = sides[0]
     if len(sides) == 1:
-        term = evaluator.of_steps(left) or evaluator.term(left)
+        term = evaluator.estimate_of_steps(left) or evaluator.term(left)
         bounds = []
         for edge, is_above in _ends(evaluator, claim, None):
             bounds.append(_Bound(term=term, edge=edge, is_above=is_above))

@@ -38,9 +38,11 @@ class Compared(NamedTuple):
 
     published: PublishedNumber
     label: str
+    """filter that is measured; empty if none is"""
     measured: RunEstimate
     verdict: Verdict
     note: str
+    """reasons for the verdict"""
     tried: int = 1
     """readings of which this one is the best"""
 
@@ -197,8 +199,13 @@ def _compare_readings(number: PublishedNumber, evidence: Evaluator | None) -> It
     """
     if evidence is None or not number.expression:
         why = no_results(number, evidence) or NOT_MEASURED
-        note = noted(why, number.reading, number.note)
-        yield Compared(number, "", MISSING, Verdict(UNDECIDED, nan), note)
+        yield Compared(
+            published=number,
+            label="",
+            measured=MISSING,
+            verdict=Verdict(UNDECIDED, nan),
+            note=noted(why, number.reading, number.note),
+        )
         return
     for label in number.labels:
         m = number.expression.of(label)
@@ -230,7 +237,7 @@ def _compare_readings(number: PublishedNumber, evidence: Evaluator | None) -> It
             number.reading,
             number.note,
         )
-        yield Compared(number, label, measured, verdict, note)
+        yield Compared(published=number, label=label, measured=measured, verdict=verdict, note=note)
 
 
 def _is_near(number: PublishedNumber, measured: RunEstimate, verdict: Verdict) -> bool:

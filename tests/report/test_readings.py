@@ -12,7 +12,7 @@ from trackbench.config.published import PublishedNumber
 from trackbench.errors import UserError
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.results import Results
-from trackbench.report.tables.reading_search import (
+from trackbench.report.tables.readings import (
     Distance,
     Number,
     RankedReading,
