@@ -77,7 +77,7 @@ class Curve:
         """True if the filter has a single size, hence a single cost."""
         return len(self.spots) == 1
 
-    def at(self, cost: RunEstimate) -> AtCost | None:
+    def error_at(self, cost: RunEstimate) -> AtCost | None:
         """Return the error at a CPU time per step.
 
         If several sizes take that time, the largest counts. A filter with a single size is fixed: it has

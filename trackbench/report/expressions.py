@@ -46,10 +46,14 @@ class _OverRuns(NamedTuple):
 
 @dataclass(frozen=True)
 class Evaluator:
-    """Measures over one results folder at one point of its grid."""
+    """Measures over one results folder at one point of its grid.
+
+    ``Evaluator(results, point).term(measure("mean(rmse)").of("EKF"))`` is a number with its error.
+    """
 
     results: Results
     point: GridPoint
+    """values of the grid's paths, one of ``results.points()``"""
 
     def term(self, m: Measure, common: Mask | bool = True) -> RunEstimate:
         """Return a filter's measure, evaluated.
@@ -81,7 +85,10 @@ class Evaluator:
         return share._replace(lost=0) if m.metric == "lost" else share
 
     def estimate_of_steps(self, m: Measure) -> OfSteps | None:
-        """Return a measure of one recording with what each step adds to it, if that is known."""
+        """Return a measure of one recording with what each step adds to it.
+
+        None if the results have several runs, or if the measure is no mean or rms of a stored series.
+        """
         key = (m.filter, m.name)
         if not m.is_over_runs or m.statistic not in ("mean", "rms") or key not in self._steps:
             return None
@@ -89,6 +96,7 @@ class Evaluator:
 
     @cached_property
     def _steps(self) -> dict[tuple[str, str], Array]:
+        """What each step (T,) of one recorded run adds to a number, by (filter, metric)."""
         if any(len(values) > 1 for values in self.runs.values()):
             return {}
         return self.results.judged_steps(self.point)
@@ -112,7 +120,13 @@ class Evaluator:
         return collapsed_in_words(values / components)
 
     def per_run(self, m: Measure) -> tuple[str, Array] | None:
-        """Return the statistic that a measure is, and the values (M,) of runs; None for others."""
+        """Return what a statistic over runs is of.
+
+        Returns
+        -------
+        Name of the statistic, and the values (M,) of the runs, NaN where a run is lost. None for a
+        measure that is no statistic over runs, or not in the results.
+        """
         over_runs = self._statistic_over_runs(m)
         if over_runs is None or (m.filter, over_runs.name) not in self.runs:
             return None
@@ -139,7 +153,17 @@ class Evaluator:
 
     @ignore_float_errors
     def difference(self, left: Measure, right: Measure, factor: float = 1.0) -> RunEstimate:
-        """Return ``left - factor * right``, paired on common runs, or on the steps of a recording."""
+        """Return the difference of two measures, paired on common runs or on the steps of a recording.
+
+        Parameters
+        ----------
+        left, right : measures of a filter each
+        factor : multiple of the right side that is subtracted
+
+        Returns
+        -------
+        ``left - factor * right`` with its standard error.
+        """
         left_of_steps = self.estimate_of_steps(left)
         right_of_steps = self.estimate_of_steps(right)
         if left_of_steps is not None and right_of_steps is not None:
@@ -375,7 +399,10 @@ class Evaluator:
         return RunEstimate(value=float(number), stderr=0.0, influences=None, runs=1)
 
     def values(self, m: Measure) -> Array | None:
-        """Return values per run that a statistic is of, lost runs left out; None for anything else."""
+        """Return the values (M',) of the runs that a statistic is of, without lost runs.
+
+        None for a measure that is no statistic over runs, or not in the results.
+        """
         values = self.runs.get((m.filter, m.name)) if m.is_over_runs else None
         return None if values is None else values[~np.isnan(values)]
 

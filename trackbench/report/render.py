@@ -50,10 +50,10 @@ from trackbench.results.folder_contents import FIGURE_FORMS, RUN_FILES, TABLE_FO
 
 Files: TypeAlias = list[tuple[str, bytes]]
 """Format and content."""
-_PARTS = ("tables", "figures")
-"""Each is made by its own keys alone, and a figure by looks of lines and statistics of columns, too."""
-_FACTS = ("steps", "loops_over_runs", "deterministic", "failed")
-"""What figures take from the manifest."""
+_EXHIBIT_KEYS = ("tables", "figures")
+"""Keys of the config that do not decide how a figure looks, beside those of the figure itself."""
+_MANIFEST_KEYS = ("steps", "loops_over_runs", "deterministic", "failed")
+"""Entries of the manifest that figures show."""
 
 
 @dataclass(frozen=True)
@@ -72,8 +72,8 @@ class FigureCache:
         changed_settings = style.changed_settings()
         inputs = [
             [version(name) for name in ("matplotlib", "numpy", "scipy")],
-            {key: value for key, value in results.config.items() if key not in _PARTS},
-            [results.manifest.get(name) for name in _FACTS],
+            {key: value for key, value in results.config.items() if key not in _EXHIBIT_KEYS},
+            [results.manifest.get(name) for name in _MANIFEST_KEYS],
             {label: results.line_style(label) for label in results.labels},
             compared_statistics(results.config),
             _digest_of_sources(),

@@ -76,7 +76,10 @@ def default_keys(group: Group, metrics: Iterable[str], points: int, filters: int
 
 @dataclass(frozen=True, repr=False)
 class Results(ResultsFolder):
-    """A results folder with the tables and figures that are made of it."""
+    """A results folder with the tables and figures that are made of it.
+
+    Tables and figures of plugins get one: see `ResultsFolder` for its numbers and facts.
+    """
 
     out: Path | None = None
     """where tables and verdicts are written, if not into the folder"""
@@ -456,7 +459,7 @@ def scenes(results: Results) -> list[GridPoint]:
 
 
 def points_of(results: Results, scene: GridPoint) -> list[GridPoint]:
-    """Select the points of the grid with these scenario values."""
+    """Select the points of the grid with these scenario values, one of `scenes`."""
     return [point for point in results.points() if scene.items() <= point.items()]
 
 
@@ -476,10 +479,13 @@ def own_values(results: Results, point: GridPoint, label: str) -> GridPoint:
     return own
 
 
-def named_form(label: str, keys: GridPoint, others: Sequence[GridPoint]) -> str:
-    """Name a filter by its label and the keys that differ between its forms."""
+def named_form(label: str, keys: GridPoint, variants: Sequence[GridPoint]) -> str:
+    """Name a filter by its label and the keys that differ between its forms.
+
+    ``keys`` are those of this form, ``variants`` those of every form of the filter.
+    """
     differing = {}
     for key, value in keys.items():
-        if any(other.get(key) != value for other in others):
+        if any(variant.get(key) != value for variant in variants):
             differing[key] = value
     return f"{label} ({phrases.heading(differing)})" if differing else label

@@ -34,12 +34,14 @@ class Text(NamedTuple):
 
 @dataclass
 class TextTable:
-    """A table ready to be shown."""
+    """A table ready to be shown, its numbers written as text."""
 
     title: str
     heads: list[str]
     rows: list[list[Text]] = field(default_factory=list)
+    """one text for each of the heads"""
     notes: list[str] = field(default_factory=list)
+    """sentences below the table"""
 
     def markdown(self) -> str:
         """Return a Markdown table with a bold caption."""
@@ -240,7 +242,7 @@ class Cell(NamedTuple):
 
 @dataclass(repr=False)
 class Table:
-    """Rows of keys and cells."""
+    """Rows of keys and cells, with a title and notes: what a table kind returns."""
 
     title: str
     key_headers: list[str]

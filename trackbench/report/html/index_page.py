@@ -14,7 +14,7 @@ from trackbench.atomic_files import write_text
 from trackbench.errors import Problem, UserError
 from trackbench.report.findings.ranking import Ranking, rankings
 from trackbench.report.html.report_page import key_picture, write_page
-from trackbench.report.html.svg import cleaned, outline
+from trackbench.report.html.svg import clean_svg, outline
 from trackbench.report.open import explain_content_errors, open_with_notes
 from trackbench.report.results import Results
 from trackbench.report.verdicts.cpu_times import TimeVerdict, time_tables, time_verdicts
@@ -22,16 +22,16 @@ from trackbench.report.verdicts.files import bars, summary_lines, verdict_tables
 from trackbench.report.verdicts.numbers import Verdicts, compare
 
 _SVG = "{http://www.w3.org/2000/svg}"
-_APART = 2.0
+_LEAST_DISTANCE = 2.0
 """Points of a line that are nearer to each other than this, in the SVG's, are one."""
-_MOST = 60_000
+_MOST_IMAGE_BYTES = 60_000
 """Bytes of a raster image beyond which it is left out."""
 _STYLE = re.compile(r"(fill|stroke|opacity|fill-opacity|stroke-dasharray)\s*:\s*([^;]+)")
 
 
 def thumbnail(content: bytes) -> str:
     """Return the SVG as an element of some kilobytes, without ids, so that many may stand on a page."""
-    root = cleaned(content, "a figure")
+    root = clean_svg(content, "a figure")
     small = ET.Element(f"{_SVG}svg", {"viewBox": root.get("viewBox", "0 0 504 252")})
     for element in _drawn(root):
         if element.tag == f"{_SVG}image":
@@ -64,7 +64,7 @@ def _drawn(root: ET.Element) -> Iterator[ET.Element]:
             continue
         is_shape = element.tag == f"{_SVG}path" and "clip-path" in element.attrib
         is_image = element.tag == f"{_SVG}image"
-        if is_shape or (is_image and len("".join(element.attrib.values())) < _MOST):
+        if is_shape or (is_image and len("".join(element.attrib.values())) < _MOST_IMAGE_BYTES):
             yield element
         else:
             yield from _drawn(element)
@@ -77,7 +77,7 @@ def _coarse(path: str) -> str:
         corners = [points[0]]
         for x, y in points[1:]:
             last_x, last_y = corners[-1]
-            if max(abs(x - last_x), abs(y - last_y)) >= _APART:
+            if max(abs(x - last_x), abs(y - last_y)) >= _LEAST_DISTANCE:
                 corners.append((x, y))
         if len(corners) > 1:
             text = " ".join(f"{x:.0f},{y:.0f}" for x, y in corners)

@@ -60,7 +60,7 @@ def outline(path: str) -> Iterator[tuple[list[tuple[float, float]], bool]]:
         yield points, "z" in stroke
 
 
-def cleaned(content: bytes, name: str) -> ET.Element:
+def clean_svg(content: bytes, name: str) -> ET.Element:
     """Return the SVG with the elements and attributes that draw; raises UserError if it is none."""
     ET.register_namespace("", _SVG)
     ET.register_namespace("xlink", _XLINK)
@@ -71,7 +71,7 @@ def cleaned(content: bytes, name: str) -> ET.Element:
     if root.tag != f"{{{_SVG}}}svg":
         raise UserError(f"figures/{name}.svg: is not an SVG file: it begins with {root.tag}")
     _check_depth(root, name)
-    _clean(root)
+    _clean_element(root)
     return root
 
 
@@ -92,7 +92,7 @@ def _check_depth(root: ET.Element, name: str) -> None:
 
 def inline(content: bytes, name: str, title: str) -> str:
     """Return the SVG as an element; ids start with ``name``, ``title`` is for screen readers."""
-    root = cleaned(content, name)
+    root = clean_svg(content, name)
     for element in root.iter():
         for key, value in element.attrib.items():
             element.set(key, _renamed(key, value, name))
@@ -112,7 +112,7 @@ def inline(content: bytes, name: str, title: str) -> str:
     return ET.tostring(root, encoding="unicode")
 
 
-def _clean(element: ET.Element) -> None:
+def _clean_element(element: ET.Element) -> None:
     for key, value in list(element.attrib.items()):
         if key == "style":
             element.set(key, _style(value))
@@ -120,7 +120,7 @@ def _clean(element: ET.Element) -> None:
             del element.attrib[key]
     for child in list(element):
         if child.tag in _ELEMENTS:
-            _clean(child)
+            _clean_element(child)
         else:
             element.remove(child)
 

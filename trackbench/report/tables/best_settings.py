@@ -11,7 +11,7 @@ from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
 
-_MOST = 6
+_MOST_TIES = 6
 
 
 @register("tables", "best-settings")
@@ -43,9 +43,9 @@ class BestSettings(TableKind):
             if best is None:
                 continue
             ties = [rival.filter.setting for rival in ranking.not_worse]
-            ties_text = ", ".join(ties[:_MOST]) or "none"
-            if len(ties) > _MOST:
-                ties_text += f", {len(ties) - _MOST} more"
+            ties_text = ", ".join(ties[:_MOST_TIES]) or "none"
+            if len(ties) > _MOST_TIES:
+                ties_text += f", {len(ties) - _MOST_TIES} more"
             scene_values = map(phrases.number, ranking.scene.values())
             value = Cell(best.overall, runs=len(best.lost) - best.losses, lost=best.losses)
             nearest = ranking.nearest
