@@ -100,7 +100,7 @@ class FigureKind(DrawnExhibit):
 
 
 def shows_cpu_times(exhibit: Exhibit) -> bool:
-    """Return whether a table or figure names CPU times in a key or in its ``requires``."""
+    """Test whether a table or figure names CPU times in a key or in its ``requires``."""
     return "cpu_s_per_run" in exhibit.requires or _has_cpu_time(exhibit)
 
 
@@ -110,6 +110,7 @@ def figure_folder(figure: Exhibit) -> str:
 
 
 def _has_cpu_time(value: Any) -> bool:
+    """Test whether a value of an exhibit's key is a CPU time, or has one in it."""
     if isinstance(value, Measure):
         return value.is_cpu_time
     if isinstance(value, dict):

@@ -301,6 +301,7 @@ def _template_text(name: str) -> str:
 
 @cache
 def _environment() -> "Environment":
+    """Return the environment of the templates, which escapes every text that is not marked as safe."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     return Environment(

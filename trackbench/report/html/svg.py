@@ -113,6 +113,7 @@ def inline(content: bytes, name: str, title: str) -> str:
 
 
 def _clean_element(element: ET.Element) -> None:
+    """Remove the children and attributes that do not draw, at all depths."""
     for key, value in list(element.attrib.items()):
         if key == "style":
             element.set(key, _style(value))
@@ -126,11 +127,14 @@ def _clean_element(element: ET.Element) -> None:
 
 
 def _may_stay(tag: str, key: str, value: str) -> bool:
+    """Test whether an attribute of an element named ``tag`` draws, and refers to its own file only."""
     if key in ("href", f"{{{_XLINK}}}href"):
         is_picture = tag == f"{{{_SVG}}}image" and value.startswith("data:image/png;base64,")
         return is_picture or value.startswith("#")
-    known = _PLACES.fullmatch(key) or _LOOKS.fullmatch(key)
-    return key in _FREE or (known is not None and _is_harmless(value))
+    if key in _FREE:
+        return True
+    draws = _PLACES.fullmatch(key) or _LOOKS.fullmatch(key)
+    return draws is not None and _is_harmless(value)
 
 
 def _is_harmless(value: str) -> bool:

@@ -296,6 +296,7 @@ def _z_of_parts(verdict: Verdict) -> str:
 
 
 def _claim_table(claims: list[ClaimVerdict]) -> TextTable:
+    """Tabulate the verdicts on claims."""
     title = "Claims (z: standard errors in the claim's favor, weakest comparison)"
     heads = ["Claim", "Verdict", "z", "z without a batch", "Paired", "Weakest comparison; note"]
     table = TextTable(title, [*heads, "Source"])
@@ -332,6 +333,7 @@ def _rank_table(ranks: list[Ranked]) -> TextTable:
 
 
 def _place(number: PublishedNumber) -> str:
+    """Name the metric of a published number, and the row of its table if it has one."""
     return f"{number.metric}, {number.row}" if number.row else number.metric
 
 
@@ -356,6 +358,7 @@ def _measured_text(row: Compared) -> str:
 
 
 def _z(z: float) -> str:
+    """Write z with its sign and one decimal, a large one without decimals."""
     if isnan(z):
         return "–"
     return f"{z:+.1f}" if abs(z) < 100 else f"{z:+.0f}"
