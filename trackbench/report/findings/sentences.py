@@ -57,7 +57,7 @@ def _tuned(results: Results, ranking: Ranking) -> str:
     label_by_tuned_label = {tuned_label(label): label for label in results.config.get("tune") or {}}
     if best is None or best.label not in label_by_tuned_label:
         return ""
-    # A filter that was tuned counts as tuned before its tuning, too.
+    # The tuned filters and their untuned originals are left out.
     tuned_labels = {*label_by_tuned_label, *label_by_tuned_label.values()}
     compared = [rival.filter for rival in ranking.rivals]
     untuned = [candidate.name for candidate in compared if candidate.label not in tuned_labels]
